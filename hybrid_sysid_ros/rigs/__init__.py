@@ -1,0 +1,1 @@
+"""The rigs: a file a rig, and what they share."""
