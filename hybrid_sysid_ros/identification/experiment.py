@@ -1,0 +1,112 @@
+"""A record made ready for simulation: inputs on the simulation's step, outputs at the scored samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from hybrid_sysid_ros.equations import Equation
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.record import Record
+
+Array = NDArray[np.float64]
+InputHandling = Literal["averaged", "sampled"]
+
+SMOOTHING_SECONDS = 0.051
+"""Window of the Savitzky-Golay velocity (order 3), as in the lecture's loader: 51 samples at 1 kHz."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sampling:
+    """How records meet the simulation.
+
+    step: integration step [s]. period: distance of the scored samples [s], a multiple of the step. input: "averaged"
+    gives each step the mean of the record's input over it; "sampled" reads the input once every ``period`` and holds
+    it, as the lecture does: reference jumps then arrive up to one period late.
+    """
+
+    step: float = 0.005
+    period: float = 0.05
+    input: InputHandling = "averaged"
+
+    def __post_init__(self) -> None:
+        if self.step <= 0 or self.period <= 0 or abs(self.every * self.step - self.period) > 1e-9:
+            raise UserError(f"sampling: the period {self.period} s is no multiple of the step {self.step} s")
+
+    @property
+    def every(self) -> int:
+        return max(1, round(self.period / self.step))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Experiment:
+    """inputs (steps, inputs) over each step; outputs (samples, outputs) raw; states (samples, states) measured: the raw
+    outputs and their Savitzky-Golay rates, which serve as initial states only."""
+
+    name: str
+    sampling: Sampling
+    inputs: Array
+    outputs: Array
+    states: Array
+
+    @property
+    def samples(self) -> int:
+        return len(self.outputs)
+
+
+def prepare(record: Record, equation: Equation, sampling: Sampling) -> Experiment:
+    """Resample a record; raises UserError where it is too short or its rate does not fit the sampling."""
+    period = record.sampling_time
+    every = _ratio(sampling.period, period, record.name, "scored period")
+    samples = (len(record.time) - 1) // every + 1
+    if samples < 10:
+        raise UserError(
+            f"{record.name}: {record.time[-1]:.2f} s are too short: at least {9 * sampling.period:.2f} s are needed"
+        )
+    used = (samples - 1) * every
+    if sampling.input == "sampled":
+        inputs = np.repeat(record.input[:used:every], sampling.every, axis=0)
+    elif sampling.step >= period * (1 - 1e-9):
+        block = _ratio(sampling.step, period, record.name, "integration step")
+        inputs = record.input[:used].reshape(-1, block, record.input.shape[1]).mean(axis=1)
+    else:
+        inputs = np.repeat(record.input[:used], _ratio(period, sampling.step, record.name, "sample"), axis=0)
+    outputs = np.ascontiguousarray(record.output[::every][:samples])
+    states = measured_states(record, equation)[::every][:samples]
+    return Experiment(
+        name=record.name,
+        sampling=sampling,
+        inputs=np.ascontiguousarray(inputs),
+        outputs=outputs,
+        states=np.ascontiguousarray(states),
+    )
+
+
+def measured_states(record: Record, equation: Equation) -> Array:
+    """States (samples, states) as far as the outputs show them: measured ones raw, velocities of measured positions by
+    Savitzky-Golay (window 51 ms, order 3), the rest zero."""
+    states = np.zeros((len(record.time), len(equation.states)))
+    window = max(5, round(SMOOTHING_SECONDS / record.sampling_time) // 2 * 2 + 1)
+    if len(record.time) <= window:
+        raise UserError(f"{record.name}: {len(record.time)} samples are fewer than the {window} that a velocity needs")
+    for column, state in enumerate(equation.outputs):
+        states[:, state] = record.output[:, column]
+        if state in equation.kinematics:
+            states[:, equation.kinematics[state]] = savgol_filter(
+                record.output[:, column], window, 3, deriv=1, delta=record.sampling_time
+            )
+    return states
+
+
+def _ratio(longer: float, shorter: float, name: str, what: str) -> int:
+    ratio = round(longer / shorter)
+    if ratio < 1 or abs(ratio * shorter - longer) > 0.01 * shorter:
+        raise UserError(
+            f"{name}: the {what} of {longer * 1e3:g} ms is no multiple of {shorter * 1e3:g} ms, "
+            "the record's sampling time; choose --step and --period that are"
+        )
+    return ratio

@@ -1,0 +1,48 @@
+"""The lecture's black box: a state-space network."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.equations import Equation, Law, Operations, Variable, parameter
+from hybrid_sysid_ros.models.network import Network
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlackBox(Equation):
+    """v' = gain u - damping v + n(q, v, u): a network for the acceleration, with its straight part written out so that
+    a fit starts from a stable simulation."""
+
+    states = (Variable(name="position", unit="rad"), Variable(name="velocity", unit="rad/s"))
+    inputs = (Variable(name="drive", unit="V"),)
+    kinematics = {0: 1}
+
+    network: Network
+    network_weights: NDArray[np.float64]
+    gain: float = parameter(4.0, 0.0, 400.0, unit="rad/(s^2 V)", description="straight part, input")
+    damping: float = parameter(20.0, 0.0, 150.0, unit="1/s", description="straight part, velocity")
+    input_delay: float = parameter(0.004, 0.0, 0.03, unit="s", description="delay of the drive")
+
+    @property
+    def form(self) -> tuple[Any, ...]:
+        return (type(self), self.network)
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        return self.network_weights
+
+    def with_weights(self, weights: NDArray[np.float64]) -> BlackBox:
+        return dataclasses.replace(self, network_weights=weights)
+
+    def law(self, operations: Operations) -> Law:
+        network = self.network.function(operations)
+
+        def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
+            return (x[1], p.gain * u[0] - p.damping * x[1] + network(x, u, w)), (0.0, 0.0)
+
+        return law
