@@ -1,0 +1,6 @@
+"""Exact MPC, its imitation by a network, and what they share."""
+
+from hybrid_sysid_ros.control.controller import Controller, Plan, Status
+from hybrid_sysid_ros.control.mpc import ExactMpc, Problem
+
+__all__ = ["Controller", "ExactMpc", "Plan", "Problem", "Status"]

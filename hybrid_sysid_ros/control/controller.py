@@ -1,0 +1,58 @@
+"""One interface for every controller."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Status(Enum):
+    """What stands behind an input."""
+
+    SOLVED = "solved"
+    """The optimum, to tolerance."""
+    NOT_CONVERGED = "not converged"
+    """The solver's last iterate: within the bounds, maybe not optimal."""
+    FAILED = "failed"
+    """No solution: the shifted last plan."""
+    POLICY = "policy"
+    """The network's answer."""
+    HELD = "held"
+    """Nothing to go on: the last input."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """input (inputs,): what to apply now, within its bounds. inputs (horizon, inputs) and states (horizon, states): the
+    plan behind it, where the controller has one (else only the first row, or none)."""
+
+    input: Array
+    inputs: Array
+    states: Array
+    status: Status
+
+
+class Controller(Protocol):
+    """horizon: number of preview points. period: their distance [s]."""
+
+    horizon: int
+    period: float
+
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+        """The input for a state.
+
+        state (states,): the one that the input will meet, a delay ahead. disturbance (inputs,): estimated offset of the
+        input. previous_input (inputs,): the one applied last. preview (horizon,): reference of the output, at period,
+        2 period, ... after the state's time. The input of the plan is within the bounds and finite, always.
+        """
+        ...
+
+    def reset(self) -> None:
+        """Forget the past."""
+        ...
