@@ -1,0 +1,49 @@
+# make demo | test | bench | lint | clean: each sets up what it needs in .venv, with nothing but python3 and make.
+#   make demo TRAIN=1      trains the shipped policy afresh (adds torch)
+#   make PYTHON=python3.12 another interpreter, where python3 is too old or too new
+PYTHON ?= python3
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+PACKAGE := pyproject.toml setup.py setup.cfg package.xml
+TRAINED := $(filter-out 0,$(TRAIN))
+
+# A sourced ROS, or the wheels of another environment, must not leak into .venv.
+ifneq ($(ROS_DISTRO)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
+unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+endif
+
+.PHONY: demo test bench lint clean
+.NOTPARALLEL:
+
+demo: .venv/ros $(if $(TRAINED),.venv/train)
+	$(BIN)/hybrid-sysid demo --out out/demo $(if $(TRAINED),--train)
+
+test: .venv/ros .venv/dev .venv/train
+	$(BIN)/python -m pytest
+
+bench: .venv/ros $(if $(TRAINED),.venv/train)
+	$(BIN)/python -m benchmarks
+
+lint: .venv/dev
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy hybrid_sysid_ros $(wildcard benchmarks) tests
+
+clean: # out/ may hold recordings: it stays
+	rm -rf .venv build install log *.egg-info .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Stamps: a set-up is repeated only when what it installs may have changed. torch is large, so it has its own.
+.venv/python:
+	$(if $(shell $(PYTHON) -c 'import sys; print((3, 10) <= sys.version_info[:2] <= (3, 13) or "")' 2>/dev/null),,$(error \
+	hybrid_sysid_ros needs Python 3.10 to 3.13, but $(PYTHON) is $(or $(shell $(PYTHON) --version 2>/dev/null),missing): try make PYTHON=python3.12))
+	$(PYTHON) -m venv --clear .venv
+	@touch $@
+
+.venv/ros: EXTRAS := ros,report
+.venv/dev: EXTRAS := dev
+.venv/train: EXTRAS := train
+.venv/ros .venv/dev .venv/train: .venv/python $(PACKAGE)
+	@echo "Setting up .venv: hybrid_sysid_ros[$(EXTRAS)]"
+	@$(PIP) --editable '.[$(EXTRAS)]'
+	@touch $@

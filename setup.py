@@ -1,0 +1,46 @@
+"""What colcon reads too: the rest is in pyproject.toml, which colcon does not link into a --symlink-install."""
+
+import sys
+from glob import glob
+from xml.etree import ElementTree
+
+from setuptools import Distribution, find_namespace_packages, setup
+
+NAME = "hybrid_sysid_ros"
+NODES = ("plant", "estimator", "controller", "reference", "recorder")
+PIP = not {"bdist_wheel", "dist_info", "editable_wheel", "sdist"}.isdisjoint(sys.argv)
+
+# `ros2 run` looks in lib/hybrid_sysid_ros. colcon installs the console scripts there, under the nodes' own names; pip
+# installs them in bin/, where such names would be too general, so there they get a prefix and lib/ a link to each.
+scripts = {f"hybrid-sysid-{node}" if PIP else node: f"{NAME}.nodes.{node}:main" for node in NODES}
+links = [(f"lib/{NAME}", [f"resource/executables/{node}" for node in NODES])] if PIP else []
+
+
+class DistributionWithData(Distribution):
+    """setuptools copies data files into an editable install only where the distribution says that it has data."""
+
+    has_data = Distribution.has_data_files
+
+
+setup(
+    name=NAME,
+    version=ElementTree.parse("package.xml").findtext("version"),
+    license="Apache-2.0",
+    python_requires=">=3.10,<3.14",
+    packages=find_namespace_packages(include=[NAME, f"{NAME}.*"], exclude=["*.__pycache__"]),  # data folders too
+    package_data={"": ["*.yaml", "*.json", "*.safetensors", "*.html"]},
+    entry_points={
+        "console_scripts": [
+            f"hybrid-sysid = {NAME}.cli:main",
+            *(f"{script} = {main}" for script, main in scripts.items()),
+        ]
+    },
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
+        (f"share/{NAME}/config", sorted(glob("msgs_config/*.yaml"))),
+        *links,
+    ],
+    distclass=DistributionWithData,
+)

@@ -1,0 +1,155 @@
+"""Imports run downwards only, ROS stays in nodes/, and heavy libraries stay in the rooms that need them."""
+
+import ast
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from glob import glob
+from pathlib import Path
+
+import pytest
+
+PACKAGE = "hybrid_sysid_ros"
+FOLDER = Path(__file__).parents[1] / PACKAGE
+
+LAYERS = [  # from the bottom up; a room (file or folder of the package) imports from the rooms of lower layers
+    {"__init__", "errors"},
+    {"files", "record", "signals"},
+    {"bags"},
+    {"bab"},
+    {"equations"},
+    {"friction"},
+    {"rigs"},
+    {"models"},
+    {"control", "estimation", "identification"},
+    {"report", "reports"},
+    {"demo"},
+    {"cli", "nodes"},
+]
+NEIGHBOURS = {"control": {"estimation"}}  # and from these of its own layer
+ROS = re.compile(r"(rcl\w*|ros2\w*|rosbag2\w*|rosidl\w*|ament_\w+|tf2_\w+|\w+_msgs|\w+_interfaces|std_srvs)")
+LAUNCH = re.compile(r"launch\w*")
+KEPT_IN = {  # heavy libraries, and the files that may import them
+    "torch": re.compile(r"control/policy_training\.py"),
+    "plotly": re.compile(r"report\.py|reports/.*"),
+    "jinja2": re.compile(r"report\.py|reports/.*"),
+}
+
+
+def imports(source: str, file: str) -> Iterator[str]:
+    """Full names that a file of the package imports, at any depth of its code."""
+    package = [PACKAGE, *Path(file).parent.parts]
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) + 1 - node.level] if node.level else []
+            module = ".".join([*base, *filter(None, [node.module])])
+            yield from (f"{module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
+            yield from (str(name.value) for name in node.args[:1] if isinstance(name, ast.Constant))
+
+
+def room(path: str) -> str:
+    """control/mpc.py is in the room control, bags.py is a room itself."""
+    return Path(path).parts[0].removesuffix(".py")
+
+
+def layer(room: str) -> int:
+    return next((height for height, rooms in enumerate(LAYERS) if room in rooms), -1)
+
+
+def violations(source: str, file: str) -> list[str]:
+    """What is wrong with the imports of a file, given by its path inside the package."""
+    here = room(file)
+    if layer(here) < 0:
+        return [f"{file}: {here} has no layer yet: give it one in {Path(__file__).name}"]
+    found = []
+    for name in imports(source, file):
+        top, _, rest = name.partition(".")
+        if ROS.fullmatch(top) and here != "nodes":
+            found.append(f"{file}: {name} is ROS, which only nodes/ imports")
+        if LAUNCH.fullmatch(top):
+            found.append(f"{file}: {name} is for launch files only")
+        if top in KEPT_IN and not KEPT_IN[top].fullmatch(file):
+            found.append(f"{file}: {name} belongs into {KEPT_IN[top].pattern}")
+        if top == PACKAGE and rest:
+            there = room(rest.replace(".", "/"))
+            known = layer(there) >= 0
+            neighbour = there == here or there in NEIGHBOURS.get(here, ())
+            if known and not neighbour and layer(there) >= layer(here):
+                found.append(f"{file}: {here} may not import {there}")
+    return found
+
+
+FILES = sorted(path for path in glob("**/*.py", root_dir=FOLDER, recursive=True))  # follows the link to nodes/
+
+
+def test_all_rooms_are_looked_at() -> None:
+    assert {"equations/__init__.py", "errors.py", "nodes/__init__.py"} <= set(FILES)
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_imports_run_downwards(file: str) -> None:
+    assert violations((FOLDER / file).read_text(encoding="utf-8"), file) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "source"),
+    [
+        ("models/hybrid.py", "import rclpy.node"),
+        ("models/hybrid.py", "def late():\n    from sensor_msgs.msg import JointState"),
+        ("bags.py", "import importlib\nimportlib.import_module('rosbag2_py')"),
+        ("cli.py", "from hybrid_sysid_ros.nodes import plant"),
+        ("nodes/plant.py", "from launch import LaunchDescription"),
+        ("models/network.py", "import torch.nn as nn"),
+        ("control/policy.py", "from torch import nn"),
+        ("identification/fit.py", "import plotly"),
+        ("rigs/cam_beam.py", "from hybrid_sysid_ros.models import hybrid"),
+        ("rigs/cam_beam.py", "from hybrid_sysid_ros import models"),
+        ("rigs/cam_beam.py", "from ..models.hybrid import Hybrid"),
+        ("rigs/cam_beam.py", "from .. import control"),
+        ("record.py", "from .bags import read"),
+        ("estimation/kalman.py", "import hybrid_sysid_ros.control.mpc"),
+        ("identification/fit.py", "from hybrid_sysid_ros.estimation import kalman"),
+        ("__init__.py", "from hybrid_sysid_ros.cli import main"),
+        ("attic/old.py", "import math"),
+    ],
+)
+def test_a_forbidden_import_is_found(file: str, source: str) -> None:
+    assert len(violations(source, file)) == 1
+
+
+@pytest.mark.parametrize(
+    ("file", "source"),
+    [
+        ("nodes/plant.py", "import rclpy\nfrom hybrid_sysid_ros.control import mpc"),
+        ("control/policy_training.py", "import torch\nfrom hybrid_sysid_ros.estimation import kalman"),
+        ("control/mpc.py", "from . import policy\nfrom .policy import Policy\nfrom ..models import hybrid"),
+        ("report.py", "import plotly.graph_objects\nfrom hybrid_sysid_ros.identification import residuals"),
+        ("bags.py", "import rosbags.rosbag2\nfrom hybrid_sysid_ros import __version__\nfrom .errors import UserError"),
+    ],
+)
+def test_an_allowed_import_is_not(file: str, source: str) -> None:
+    assert violations(source, file) == []
+
+
+WITHOUT = """
+import importlib, sys
+class Absent:
+    def find_spec(self, name, *_):
+        if name.partition(".")[0] in {absent}:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Absent())
+for name in {names}:
+    importlib.import_module(name)
+"""
+
+
+def test_the_library_imports_without_ros_and_without_extras() -> None:
+    free = [file for file in FILES if room(file) != "nodes" and not any(p.fullmatch(file) for p in KEPT_IN.values())]
+    modules = [file.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for file in free]
+    names = [PACKAGE if module == "__init__" else f"{PACKAGE}.{module}" for module in modules]
+    absent = [*KEPT_IN, "rclpy", "sensor_msgs"]
+    subprocess.run([sys.executable, "-c", WITHOUT.format(absent=absent, names=names)], check=True, timeout=300)
