@@ -1,0 +1,119 @@
+"""Series: messages of one topic made from arrays, serialised as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+from hybrid_sysid_ros.bags.fields import field_of
+from hybrid_sysid_ros.bags.layout import Layout
+from hybrid_sysid_ros.signals import parsed_field
+
+SECOND = 1_000_000_000  # ns
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Series:
+    """Messages of one topic: serialised (messages, bytes), and their times (messages,) [ns]."""
+
+    topic: str
+    type: str
+    stamps: NDArray[np.int64]
+    rows: NDArray[np.uint8]
+
+    def messages(self) -> Iterator[bytes]:
+        """Serialised messages, one after the other."""
+        content, size = self.rows.tobytes(), self.rows.shape[1]
+        return (content[start : start + size] for start in range(0, len(content), size))
+
+
+@lru_cache(maxsize=1)
+def jazzy_types() -> Typestore:
+    """Message types of ROS 2 Jazzy."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def series(topic: str, template: Any, stamps: ArrayLike, columns: Mapping[str, ArrayLike]) -> Series:
+    """Copy one message as often as there are stamps and put arrays into its fields.
+
+    template: a message of rosbags (jazzy_types().types[...]); its lists have the lengths of every message.
+    stamps: (messages,) ns; put into header.stamp where there is a header.
+    columns: (messages,) by field, such as "effort[0]", "points[0].positions[beam]".
+    """
+    message_type = template.__msgtype__
+    stamps = np.asarray(stamps, dtype=np.int64)
+    raw = bytes(jazzy_types().serialize_cdr(template, message_type, little_endian=True))
+    layout = Layout.of(raw, message_type, jazzy_types())
+    rows = np.tile(np.frombuffer(raw, dtype=np.uint8), (len(stamps), 1))
+    values: dict[str, ArrayLike] = dict(columns)
+    if "header" in layout.fields:
+        values["header.stamp.sec"] = stamps // SECOND
+        values["header.stamp.nanosec"] = stamps % SECOND
+    for field, column in values.items():
+        field_of(layout.fields, parsed_field(field)).write(rows, np.asarray(column))
+    return Series(topic=topic, type=message_type, stamps=stamps, rows=rows)
+
+
+def joint_states(
+    topic: str,
+    stamps: ArrayLike,
+    names: Sequence[str],
+    *,
+    position: ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
+    effort: ArrayLike | None = None,
+    frame: str = "",
+) -> Series:
+    """sensor_msgs/JointState messages of joints `names`; each of the arrays is (messages, joints), or None for none."""
+    given = {"position": position, "velocity": velocity, "effort": effort}
+    arrays = {key: np.asarray(value, dtype=np.float64) for key, value in given.items() if value is not None}
+    types = jazzy_types().types
+    lists = {key: np.zeros(len(names) if key in arrays else 0) for key in given}
+    template = types["sensor_msgs/msg/JointState"](header=_header(frame), name=list(names), **lists)
+    columns = {f"{key}[{joint}]": array[:, joint] for key, array in arrays.items() for joint in range(len(names))}
+    return series(topic, template, stamps, columns)
+
+
+def joint_trajectories(
+    topic: str, stamps: ArrayLike, names: Sequence[str], *, positions: ArrayLike, times: ArrayLike, frame: str = ""
+) -> Series:
+    """trajectory_msgs/JointTrajectory messages.
+
+    positions: (messages, points, joints); times: (points,) s, time_from_start of each point.
+    """
+    positions, times = np.asarray(positions, dtype=np.float64), np.asarray(times, dtype=np.float64)
+    types = jazzy_types().types
+    nothing = np.zeros(0)
+    points = [
+        types["trajectory_msgs/msg/JointTrajectoryPoint"](
+            positions=np.zeros(len(names)),
+            velocities=nothing,
+            accelerations=nothing,
+            effort=nothing,
+            time_from_start=types["builtin_interfaces/msg/Duration"](
+                sec=round(time * 1e9) // SECOND, nanosec=round(time * 1e9) % SECOND
+            ),
+        )
+        for time in times.tolist()
+    ]
+    template = types["trajectory_msgs/msg/JointTrajectory"](
+        header=_header(frame), joint_names=list(names), points=points
+    )
+    columns = {
+        f"points[{point}].positions[{joint}]": positions[:, point, joint]
+        for point in range(len(times))
+        for joint in range(len(names))
+    }
+    return series(topic, template, stamps, columns)
+
+
+def _header(frame: str) -> Any:
+    types = jazzy_types().types
+    return types["std_msgs/msg/Header"](stamp=types["builtin_interfaces/msg/Time"](sec=0, nanosec=0), frame_id=frame)

@@ -1,0 +1,137 @@
+"""Writing: rosbag2 folders of ROS 2 Jazzy's default kind (metadata.yaml and one MCAP file), without ROS."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2.storage_mcap import McapWriter
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+from hybrid_sysid_ros.bags.contents import METADATA
+from hybrid_sysid_ros.bags.series import Series, jazzy_types
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.files import written_folder
+
+
+class BagWriter:
+    """Write a bag, message by message, as a context.
+
+    It grows in a temporary folder beside `path`, which takes its place when the context ends well; if the process is
+    killed, that folder is left and can be read with `recover` up to the last flush().
+
+    compressed: pack the chunks of the MCAP file with zstd, which every MCAP reader unpacks.
+    replace: replace a bag that exists there.
+    notes: text by key for the metadata (custom_data), such as where the data came from.
+
+    Raises UserError when the place cannot be written or is taken.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        *,
+        compressed: bool = True,
+        replace: bool = False,
+        notes: Mapping[str, str] | None = None,
+    ) -> None:
+        self.path = Path(path)
+        self.messages = 0
+        self._compressed = compressed
+        self._replace = replace
+        self._notes = dict(notes or {})
+        self._stack = ExitStack()
+        self._connections: dict[str, Connection] = {}
+
+    def __enter__(self) -> BagWriter:
+        with ExitStack() as stack:
+            folder = stack.enter_context(written_folder(self.path, marker=METADATA, replace=self._replace))
+            folder.rmdir()  # the writer makes it
+            self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+            if self._compressed:
+                self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+            for key, text in self._notes.items():
+                self._writer.set_custom_data(key, text)
+            stack.enter_context(self._writer)
+            if self._compressed and isinstance(self._writer.storage, McapWriter):
+                self._writer.storage.compressor = _packed
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+
+    def write_raw(self, topic: str, message_type: str, stamp: int, data: bytes | memoryview) -> None:
+        """Write one serialised message (CDR, as a raw subscription of rclpy gives it).
+
+        stamp: time of logging [ns].
+
+        Raises:
+            UserError: ROS 2 Jazzy has no such message type, or the topic had another type before.
+        """
+        connection = self._connections.get(topic)
+        if connection is None or connection.msgtype != message_type:
+            connection = self._connection(topic, message_type)
+        self._writer.write(connection, stamp, data)
+        self.messages += 1
+
+    def flush(self) -> None:
+        """Put what was written so far on the disk, so that nothing but later messages can be lost."""
+        storage = self._writer.storage
+        if isinstance(storage, McapWriter) and storage.chunk.msgs:
+            storage.close_chunk()
+            storage.bio.flush()
+
+    def _connection(self, topic: str, message_type: str) -> Connection:
+        package, _, name = message_type.rpartition("/")
+        full = message_type if package.endswith("/msg") else f"{package}/msg/{name}"
+        if topic in self._connections:
+            if self._connections[topic].msgtype == full:
+                return self._connections[topic]
+            raise UserError(
+                f"{self.path}: topic {topic} has type {self._connections[topic].msgtype}, not {full} as well"
+            )
+        if full not in jazzy_types().fielddefs:
+            raise UserError(f"{self.path}: topic {topic}: message type {message_type!r} is not one of ROS 2 Jazzy")
+        self._connections[topic] = self._writer.add_connection(topic, full, typestore=jazzy_types())
+        return self._connections[topic]
+
+
+def _packed(chunk: bytes) -> bytes:
+    """Pack a chunk with zstd and a checksum, so that no reader takes damaged bytes for measurements."""
+    return zstd.compress(chunk, options={zstd.CompressionParameter.checksum_flag: 1})
+
+
+def write(
+    path: Path | str,
+    topics: Sequence[Series],
+    *,
+    compressed: bool = True,
+    replace: bool = False,
+    notes: Mapping[str, str] | None = None,
+) -> Path:
+    """Write a bag of whole series, in the order of their stamps.
+
+    Raises:
+        UserError: the place cannot be written, or holds something that may not be replaced.
+    """
+    with BagWriter(path, compressed=compressed, replace=replace, notes=notes) as writer:
+        stamps = np.concatenate([one.stamps for one in topics])
+        owner = np.repeat(np.arange(len(topics)), [len(one.stamps) for one in topics])
+        following = [one.messages() for one in topics]
+        order = np.argsort(stamps, kind="stable")
+        for stamp, number in zip(stamps[order].tolist(), owner[order].tolist(), strict=True):
+            writer.write_raw(topics[number].topic, topics[number].type, stamp, next(following[number]))
+    return Path(path)

@@ -1,0 +1,120 @@
+"""What is on disk is old and whole, or new and whole."""
+
+import hashlib
+import subprocess
+
+import pytest
+
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.files import sha256, written_file, written_folder
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_file_appears_when_it_is_whole(tmp_path):
+    path = tmp_path / "new" / "summary.json"
+    with written_file(path) as partial:
+        partial.write_text("{}")
+        assert partial.name == "summary.json"
+        assert not path.exists()
+    assert path.read_text() == "{}"
+    assert names(tmp_path / "new") == ["summary.json"]
+
+
+def test_a_failed_file_leaves_the_old_one(tmp_path):
+    path = tmp_path / "summary.json"
+    path.write_text("old")
+    with pytest.raises(ZeroDivisionError), written_file(path) as partial:
+        _ = partial.write_text("half") / 0
+    assert path.read_text() == "old"
+    assert names(tmp_path) == ["summary.json"]
+
+
+def test_a_folder_is_replaced_as_a_whole(tmp_path):
+    path = tmp_path / "model"
+    for text in ("first", "second"):
+        with written_folder(path, marker="model.yaml") as partial:
+            (partial / "model.yaml").write_text(text)
+            (partial / f"only_{text}").touch()
+    assert names(path) == ["model.yaml", "only_second"]
+    assert names(tmp_path) == ["model"]
+
+
+def test_a_failed_folder_leaves_the_old_one(tmp_path):
+    path = tmp_path / "model"
+    path.mkdir()
+    (path / "model.yaml").write_text("old")
+    with pytest.raises(ZeroDivisionError), written_folder(path, marker="model.yaml") as partial:
+        _ = (partial / "model.yaml").write_text("half") / 0
+    assert (path / "model.yaml").read_text() == "old"
+    assert names(tmp_path) == ["model"]
+
+
+def test_the_old_folder_returns_when_the_new_one_cannot_take_its_place(tmp_path):
+    path = tmp_path / "model"
+    path.mkdir()
+    (path / "model.yaml").write_text("old")
+    with pytest.raises(UserError, match="cannot be written"), written_folder(path, marker="model.yaml") as partial:
+        partial.rmdir()  # nothing is left to take the place
+    assert (path / "model.yaml").read_text() == "old"
+    assert names(tmp_path) == ["model"]
+
+
+def test_a_folder_of_another_kind_is_never_replaced_unasked(tmp_path):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(UserError, match=r"no model\.yaml"), written_folder(tmp_path, marker="model.yaml"):
+        pytest.fail("the body must not run")
+    with written_folder(tmp_path, marker="model.yaml", force=True) as partial:
+        (partial / "model.yaml").touch()
+    assert names(tmp_path) == ["model.yaml"]
+
+
+def test_a_bag_is_kept_where_replacing_is_not_wanted(tmp_path):
+    (tmp_path / "metadata.yaml").touch()
+    with (
+        pytest.raises(UserError, match="exists already"),
+        written_folder(tmp_path, marker="metadata.yaml", replace=False),
+    ):
+        pytest.fail("the body must not run")
+
+
+def test_a_link_stays_a_link(tmp_path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to("real")
+    with written_folder(tmp_path / "link", marker="model.yaml") as partial:
+        (partial / "model.yaml").touch()
+    assert (tmp_path / "link").is_symlink()
+    assert names(tmp_path / "real") == ["model.yaml"]
+
+
+def test_a_place_below_a_file_cannot_be_written(tmp_path):
+    (tmp_path / "file").touch()
+    for write in (written_file(tmp_path / "file" / "x"), written_folder(tmp_path / "file" / "x", marker="y")):
+        with pytest.raises(UserError, match="cannot be written"), write:
+            pytest.fail("the body must not run")
+
+
+def test_a_file_and_a_folder_do_not_replace_each_other(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(UserError, match="is a folder"), written_file(tmp_path):
+        pytest.fail("the body must not run")
+    with pytest.raises(UserError, match="is a file"), written_folder(tmp_path / "file", marker="y"):
+        pytest.fail("the body must not run")
+
+
+def test_an_error_about_another_file_stays_what_it_is(tmp_path):
+    with pytest.raises(FileNotFoundError), written_file(tmp_path / "x"):
+        (tmp_path / "missing").read_text()
+
+
+def test_the_digest_of_a_folder_is_what_sha256sum_says(tmp_path):
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "a.bin").write_bytes(b"abc")
+    (tmp_path / "a.txt").write_bytes(b"")
+    assert sha256(tmp_path / "b" / "a.bin") == hashlib.sha256(b"abc").hexdigest()
+    listing = subprocess.run(["sha256sum", "a.txt", "b/a.bin"], cwd=tmp_path, capture_output=True, check=True).stdout
+    assert sha256(tmp_path) == hashlib.sha256(listing).hexdigest()
+    with pytest.raises(UserError, match="cannot be read"):
+        sha256(tmp_path / "missing")
