@@ -28,6 +28,9 @@ RELATIVE_ERROR = 0.05
 CORRELATION_SECONDS = 1.0
 """Free-run errors are slow: this many seconds of them count as one observation against the priors."""
 
+ANCHOR = 3.0
+"""Spread of an anchored parameter, in standard errors of the fit it is anchored to."""
+
 DIFFERENCE = 1e-5
 """Step of the forward differences, in units of a parameter's scale."""
 
@@ -51,7 +54,7 @@ class Fit:
 class Problem:
     """The residuals of one equation on several experiments, as a function of its free parameters (scaled)."""
 
-    def __init__(self, equation: Equation, experiments: Sequence[Experiment], *, ridge: float) -> None:
+    def __init__(self, equation: Equation, experiments: Sequence[Experiment], anchor: Fit | None) -> None:
         if not experiments:
             raise UserError("identification: no record to fit")
         if len({experiment.sampling for experiment in experiments}) > 1:
@@ -74,7 +77,12 @@ class Problem:
         self.free = [index for index, item in enumerate(self.all) if not item.fixed]
         self.scales = np.concatenate([[self.all[i].scale for i in self.free], np.ones(len(equation.weights))])
         self.fixed_values = equation.values
-        self.ridge = ridge
+        self.centres = np.array([self.all[i].start for i in self.free])
+        self.spreads = np.array([self.all[i].spread or np.inf for i in self.free])
+        if anchor is not None:
+            physical = len(self.free)
+            self.centres = anchor.equation.values[self.free]
+            self.spreads = ANCHOR * np.sqrt(np.diag(anchor.covariance))[:physical]
         self.evaluations = 0
 
     @property
@@ -101,13 +109,10 @@ class Problem:
         return equation.with_weights(free[len(self.free) :]) if len(self.equation.weights) else equation
 
     def priors(self, point: Array) -> Array:
-        """Ridge rows: shape parameters towards their start, weights towards zero."""
-        rows = [
-            (point[row] * self.scales[row] - item.start) / item.spread
-            for row, item in enumerate(self.all[i] for i in self.free)
-            if item.spread is not None
-        ]
-        return np.concatenate([rows, self.ridge * point[len(self.free) :]])
+        """Prior rows, each in its own deviation: parameters about their centres, weights about zero."""
+        physical = len(self.free)
+        values = point[:physical] * self.scales[:physical]
+        return np.concatenate([(values - self.centres) / self.spreads, point[physical:]])
 
     def windows(self, horizon: int | None) -> tuple[NDArray[np.int64], Array, Array]:
         """Rollouts of ``horizon`` samples: starts (windows, 4), initial states (windows, states), outputs."""
@@ -157,17 +162,18 @@ def fit(
     experiments: Sequence[Experiment],
     *,
     stages: Sequence[int | None] = STAGES,
-    ridge: float = 1.0,
+    anchor: Fit | None = None,
     progress: Progress | None = None,
 ) -> Fit:
     """Fit the free parameters and weights of an equation to several experiments at once.
 
-    Trust-region least squares with bounds; forward-difference Jacobian, its columns simulated in parallel threads.
+    anchor: an earlier fit of the same physics, about which its parameters then stay (within a few standard errors): what
+    the physics can't explain is left to a network. Trust-region least squares with bounds; forward-difference Jacobian, its columns simulated in parallel threads.
     Raises UserError for records without excitation and where every simulation diverges.
     """
     low = np.min([experiment.states.min(axis=0) for experiment in experiments], axis=0)
     high = np.max([experiment.states.max(axis=0) for experiment in experiments], axis=0)
-    problem = Problem(equation.trained_on(low, high), experiments, ridge=ridge)
+    problem = Problem(equation.trained_on(low, high), experiments, anchor)
     problem.residuals(STAGES[0])(problem.start)  # compile outside the measured time
     problem.evaluations = 0
     began = time.perf_counter()
@@ -193,7 +199,7 @@ def fit(
                 method="trf",
                 ftol=1e-6 if last else 1e-3,
                 xtol=1e-6 if last else 1e-3,
-                max_nfev=100 if last else 30,
+                max_nfev=40 if last else 25,
             )
             point = solution.x
             rows = len(solution.fun) - len(problem.priors(point))

@@ -33,35 +33,35 @@ class CamBeam(Equation):
     kinematics = {0: 1}
     friction_state = 1
 
-    gain: float = parameter(4.13, 0.1, 40.0, start=4.0, unit="rad/(s^2 V)", description="drive gain")
-    centre: float = parameter(0.95, -5.0, 5.0, start=1.0, unit="V", description="input that balances the beam at q = 0")
-    stiffness: float = parameter(13.9, -50.0, 200.0, start=10.0, unit="1/s^2", description="weak spring of the unbalance")
-    damping: float = parameter(25.0, 0.0, 150.0, start=20.0, unit="1/s", description="viscous friction")
-    coulomb: float = parameter(1.82, 0.0, 40.0, start=1.5, unit="rad/s^2", description="Coulomb friction level")
-    input_delay: float = parameter(0.003, 0.0, 0.03, start=0.004, unit="s", description="delay of the drive")
+    gain: float = parameter(4.937, 0.1, 40.0, start=4.0, unit="rad/(s^2 V)", description="drive gain")
+    centre: float = parameter(0.9741, -5.0, 5.0, start=1.0, unit="V", description="input that balances the beam at q = 0")
+    stiffness: float = parameter(14.22, -50.0, 200.0, start=10.0, unit="1/s^2", description="weak spring of the unbalance")
+    damping: float = parameter(31.24, 0.0, 150.0, start=20.0, unit="1/s", description="viscous friction")
+    coulomb: float = parameter(2.141, 0.0, 40.0, start=1.5, unit="rad/s^2", description="Coulomb friction level")
+    input_delay: float = parameter(0.00754, 0.0, 0.03, start=0.004, unit="s", description="delay of the drive")
     asymmetry: float = parameter(
-        0.04, -0.5, 0.5, start=0.0, spread=0.1, unit="1", description="drive gain up against down"
+        0.1252, -0.5, 0.5, start=0.0, spread=0.1, unit="1", description="drive gain up against down"
     )
     quadratic_stiffness: float = parameter(
-        -159.0, -3e3, 3e3, start=0.0, spread=200.0, unit="1/(rad s^2)", description="torque that grows with q^2"
+        -99.28, -3e3, 3e3, start=0.0, spread=200.0, unit="1/(rad s^2)", description="torque that grows with q^2"
     )
     damping_asymmetry: float = parameter(
-        0.01, -0.8, 0.8, start=0.0, spread=0.1, unit="1", description="viscous friction up against down"
+        0.1063, -0.8, 0.8, start=0.0, spread=0.1, unit="1", description="viscous friction up against down"
     )
     stribeck_excess: float = parameter(
-        0.34, 0.0, 10.0, start=0.2, spread=0.4, unit="rad/s^2", description="friction at rest above the Coulomb level"
+        0.1381, 0.0, 10.0, start=0.2, spread=0.4, unit="rad/s^2", description="friction at rest above the Coulomb level"
     )
     stribeck_speed: float = parameter(
-        0.052, 0.005, 1.0, start=0.05, spread=0.05, unit="rad/s", description="speed at which the excess is gone"
+        0.04553, 0.005, 1.0, start=0.05, spread=0.05, unit="rad/s", description="speed at which the excess is gone"
     )
     friction_slope: float = parameter(
-        -2.2, -20.0, 20.0, start=0.0, spread=3.0, unit="1/rad", description="friction over position, odd part"
+        1.859, -20.0, 20.0, start=0.0, spread=3.0, unit="1/rad", description="friction over position, odd part"
     )
     friction_curvature: float = parameter(
-        97.0, -600.0, 600.0, start=0.0, spread=100.0, unit="1/rad^2", description="friction over position, even part"
+        102.2, -600.0, 600.0, start=0.0, spread=100.0, unit="1/rad^2", description="friction over position, even part"
     )
     creep: float = parameter(
-        0.002, 0.0, 0.1, start=0.002, spread=0.005, unit="rad/s", description="speed below which dry friction is viscous"
+        2e-05, 0.0, 0.1, start=0.002, spread=0.005, unit="rad/s", description="speed below which dry friction is viscous"
     )
     range_low: float = parameter(-0.12, -1.0, 0.0, fixed=True, unit="rad", description="lowest position that was identified")
     range_high: float = parameter(0.12, 0.0, 1.0, fixed=True, unit="rad", description="highest position that was identified")

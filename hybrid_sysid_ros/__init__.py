@@ -1,0 +1,1 @@
+"""From a bag to a controlled rig: hybrid models, estimators, exact and learned MPC."""

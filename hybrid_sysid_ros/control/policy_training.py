@@ -1,0 +1,181 @@
+"""Training of the approximate MPC: DAgger rounds of samples, then a network in torch. Nothing else imports torch."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import get_context
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.control.mpc import Problem
+from hybrid_sysid_ros.control.policy import Policy
+from hybrid_sysid_ros.control.sampling import Samples, Spread, sample
+from hybrid_sysid_ros.models import Model
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+"""progress(stage, done, of)"""
+
+VALIDATION_SHARE = 0.1
+"""Share of the closed loops, whole ones, that training never sees."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """episodes: closed loops of each round; the first is driven by the MPC, later ones by the policy so far (DAgger).
+    hidden: widths of the tanh layers. epochs, batch, rate: of Adam, the rate falling along a cosine. workers: processes
+    that sample, 0 for one per core."""
+
+    episodes: tuple[int, ...] = (70, 70, 70)
+    hidden: tuple[int, ...] = (64, 64)
+    epochs: int = 300
+    batch: int = 512
+    rate: float = 3e-3
+    workers: int = 0
+
+
+def train(
+    model: Model,
+    problem: Problem,
+    spread: Spread,
+    settings: Settings,
+    *,
+    seed: int,
+    progress: Progress | None = None,
+) -> Policy:
+    """Sample the exact MPC on a model and train a policy that imitates it.
+
+    Each round adds closed loops to the data and trains afresh from the last network. Reports the mean squared error of
+    held-out loops in drive units squared, on inputs within the bounds.
+    """
+    began = time.perf_counter()
+    parts: list[Samples] = []
+    held: list[Samples] = []
+    policy: Policy | None = None
+    network: torch.nn.Module | None = None
+    workers = settings.workers or os.cpu_count() or 1
+    with ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn")) as pool:
+        for number, episodes in enumerate(settings.episodes):
+            work = partial(_episode, model, problem, spread, policy)
+            seeds = [seed * 1_000_003 + 1000 * number + index for index in range(episodes)]
+            new: list[Samples] = []
+            for done, part in enumerate(pool.map(work, seeds)):
+                new.append(part)
+                if progress is not None:
+                    progress(f"round {number + 1}: closed loops of the exact MPC", done + 1, episodes)
+            validation = max(1, round(VALIDATION_SHARE * episodes))
+            held += new[:validation]
+            parts += new[validation:]
+            label = f"round {number + 1}: training the network"
+            report = partial(progress, label) if progress is not None else None
+            network, policy = _fit(
+                model, problem, Samples.joined(parts), Samples.joined(held), settings, seed, network, report
+            )
+    assert policy is not None
+    measured = {
+        **policy.training,
+        "seed": seed,
+        "rounds": list(settings.episodes),
+        "samples": len(Samples.joined(parts).inputs),
+        "validation_samples": len(Samples.joined(held).inputs),
+        "dropped": Samples.joined(parts + held).dropped,
+        "seconds": round(time.perf_counter() - began, 1),
+    }
+    return Policy(**{**_fields(policy), "training": measured})
+
+
+def _fields(policy: Policy) -> dict[str, object]:
+    return {name: getattr(policy, name) for name in policy.__dataclass_fields__}
+
+
+def _episode(model: Model, problem: Problem, spread: Spread, driver: Policy | None, seed: int) -> Samples:
+    return sample(model.equation, problem, spread, seed=seed, step=model.sampling.step, driver=driver)
+
+
+def features_of(samples: Samples, output: int) -> Array:
+    """Raw features (samples, features) of the policy: [x, d, u_previous, q - y]."""
+    errors = samples.previews - samples.states[:, output : output + 1]
+    return np.column_stack([samples.states, samples.disturbances, samples.previous, errors])
+
+
+def _fit(
+    model: Model,
+    problem: Problem,
+    samples: Samples,
+    held: Samples,
+    settings: Settings,
+    seed: int,
+    start: torch.nn.Module | None,
+    progress: Callable[[int, int], None] | None,
+) -> tuple[torch.nn.Module, Policy]:
+    torch.manual_seed(seed)
+    output = model.equation.outputs[0]
+    raw = features_of(samples, output)
+    centre, scale = raw.mean(axis=0), raw.std(axis=0) + 1e-9
+    widths = [raw.shape[1], *settings.hidden, 1]
+    network = torch.nn.Sequential(*_layers(widths)).double()
+    if start is not None:
+        network.load_state_dict(start.state_dict())
+    inputs = torch.from_numpy((raw - centre) / scale)
+    targets = torch.from_numpy(samples.inputs / problem.input_limit)
+    optimiser = torch.optim.Adam(network.parameters(), lr=settings.rate)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, settings.epochs)
+    generator = torch.Generator().manual_seed(seed)
+    for epoch in range(settings.epochs):
+        for rows in _batches(len(targets), settings.batch, generator):
+            optimiser.zero_grad()
+            loss = torch.mean(_beyond_bounds(network(inputs[rows])[:, 0], targets[rows]) ** 2)
+            loss.backward()
+            optimiser.step()
+        schedule.step()
+        if progress is not None:
+            progress(epoch + 1, settings.epochs)
+    linear = [layer for layer in network if isinstance(layer, torch.nn.Linear)]
+    layers = tuple((layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear)
+    policy = Policy(
+        problem=problem,
+        model=model.seal,
+        rig=model.rig,
+        states=len(model.equation.states),
+        output=output,
+        centre=centre,
+        scale=scale,
+        layers=layers,
+    )
+    validation = features_of(held, output)
+    with torch.no_grad():
+        check = validation[:64]
+        expected = network(torch.from_numpy((check - centre) / scale))[:, 0].numpy() * problem.input_limit
+    errors = {}
+    for name, features, answers in (("train", raw, samples.inputs), ("validation", validation, held.inputs)):
+        bounded = np.clip(policy.evaluate(features), -problem.input_limit, problem.input_limit)
+        errors[f"{name}_mse"] = float(np.mean((bounded - answers) ** 2))
+    fields = {**_fields(policy), "training": errors, "check": (check, expected)}
+    return network, Policy(**fields)  # type: ignore[arg-type]
+
+
+def _beyond_bounds(answers: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
+    """Errors, where an answer beyond the bound counts as the bound: it is cut there anyway."""
+    errors = answers - targets
+    beyond = ((targets >= 1 - 1e-4) & (errors > 0)) | ((targets <= -1 + 1e-4) & (errors < 0))
+    return torch.where(beyond, torch.zeros_like(errors), errors)
+
+
+def _layers(widths: list[int]) -> Iterator[torch.nn.Module]:
+    for before, after in zip(widths[:-2], widths[1:-1], strict=True):
+        yield torch.nn.Linear(before, after)
+        yield torch.nn.Tanh()
+    yield torch.nn.Linear(widths[-2], widths[-1])
+
+
+def _batches(count: int, size: int, generator: torch.Generator) -> Iterator[torch.Tensor]:
+    order = torch.randperm(count, generator=generator)
+    for begin in range(0, count, size):
+        yield order[begin : begin + size]

@@ -1,0 +1,141 @@
+"""An identified model: an equation, how sure its numbers are, and where they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.equations import Equation
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.models import storage
+from hybrid_sysid_ros.models.network import Network
+from hybrid_sysid_ros.models.sampling import Sampling
+from hybrid_sysid_ros.models.structures import assemble, network_of
+from hybrid_sysid_ros.rigs import rig as rigs
+
+Array = NDArray[np.float64]
+
+FORMAT = 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Model:
+    """rig, structure: names. equation: with the identified values.
+
+    sampling: what it was identified at. covariance (free, free): of the free parameters
+    ``names``. training_range: lowest and highest value of each state and input in the training data. records: name,
+    source, digest and part of each training record. scores: free run on them. fit: relative error, seconds, evaluations
+    and seed.
+    """
+
+    rig: str
+    structure: str
+    equation: Equation
+    sampling: Sampling
+    names: tuple[str, ...]
+    covariance: Array
+    training_range: Mapping[str, tuple[float, float]]
+    records: Sequence[Mapping[str, Any]] = field(default_factory=tuple)
+    scores: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    fit: Mapping[str, Any] = field(default_factory=dict)
+    seal: str = ""
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """Standard error of each free physical parameter, in its unit."""
+        deviations = np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
+        physical = {item.name for item in self.equation.parameters}
+        return {name: float(d) for name, d in zip(self.names, deviations, strict=True) if name in physical}
+
+    def save(self, folder: Path | str) -> None:
+        """Write the model folder; see :mod:`~hybrid_sysid_ros.models.storage`."""
+        errors = self.standard_errors
+        network = network_of(self.equation)
+        parameters = {
+            item.name: {
+                "value": float(value),
+                "standard_error": errors.get(item.name),
+                "unit": item.unit,
+                "bounds": [item.low, item.high],
+                "description": item.description,
+            }
+            for item, value in zip(self.equation.parameters, self.equation.values, strict=True)
+        }
+        content = {
+            "rig": self.rig,
+            "structure": self.structure,
+            "network": None if network is None else asdict(network),
+            "parameters": parameters,
+            "sampling": asdict(self.sampling),
+            "training_range": {name: list(ends) for name, ends in self.training_range.items()},
+            "records": list(self.records),
+            "scores": self.scores,
+            "fit": self.fit,
+            "free": list(self.names),
+            "versions": versions(),
+        }
+        arrays = {"weights": self.equation.weights, "covariance": self.covariance}
+        storage.save(folder, kind="model", version=FORMAT, content=content, arrays=arrays)
+
+
+def load(folder: Path | str) -> Model:
+    """Read a model folder.
+
+    Raises UserError where a file is missing, altered or newer, or the model does not fit its rig or its bounds.
+    """
+    content, arrays = storage.load(folder, kind="model", version=FORMAT)
+    try:
+        rig = rigs.load(content["rig"])
+        stored = content["parameters"]
+        equation = assemble(
+            content["structure"],
+            rig.equation,
+            network=None if content["network"] is None else _network(content["network"]),
+            weights=arrays["weights"],
+        )
+        expected = [item.name for item in equation.parameters]
+        if expected != list(stored):
+            raise UserError(
+                f"structure {content['structure']} of rig {rig.name} has the parameters {', '.join(expected)}, "
+                f"the model {', '.join(stored)}; fit again"
+            )
+        equation = equation.with_values(np.array([float(entry["value"]) for entry in stored.values()]))
+        equation.check()
+        return Model(
+            rig=rig.name,
+            structure=content["structure"],
+            equation=equation,
+            sampling=Sampling(**content["sampling"]),
+            names=tuple(content["free"]),
+            covariance=arrays["covariance"],
+            training_range={name: (float(a), float(b)) for name, (a, b) in content["training_range"].items()},
+            records=tuple(content["records"]),
+            scores=content["scores"],
+            fit=content["fit"],
+            seal=content["seal"],
+        )
+    except UserError as error:
+        raise UserError(f"{Path(folder) / 'model.yaml'}: {error}") from error
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise UserError(f"{Path(folder) / 'model.yaml'}: {error!r} is missing or malformed; fit again") from error
+
+
+def _network(content: dict[str, Any]) -> Network:
+    return Network(**{**content, "feature_scales": tuple(content["feature_scales"])})
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a result depends on."""
+    found = {}
+    for name in ("hybrid_sysid_ros", "numpy", "scipy", "numba", "casadi"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "not installed"
+    return found

@@ -1,0 +1,97 @@
+"""A folder of plain data: one YAML file and one of arrays, sealed by checksums. Loading runs no code."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save_file
+
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.files import sha256, written_folder
+
+ARRAYS = "weights.safetensors"
+Arrays = dict[str, NDArray[np.float64]]
+
+
+def save(folder: Path | str, *, kind: str, version: int, content: dict[str, Any], arrays: Arrays) -> None:
+    """Write ``KIND.yaml`` and the arrays beside the folder, then rename; an older folder of this kind is replaced.
+
+    Raises UserError where the place can't be written or holds something else.
+    """
+    with written_folder(folder, marker=f"{kind}.yaml") as partial:
+        save_file({name: np.ascontiguousarray(value) for name, value in arrays.items()}, partial / ARRAYS)
+        body = {"format": version, **_plain(content), "arrays": {"file": ARRAYS, "sha256": sha256(partial / ARRAYS)}}
+        body["seal"] = _seal(body)
+        text = yaml.safe_dump(body, sort_keys=False, allow_unicode=True, width=120)
+        (partial / f"{kind}.yaml").write_text(text, encoding="utf-8")
+
+
+def load(folder: Path | str, *, kind: str, version: int) -> tuple[dict[str, Any], Arrays]:
+    """Read what :func:`save` wrote.
+
+    Raises UserError, naming the file, where one is missing, unreadable, altered since it was saved, or of a newer
+    format than this version reads.
+    """
+    path = Path(folder) / f"{kind}.yaml"
+    if not Path(folder).is_dir():
+        raise UserError(f"{folder}: no such {kind} folder")
+    if not path.is_file():
+        raise UserError(f"{path}: is missing, so {folder} is no {kind} folder")
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise UserError(f"{path}: can't be read as YAML; restore it or make the {kind} again") from error
+    if not isinstance(content, dict) or not isinstance(content.get("format"), int):
+        raise UserError(f"{path}: has no format number; restore it or make the {kind} again")
+    if content["format"] > version:
+        raise UserError(
+            f"{path}: format {content['format']} is newer than {version}, the newest that this version reads; "
+            "update hybrid_sysid_ros"
+        )
+    if content["format"] < version:
+        raise UserError(f"{path}: format {content['format']} is older than {version}; make the {kind} again")
+    if content.get("seal") != _seal({key: value for key, value in content.items() if key != "seal"}):
+        raise UserError(f"{path}: was altered since it was saved; restore it or make the {kind} again")
+    arrays_path = Path(folder) / ARRAYS
+    if not arrays_path.is_file():
+        raise UserError(f"{arrays_path}: is missing; restore it or make the {kind} again")
+    if sha256(arrays_path) != content["arrays"]["sha256"]:
+        raise UserError(f"{arrays_path}: was altered since it was saved; restore it or make the {kind} again")
+    try:
+        return content, load_file(arrays_path)
+    except (SafetensorError, OSError) as error:
+        raise UserError(f"{arrays_path}: can't be read; restore it or make the {kind} again") from error
+
+
+def digest(folder: Path | str, *, kind: str) -> str:
+    """The seal of a saved folder: what another folder that was made from it refers to."""
+    path = Path(folder) / f"{kind}.yaml"
+    try:
+        return str(yaml.safe_load(path.read_text(encoding="utf-8"))["seal"])
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
+        raise UserError(f"{path}: is missing or can't be read") from error
+
+
+def _seal(body: dict[str, Any]) -> str:
+    """Checksum of the content, whatever the order or layout of the file."""
+    return hashlib.sha256(json.dumps(body, sort_keys=True, ensure_ascii=True).encode()).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    """Only what YAML and JSON write the same way."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return value.item()
+    return value
