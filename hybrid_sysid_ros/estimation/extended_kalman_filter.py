@@ -226,10 +226,14 @@ def _compiled(equation: Equation) -> Any:
         z: Array, covariance: Array, drive: Array, h: float, turn: float, process: Array, p: Any, w: Array
     ) -> None:
         size = count + 3
-        base, moved, x = np.empty(count), np.empty(count), z[:count].copy()
-        u = drive + z[count]
+        base, moved, x, u = np.empty(count), np.empty(count), np.empty(count), np.empty(1)
+        u[0] = drive[0] + z[count]
+        for i in range(count):
+            x[i] = z[i]
         step(x, u, p, w, h, base)
-        transition = np.eye(size)
+        transition = np.zeros((size, size))
+        for i in range(size):
+            transition[i, i] = 1.0
         for i in range(count):
             difference = 1e-6
             x[i] += difference
@@ -237,7 +241,8 @@ def _compiled(equation: Equation) -> Any:
             x[i] = z[i]
             for j in range(count):
                 transition[j, i] = (moved[j] - base[j]) / difference
-        step(x, u + 1e-5, p, w, h, moved)
+        u[0] += 1e-5
+        step(x, u, p, w, h, moved)
         for j in range(count):
             transition[j, count] = (moved[j] - base[j]) / 1e-5
         cosine, sine = np.cos(turn), np.sin(turn)
@@ -246,12 +251,23 @@ def _compiled(equation: Equation) -> Any:
         transition[count + 2, count + 1] = -sine
         transition[count + 2, count + 2] = cosine
         s, c = z[count + 1], z[count + 2]
-        z[:count] = base
+        for i in range(count):
+            z[i] = base[i]
         z[count + 1] = cosine * s + sine * c
         z[count + 2] = cosine * c - sine * s
-        covariance[:, :] = transition @ covariance @ transition.T
+        product = np.empty((size, size))
         for i in range(size):
-            covariance[i, i] += process[i] * h
+            for j in range(size):
+                total = 0.0
+                for m in range(size):
+                    total += transition[i, m] * covariance[m, j]
+                product[i, j] = total
+        for i in range(size):
+            for j in range(size):
+                total = process[i] * h if i == j else 0.0
+                for m in range(size):
+                    total += product[i, m] * transition[j, m]
+                covariance[i, j] = total
 
     _PREDICTIONS[equation.form] = numba.njit(predict, error_model="numpy", nogil=True)
     return _PREDICTIONS[equation.form]
