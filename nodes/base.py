@@ -1,0 +1,197 @@
+"""Base: what all nodes of a rig share: parameters, topics, diagnostics, and a clean end."""
+
+from __future__ import annotations
+
+import gc
+import math
+import resource
+import signal
+import socket
+import sys
+from collections.abc import Callable, Mapping
+from threading import Thread
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+from rclpy.task import Future
+from rclpy.timer import Timer
+
+from hybrid_sysid_ros import configuration
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.nodes import parameters, topics
+from hybrid_sysid_ros.rigs import rig as rigs
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+REPORT_PERIOD = 1.0  # s
+LOOK_PERIOD = 0.02  # s, between two looks whether a peer is there
+
+
+class RigNode(Node):
+    """A node of a rig. Its topics are relative to its namespace; where it was given none, to that of the rig.
+
+    settings: its parameters by name, checked. finished: done when the node has nothing more to do.
+    """
+
+    def __init__(self, name: str, **options: Any) -> None:
+        """options: of rclpy.node.Node (context, namespace, parameter_overrides).
+
+        Raises UserError when a parameter is not as msgs_config says.
+        """
+        super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
+        self.settings = parameters.declare(self, name)
+        self.rig = rigs.load(self.settings["rig"])
+        self.finished = Future()
+        self.qualities = configuration.qualities(self.rig.name)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._diagnostics = self.open("/diagnostics")
+        self._reporting = self.every(REPORT_PERIOD, self.report)
+
+    def full_name(self, topic: str) -> str:
+        """Name of a topic, for rclpy to resolve."""
+        bare = self.get_namespace() == "/" and not topic.startswith("/")
+        return f"{configuration.namespace(self.rig.name)}/{topic}" if bare else topic
+
+    def open(self, topic: str) -> Publisher:
+        """Publisher of one of the rig's topics."""
+        return self.create_publisher(
+            topics.TYPES[topic], self.full_name(topic), topics.profile(self.qualities, topic)
+        )
+
+    def listen(self, topic: str, callback: Callable[[Any], None], **options: Any) -> Subscription:
+        """Subscription of one of the rig's topics; options: depth, raw."""
+        quality = topics.profile(self.qualities, topic, depth=options.pop("depth", None))
+        return self.create_subscription(topics.TYPES[topic], self.full_name(topic), callback, quality, **options)
+
+    def every(self, period: float, callback: Callable[[], None]) -> Timer:
+        """Timer on the steady clock; period [s]."""
+        return self.create_timer(period, callback, clock=self._steady)
+
+    def when(self, condition: Callable[[], bool], action: Callable[[], None]) -> None:
+        """Do something once, as soon as a condition holds."""
+
+        def look() -> None:
+            if condition():
+                timer.cancel()
+                self.destroy_timer(timer)
+                action()
+
+        timer = self.every(LOOK_PERIOD, look)
+
+    def now(self) -> int:
+        """Time of the ROS clock [ns]."""
+        return int(self.get_clock().now().nanoseconds)
+
+    def health(self) -> tuple[bytes, str, Mapping[str, object]]:
+        """Level, summary and values for the diagnostics."""
+        return OK, "running", {}
+
+    def report(self) -> None:
+        """Publish the diagnostics."""
+        level, summary, values = self.health()
+        # Peak of the process so far; kilobytes on Linux, bytes on macOS.
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
+        status = DiagnosticStatus(
+            level=level,
+            name=self.get_fully_qualified_name().strip("/"),
+            message=summary,
+            hardware_id=self.rig.name,
+            values=[KeyValue(key=key, value=_text(value)) for key, value in {**values, "memory_mb": peak}.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    def finish(self) -> None:
+        """End the node; may be called from any thread, and more than once."""
+        if not self.finished.done():
+            self.finished.set_result(None)
+
+    def close(self) -> None:
+        """Last words, before the node is destroyed."""
+        self.report()
+
+
+def announce(word: str) -> None:
+    """Tell whoever started this process how far it is, in a line on its standard output."""
+    print(word, flush=True)
+
+
+def run(make: Callable[[], RigNode]) -> int:
+    """Run a node until it is finished or SIGINT or SIGTERM comes, once or more often; return the exit status.
+
+    0: ended as it should; 2: a parameter, file or argument is wrong, told in one line.
+    """
+    interruption = Interruption()
+    try:
+        try:
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        except RuntimeError as error:  # what rclpy raises for arguments and parameter files that make no sense
+            raise UserError(" ".join(str(error).split())) from error
+        _serve(make(), interruption)
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr, flush=True)
+        return 2
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def _serve(node: RigNode, interruption: Interruption) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    gc.collect()
+    gc.freeze()  # what is there stays: collections in the loop look at nothing but what it makes
+    interruption.then(node.finish)
+    announce("ready")
+    try:
+        executor.spin_until_future_complete(node.finished)
+    finally:
+        node.close()
+        executor.shutdown()
+        node.destroy_node()
+
+
+class Interruption:
+    """SIGINT and SIGTERM, however often they come: KeyboardInterrupt at first, a call of an action once there is one.
+
+    Python runs its handlers between two of its own instructions, which may be long after the signal for a thread that
+    waits in the middleware. So the signals' numbers also come through a socket, to a thread that waits for them.
+    """
+
+    def __init__(self) -> None:
+        self._caught = False
+        self._ours, self._theirs = socket.socketpair()
+        self._theirs.setblocking(False)
+        signal.set_wakeup_fd(self._theirs.fileno(), warn_on_full_buffer=False)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._handle)
+
+    def then(self, action: Callable[[], None]) -> None:
+        """From now on call `action`, from another thread, at the first signal; further ones do nothing."""
+
+        def wait() -> None:
+            self._ours.recv(1)
+            action()
+
+        self._caught = True
+        Thread(target=wait, daemon=True).start()
+
+    def _handle(self, number: int, frame: object) -> None:
+        if not self._caught:
+            self._caught = True  # what runs now is the end
+            raise KeyboardInterrupt
+
+
+def _text(value: object) -> str:
+    if isinstance(value, float):
+        return "nan" if math.isnan(value) else f"{value:.6g}"
+    return str(value)

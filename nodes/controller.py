@@ -1,0 +1,227 @@
+"""Controller: answers every estimate with a command."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections import Counter
+from collections.abc import Mapping
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from hybrid_sysid_ros.configuration import mpc_problem, shipped
+from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, policy
+from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.nodes.base import OK, WARN, RigNode, run
+from hybrid_sysid_ros.nodes.messages import SECOND, entry, fill, joint_state, nanoseconds, set_nanoseconds
+from hybrid_sysid_ros.nodes.model import model_of
+from hybrid_sysid_ros.nodes.preview import Preview
+from hybrid_sysid_ros.nodes.timing import Timing
+
+RESTART = SECOND  # a stamp so far before the last one is a new experiment
+WATCH_PERIOD = 0.05  # s, between two looks whether estimates still come
+SHOW_PERIOD = 0.1  # s, between two predicted trajectories
+NO_REFERENCE, HELD, ZEROED = "no reference", "held", "zeroed"  # layers of safety, beside the plan's own status
+SOUND = {"solved", "policy"}
+
+
+class ControllerNode(RigNode):
+    """state_estimate and reference in; joint_command out with the stamp of the estimate.
+
+    Layers, each counted: the plan of the policy or the exact MPC, which stands in itself where there is no solution;
+    for an estimate that is no number or older than stale_after the last command; from zero_after on, zero. Until the
+    first reference comes the joint is held where it was found. In lockstep an estimate waits for a reference that
+    covers its preview instead. joint_command is advertised once there are estimates to expect.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("controller", **options)
+        self.lockstep: bool = self.settings["lockstep"]
+        model = model_of(self.rig, self.settings["model"])
+        self.controller = self.new_controller(model)
+        self.ahead = round((model.equation.delay + self.settings["latency"]) * SECOND)
+        period, horizon = self.controller.period, self.controller.horizon
+        self.grid = np.round(period * np.arange(1, horizon + 1) * SECOND).astype(np.int64)
+        self.message = joint_state([self.rig.joint])
+        self.commands: Publisher | None = None
+        self.predictions = self.open("predicted_trajectory")
+        self.begin()
+        self.warm_up()
+        self.begin()
+        self.listen("reference", self.on_reference)
+        estimates = self.listen("state_estimate", self.on_estimate)
+        self.when(lambda: estimates.get_publisher_count() > 0, self.advertise)
+        if not self.lockstep:
+            self.every(WATCH_PERIOD, self.watch)
+
+    def new_controller(self, model: Model) -> Controller:
+        """The controller that the parameters name."""
+        settings = self.settings
+        if settings["policy"] == "exact":
+            return ExactMpc(model.equation, mpc_problem(settings, self.rig))
+        return policy.load(settings["policy_path"] or shipped(self.rig.name, "policy"), model=model)
+
+    def begin(self) -> None:
+        """Begin anew, nothing counted."""
+        self.layers: Counter[str] = Counter()
+        self.malformed = self.rejected_references = self.repeated = self.troubles = 0
+        self.execution, self.age = Timing(), Timing()
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin a new experiment."""
+        self.controller.reset()
+        self.stamp = self.sound = self.shown = 0
+        self.home = math.nan
+        self.input = 0.0
+        self.preview: Preview | None = None
+        self.waiting: JointState | None = None
+
+    def warm_up(self) -> None:
+        """Answer estimates once that nobody gave: this compiles, and loads what is loaded at first use."""
+        names = [self.rig.joint, f"{self.rig.joint}_ahead"]
+        self.preview = Preview(np.array([0, 10 * SECOND]), np.zeros(2))
+        start = 1 if self.lockstep else self.now()
+        for k in range(3):
+            estimate = fill(joint_state(names), start + k, position=[0.0] * 2, velocity=[0.0] * 2, effort=[0.0] * 2)
+            self.on_estimate(estimate)
+
+    def advertise(self) -> None:
+        """Open the topic of the commands."""
+        self.commands = self.open("joint_command")
+
+    def on_reference(self, message: JointTrajectory) -> None:
+        """Keep the newest reference."""
+        preview = Preview.of(message, self.rig.joint)
+        if preview is None:
+            self.rejected_references += 1
+            return
+        self.preview = preview
+        if self.waiting is not None:
+            waiting, self.waiting = self.waiting, None
+            self.on_estimate(waiting)
+
+    def on_estimate(self, message: JointState) -> None:
+        """Answer an estimate."""
+        began = perf_counter()
+        stamp = nanoseconds(message.header.stamp)
+        if stamp < self.stamp - RESTART:
+            self.forget()
+        if stamp <= self.stamp:
+            self.repeated += 1
+            self.publish()
+            return
+        last = stamp + self.ahead + int(self.grid[-1])
+        if self.lockstep and (self.preview is None or not self.preview.covers(last)):
+            self.wait(message, last - stamp)
+            return
+        plan = self.answer(message, stamp, began)
+        if plan is not None and stamp - self.shown >= SHOW_PERIOD * SECOND:
+            self.shown = stamp
+            self.show(plan, stamp + self.ahead)
+
+    def wait(self, message: JointState, reach: int) -> None:
+        """In lockstep: keep an estimate until the reference reaches far enough [ns]."""
+        if self.waiting is not None and self.preview is not None:
+            self.get_logger().warning(
+                f"the reference does not reach {reach / SECOND:g} s ahead: raise its preview_seconds", once=True
+            )
+        self.waiting = message
+
+    def answer(self, message: JointState, stamp: int, began: float) -> Plan | None:
+        """Publish the command for an estimate; return the plan behind it, if there is one."""
+        joint, ahead = self.rig.joint, f"{self.rig.joint}_ahead"
+        state = np.array([entry(message.name, message.position, ahead), entry(message.name, message.velocity, ahead)])
+        disturbance = entry(message.name, message.effort, ahead)
+        self.malformed += ahead not in message.name
+        self.stamp = stamp
+        age = 0.0 if self.lockstep else (self.now() - stamp) / SECOND
+        self.age.add(age)
+        if not (np.isfinite(state).all() and math.isfinite(disturbance)) or age > self.settings["stale_after"]:
+            self.hold(stamp + round(age * SECOND))
+            return None
+        if math.isnan(self.home):
+            self.home = entry(message.name, message.position, joint)
+        preview = self.reference(stamp)
+        plan = self.controller.control(state, np.array([disturbance]), np.array([self.input]), preview)
+        self.sound = stamp
+        self.layers[plan.status.value] += 1
+        self.execution.add(perf_counter() - began)
+        self.send(float(plan.input[0]))
+        return plan
+
+    def reference(self, stamp: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """Reference for the preview of an estimate [rad]."""
+        if self.preview is None:
+            self.layers[NO_REFERENCE] += 1
+            return np.full(len(self.grid), self.home)
+        return self.preview.at(stamp + self.ahead + self.grid)
+
+    def hold(self, now: int) -> None:
+        """Without a sound estimate: the last command, and zero when that has lasted too long."""
+        long = not self.sound or now - self.sound > self.settings["zero_after"] * SECOND
+        self.layers[ZEROED if long else HELD] += 1
+        self.send(0.0 if long else self.input)
+
+    def watch(self) -> None:
+        """Send a zero when estimates stop: not every drive has a timeout of its own."""
+        if self.stamp and self.input != 0.0 and self.now() - self.stamp > self.settings["zero_after"] * SECOND:
+            self.layers[ZEROED] += 1
+            self.send(0.0)
+
+    def send(self, value: float) -> None:
+        """Publish a command [drive unit] that answers the newest estimate."""
+        self.input = value
+        fill(self.message, self.stamp, effort=(value,))
+        self.publish()
+
+    def publish(self) -> None:
+        """Publish the newest command."""
+        if self.commands is not None:
+            self.commands.publish(self.message)
+
+    def show(self, plan: Plan, start: int) -> None:
+        """Publish the predicted trajectory, if someone looks."""
+        if not len(plan.states) or not self.predictions.get_subscription_count():
+            return
+        message = JointTrajectory(joint_names=[self.rig.joint])
+        set_nanoseconds(message.header.stamp, start)
+        for offset, state, value in zip(self.grid.tolist(), plan.states, plan.inputs[:, 0], strict=True):
+            point = JointTrajectoryPoint(
+                positions=[float(state[0])], velocities=[float(state[1])], effort=[float(value)]
+            )
+            set_nanoseconds(point.time_from_start, offset)
+            message.points.append(point)
+        self.predictions.publish(message)
+
+    def health(self) -> tuple[bytes, str, Mapping[str, object]]:
+        layers = {f"layer_{name.replace(' ', '_')}": count for name, count in sorted(self.layers.items())}
+        values = {
+            "policy": self.settings["policy"],
+            "commands": sum(count for name, count in self.layers.items() if name != NO_REFERENCE),
+            **layers,
+            "malformed_messages": self.malformed,
+            "rejected_references": self.rejected_references,
+            "repeated_estimates": self.repeated,
+            **self.execution.report("execution"),
+            **self.age.report("estimate_age"),
+        }
+        troubles = self.malformed + sum(count for name, count in self.layers.items() if name not in SOUND)
+        before, self.troubles = self.troubles, troubles
+        if troubles != before:
+            return WARN, "commands that are not the plan's", values
+        return OK, "running" if self.stamp else "waiting for estimates", values
+
+
+def main() -> int:
+    """Run the node."""
+    return run(ControllerNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

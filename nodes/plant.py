@@ -1,0 +1,166 @@
+"""Plant: the simulated rig behind the topics of a real one: measurements out, commands in."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from time import perf_counter
+from typing import Any
+
+from sensor_msgs.msg import JointState
+
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.nodes.base import OK, WARN, RigNode, announce, run
+from hybrid_sysid_ros.nodes.drive import Answers, Drive
+from hybrid_sysid_ros.nodes.messages import SECOND, entry, fill, joint_state, nanoseconds
+from hybrid_sysid_ros.nodes.timing import Timing
+from hybrid_sysid_ros.rigs.plant import Plant
+
+LOCKSTEP_START = SECOND  # stamp of the first measurement: 0 means "no time yet" to ROS
+ANSWER_TIMEOUT = 5.0  # s, after which an unanswered measurement is published again
+
+
+class PlantNode(RigNode):
+    """Publishes measurement k at start + k / rate and integrates the rig in between.
+
+    In real time a command acts from the moment it comes (to the rig's next step); in lockstep the command that answers
+    a measurement acts from that measurement's stamp on, and the next one follows at once.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("plant", **options)
+        settings, rig = self.settings, self.rig
+        self.steps = round(1.0 / (settings["rate"] * rig.step))
+        if abs(self.steps * rig.step * settings["rate"] - 1.0) > 1e-9:
+            raise UserError(
+                f"parameter rate is {settings['rate']:g} Hz: its period must be a whole number of {rig.step:g} s"
+            )
+        self.lockstep: bool = settings["lockstep"]
+        self.plant = Plant(rig, seed=settings["seed"], bias=settings["bias"])
+        self.plant.advance(0.0)  # compiles
+        self.plant = Plant(rig, seed=settings["seed"], bias=settings["bias"])
+        self.timeout = math.inf if self.lockstep else settings["command_timeout"]
+        self.drive = Drive(limit=rig.input_limit, timeout=self.timeout)
+        self.answers = Answers(start=LOCKSTEP_START, period=round(self.steps * rig.step * SECOND))
+        self.lateness = Timing()
+        self.rejected = self.overruns = self.repeated = 0
+        self.troubles = (0, 0, 0, 0)
+        self.started = False
+        self.message = joint_state([rig.joint, f"{rig.joint}_filtered"])
+        self.measurements = self.open("joint_states")
+        self.commands = self.listen("joint_command", self.on_command)
+        self.when(self.is_matched, self.start)
+
+    def is_matched(self) -> bool:
+        """Whether those are there that the plant waits for."""
+        readers = self.settings["wait_for_readers"]
+        if readers == 0 and not self.lockstep:
+            return True
+        return self.measurements.get_subscription_count() >= readers and self.commands.get_publisher_count() > 0
+
+    def start(self) -> None:
+        """Let the rig go."""
+        self.started = True
+        announce("started")
+        self.begin = perf_counter()
+        if self.lockstep:
+            self.every(ANSWER_TIMEOUT / 5, self.ask_again)
+        else:
+            self.answers.start = self.now()
+            self.every(self.answers.period / SECOND, self.tick)
+        self.measure(0, 0.0)
+
+    def tick(self) -> None:
+        """In real time: integrate up to now and publish the measurement that is due."""
+        elapsed = perf_counter() - self.begin
+        period = self.answers.period / SECOND
+        number = round(elapsed / period)
+        due = number - self.answers.latest
+        if due <= 0:
+            return
+        self.overruns += due - 1
+        self.lateness.add(max(elapsed - number * period, 0.0))
+        self.plant.bias, self.drive.timeout = self.settings["bias"], self.settings["command_timeout"]
+        self.measure(number, self.integrate(due * self.steps))
+
+    def integrate(self, steps: int) -> float:
+        """Advance the rig; return the mean input applied [drive unit]."""
+        total = 0.0
+        for _ in range(steps):
+            value = self.drive.at(self.plant.time)
+            self.plant.advance(value)
+            total += value
+        return total / steps
+
+    def measure(self, number: int, applied: float) -> None:
+        """Publish measurement `number`, with the mean input since the one before."""
+        self.answers.measured(number, perf_counter() - self.begin)
+        measurement = self.plant.measure()
+        fill(
+            self.message,
+            self.answers.stamp(number),
+            position=(measurement.position, measurement.filtered),
+            effort=(applied, math.nan),
+        )
+        self.publish()
+        if 0.0 < self.settings["duration"] <= self.plant.time:
+            self.finish()
+
+    def publish(self) -> None:
+        """Publish the newest measurement."""
+        self.asked = perf_counter()
+        self.measurements.publish(self.message)
+
+    def on_command(self, message: JointState) -> None:
+        """Put a command in force, if it is one."""
+        time = perf_counter() - self.begin if self.started else 0.0
+        value = entry(message.name, message.effort, self.rig.joint)
+        if not (self.started and math.isfinite(value) and self.answers.answer(nanoseconds(message.header.stamp), time)):
+            self.rejected += 1
+            return
+        self.drive.command(value, self.plant.time if self.lockstep else time)
+        if self.lockstep and self.answers.answered == self.answers.latest:
+            self.plant.bias = self.settings["bias"]
+            self.measure(self.answers.latest + 1, self.integrate(self.steps))
+
+    def ask_again(self) -> None:
+        """In lockstep: repeat a measurement that nobody answers."""
+        waiting = perf_counter() - self.asked
+        if waiting > ANSWER_TIMEOUT:
+            self.repeated += 1
+            self.get_logger().warning(
+                f"no command for measurement {self.answers.latest} in {waiting:.1f} s "
+                f"({self.rejected} commands rejected so far): published again"
+            )
+            self.publish()
+
+    def health(self) -> tuple[bytes, str, Mapping[str, object]]:
+        answers, drive = self.answers, self.drive
+        if not self.started:
+            return WARN, "waiting for a controller on joint_command and readers of joint_states", {}
+        troubles = (answers.missed, self.overruns, self.rejected, drive.timeouts)
+        before, self.troubles = self.troubles, troubles
+        values = {
+            "measurements": answers.latest + 1,
+            "measurement_rate_hz": answers.latest / max(perf_counter() - self.begin, 1e-9),
+            "commands": answers.commands,
+            "missed_commands": answers.missed,
+            "rejected_commands": self.rejected,
+            "command_timeouts": drive.timeouts,
+            "saturated_commands": drive.saturated,
+            "overruns": self.overruns,
+            "repeated_measurements": self.repeated,
+            **answers.delay.report("delay"),
+            **self.lateness.report("timer_lateness"),
+        }
+        return (OK, "running", values) if troubles == before else (WARN, "missed, rejected or late commands", values)
+
+
+def main() -> int:
+    """Run the node."""
+    return run(PlantNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

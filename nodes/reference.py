@@ -1,0 +1,150 @@
+"""Reference: publishes where the joint is to be, and what is ahead."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.nodes.base import OK, RigNode, announce, run
+from hybrid_sysid_ros.nodes.messages import SECOND, nanoseconds, set_nanoseconds
+from hybrid_sysid_ros.rigs.excitation import (
+    HARDWARE_DURATION,
+    Reference,
+    hardware_reference,
+    multisine,
+    random_steps,
+)
+
+LONGEST = 3600.0  # s of steps that are drawn; the last one is held
+LOWEST = 0.05  # Hz, of the multisine
+MULTISINE_PERIOD = 20.0  # s
+LINES = 20  # of the multisine
+
+
+def signal_of(settings: Mapping[str, Any]) -> Reference:
+    """The reference that the parameters describe: seconds in, volts of the sensor out.
+
+    Raises:
+        UserError: the multisine has no room between its lowest and highest frequency.
+    """
+    kind, amplitude, frequency = settings["kind"], settings["amplitude"], settings["frequency"]
+    if kind == "hardware":
+        return hardware_reference
+    if kind == "constant":
+        return lambda t: np.full(np.shape(t), amplitude)
+    if kind == "steps":
+        return random_steps(
+            settings["seed"], amplitude=abs(amplitude), hold=settings["hold"], duration=settings["duration"] or LONGEST
+        )
+    if kind == "sine":
+        return lambda t: amplitude * np.sin(2 * np.pi * frequency * np.asarray(t, dtype=float))
+    if frequency <= LOWEST:
+        raise UserError(f"parameter frequency is {frequency:g} Hz: a multisine needs more than {LOWEST:g} Hz")
+    return multisine(
+        settings["seed"], amplitude=amplitude, low=LOWEST, high=frequency, lines=LINES, period=MULTISINE_PERIOD
+    )
+
+
+class ReferenceNode(RigNode):
+    """Publishes previews; time 0 of the reference is the stamp of the first measurement that the node sees.
+
+    Message i begins at i publish periods, so that all points of all messages lie on one grid.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("reference", **options)
+        settings = self.settings
+        self.signal = signal_of(settings)
+        self.spacing = round(settings["point_spacing"] * SECOND)
+        self.period = round(settings["publish_period"] * SECOND)
+        if self.period % self.spacing:
+            raise UserError(
+                f"parameter publish_period is {settings['publish_period']:g} s: "
+                f"it must be a multiple of point_spacing, {settings['point_spacing']:g} s"
+            )
+        if settings["preview_seconds"] <= settings["publish_period"]:
+            raise UserError(
+                f"parameter preview_seconds is {settings['preview_seconds']:g} s: "
+                f"it must be more than publish_period, {settings['publish_period']:g} s"
+            )
+        own = HARDWARE_DURATION if settings["kind"] == "hardware" else 0.0
+        self.duration = round((settings["duration"] or own) * SECOND)
+        self.offsets = np.arange(round(settings["preview_seconds"] * SECOND) // self.spacing + 1) * self.spacing
+        self.message = JointTrajectory(joint_names=[self.rig.joint])
+        for offset in self.offsets.tolist():
+            point = JointTrajectoryPoint(positions=[0.0])
+            set_nanoseconds(point.time_from_start, offset)
+            self.message.points.append(point)
+        self.zero = 0
+        self.sent = 0
+        self.previews = self.open("reference")
+        self.measurements: Subscription | None = self.listen("joint_states", self.on_measurement)
+        if not settings["lockstep"]:
+            self.every(settings["publish_period"], self.tick)
+
+    def on_measurement(self, message: JointState) -> None:
+        """Begin with the first measurement; in lockstep follow their stamps."""
+        stamp = nanoseconds(message.header.stamp)
+        if not self.zero:
+            self.zero = stamp
+            announce("begun")
+        elif not self.settings["lockstep"]:
+            return
+        self.advance(stamp)
+
+    def tick(self) -> None:
+        """In real time follow the clock."""
+        if not self.zero:
+            return
+        if self.measurements is not None:  # it has told the time, and would only cost time from now on
+            self.destroy_subscription(self.measurements)
+            self.measurements = None
+        self.advance(self.now())
+
+    def advance(self, time: int) -> None:
+        """Publish if a message is due at a time [ns]; end when the reference has ended."""
+        elapsed = time - self.zero
+        if self.duration and elapsed >= self.duration:
+            self.finish()
+            return
+        due = elapsed // self.period + 1
+        if due > self.sent:
+            self.sent = due
+            self.publish((due - 1) * self.period)
+
+    def publish(self, start: int) -> None:
+        """Publish the preview that begins `start` after time 0 [ns]."""
+        seconds = np.minimum(start + self.offsets, self.duration or np.inf) / SECOND
+        positions = self.rig.sensor.radians(self.signal(seconds))
+        for point, position in zip(self.message.points, positions.tolist(), strict=True):
+            point.positions[0] = float(position)
+        set_nanoseconds(self.message.header.stamp, self.zero + start)
+        self.previews.publish(self.message)
+
+    def close(self) -> None:
+        """Tell that it is over."""
+        if self.duration and self.sent * self.period >= self.duration:
+            self.get_logger().info(f"done after {self.duration / SECOND:g} s")
+        super().close()
+
+    def health(self) -> tuple[bytes, str, Mapping[str, object]]:
+        values = {"kind": self.settings["kind"], "messages": self.sent, "seconds": self.sent * self.period / SECOND}
+        if not self.zero:
+            return OK, "waiting for the first measurement", values
+        return OK, "done" if self.finished.done() else "running", values
+
+
+def main() -> int:
+    """Run the node."""
+    return run(ReferenceNode)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
