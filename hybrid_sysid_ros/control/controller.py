@@ -30,7 +30,8 @@ class Status(Enum):
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
     """input (inputs,): what to apply now, within its bounds. inputs (horizon, inputs) and states (horizon, states): the
-    plan behind it, where the controller has one (else only the first row, or none)."""
+    plan behind it, where the controller has one (else only the first row, or none).
+    """
 
     input: Array
     inputs: Array
@@ -41,8 +42,11 @@ class Plan:
 class Controller(Protocol):
     """horizon: number of preview points. period: their distance [s]."""
 
-    horizon: int
-    period: float
+    @property
+    def horizon(self) -> int: ...
+
+    @property
+    def period(self) -> float: ...
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
         """The input for a state.

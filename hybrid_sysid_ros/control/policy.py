@@ -74,7 +74,8 @@ class Policy:
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`. An input that is not a number gives HELD: the
-        previous input within its bounds, or zero."""
+        previous input within its bounds, or zero.
+        """
         features: Array = self._features  # type: ignore[attr-defined]
         states, limit = self.states, self.problem.input_limit
         features[:states] = state
@@ -109,7 +110,12 @@ class Policy:
 
     def save(self, folder: Path | str) -> None:
         """Write the policy folder; see :mod:`~hybrid_sysid_ros.models.storage`."""
-        arrays = {"centre": self.centre, "scale": self.scale, "check_features": self.check[0], "check_inputs": self.check[1]}
+        arrays = {
+            "centre": self.centre,
+            "scale": self.scale,
+            "check_features": self.check[0],
+            "check_inputs": self.check[1],
+        }
         for index, (matrix, bias) in enumerate(self.layers):
             arrays[f"W{index}"], arrays[f"b{index}"] = matrix, bias
         content = {

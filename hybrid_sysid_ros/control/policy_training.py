@@ -8,12 +8,15 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from multiprocessing import get_context
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.control.controller import Controller
 from hybrid_sysid_ros.control.mpc import Problem
 from hybrid_sysid_ros.control.policy import Policy
 from hybrid_sysid_ros.control.sampling import Samples, Spread, sample
@@ -31,7 +34,8 @@ VALIDATION_SHARE = 0.1
 class Settings:
     """episodes: closed loops of each round; the first is driven by the MPC, later ones by the policy so far (DAgger).
     hidden: widths of the tanh layers. epochs, batch, rate: of Adam, the rate falling along a cosine. workers: processes
-    that sample, 0 for one per core."""
+    that sample, 0 for one per core.
+    """
 
     episodes: tuple[int, ...] = (70, 70, 70)
     hidden: tuple[int, ...] = (64, 64)
@@ -91,11 +95,11 @@ def train(
     return Policy(**{**_fields(policy), "training": measured})
 
 
-def _fields(policy: Policy) -> dict[str, object]:
+def _fields(policy: Policy) -> dict[str, Any]:
     return {name: getattr(policy, name) for name in policy.__dataclass_fields__}
 
 
-def _episode(model: Model, problem: Problem, spread: Spread, driver: Policy | None, seed: int) -> Samples:
+def _episode(model: Model, problem: Problem, spread: Spread, driver: Controller | None, seed: int) -> Samples:
     return sample(model.equation, problem, spread, seed=seed, step=model.sampling.step, driver=driver)
 
 
@@ -158,7 +162,7 @@ def _fit(
         bounded = np.clip(policy.evaluate(features), -problem.input_limit, problem.input_limit)
         errors[f"{name}_mse"] = float(np.mean((bounded - answers) ** 2))
     fields = {**_fields(policy), "training": errors, "check": (check, expected)}
-    return network, Policy(**fields)  # type: ignore[arg-type]
+    return network, Policy(**fields)
 
 
 def _beyond_bounds(answers: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
@@ -169,7 +173,7 @@ def _beyond_bounds(answers: torch.Tensor, targets: torch.Tensor) -> torch.Tensor
 
 
 def _layers(widths: list[int]) -> Iterator[torch.nn.Module]:
-    for before, after in zip(widths[:-2], widths[1:-1], strict=True):
+    for before, after in pairwise(widths[:-1]):
         yield torch.nn.Linear(before, after)
         yield torch.nn.Tanh()
     yield torch.nn.Linear(widths[-2], widths[-1])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hybrid_sysid_ros.control.controller import Controller, Status
 from hybrid_sysid_ros.control.mpc import ExactMpc, Problem
@@ -22,7 +22,8 @@ class Spread:
     """What the loops are made of. amplitude: of the references [output_scale units]. disturbance: deviation of the
     constant input offset [drive unit]. input_jitter: deviation by which the previous input is moved before the MPC is
     asked [drive unit], so that the policy learns its effect apart from the state's. kick: deviation of each state's
-    occasional push (states,)."""
+    occasional push (states,).
+    """
 
     amplitude: float
     disturbance: float
@@ -33,7 +34,8 @@ class Spread:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Samples:
     """states (samples, states), disturbances (samples,), previous (samples,), previews (samples, horizon), inputs
-    (samples,): the MPC's answers. Only converged answers are kept; ``dropped`` counts the others."""
+    (samples,): the MPC's answers. Only converged answers are kept; ``dropped`` counts the others.
+    """
 
     states: Array
     disturbances: Array
@@ -63,7 +65,7 @@ def reference(random: np.random.Generator, amplitude: float) -> Reference:
         return swept_sine(amplitude=size, low=0.1, high=random.uniform(0.3, 2.0), duration=EPISODE_SECONDS)
     offset, slope = random.uniform(-amplitude, amplitude), random.normal() * 0.3 * amplitude
 
-    def ramp(t: Array) -> Array:
+    def ramp(t: ArrayLike) -> Array:
         return np.clip(offset + slope * (np.asarray(t) - EPISODE_SECONDS / 2), -amplitude, amplitude)
 
     return ramp
@@ -100,8 +102,8 @@ def sample(
         preview = scale * target(problem.period * (k + np.arange(1, horizon + 1)))
         if random.uniform() < 0.05:
             state = state + random.normal(size=len(state)) * np.array(spread.kick)
-        previous = u if random.uniform() < 0.3 else u + random.normal() * spread.input_jitter
-        previous = np.array([np.clip(previous, -problem.input_limit, problem.input_limit)])
+        moved = u if random.uniform() < 0.3 else u + random.normal() * spread.input_jitter
+        previous = np.array([np.clip(moved, -problem.input_limit, problem.input_limit)])
         answer = expert.control(state, disturbance, previous, preview)
         if answer.status is Status.SOLVED:
             rows.append((state.copy(), disturbance[0], previous[0], preview, answer.input[0]))

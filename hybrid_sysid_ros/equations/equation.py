@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections import namedtuple
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -110,7 +110,7 @@ class Equation(ABC):
             raise UserError(f"{type(self).__name__}: a network weight is not finite; fit again")
 
 
-@lru_cache(maxsize=None)
+@cache
 def parameter_tuple(names: tuple[str, ...]) -> Any:
     """One named-tuple type for each set of names, so that compiled code is shared."""
     return namedtuple("Parameters", names)

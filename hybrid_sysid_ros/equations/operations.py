@@ -17,7 +17,8 @@ Operation = Callable[..., Any]
 class Operations:
     """What a law is written in: ``law(operations)`` returns the law in the form these operations make.
 
-    ``function(f)`` makes a part of a law callable from the law; ``select(condition, if_true, if_false)`` evaluates both branches; ``saturate(x, limit)`` is x within +-limit.
+    ``function(f)`` makes a part of a law callable from the law; ``select(condition, if_true, if_false)`` evaluates both
+    branches; ``saturate(x, limit)`` is x within +-limit.
     """
 
     function: Callable[[Operation], Operation]

@@ -23,7 +23,7 @@ class Kernels:
 
     step(x, u, p, w, h, following): one step; ``following`` (states,) receives the new state.
     rollout(x0, inputs, delay_steps, first, start, every, p, w, h, out): states at every ``every``-th step, out[0] = x0;
-    inputs (steps, inputs) hold over each step, ``first`` is the first row of this record, ``start`` the row to begin at.
+    inputs (steps, inputs) hold over each step, ``first`` is this record's first row, ``start`` the one to begin at.
     windows(starts, x0s, inputs, delay_steps, every, p, w, h, out): many rollouts from
     starts (windows, 4) = first, start, samples, offset into out (samples, states).
     """
@@ -96,9 +96,7 @@ def _compile(equation: Equation) -> Kernels:
     ) -> None:
         for i in range(starts.shape[0]):
             first, start, samples, offset = starts[i]
-            compiled_rollout(
-                x0s[i], inputs, delay_steps, first, start, every, p, w, h, out[offset : offset + samples]
-            )
+            compiled_rollout(x0s[i], inputs, delay_steps, first, start, every, p, w, h, out[offset : offset + samples])
 
     return Kernels(step=step, rollout=compiled_rollout, windows=numba.njit(windows, **options))
 

@@ -13,9 +13,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Estimate:
-    """time: stamp of the measurement [s]. state (states,) at that time; ahead (states,): the state that the next command
-    will meet, a delay later. disturbance (inputs,): offset of the input [drive unit]. covariance (augmented, augmented)
-    of [state, disturbance, hum]. innovation (outputs,) and its normalised square, NaN without a valid measurement."""
+    """time: stamp of the measurement [s]. state (states,) at that time; ahead (states,): the state that the next
+    command will meet, a delay later. disturbance (inputs,): offset of the input [drive unit]. covariance (augmented,
+    augmented) of [state, disturbance, hum]. innovation (outputs,) and its normalised square, NaN without a valid
+    measurement.
+    """
 
     time: float
     state: Array
@@ -30,7 +32,8 @@ class Estimate:
 class Counters:
     """updates: measurements used. late: stamps not after the last one, ignored. missing: measurements that a gap in the
     stamps swallowed. invalid: NaN or infinite entries, not used. gated: outliers by the innovation test, not used.
-    resets: returns to the measurement after a run of outliers or a long gap."""
+    resets: returns to the measurement after a run of outliers or a long gap.
+    """
 
     updates: int = 0
     late: int = 0

@@ -29,7 +29,8 @@ class Tuning:
     after one second [state unit / sqrt(s)], velocities dominate. disturbance_noise: the same of the input disturbance
     [drive unit / sqrt(s)], disturbance_limit: its bound. hum_hertz, hum_amplitude: a sine of known frequency in the
     sensor [Hz, output unit], 0 for none; hum_noise: its drift [output unit / sqrt(s)]. gate: largest normalised squared
-    innovation of a measurement that is believed. patience: outliers in a row after which the measurement wins."""
+    innovation of a measurement that is believed. patience: outliers in a row after which the measurement wins.
+    """
 
     measurement_noise: float
     process_noise: tuple[float, ...]
@@ -76,7 +77,9 @@ class ExtendedKalmanFilter:
         # Sampled at a multiple of its period a hum looks like a position: then it can only count as noise.
         self._hum = tuning.hum_hertz > 0 and abs(np.sin(np.pi * tuning.hum_hertz * period)) > HUM_OBSERVABLE
         self._output_row[count + 1] = 1.0 if self._hum else 0.0
-        self._noise = tuning.measurement_noise if self._hum else np.hypot(tuning.measurement_noise, tuning.hum_amplitude)
+        self._noise = (
+            tuning.measurement_noise if self._hum else np.hypot(tuning.measurement_noise, tuning.hum_amplitude)
+        )
         hum = tuning.hum_noise if self._hum else 0.0
         self._process = np.array([*tuning.process_noise, tuning.disturbance_noise, hum, hum]) ** 2
         self._predict = _compiled(equation)

@@ -21,7 +21,8 @@ SMOOTHING_SECONDS = 0.051
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Experiment:
     """inputs (steps, inputs) over each step; outputs (samples, outputs) raw; states (samples, states) measured: the raw
-    outputs and their Savitzky-Golay rates, which serve as initial states only."""
+    outputs and their Savitzky-Golay rates, which serve as initial states only.
+    """
 
     name: str
     sampling: Sampling
@@ -64,7 +65,8 @@ def prepare(record: Record, equation: Equation, sampling: Sampling) -> Experimen
 
 def measured_states(record: Record, equation: Equation) -> Array:
     """States (samples, states) as far as the outputs show them: measured ones raw, velocities of measured positions by
-    Savitzky-Golay (window 51 ms, order 3), the rest zero."""
+    Savitzky-Golay (window 51 ms, order 3), the rest zero.
+    """
     states = np.zeros((len(record.time), len(equation.states)))
     window = max(5, round(SMOOTHING_SECONDS / record.sampling_time) // 2 * 2 + 1)
     if len(record.time) <= window:

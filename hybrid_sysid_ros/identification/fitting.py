@@ -167,8 +167,9 @@ def fit(
 ) -> Fit:
     """Fit the free parameters and weights of an equation to several experiments at once.
 
-    anchor: an earlier fit of the same physics, about which its parameters then stay (within a few standard errors): what
-    the physics can't explain is left to a network. Trust-region least squares with bounds; forward-difference Jacobian, its columns simulated in parallel threads.
+    anchor: an earlier fit of the same physics, about which its parameters then stay (within a few standard errors):
+    what the physics can't explain is left to a network. Trust-region least squares with bounds; forward-difference
+    Jacobian, its columns simulated in parallel threads.
     Raises UserError for records without excitation and where every simulation diverges.
     """
     low = np.min([experiment.states.min(axis=0) for experiment in experiments], axis=0)
@@ -207,7 +208,9 @@ def fit(
             seconds = sum(item.samples for item in experiments) * problem.sampling.period
             relative /= np.sqrt(max(seconds / CORRELATION_SECONDS, 1.0))
             if progress is not None:
-                progress("whole records" if horizon is None else f"{horizon}-sample rollouts", problem.evaluations, relative)
+                progress(
+                    "whole records" if horizon is None else f"{horizon}-sample rollouts", problem.evaluations, relative
+                )
     if not np.isfinite(relative) or relative > 1e3:
         raise UserError("identification: every simulation diverges; start from a simpler structure or a smaller step")
     information = solution.jac.T @ solution.jac

@@ -17,7 +17,6 @@ from hybrid_sysid_ros.models import Model, Sampling, build
 from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs.rig import Rig
 
-
 FEATURE_SCALE = 1.5
 """Scale of a network's feature, in root mean squares of the training data."""
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +17,12 @@ from hybrid_sysid_ros.models.network import Network
 @dataclass(frozen=True, kw_only=True)
 class BlackBox(Equation):
     """v' = gain u - damping v + n(q, v, u): a network for the acceleration, with its straight part written out so that
-    a fit starts from a stable simulation."""
+    a fit starts from a stable simulation.
+    """
 
     states = (Variable(name="position", unit="rad"), Variable(name="velocity", unit="rad/s"))
     inputs = (Variable(name="drive", unit="V"),)
-    kinematics = {0: 1}
+    kinematics: ClassVar[Mapping[int, int]] = {0: 1}
 
     network: Network
     network_weights: NDArray[np.float64]

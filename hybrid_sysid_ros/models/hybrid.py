@@ -62,6 +62,6 @@ class Hybrid(Equation):
 
         def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
             rates, friction = physics(x, u, p, w)
-            return rates[:index] + (rates[index] + network(x, u, w),) + rates[after:], friction
+            return (*rates[:index], rates[index] + network(x, u, w), *rates[after:]), friction
 
         return law

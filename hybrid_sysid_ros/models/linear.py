@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from hybrid_sysid_ros.equations import Equation, Law, Operations, Variable, parameter
 
@@ -11,11 +12,12 @@ from hybrid_sysid_ros.equations import Equation, Law, Operations, Variable, para
 @dataclass(frozen=True, kw_only=True)
 class Linear(Equation):
     """v' = gain (u - centre) - damping v - stiffness q, which is (tau0 u - R0 v - K0 (q + d0)) / J0 without the
-    inertia that the data can't tell from the gain."""
+    inertia that the data can't tell from the gain.
+    """
 
     states = (Variable(name="position", unit="rad"), Variable(name="velocity", unit="rad/s"))
     inputs = (Variable(name="drive", unit="V"),)
-    kinematics = {0: 1}
+    kinematics: ClassVar[Mapping[int, int]] = {0: 1}
 
     gain: float = parameter(4.0, 0.01, 400.0, unit="rad/(s^2 V)", description="drive gain")
     centre: float = parameter(0.0, -5.0, 5.0, unit="V", description="input that balances the joint at q = 0")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from hybrid_sysid_ros.equations import Equation, Law, Operations, Variable, parameter
 from hybrid_sysid_ros.friction import stribeck
@@ -18,7 +19,7 @@ class Stribeck(Equation):
 
     states = (Variable(name="position", unit="rad"), Variable(name="velocity", unit="rad/s"))
     inputs = (Variable(name="drive", unit="V"),)
-    kinematics = {0: 1}
+    kinematics: ClassVar[Mapping[int, int]] = {0: 1}
     friction_state = 1
 
     gain: float = parameter(4.0, 0.01, 400.0, unit="rad/(s^2 V)", description="drive gain")

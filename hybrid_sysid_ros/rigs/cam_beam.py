@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +31,16 @@ class CamBeam(Equation):
     states = (Variable(name="position", unit="rad"), Variable(name="velocity", unit="rad/s"))
     inputs = (Variable(name="drive", unit="V"),)
     outputs = (0,)
-    kinematics = {0: 1}
+    kinematics: ClassVar[Mapping[int, int]] = {0: 1}
     friction_state = 1
 
     gain: float = parameter(4.937, 0.1, 40.0, start=4.0, unit="rad/(s^2 V)", description="drive gain")
-    centre: float = parameter(0.9741, -5.0, 5.0, start=1.0, unit="V", description="input that balances the beam at q = 0")
-    stiffness: float = parameter(14.22, -50.0, 200.0, start=10.0, unit="1/s^2", description="weak spring of the unbalance")
+    centre: float = parameter(
+        0.9741, -5.0, 5.0, start=1.0, unit="V", description="input that balances the beam at q = 0"
+    )
+    stiffness: float = parameter(
+        14.22, -50.0, 200.0, start=10.0, unit="1/s^2", description="weak spring of the unbalance"
+    )
     damping: float = parameter(31.24, 0.0, 150.0, start=20.0, unit="1/s", description="viscous friction")
     coulomb: float = parameter(2.141, 0.0, 40.0, start=1.5, unit="rad/s^2", description="Coulomb friction level")
     input_delay: float = parameter(0.00754, 0.0, 0.03, start=0.004, unit="s", description="delay of the drive")
@@ -61,10 +66,20 @@ class CamBeam(Equation):
         102.2, -600.0, 600.0, start=0.0, spread=100.0, unit="1/rad^2", description="friction over position, even part"
     )
     creep: float = parameter(
-        2e-05, 0.0, 0.1, start=0.002, spread=0.005, unit="rad/s", description="speed below which dry friction is viscous"
+        2e-05,
+        0.0,
+        0.1,
+        start=0.002,
+        spread=0.005,
+        unit="rad/s",
+        description="speed below which dry friction is viscous",
     )
-    range_low: float = parameter(-0.12, -1.0, 0.0, fixed=True, unit="rad", description="lowest position that was identified")
-    range_high: float = parameter(0.12, 0.0, 1.0, fixed=True, unit="rad", description="highest position that was identified")
+    range_low: float = parameter(
+        -0.12, -1.0, 0.0, fixed=True, unit="rad", description="lowest position that was identified"
+    )
+    range_high: float = parameter(
+        0.12, 0.0, 1.0, fixed=True, unit="rad", description="highest position that was identified"
+    )
 
     def trained_on(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> CamBeam:
         return dataclasses.replace(self, range_low=float(low[0]), range_high=float(high[0]))
