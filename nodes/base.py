@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import json
 import math
 import resource
 import signal
@@ -69,7 +70,7 @@ class RigNode(Node):
         quality = topics.profile(self.qualities, topic, depth=options.pop("depth", None))
         return self.create_subscription(topics.TYPES[topic], self.full_name(topic), callback, quality, **options)
 
-    def every(self, period: float, callback: Callable[[], None]) -> Timer:
+    def every(self, period: float, callback: Callable[[], object]) -> Timer:
         """Timer on the steady clock; period [s]."""
         return self.create_timer(period, callback, clock=self._steady)
 
@@ -92,21 +93,23 @@ class RigNode(Node):
         """Level, summary and values for the diagnostics."""
         return OK, "running", {}
 
-    def report(self) -> None:
-        """Publish the diagnostics."""
-        level, summary, values = self.health()
+    def report(self) -> dict[str, object]:
+        """Publish the diagnostics; return their values by key."""
+        level, summary, found = self.health()
         # Peak of the process so far; kilobytes on Linux, bytes on macOS.
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
+        values = {**found, "memory_mb": peak}
         status = DiagnosticStatus(
             level=level,
             name=self.get_fully_qualified_name().strip("/"),
             message=summary,
             hardware_id=self.rig.name,
-            values=[KeyValue(key=key, value=_text(value)) for key, value in {**values, "memory_mb": peak}.items()],
+            values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
+        return values
 
     def finish(self) -> None:
         """End the node; may be called from any thread, and more than once."""
@@ -114,8 +117,8 @@ class RigNode(Node):
             self.finished.set_result(None)
 
     def close(self) -> None:
-        """Last words, before the node is destroyed."""
-        self.report()
+        """Last words, before the node is destroyed: the diagnostics, also on the standard output."""
+        announce(json.dumps({key: None if value != value else value for key, value in self.report().items()}))
 
 
 def announce(word: str) -> None:

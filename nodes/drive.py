@@ -47,7 +47,7 @@ class Answers:
     """Which measurement was answered by which command, and how long that took.
 
     Measurement k has the stamp start + k period [ns]. missed: measurements without a command before the next one,
-    counted from the first command on.
+    counted from the first command on; last_missed: the last of them, or -1.
     """
 
     def __init__(self, *, start: int, period: int) -> None:
@@ -57,6 +57,7 @@ class Answers:
         self.answered = -1
         self.commands = 0
         self.missed = 0
+        self.last_missed = -1
         self.delay = Timing()
         self._published = np.zeros(REMEMBERED)
 
@@ -66,7 +67,9 @@ class Answers:
 
     def measured(self, number: int, time: float) -> None:
         """Measurement `number` was taken at `time` [s]."""
-        self.missed += self.commands > 0 and self.answered < self.latest
+        if self.commands and self.answered < self.latest:
+            self.missed += 1
+            self.last_missed = self.latest
         self._published[number % REMEMBERED] = time
         self.latest = number
 

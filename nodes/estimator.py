@@ -22,6 +22,7 @@ from hybrid_sysid_ros.nodes.model import model_of
 from hybrid_sysid_ros.nodes.timing import Timing
 
 RESTART = SECOND  # a stamp so far before the last one is a new experiment
+SHOW_PERIOD = SECOND // 20  # ns, between two covariances
 BAND = 1.96  # standard deviations about the mean: 95 %
 
 
@@ -57,7 +58,7 @@ class EstimatorNode(RigNode):
             period=1.0 / settings["rate"],
             latency=settings["latency"],
         )
-        self.stamp = 0
+        self.stamp = self.shown = 0
         self.malformed = self.unusable = self.repeated = self.restarts = 0
         self.execution = Timing()
         self.innovations = 0
@@ -78,7 +79,7 @@ class EstimatorNode(RigNode):
             return
         if stamp < self.stamp - RESTART:
             self.filter.reset()
-            self.stamp = 0
+            self.stamp = self.shown = 0
             self.restarts += 1
         if not self.stamp:
             self.zero = stamp
@@ -120,6 +121,9 @@ class EstimatorNode(RigNode):
         if math.isfinite(estimate.normalised_innovation):
             self.innovations += 1
             self.innovation_sum += estimate.normalised_innovation
+        if self.estimates is None or self.stamp - self.shown < SHOW_PERIOD:
+            return
+        self.shown = self.stamp
         if self.covariances.get_subscription_count():
             self.covariance_message.data = estimate.covariance.ravel().tolist()
             self.covariances.publish(self.covariance_message)

@@ -146,6 +146,7 @@ class PlantNode(RigNode):
             "measurement_rate_hz": answers.latest / max(perf_counter() - self.begin, 1e-9),
             "commands": answers.commands,
             "missed_commands": answers.missed,
+            "last_missed": answers.last_missed,
             "rejected_commands": self.rejected,
             "command_timeouts": drive.timeouts,
             "saturated_commands": drive.saturated,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -19,6 +20,7 @@ from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.base import ERROR, OK, WARN, RigNode, run
 
 DEPTH = 10_000  # messages that wait for the recorder: it comes after the loop
+NICENESS = 10  # of the process
 SEARCH_PERIOD = 0.5  # s
 FLUSH_PERIOD = 1.0  # s, between two times that all is on the disk
 
@@ -26,7 +28,7 @@ FLUSH_PERIOD = 1.0  # s, between two times that all is on the disk
 class RecorderNode(RigNode):
     """Takes serialised messages and the time they came, and hands them to a thread that writes.
 
-    The bag grows in a folder beside its place and takes it when the node ends.
+    The middleware notes the time when a message comes; the recorder itself gives way to the loop. The bag grows in a folder beside its place and takes it when the node ends.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -47,6 +49,7 @@ class RecorderNode(RigNode):
                 self.searched.add(name)
         if self.searched:
             self.every(SEARCH_PERIOD, self.search)
+        os.nice(NICENESS)
         self.stack = ExitStack()
         self.writer = self.stack.enter_context(BagWriter(path, replace=self.settings["overwrite"]))
         self.thread = Thread(target=self.write)
@@ -58,11 +61,11 @@ class RecorderNode(RigNode):
         kind = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
         self.create_subscription(message_type, name, self.keeper(name, kind), quality, raw=True)
 
-    def keeper(self, name: str, kind: str) -> Callable[[bytes], None]:
+    def keeper(self, name: str, kind: str) -> Callable[[bytes, Mapping[str, int]], None]:
         """Callback of a topic."""
 
-        def keep(data: bytes) -> None:
-            self.queue.put((name, kind, time.time_ns(), data))
+        def keep(data: bytes, information: Mapping[str, int]) -> None:
+            self.queue.put((name, kind, information["received_timestamp"] or time.time_ns(), data))
             self.received[name] += 1
 
         return keep
