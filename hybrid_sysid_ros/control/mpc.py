@@ -142,10 +142,3 @@ class ExactMpc:
         self._guess = np.concatenate([table[1:], table[-1:]]).ravel()
         self._cold = status is Status.FAILED
         return Plan(input=inputs[0].copy(), inputs=inputs, states=table[:, 1:].copy(), status=status)
-
-
-def sequence_cost(problem: Problem, outputs: Array, references: Array, inputs: Array, previous_input: float) -> float:
-    """The cost of a closed loop as it went, by the same weights: outputs, references, inputs all (samples,)."""
-    tracking = problem.output_weight * np.sum(((outputs - references) / problem.output_scale) ** 2)
-    rates = np.diff(np.concatenate([[previous_input], inputs]))
-    return float(tracking + problem.rate_weight * np.sum(rates**2))

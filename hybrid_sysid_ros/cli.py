@@ -1,0 +1,263 @@
+"""The command line."""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.identification import Part, evaluate, identify
+from hybrid_sysid_ros.models import STRUCTURES, Model, Sampling
+from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.signals import Signals
+from hybrid_sysid_ros.training import EPISODES, EPOCHS, ROUNDS, train_policy
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+policy_app = typer.Typer(no_args_is_help=True, help="Approximate MPC.")
+app.add_typer(policy_app, name="policy")
+console = Console(soft_wrap=True)
+status = Console(stderr=True, soft_wrap=True)
+
+RigName = Annotated[str, typer.Option("--rig", help="Rig, by the name of its configuration.")]
+SignalsFile = Annotated[Path | None, typer.Option("--signals", help="YAML with the topics and fields of your own bag.")]
+Recover = Annotated[bool, typer.Option("--recover", help="Read what can be read of a truncated bag.")]
+PartText = Annotated[str, typer.Option("--part", help="START:STOP, the part of each bag that is used, as fractions.")]
+Seed = Annotated[int, typer.Option("--seed", help="Of everything random.", min=0)]
+
+
+@app.command("import-bab")
+def import_bab(
+    folder: Annotated[Path, typer.Argument(help="Folder with the author's .mat files.")],
+    out: Annotated[Path, typer.Argument(help="Folder for the bags.")],
+) -> None:
+    """Turn the author's records of the cam-driven beam into bags, at their full rate."""
+    from hybrid_sysid_ros.bab import import_folder
+
+    for path in import_folder(folder, out, progress=status.print):
+        console.print(str(path))
+
+
+@app.command("simulate")
+def simulate_command(
+    kind: Annotated[str, typer.Argument(help="multisine, random_steps or swept_sine.")],
+    out: Annotated[Path, typer.Argument(help="Bag to write.")],
+    rig: RigName = "cam_beam",
+    seed: Seed = 0,
+    duration: Annotated[float, typer.Option(help="Seconds.", min=1.0, max=3600.0)] = 40.0,
+    rate: Annotated[float, typer.Option(help="Samples per second.", min=1.0)] = 200.0,
+) -> None:
+    """Simulate an experiment on a rig, driven as the real one is, and write its bag."""
+    from hybrid_sysid_ros.experiments import simulate
+
+    console.print(str(simulate(load_rig(rig), kind, out, seed=seed, duration=duration, rate=rate)))
+
+
+@app.command("identify")
+def identify_command(
+    bag: Annotated[list[Path], typer.Argument(help="Bags to learn from.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the model.")],
+    rig: RigName = "cam_beam",
+    structure: Annotated[str, typer.Option(help=" | ".join(STRUCTURES))] = "hybrid",
+    input_handling: Annotated[
+        str, typer.Option("--input", help="averaged: the input's mean over each step; sampled: read once a period.")
+    ] = "averaged",
+    step: Annotated[float, typer.Option(help="Integration step [s].")] = 0.005,
+    period: Annotated[float, typer.Option(help="Distance of the fitted samples [s].")] = 0.05,
+    part: PartText = "0:1",
+    seed: Seed = 0,
+    signals: SignalsFile = None,
+    recover: Recover = False,
+) -> None:
+    """Identify a model from bags."""
+    sampling = Sampling(step=step, period=period, input=input_handling)  # type: ignore[arg-type]
+    described = load_rig(rig)
+    records = read_records(bag, rig, signals, recover)
+    with status.status("compiling") as spinner:
+
+        def progress(stage: str, evaluations: int, error: float) -> None:
+            status.print(f"  {stage}: error {100 * error:.1f} % of the output's deviation, {evaluations} simulations")
+            spinner.update("fitting")
+
+        model = identify(
+            records, described, structure, sampling=sampling, part=Part.parse(part), seed=seed, progress=progress
+        )
+    model.save(out)
+    console.print(parameter_table(model))
+    console.print(score_table({name: dict(scores) for name, scores in model.scores.items()}, described, "training"))
+    console.print(f"{out}: {structure} from {len(records)} records in {model.fit['seconds']:.1f} s")
+
+
+@app.command("evaluate")
+def evaluate_command(
+    model: Annotated[Path, typer.Argument(help="Model folder.")],
+    bag: Annotated[list[Path], typer.Argument(help="Bags to score it on.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    part: PartText = "0:1",
+    report: Annotated[Path | None, typer.Option(help="Write an HTML report with plots.")] = None,
+    signals: SignalsFile = None,
+    recover: Recover = False,
+) -> None:
+    """Score a model by strict free run: one initial state, never corrected."""
+    loaded = load_model(model)
+    chosen = Part.parse(part)
+    records = read_records(bag, loaded.rig, signals, recover)
+    scores = {record.name: asdict(evaluate(loaded, record, part=chosen)) for record in records}
+    if report is not None:
+        from hybrid_sysid_ros import report as reports
+
+        section = reports.identification_section(loaded, [(record, chosen) for record in records])
+        reports.write(report, section, None, reports.provenance(loaded, " ".join(sys.argv)))
+        status.print(str(report))
+    if as_json:
+        console.print_json(json.dumps({"model": str(model), "part": part, "records": scores}))
+    else:
+        console.print(score_table(scores, load_rig(loaded.rig), "free run"))
+
+
+@policy_app.command("train")
+def policy_train(
+    model: Annotated[Path, typer.Argument(help="Model folder.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the policy.")],
+    seed: Seed = 0,
+    episodes: Annotated[int, typer.Option(help="Closed loops of 8 s in each round.", min=2)] = EPISODES,
+    rounds: Annotated[int, typer.Option(help="Rounds; from the second on the policy drives (DAgger).", min=1)] = ROUNDS,
+    epochs: Annotated[int, typer.Option(help="Epochs of training in each round.", min=1)] = EPOCHS,
+) -> None:
+    """Sample the exact MPC in closed loop and train a network that imitates it (needs the extra [train])."""
+    loaded = load_model(model)
+    with bars() as update:
+        policy = train_policy(loaded, seed=seed, episodes=episodes, rounds=rounds, epochs=epochs, progress=update)
+    policy.save(out)
+    table = Table("quantity", "value", title=f"policy {out}", title_justify="left")
+    for key, value in policy.training.items():
+        table.add_row(key.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))
+    console.print(table)
+
+
+@app.command("run")
+def run_command(
+    rig: RigName = "cam_beam",
+    policy: Annotated[str, typer.Option(help="approximate or exact.")] = "approximate",
+    model: Annotated[Path | None, typer.Option(help="Model folder; the shipped one by default.")] = None,
+    policy_path: Annotated[Path | None, typer.Option(help="Policy folder; the shipped one by default.")] = None,
+    rate: Annotated[float, typer.Option(help="Measurements per second.")] = 200.0,
+    duration: Annotated[float, typer.Option(help="Seconds; 0 as long as the reference.")] = 0.0,
+    reference: Annotated[str, typer.Option(help="hardware, constant, steps, sine or multisine.")] = "hardware",
+    bag: Annotated[Path | None, typer.Option(help="Record into this bag.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a bag that is there.")] = False,
+    lockstep: Annotated[bool, typer.Option("--lockstep", help="As fast as the nodes answer, repeatable.")] = False,
+) -> None:
+    """Run plant, estimator, controller and reference as ROS 2 processes."""
+    from hybrid_sysid_ros.session import run
+
+    with bars() as update:
+
+        def progress(seconds: float, expected: float) -> None:
+            if expected:
+                update(f"{reference} reference [s]", int(seconds), int(expected))
+
+        outcome = run(
+            rig=rig,
+            policy=policy,
+            model=model or "",
+            policy_path=policy_path or "",
+            rate=rate,
+            duration=duration,
+            reference=reference,
+            bag=bag,
+            overwrite=overwrite,
+            lockstep=lockstep,
+            tell=status.print,
+            progress=progress,
+        )
+    table = Table("node", "quantity", "value", title="last diagnostics", title_justify="left")
+    for node, values in outcome.diagnostics.items():
+        for key, value in values.items():
+            table.add_row(node, key.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))
+    console.print(table)
+    if outcome.bag is not None:
+        console.print(str(outcome.bag))
+
+
+@app.command("demo")
+def demo_command(
+    out: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("out/demo"),
+    train: Annotated[bool, typer.Option("--train", help="Train model and policy afresh.")] = False,
+) -> None:
+    """From bags to a controlled beam: identify, run the loop, report."""
+    from hybrid_sysid_ros.demo import demo
+
+    demo(out, train=train)
+
+
+def read_records(paths: list[Path], rig: str, signals: Path | None, recover: bool) -> list[Record]:
+    """The records of bags, by a rig's signals or a file of the user's."""
+    chosen = Signals.load(signals) if signals is not None else Signals.of_rig(rig)
+    return [bags.read(path, chosen, recover=recover) for path in paths]
+
+
+def parameter_table(model: Model) -> Table:
+    """Parameters with standard errors and units."""
+    table = Table("parameter", "value", "standard error", "unit", title=f"{model.structure} {model.rig}")
+    table.title_justify = "left"
+    errors = model.standard_errors
+    for item, value in zip(model.equation.parameters, model.equation.values, strict=True):
+        error = errors.get(item.name)
+        table.add_row(item.name, f"{value:.4g}", "set" if error is None else f"{error:.2g}", item.unit)
+    return table
+
+
+def score_table(scores: dict[str, dict[str, float]], rig: Rig, title: str) -> Table:
+    """Scores of records, errors in volts of the rig's sensor."""
+    table = Table("record", "R2", "RMSE [V]", "fit [%]", title=title, title_justify="left")
+    for name, values in scores.items():
+        rmse = values["rmse"] / rig.sensor.radians_per_volt
+        table.add_row(name, f"{values['r2']:.4f}", f"{rmse:.3f}", f"{values['fit_percent']:.1f}")
+    return table
+
+
+@contextmanager
+def bars() -> Iterator[Callable[[str, int, int], None]]:
+    """Progress bars, one for each stage; yields update(stage, done, of)."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=status) as progress:
+        tasks: dict[str, TaskID] = {}
+
+        def update(stage: str, done: int, of: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = progress.add_task(stage, total=of)
+            progress.update(tasks[stage], completed=done)
+
+        yield update
+
+
+def main() -> None:
+    """Run a command; exit with 2 and one line for what a user can cause."""
+    logging.basicConfig(level=logging.WARNING, format="%(message)s")
+    try:
+        app(prog_name="hybrid-sysid")
+    except UserError as error:
+        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted\n")
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

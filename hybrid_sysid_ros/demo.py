@@ -1,0 +1,204 @@
+"""The whole way once round: bags, a model, the loop as ROS 2 processes, a report."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from hybrid_sysid_ros import bab, bags, configuration, report, session
+from hybrid_sysid_ros.control import Controller, ExactMpc, policy
+from hybrid_sysid_ros.control.closed_loop import Loop, run_loop
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
+from hybrid_sysid_ros.files import written_file
+from hybrid_sysid_ros.identification import Part, evaluate, identify
+from hybrid_sysid_ros.loop import LoopRecord
+from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.rigs.excitation import HARDWARE_DURATION, HARDWARE_SINE, HARDWARE_STEPS, hardware_reference
+from hybrid_sysid_ros.rigs.plant import Plant
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.signals import Signals
+from hybrid_sysid_ros.training import train_policy
+
+RIG = "cam_beam"
+DATA = "HYBRID_SYSID_DATA"
+SHIPPED_BAGS = Path(__file__).resolve().parent.parent / "bags"
+FIRST_HALF, SECOND_HALF, WHOLE = Part(stop=0.5), Part(start=0.5), Part()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Records:
+    """training: bags whose first half is learned from. unseen: what the model is scored on. real: not simulated."""
+
+    training: list[Record]
+    unseen: list[tuple[Record, Part]]
+    real: bool
+
+
+def demo(out: Path, *, train: bool = False, console: Console | None = None) -> dict[str, Any]:
+    """Identify the beam from bags, run it under the approximate MPC as ROS 2 processes, and report.
+
+    Leaves report.html, summary.json, the model and the bag of the loop in ``out``. With the environment variable
+    HYBRID_SYSID_DATA the real records are used (protocol 2: train on the first halves of multisine and random steps,
+    test on the second halves and the swept sine), otherwise the simulated ones that ship. train: the loop uses the
+    model identified here and a policy trained for it, instead of the shipped ones.
+
+    Raises UserError for missing records or extras, and where a node fails.
+    """
+    console = console or Console()
+    rig = load_rig(RIG)
+    report.check_available()
+    records = find_records(out, console)
+    console.print(f"[bold]1[/] identifying the beam from {len(records.training)} bags")
+    model = identify(records.training, rig, "hybrid", sampling=Sampling(), part=FIRST_HALF)
+    model.save(out / "model")
+    model = load_model(out / "model")
+    scores = {table_name(record.name): evaluate(model, record, part=part) for record, part in records.unseen}
+    model_folder, policy_folder = configuration.shipped(RIG, "model"), configuration.shipped(RIG, "policy")
+    if train:
+        model_folder, policy_folder = out / "model", out / "policy"
+        _train(model, policy_folder, console)
+    used = load_model(model_folder)
+    imitation = policy.load(policy_folder, model=used)
+    console.print("[bold]2[/] running plant, estimator, controller and reference as ROS 2 processes")
+    bag = _run(out / "loop", model_folder, policy_folder, console)
+    loop = LoopRecord.from_bag(bag, rig)
+    console.print("[bold]3[/] comparing with the exact MPC on the same plant")
+    approximate = simulated_loop(rig, used, imitation)
+    exact = simulated_loop(rig, used, ExactMpc(used.equation, imitation.problem))
+    summary = {
+        "identification": {
+            "records": "real" if records.real else "simulated",
+            "free_run_r2": {name: round(value.r2, 4) for name, value in scores.items()},
+            "fit_seconds": model.fit["seconds"],
+        },
+        "closed_loop": {
+            "tracking_rmse_volts": {
+                "steps": round(loop.tracking_rmse(*HARDWARE_STEPS), 4),
+                "sine": round(loop.tracking_rmse(*HARDWARE_SINE), 4),
+            },
+            "cost_ratio_to_exact": round(approximate.cost(imitation.problem) / exact.cost(imitation.problem), 4),
+        },
+        "timing": loop.timing(),
+    }
+    _write(out / "summary.json", json.dumps(summary, indent=2) + "\n")
+    command = "make demo TRAIN=1" if train else "make demo"
+    sections = report.identification_section(model, records.unseen), report.closed_loop_section(loop, rig)
+    report.write(out / "report.html", *sections, report.provenance(model, command))
+    console.print(_table(summary))
+    console.print(f"report: {out / 'report.html'}   numbers: {out / 'summary.json'}   bag: {bag}")
+    return summary
+
+
+def find_records(out: Path, console: Console) -> Records:
+    """The real records where HYBRID_SYSID_DATA names them, else the bags that ship."""
+    folder = os.environ.get(DATA)
+    if folder:
+        console.print(f"[bold]0[/] importing the real records of {folder}")
+        paths = bab.import_folder(Path(folder) / "bab", out / "records")
+    else:
+        paths = sorted(path for path in SHIPPED_BAGS.glob("beam_*") if path.is_dir())
+        if not paths:
+            raise UserError(f"{SHIPPED_BAGS}: no bags there; run the demo from a checkout, or set {DATA}")
+    signals = Signals.of_rig(RIG)
+    read = [bags.read(path, signals) for path in paths]
+    training = [record for record in read if "multisine" in record.name or "random_steps" in record.name]
+    if not training:
+        raise UserError(f"{folder or SHIPPED_BAGS}: no multisine or random_steps record to learn from")
+    learned = {record.name for record in training}
+    order = sorted(read, key=lambda record: ("swept" in record.name, "multisine" not in record.name, record.name))
+    unseen = [(record, SECOND_HALF if record.name in learned else WHOLE) for record in order]
+    return Records(training=training, unseen=unseen, real=bool(folder))
+
+
+def table_name(record: str) -> str:
+    """A record's name in the lecture's tables: 05_multisine_01 is ms_05, 03_random_steps_01 rs_01, ... swept."""
+    parts = record.split("_")
+    if parts[0].isdigit() and "multisine" in record:
+        return f"ms_{parts[0]}"
+    if parts[0].isdigit() and "random_steps" in record:
+        return f"rs_{parts[-1]}"
+    if parts[0].isdigit() and "swept" in record:
+        return "swept"
+    return record
+
+
+def simulated_loop(rig: Rig, model: Model, controller: Controller, *, seed: int = 0) -> Loop:
+    """The hardware reference under a controller at its own period, in one process, without delays of computation."""
+    values = configuration.defaults(rig.name, "estimator")
+    estimator = ExtendedKalmanFilter(
+        model.equation, configuration.estimator_tuning(values, rig), period=controller.period, latency=0.0
+    )
+    plant = Plant(rig, seed=seed, bias=configuration.defaults(rig.name, "plant")["bias"])
+    controller.reset()
+    return run_loop(
+        plant,
+        estimator,
+        controller,
+        hardware_reference,
+        duration=HARDWARE_DURATION,
+        period=controller.period,
+        lead=model.equation.delay,
+    )
+
+
+def _train(model: Model, folder: Path, console: Console) -> None:
+    stages: set[str] = set()
+
+    def progress(stage: str, done: int, of: int) -> None:
+        if stage not in stages or done == of:
+            stages.add(stage)
+            console.print(f"  {stage}: {done} of {of}")
+
+    train_policy(model, progress=progress).save(folder)
+
+
+def _run(bag: Path, model: Path, policy_folder: Path, console: Console) -> Path:
+    columns = (TextColumn("  {task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bars:
+        task = bars.add_task("starting the nodes", total=None)
+
+        def progress(seconds: float, duration: float) -> None:
+            bars.update(task, description="hardware reference", completed=seconds, total=duration or None)
+
+        outcome = session.run(
+            rig=RIG,
+            model=model,
+            policy_path=policy_folder,
+            bag=bag,
+            overwrite=True,
+            tell=bars.console.print,
+            progress=progress,
+        )
+    if outcome.interrupted or outcome.bag is None:
+        raise KeyboardInterrupt
+    return outcome.bag
+
+
+def _write(path: Path, text: str) -> None:
+    with written_file(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+def _table(summary: dict[str, Any]) -> Table:
+    table = Table("quantity", "value", title="demo", title_justify="left")
+    for record, r2 in summary["identification"]["free_run_r2"].items():
+        table.add_row(f"free run R2 {record}", f"{r2:.3f}")
+    table.add_row("fit", f"{summary['identification']['fit_seconds']:.1f} s")
+    for segment, rmse in summary["closed_loop"]["tracking_rmse_volts"].items():
+        table.add_row(f"tracking RMSE {segment}", f"{rmse:.3f} V")
+    table.add_row("cost, approximate to exact MPC", f"{summary['closed_loop']['cost_ratio_to_exact']:.3f}")
+    delay = summary["timing"]["delay_ms"]
+    table.add_row("loop delay p50 / p99 / max", f"{delay['p50']:.2f} / {delay['p99']:.2f} / {delay['max']:.2f} ms")
+    table.add_row("missed commands", str(summary["timing"]["missed_commands"]))
+    return table
