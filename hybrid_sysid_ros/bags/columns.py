@@ -43,6 +43,20 @@ class Columns:
         """
         return self._column(parsed_field(field))
 
+    def entries(self, field: str) -> int:
+        """Number of entries of a list in the first message.
+
+        Raises:
+            MissingInMessageError: it has not got it, or it is no list.
+        """
+        try:
+            found = field_of(self._first, parsed_field(field))
+        except MissingFieldError as error:
+            raise MissingInMessageError(f"message 0: {error}") from error
+        if not hasattr(found, "__len__") or isinstance(found, str | dict):
+            raise MissingInMessageError(f"message 0: {field} is no list")
+        return len(found)
+
     def stamps(self, field: str) -> NDArray[np.int64]:
         """Time that each value belongs to, (messages,) [ns].
 
