@@ -1,9 +1,21 @@
 """What all tests share."""
 
 import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, ClassVar
 
+import numpy as np
 import pytest
+
+from hybrid_sysid_ros import bab, configuration
+from hybrid_sysid_ros.control.policy import Policy
+from hybrid_sysid_ros.equations import Equation, Law, Operations, Variable, parameter
+from hybrid_sysid_ros.models import Model, Sampling, load
+from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.rigs.rig import Rig
 
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"  # before the first import of a message: a wrong type fails, not corrupts
 
@@ -17,3 +29,169 @@ def data() -> Path:
     if not folder or not any(Path(folder).iterdir()):
         pytest.skip("needs the real records: set HYBRID_SYSID_DATA to their folder (see the README)")
     return Path(folder)
+
+
+@pytest.fixture(scope="session")
+def experiments(data: Path) -> dict[str, bab.Experiment]:
+    """The author's experiments by the name of their file, as they are: 1 kHz, in volts."""
+    return {path.stem: bab.load(path) for path in sorted((data / "bab").glob("*.mat"))}
+
+
+@pytest.fixture(scope="session")
+def rig() -> Rig:
+    return rigs.load("cam_beam")
+
+
+@pytest.fixture(scope="session")
+def records(experiments: dict[str, bab.Experiment], rig: Rig) -> dict[str, Record]:
+    """The author's experiments in SI units."""
+    return {
+        name: Record(
+            name=name,
+            time=np.arange(len(item.output), dtype=np.float64) * item.sampling_time,
+            input=item.input[:, None],
+            output=rig.sensor.radians(item.output)[:, None],
+        )
+        for name, item in experiments.items()
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slider(Equation):
+    """A block on a table: v' = u - F sgn v, the only friction whose motion is school physics."""
+
+    states = (Variable(name="position", unit="m"), Variable(name="velocity", unit="m/s"))
+    inputs = (Variable(name="push", unit="m/s^2"),)
+    kinematics: ClassVar[Mapping[int, int]] = {0: 1}
+    friction_state = 1
+
+    friction: float = parameter(2.0, 0.0, 10.0, unit="m/s^2", description="Coulomb friction")
+    input_delay: float = parameter(0.0, 0.0, 1.0, unit="s", description="delay of the push")
+
+    def law(self, operations: Operations) -> Law:
+        def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
+            return (x[1], u[0]), (p.friction, 0.0)
+
+        return law
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motor(Equation):
+    """Three states: angle, speed and current of a motor under a voltage; i' = (u - R i - K v) / L, v' = K i - b v."""
+
+    states = (
+        Variable(name="angle", unit="rad"),
+        Variable(name="speed", unit="rad/s"),
+        Variable(name="current", unit="A"),
+    )
+    inputs = (Variable(name="voltage", unit="V"),)
+    kinematics: ClassVar[Mapping[int, int]] = {0: 1}
+
+    resistance: float = parameter(2.0, 0.1, 10.0, start=1.0, unit="Ohm", description="of the winding")
+    inductance: float = parameter(0.1, 0.01, 1.0, start=0.2, unit="H", description="of the winding")
+    torque: float = parameter(1.5, 0.1, 10.0, start=1.0, unit="rad/(s^2 A)", description="per current and inertia")
+    drag: float = parameter(0.8, 0.0, 10.0, start=0.5, unit="1/s", description="viscous friction")
+
+    def law(self, operations: Operations) -> Law:
+        def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
+            current = (u[0] - p.resistance * x[2] - p.torque * x[1]) / p.inductance
+            return (x[1], p.torque * x[2] - p.drag * x[1], current), (0.0, 0.0)
+
+        return law
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlexibleJoint(Equation):
+    """Two joints and a spring: motor angle, link angle, motor speed, link speed; the link is measured.
+
+    J d'' = u - k (d - q) - b d' - F sgn d',  I q'' = k (d - q) - c q'.
+    """
+
+    states = (
+        Variable(name="motor", unit="rad"),
+        Variable(name="link", unit="rad"),
+        Variable(name="motor_speed", unit="rad/s"),
+        Variable(name="link_speed", unit="rad/s"),
+    )
+    inputs = (Variable(name="torque", unit="N m"),)
+    outputs = (1,)
+    kinematics: ClassVar[Mapping[int, int]] = {0: 2, 1: 3}
+    friction_state = 2
+
+    motor_inertia: float = parameter(0.012, 1e-3, 1.0, unit="kg m^2", description="J")
+    link_inertia: float = parameter(0.05, 1e-3, 1.0, unit="kg m^2", description="I")
+    spring: float = parameter(12.0, 0.1, 100.0, unit="N m/rad", description="k")
+    motor_drag: float = parameter(0.05, 0.0, 1.0, unit="N m s/rad", description="b")
+    link_drag: float = parameter(0.02, 0.0, 1.0, unit="N m s/rad", description="c")
+    coulomb: float = parameter(0.25, 0.0, 5.0, unit="N m", description="F")
+
+    def law(self, operations: Operations) -> Law:
+        def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
+            spring = p.spring * (x[0] - x[1])
+            motor = (u[0] - spring - p.motor_drag * x[2]) / p.motor_inertia
+            link = (spring - p.link_drag * x[3]) / p.link_inertia
+            return (x[2], x[3], motor, link), (p.coulomb / p.motor_inertia, 0.0)
+
+        return law
+
+
+@pytest.fixture(scope="session")
+def slider() -> Slider:
+    return Slider()
+
+
+@pytest.fixture(scope="session")
+def motor() -> Motor:
+    return Motor()
+
+
+@pytest.fixture(scope="session")
+def flexible_joint() -> FlexibleJoint:
+    return FlexibleJoint()
+
+
+@pytest.fixture(scope="session")
+def model_folder(rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model that is the rig itself."""
+    folder = tmp_path_factory.mktemp("trained") / "model"
+    Model(
+        rig=rig.name,
+        structure="gray",
+        equation=rig.equation,
+        sampling=Sampling(),
+        names=(),
+        covariance=np.zeros((0, 0)),
+        training_range={},
+    ).save(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def policy_folder(rig: Rig, model_folder: Path) -> Path:
+    """A policy of one straight layer, which makes it the rig's own P controller: u = 1 + 3 (q_1 - y) V."""
+    problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig)
+    features = 2 + 2 + problem.horizon  # position and velocity, disturbance, previous input, preview
+    weights = np.zeros((1, features))
+    weights[0, 4] = rig.feedback_gain / rig.sensor.radians_per_volt / rig.input_limit
+    policy = Policy(
+        problem=problem,
+        model=load(model_folder).seal,
+        rig=rig.name,
+        states=2,
+        output=0,
+        centre=np.zeros(features),
+        scale=np.ones(features),
+        layers=((weights, np.array([1.0 / rig.input_limit])),),
+    )
+    examples = np.random.default_rng(0).normal(scale=0.01, size=(3, features))
+    folder = model_folder.with_name("policy")
+    replace(policy, check=(examples, policy.evaluate(examples))).save(folder)
+    return folder
+
+
+@pytest.fixture
+def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+    """A ROS domain of this process's own, on this machine only. Beyond 100 its ports may be taken by others."""
+    pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    return 1 + os.getpid() % 100

@@ -1,10 +1,10 @@
 """An equation is written once; from it come the compiled simulation and the CasADi function."""
 
+from hybrid_sysid_ros.equations.casadi_form import symbolic_step
 from hybrid_sysid_ros.equations.equation import Equation, Law, Variable
 from hybrid_sysid_ros.equations.operations import COMPILED, Operations, symbolic
 from hybrid_sysid_ros.equations.parameters import Parameter, parameter
 from hybrid_sysid_ros.equations.simulation import Kernels, kernels, simulate
-from hybrid_sysid_ros.equations.symbolic import symbolic_step
 
 __all__ = [
     "COMPILED",

@@ -25,7 +25,7 @@ def step_source(equation: Equation, operations: Operations, law: Callable[..., A
     for one contact (Moreau 1988; Acary & Brogliato 2008, section 1.4.3.4) with a regularised sign.
     ``following`` (states,) receives the new state; x is not changed.
     """
-    saturate = operations.saturate
+    maximum, saturate = operations.maximum, operations.saturate
     count = len(equation.states)
     stick = -1 if equation.friction_state is None else equation.friction_state
     positions = tuple(equation.kinematics.keys()) or (-1,)
@@ -38,7 +38,8 @@ def step_source(equation: Equation, operations: Operations, law: Callable[..., A
         if stick >= 0:
             capacity = h * friction[0]
             z = following[stick]
-            following[stick] = z - saturate(z * capacity / (friction[1] + capacity + TINY), capacity)
+            # The ratio first: with vc = 0 it is 1 to the last bit, and the velocity 0.
+            following[stick] = z - saturate(z * (capacity / maximum(friction[1] + capacity, TINY)), capacity)
         for i in range(len(positions)):
             if positions[i] >= 0:
                 following[positions[i]] = x[positions[i]] + h * following[velocities[i]]
