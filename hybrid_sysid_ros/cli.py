@@ -5,15 +5,12 @@ from __future__ import annotations
 import json
 import logging
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from hybrid_sysid_ros import bags
@@ -21,6 +18,7 @@ from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.identification import Part, evaluate, identify
 from hybrid_sysid_ros.models import STRUCTURES, Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.progress import progress_bars
 from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -140,7 +138,7 @@ def policy_train(
 ) -> None:
     """Sample the exact MPC in closed loop and train a network that imitates it (needs the extra [train])."""
     loaded = load_model(model)
-    with bars() as update:
+    with progress_bars(status) as update:
         policy = train_policy(loaded, seed=seed, episodes=episodes, rounds=rounds, epochs=epochs, progress=update)
     policy.save(out)
     table = Table("quantity", "value", title=f"policy {out}", title_justify="left")
@@ -165,7 +163,7 @@ def run_command(
     """Run plant, estimator, controller and reference as ROS 2 processes."""
     from hybrid_sysid_ros.session import run
 
-    with bars() as update:
+    with progress_bars(status) as update:
 
         def progress(seconds: float, expected: float) -> None:
             if expected:
@@ -229,21 +227,6 @@ def score_table(scores: dict[str, dict[str, float]], rig: Rig, title: str) -> Ta
         rmse = values["rmse"] / rig.sensor.radians_per_volt
         table.add_row(name, f"{values['r2']:.4f}", f"{rmse:.3f}", f"{values['fit_percent']:.1f}")
     return table
-
-
-@contextmanager
-def bars() -> Iterator[Callable[[str, int, int], None]]:
-    """Progress bars, one for each stage; yields update(stage, done, of)."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=status) as progress:
-        tasks: dict[str, TaskID] = {}
-
-        def update(stage: str, done: int, of: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = progress.add_task(stage, total=of)
-            progress.update(tasks[stage], completed=done)
-
-        yield update
 
 
 def main() -> None:

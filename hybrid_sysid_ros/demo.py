@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from hybrid_sysid_ros import bab, bags, configuration, report, session
@@ -22,6 +21,7 @@ from hybrid_sysid_ros.identification import Part, evaluate, identify
 from hybrid_sysid_ros.loop import LoopRecord
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.progress import progress_bars
 from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs.excitation import HARDWARE_DURATION, HARDWARE_SINE, HARDWARE_STEPS, hardware_reference
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -153,32 +153,20 @@ def simulated_loop(rig: Rig, model: Model, controller: Controller, *, seed: int 
 
 
 def _train(model: Model, folder: Path, console: Console) -> None:
-    stages: set[str] = set()
-
-    def progress(stage: str, done: int, of: int) -> None:
-        if stage not in stages or done == of:
-            stages.add(stage)
-            console.print(f"  {stage}: {done} of {of}")
-
-    train_policy(model, progress=progress).save(folder)
+    with progress_bars(console) as update:
+        train_policy(model, progress=update).save(folder)
 
 
 def _run(bag: Path, model: Path, policy_folder: Path, console: Console) -> Path:
-    columns = (TextColumn("  {task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as bars:
-        task = bars.add_task("starting the nodes", total=None)
-
-        def progress(seconds: float, duration: float) -> None:
-            bars.update(task, description="hardware reference", completed=seconds, total=duration or None)
-
+    with progress_bars(console) as update:
         outcome = session.run(
             rig=RIG,
             model=model,
             policy_path=policy_folder,
             bag=bag,
             overwrite=True,
-            tell=bars.console.print,
-            progress=progress,
+            tell=console.print,
+            progress=lambda seconds, duration: update("hardware reference [s]", int(seconds), int(duration)),
         )
     if outcome.interrupted or outcome.bag is None:
         raise KeyboardInterrupt

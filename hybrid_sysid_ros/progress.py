@@ -1,0 +1,38 @@
+"""Progress of long work: bars on a terminal, lines in a log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+Update = Callable[[str, int, int], None]
+"""update(stage, done, of)"""
+
+
+@contextmanager
+def progress_bars(console: Console) -> Iterator[Update]:
+    """Yield update(stage, done, of): a bar for each stage, or a line for each quarter of it where nobody watches."""
+    if not console.is_terminal:
+        quarters: dict[str, int] = {}
+
+        def write(stage: str, done: int, of: int) -> None:
+            quarter = 4 * done // of if of else 0
+            if quarters.get(stage, -1) < quarter:
+                quarters[stage] = quarter
+                console.print(f"  {stage}: {done} of {of}")
+
+        yield write
+        return
+    columns = (TextColumn("  {task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def update(stage: str, done: int, of: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=of)
+            bars.update(tasks[stage], completed=done)
+
+        yield update
