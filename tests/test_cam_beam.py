@@ -1,0 +1,302 @@
+"""The cam-driven beam: what is known of the rig, and its records."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+from hybrid_sysid_ros.equations import simulate
+from hybrid_sysid_ros.rigs import excitation
+from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.rigs.plant import Plant
+from hybrid_sysid_ros.rigs.sensor import Filter
+
+COUNT = 10.0 / 2048  # V, of the 12-bit converter over +-10 V
+
+
+def study(p, x, u, *, step):
+    """The gray box g14 as its study printed it: the same physics in another order of operations.
+
+    Friction after the drive, then damping implicitly; positions in rad.
+    """
+    q, v = x
+    path = [(q, v)]
+    for w in u.tolist():
+        xc = min(max(q, p.range_low), p.range_high)
+        e = w - p.centre
+        e *= 1 + p.asymmetry if e > 0 else 1 - p.asymmetry
+        drive = p.gain * e - p.stiffness * q - p.quadratic_stiffness * xc**2
+        level = p.coulomb + p.stribeck_excess / (1 + (v / p.stribeck_speed) ** 2) ** 2
+        friction = max(0.0, level * (1 + p.friction_slope * xc + p.friction_curvature * xc**2))
+        v += step * drive
+        if abs(v) > step * friction + p.creep:
+            v = math.copysign(abs(v) - step * friction, v)
+        else:
+            v *= p.creep / (p.creep + step * friction)
+        v /= 1 + step * p.damping * (1 + p.damping_asymmetry * math.copysign(1.0, v))
+        q += step * v
+        path.append((q, v))
+    return np.array(path)
+
+
+def test_the_beam_moves_as_in_the_study_that_identified_it():
+    """Two orders of operations in one step, one motion in the limit."""
+    beam = CamBeam(input_delay=0.0)
+    volts = 4.0 * np.sign(np.sin(2 * np.pi * 0.7 * np.arange(0, 3, 1e-3))) + beam.centre
+    errors = []
+    for parts in (1, 5):
+        u = np.repeat(volts, parts)
+        ours = simulate(beam, np.array([0.02, 0.3]), u[:, None], step=1e-3 / parts, every=parts)
+        theirs = study(beam, (0.02, 0.3), u, step=1e-3 / parts)[::parts]
+        errors.append(np.max(np.abs(ours - theirs)[:, 0]))
+    assert errors[0] < 3e-3 * np.ptp(ours[:, 0])
+    assert errors[1] < 0.3 * errors[0]
+
+
+def moves(beam, volts, position=0.0):
+    states = simulate(beam, np.array([position, 0.0]), np.full((1000, 1), volts), step=1e-3)
+    return bool(np.any(states[:, 1] != 0.0)), states[-1, 1]
+
+
+def break_away(beam, direction):
+    """The voltage at which the beam starts to move from rest at 0, by bisection [V]."""
+    stuck, free = beam.centre, beam.centre + 5.0 * direction
+    for _ in range(50):
+        middle = (stuck + free) / 2
+        stuck, free = (stuck, middle) if moves(beam, middle)[0] else (middle, free)
+    return free
+
+
+def test_the_beam_stays_stuck_below_the_break_away_voltage():
+    beam = CamBeam(creep=0.0)
+    # Torque balance at rest: gain (1 +- asymmetry) |u - centre| = coulomb + stribeck_excess.
+    level = beam.coulomb + beam.stribeck_excess
+    for direction in (1.0, -1.0):
+        expected = beam.centre + direction * level / (beam.gain * (1 + direction * beam.asymmetry))
+        assert break_away(beam, direction) == pytest.approx(expected, rel=1e-9)
+        inside = beam.centre + 0.999 * (expected - beam.centre)
+        assert moves(beam, inside) == (False, 0.0)
+        slips, speed = moves(beam, beam.centre + 1.02 * (expected - beam.centre))
+        assert slips
+        assert speed * direction > 0
+
+
+def test_a_stuck_beam_stays_where_it_is_for_a_minute():
+    beam = CamBeam(creep=0.0)
+    states = simulate(beam, np.array([0.01, 0.0]), np.full((60_000, 1), 1.0), step=1e-3)
+    assert np.all(states[:, 0] == 0.01)
+
+
+def test_the_beam_balances_at_about_one_volt():
+    """0.9 to 1.2 V at the middle of the records, within a Coulomb band of about +-0.45 V."""
+    beam = CamBeam(creep=0.0)
+    high, low = break_away(beam, 1.0), break_away(beam, -1.0)
+    assert 0.9 <= (low + high) / 2 <= 1.2
+    assert 0.3 <= (high - low) / 2 <= 0.6
+
+
+def test_the_beam_goes_up_more_easily_than_down():
+    beam = CamBeam(input_delay=0.0)
+    up = simulate(beam, np.zeros(2), np.full((300, 1), beam.centre + 5.0), step=1e-3)[-1, 0]
+    down = simulate(beam, np.zeros(2), np.full((300, 1), beam.centre - 5.0), step=1e-3)[-1, 0]
+    assert up > -down > 0
+
+
+@pytest.fixture(scope="module")
+def resting(rig):
+    """Three seconds of the sensor while the beam is stuck [V], and the counts it shows."""
+    plant = Plant(rig, seed=3)
+    volts = np.empty(3000)
+    for k in range(len(volts)):
+        plant.advance(rig.equation.centre)
+        volts[k] = plant.measure().position / rig.sensor.radians_per_volt
+    return volts
+
+
+def test_a_resting_sensor_is_as_noisy_as_the_rig(resting):
+    assert 0.05 <= np.std(resting) <= 0.06
+
+
+def test_its_noise_is_mains_hum_above_all(resting):
+    spectrum = np.abs(np.fft.rfft(resting - resting.mean())) ** 2
+    assert np.argmax(spectrum) == 60 * 3  # bins of 1/3 Hz
+    assert 0.7 < spectrum[180] / spectrum.sum() < 0.95
+
+
+def test_the_sensor_counts_in_steps_of_5_millivolts(resting):
+    np.testing.assert_allclose(resting / COUNT, np.round(resting / COUNT), atol=1e-9)
+    assert len(np.unique(resting)) > 20
+
+
+def test_the_records_are_as_noisy_and_count_in_the_same_steps(data, experiments, rig):
+    noise, hum = [], []
+    for name, experiment in experiments.items():
+        content = loadmat(data / "bab" / f"{name}.mat")
+        first = int(np.flatnonzero(content["trigger"].ravel())[0])
+        rest = content["y"].ravel()[first - 2000 : first]
+        spectrum = np.abs(np.fft.rfft(rest - rest.mean())) ** 2
+        noise.append(np.std(rest))
+        hum.append(np.sqrt(2 * spectrum[119:122].sum()) / len(rest))
+        assert np.min(np.diff(np.unique(experiment.output))) == pytest.approx(COUNT, rel=0.02)
+    assert rig.sensor.noise_volts == pytest.approx(np.mean(noise), rel=0.1)
+    assert rig.sensor.mains_volts == pytest.approx(np.mean(hum), rel=0.15)
+
+
+def test_the_sensor_ends_at_ten_volts(rig):
+    assert rig.sensor.quantised(12.3) == 10.0
+    assert rig.sensor.quantised(-1e9) == -10.0
+    assert rig.sensor.quantised(0.004) == pytest.approx(COUNT)
+    assert rig.sensor.quantised(0.002) == 0.0
+
+
+def test_one_volt_is_1_3_degrees_of_the_beam(rig):
+    assert rig.sensor.radians(np.array([1.0])) == pytest.approx(np.deg2rad(1.3))
+    assert rig.sensor.volts(np.array([np.deg2rad(6.5)])) == pytest.approx(5.0)
+
+
+def test_the_filter_is_a_butterworth_low_pass_of_20_hertz(rig):
+    """Gain 1 / sqrt(2) at 20 Hz, 1 / 2^6 at 40 Hz (sixth order), delay about 31 ms: 3.8637 / (2 pi 20 Hz)."""
+
+    def response(hertz, step=2e-5):
+        filtered = Filter(rig.sensor, step)
+        t = np.arange(0, 0.4 + 2 / hertz, step)
+        values = np.empty(len(t))
+        for k, y in enumerate(np.sin(2 * np.pi * hertz * t)):
+            values[k] = filtered.value
+            filtered.advance(y)
+        last = t >= t[-1] - 1 / hertz
+        return 2 * np.mean(values[last] * np.exp(-2j * np.pi * hertz * t[last]))
+
+    assert abs(response(20.0)) == pytest.approx(2**-0.5, rel=0.02)
+    assert abs(response(40.0)) == pytest.approx((1 + 2**12) ** -0.5, rel=0.05)
+    slow = response(2.0)
+    assert abs(slow) == pytest.approx(1.0, rel=1e-3)
+    assert -np.angle(slow * 1j) / (2 * np.pi * 2.0) == pytest.approx(0.0307, rel=0.02)
+
+
+def test_the_filter_settles_where_it_is_told(rig):
+    filtered = Filter(rig.sensor, rig.step)
+    filtered.reset(0.1)
+    for _ in range(100):
+        assert filtered.value == pytest.approx(0.1, rel=1e-9)
+        filtered.advance(0.1)
+
+
+def test_the_filter_gives_the_filtered_signal_of_the_records(experiments, rig):
+    for experiment in experiments.values():
+        filtered = Filter(rig.sensor, experiment.sampling_time)
+        filtered.reset(float(experiment.output[0]))
+        values = np.empty(len(experiment.output))
+        for k, y in enumerate(experiment.output):
+            values[k] = filtered.value
+            filtered.advance(y)
+        # A second lets the unknown start of the filter die away.
+        np.testing.assert_allclose(values[1000:], experiment.filtered[1000:], rtol=0, atol=1e-6)
+
+
+def test_a_whole_experiment_follows_from_its_reference_alone(experiments, rig):
+    """u = clip(3 (ref - yf), +-10), the 20 Hz filter and the beam: R2 of y at least .98 on every record."""
+    scale = rig.sensor.radians_per_volt
+    quiet = Plant(rig, seed=0, noisy=False)
+    for name, experiment in experiments.items():
+        quiet.reset(np.array([scale * experiment.output[0], 0.0]))
+        simulated = np.empty(len(experiment.output))
+        for k, reference in enumerate(experiment.reference):
+            measured = quiet.measure()
+            simulated[k] = measured.position / scale
+            quiet.advance(rig.feedback_gain * (reference - measured.filtered / scale))
+        errors = simulated - experiment.output
+        r2 = 1 - np.sum(errors**2) / np.sum((experiment.output - experiment.output.mean()) ** 2)
+        assert r2 >= 0.98, name
+
+
+def drive(plant, volts, steps=300):
+    plant.reset(np.zeros(2), drive=plant.rig.equation.centre)
+    for _ in range(steps):
+        plant.advance(volts)
+    return plant.state.copy()
+
+
+def test_the_drive_saturates_at_ten_volts(rig):
+    plant = Plant(rig, seed=0)
+    for sign in (1.0, -1.0):
+        at_limit = drive(plant, sign * 10.0)
+        np.testing.assert_array_equal(drive(plant, sign * 1e6), at_limit)
+        np.testing.assert_array_equal(drive(plant, sign * np.inf), at_limit)
+        assert abs(drive(plant, sign * 9.9)[0]) < abs(at_limit[0])
+
+
+def test_a_command_that_is_not_a_number_is_zero(rig):
+    plant = Plant(rig, seed=0)
+    np.testing.assert_array_equal(drive(plant, float("nan")), drive(plant, 0.0))
+
+
+def test_a_bias_is_a_voltage_that_no_command_shows(rig):
+    biased, plain = Plant(rig, seed=0, bias=0.5), Plant(rig, seed=0)
+    np.testing.assert_allclose(drive(biased, 4.0, 50), drive(plain, 4.5, 50), rtol=0.05)
+    assert moves(dataclasses.replace(rig.equation, creep=0.0), rig.equation.centre + 0.5)[0]
+
+
+def test_the_plant_is_its_equation(rig):
+    """Stepping with whole and part delays gives what a simulation in one go gives."""
+    volts = np.random.default_rng(0).uniform(-8, 8, 400).repeat(5)
+    plant = Plant(rig, seed=0, noisy=False)
+    plant.reset(np.zeros(2), drive=volts[0])
+    states = [plant.state.copy()]
+    for u in volts:
+        plant.advance(u)
+        states.append(plant.state.copy())
+    np.testing.assert_allclose(states, simulate(rig.equation, np.zeros(2), volts[:, None], step=rig.step), atol=1e-12)
+    assert plant.time == pytest.approx(2.0)
+
+
+def test_a_plant_is_the_same_for_a_seed_and_another_for_another(rig):
+    def measured(seed):
+        plant = Plant(rig, seed=seed)
+        for _ in range(50):
+            plant.advance(5.0)
+        return plant.measure()
+
+    assert measured(1) == measured(1)
+    assert measured(1) != measured(2)
+
+
+def test_the_hardware_reference_is_the_author_s():
+    reference = excitation.hardware_reference
+    t = np.arange(0, 51, 1e-3)
+    q = reference(t)
+    steps, pause, sine, end = q[t < 29], q[(t >= 29) & (t < 30)], q[(t >= 30) & (t < 50)], q[t >= 50]
+    levels = steps.reshape(29, 1000)
+    assert np.all(np.ptp(levels, axis=1) == 0.0)  # a level every second
+    assert len(np.unique(levels[:, 0])) == 29
+    assert np.all(np.abs(steps) <= 4.0)
+    assert np.ptp(steps) > 7.0
+    assert np.all(pause == 0.0)
+    assert np.all(end == 0.0)
+    np.testing.assert_allclose(np.max(sine), 4.0, rtol=1e-4)
+    np.testing.assert_allclose(sine[:2000], sine[2000:4000], atol=1e-9)  # 0.5 Hz
+    assert np.all(sine[1:999] > 0)
+    # 4 (2 frac(43758.5453 sin 12.9898) - 1), worked out with 50 digits
+    assert reference(1.5) == pytest.approx(4 * (2 * 0.9216903897888 - 1), abs=1e-9)
+    assert reference(0.5) == -4.0  # frac(0) = 0
+    assert excitation.HARDWARE_DURATION == 51.0
+    assert reference(-0.1) == 0.0
+
+
+def test_excitations_keep_their_amplitude_and_band():
+    t = np.arange(0, 20, 1e-3)
+    sines = excitation.multisine(1, amplitude=3.0, low=0.1, high=2.0, lines=15, period=10.0)
+    assert np.max(np.abs(sines(t))) == pytest.approx(3.0, rel=1e-3)
+    np.testing.assert_allclose(sines(t + 10.0), sines(t), atol=1e-9)
+    spectrum = np.abs(np.fft.rfft(sines(t[:10_000]))) / 5000
+    inside = (np.fft.rfftfreq(10_000, 1e-3) >= 0.1 - 1e-9) & (np.fft.rfftfreq(10_000, 1e-3) <= 2.0 + 1e-9)
+    assert np.max(spectrum[~inside]) < 1e-9
+    levels = excitation.random_steps(1, amplitude=2.0, hold=0.5, duration=20.0)(t)
+    assert np.max(np.abs(levels)) <= 2.0
+    assert np.flatnonzero(np.diff(levels)).tolist() == [500 * k - 1 for k in range(1, 40)]
+    sweep = excitation.swept_sine(amplitude=2.0, low=0.5, high=3.0, duration=20.0)(t)
+    crossings = t[1:][np.diff(np.sign(sweep)) > 0]
+    assert 1 / np.diff(crossings)[0] == pytest.approx(0.5, rel=0.3)
+    assert 1 / np.diff(crossings)[-1] == pytest.approx(3.0, rel=0.05)
