@@ -107,13 +107,16 @@ def load(folder: Path | str) -> Model:
             )
         equation = equation.with_values(np.array([float(entry["value"]) for entry in stored.values()]))
         equation.check()
+        names, covariance = tuple(content["free"]), arrays["covariance"]
+        if covariance.shape != (len(names), len(names)):
+            raise UserError(f"covariance has shape {covariance.shape} for {len(names)} free parameters; fit again")
         return Model(
             rig=rig.name,
             structure=content["structure"],
             equation=equation,
             sampling=Sampling(**content["sampling"]),
-            names=tuple(content["free"]),
-            covariance=arrays["covariance"],
+            names=names,
+            covariance=covariance,
             training_range={name: (float(a), float(b)) for name, (a, b) in content["training_range"].items()},
             records=tuple(content["records"]),
             scores=content["scores"],

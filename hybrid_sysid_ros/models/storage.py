@@ -57,12 +57,12 @@ def load(folder: Path | str, *, kind: str, version: int) -> tuple[dict[str, Any]
         )
     if content["format"] < version:
         raise UserError(f"{path}: format {content['format']} is older than {version}; make the {kind} again")
-    if content.get("seal") != _seal({key: value for key, value in content.items() if key != "seal"}):
+    if not _sealed(content):
         raise UserError(f"{path}: was altered since it was saved; restore it or make the {kind} again")
     arrays_path = Path(folder) / ARRAYS
     if not arrays_path.is_file():
         raise UserError(f"{arrays_path}: is missing; restore it or make the {kind} again")
-    if sha256(arrays_path) != content["arrays"]["sha256"]:
+    if content.get("arrays") != {"file": ARRAYS, "sha256": sha256(arrays_path)}:
         raise UserError(f"{arrays_path}: was altered since it was saved; restore it or make the {kind} again")
     try:
         return content, load_file(arrays_path)
@@ -77,6 +77,13 @@ def digest(folder: Path | str, *, kind: str) -> str:
         return str(yaml.safe_load(path.read_text(encoding="utf-8"))["seal"])
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
         raise UserError(f"{path}: is missing or can't be read") from error
+
+
+def _sealed(content: dict[Any, Any]) -> bool:
+    try:
+        return bool(content.get("seal") == _seal({key: value for key, value in content.items() if key != "seal"}))
+    except (TypeError, ValueError, RecursionError):  # what YAML knows and we never write: dates, keys of several types
+        return False
 
 
 def _seal(body: dict[str, Any]) -> str:

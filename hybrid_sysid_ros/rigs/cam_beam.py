@@ -75,10 +75,10 @@ class CamBeam(Equation):
         description="speed below which dry friction is viscous",
     )
     range_low: float = parameter(
-        -0.12, -1.0, 0.0, fixed=True, unit="rad", description="lowest position that was identified"
+        -0.12, -1.0, 1.0, fixed=True, unit="rad", description="lowest position that was identified"
     )
     range_high: float = parameter(
-        0.12, 0.0, 1.0, fixed=True, unit="rad", description="highest position that was identified"
+        0.12, -1.0, 1.0, fixed=True, unit="rad", description="highest position that was identified"
     )
 
     def trained_on(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> CamBeam:

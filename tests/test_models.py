@@ -1,0 +1,213 @@
+"""Models as folders: what is saved is what is loaded, and a bad folder says what is wrong with it."""
+
+import shutil
+
+import numpy as np
+import pytest
+import yaml
+
+from hybrid_sysid_ros import models
+from hybrid_sysid_ros.equations import simulate
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.models import STRUCTURES, Model, Sampling, build, storage
+from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+
+
+def model_of(structure, seed=0):
+    """A model of a structure with numbers that need every digit."""
+    random = np.random.default_rng(seed)
+    equation = build(structure, CamBeam(), scales=np.array([0.1, 0.4, 5.0]), seed=seed)
+    values = [v + (h - v) * random.uniform(0, 0.1) for v, h in zip(equation.values, high(equation), strict=True)]
+    equation = equation.with_values(np.array(values))
+    if len(equation.weights):
+        equation = equation.with_weights(random.normal(size=len(equation.weights)) / 3)
+    free = tuple(item.name for item in equation.parameters if not item.fixed)
+    free += tuple(f"weight_{k}" for k in range(len(equation.weights)))
+    root = random.normal(size=(len(free), len(free)))
+    return Model(
+        rig="cam_beam",
+        structure=structure,
+        equation=equation,
+        sampling=Sampling(step=0.005, period=0.05, input="sampled"),
+        names=free,
+        covariance=root @ root.T / 7,
+        training_range={"position": (-0.1 / 3, 0.1), "velocity": (-0.5, 0.5), "drive": (-10.0, 10.0)},
+        records=({"name": "a", "source": "a.mcap", "sha256": "0" * 64, "part": [0.0, 0.5]},),
+        scores={"a": {"r2": 1 / 3, "rmse": 1e-3, "fit_percent": 90.0}, "b": {"r2": -np.inf, "rmse": np.inf}},
+        fit={"relative_error": 0.1, "seconds": 1.0, "evaluations": 10, "seed": 0},
+    )
+
+
+def high(equation):
+    return [item.high for item in equation.parameters]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    model_of("hybrid").save(tmp_path / "model")
+    return tmp_path / "model"
+
+
+@pytest.mark.parametrize("structure", STRUCTURES)
+def test_a_model_comes_back_to_the_last_bit(tmp_path, structure):
+    model = model_of(structure)
+    model.save(tmp_path / "model")
+    back = models.load(tmp_path / "model")
+    np.testing.assert_array_equal(back.equation.values, model.equation.values)
+    np.testing.assert_array_equal(back.equation.weights, model.equation.weights)
+    np.testing.assert_array_equal(back.covariance, model.covariance)
+    for name in ("rig", "structure", "sampling", "names", "training_range", "records", "scores", "fit"):
+        assert getattr(back, name) == getattr(model, name), name
+    assert type(back.equation) is type(model.equation)
+    assert back.standard_errors == model.standard_errors
+    inputs = np.random.default_rng(0).uniform(-9, 9, (500, 1))
+    runs = [simulate(item.equation, np.zeros(2), inputs, step=0.005) for item in (model, back)]
+    np.testing.assert_array_equal(*runs)
+
+
+def test_a_model_saved_again_has_the_same_seal(folder, tmp_path):
+    model = models.load(folder)
+    model.save(tmp_path / "again")
+    assert models.load(tmp_path / "again").seal == model.seal
+    assert storage.digest(folder, kind="model") == model.seal
+
+
+def test_another_number_gives_another_seal(folder, tmp_path):
+    model_of("hybrid", seed=1).save(tmp_path / "other")
+    assert models.load(tmp_path / "other").seal != models.load(folder).seal
+
+
+def test_parameters_are_written_with_unit_error_and_bounds(folder):
+    content = yaml.safe_load((folder / "model.yaml").read_text())
+    gain = content["parameters"]["gain"]
+    assert gain["unit"] == "rad/(s^2 V)"
+    assert gain["bounds"] == [0.1, 40.0]
+    assert gain["standard_error"] == model_of("hybrid").standard_errors["gain"]
+    assert content["parameters"]["range_low"]["standard_error"] is None  # set, not fitted
+    assert content["records"][0]["sha256"] == "0" * 64
+    assert {"numpy", "numba", "casadi"} <= set(content["versions"])
+
+
+def text(change):
+    """Change the text of model.yaml."""
+
+    def apply(folder):
+        path = folder / "model.yaml"
+        path.write_text(change(path.read_text()))
+
+    return apply
+
+
+def sealed(change):
+    """Change the content of model.yaml and seal it again, as somebody would who knows how."""
+
+    def apply(folder):
+        content, arrays = storage.load(folder, kind="model", version=1)
+        change(content, arrays)
+        body = {key: value for key, value in content.items() if key not in ("format", "arrays", "seal")}
+        storage.save(folder, kind="model", version=1, content=body, arrays=arrays)
+
+    return apply
+
+
+def entry(name, value, key="value"):
+    def change(content, arrays):
+        content["parameters"][name][key] = value
+
+    return change
+
+
+def flip_a_bit(folder):
+    path = folder / "weights.safetensors"
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(content)
+
+
+BAD = {
+    "no folder": (shutil.rmtree, "no such model folder"),
+    "no yaml": (lambda folder: (folder / "model.yaml").unlink(), r"model\.yaml: is missing"),
+    "no arrays": (lambda folder: (folder / "weights.safetensors").unlink(), r"weights\.safetensors: is missing"),
+    "altered arrays": (flip_a_bit, r"weights\.safetensors: was altered"),
+    "cut arrays": (
+        lambda folder: (folder / "weights.safetensors").write_bytes(b"short"),
+        r"weights\.safetensors: was altered",
+    ),
+    "altered number": (text(lambda t: t.replace("seed: 0", "seed: 1")), r"model\.yaml: was altered"),
+    "a date": (text(lambda t: t.replace("seed: 0", "seed: 2024-01-01")), r"model\.yaml: was altered"),
+    "mixed keys": (text(lambda t: t + "1: 2\nnull: 3\n"), r"model\.yaml: was altered"),
+    "no seal": (text(lambda t: t[: t.index("seal: ")]), r"model\.yaml: was altered"),
+    "cut yaml": (text(lambda t: t[: len(t) // 2]), r"model\.yaml: (was altered|can't be read)"),
+    "empty yaml": (text(lambda t: ""), r"model\.yaml: has no format number"),
+    "not yaml": (text(lambda t: "a: [b"), r"model\.yaml: can't be read as YAML"),
+    "code": (text(lambda t: t + "x: !!python/object/apply:os.getcwd []\n"), r"model\.yaml: can't be read as YAML"),
+    "newer format": (text(lambda t: t.replace("format: 1", "format: 2")), r"model\.yaml: format 2 is newer than 1"),
+    "older format": (text(lambda t: t.replace("format: 1", "format: 0")), r"model\.yaml: format 0 is older than 1"),
+    "out of bounds": (
+        sealed(entry("damping", -3.0)),
+        r"model\.yaml: .*parameter damping = -3 1/s is outside \[0, 150\]",
+    ),
+    "not a number": (sealed(entry("gain", float("nan"))), r"model\.yaml: .*parameter gain = nan"),
+    "no value": (sealed(entry("gain", None)), r"model\.yaml"),
+    "other rig": (sealed(lambda c, a: c.update(rig="crane")), r"model\.yaml: .*crane"),
+    "other structure": (sealed(lambda c, a: c.update(structure="linear")), r"model\.yaml: structure linear of rig"),
+    "no structure": (sealed(lambda c, a: c.update(structure="magic")), r"model\.yaml: structure 'magic' is unknown"),
+    "missing key": (sealed(lambda c, a: c.pop("sampling")), r"model\.yaml: .*sampling"),
+    "missing parameter": (sealed(lambda c, a: c["parameters"].pop("gain")), r"model\.yaml: structure hybrid"),
+    "missing array": (sealed(lambda c, a: a.pop("weights")), r"model\.yaml: .*weights"),
+    "too few weights": (sealed(lambda c, a: a.update(weights=np.zeros(3))), r"model\.yaml: .*3 weights don't fit"),
+    "weight not finite": (sealed(lambda c, a: a["weights"].fill(np.nan)), r"model\.yaml: .*weight is not finite"),
+    "wrong covariance": (sealed(lambda c, a: a.update(covariance=np.eye(2))), r"model\.yaml: .*covariance"),
+    "wrong period": (sealed(lambda c, a: c["sampling"].update(period=0.012)), r"model\.yaml: sampling: the period"),
+    "wrong input": (sealed(lambda c, a: c["sampling"].update(input="guessed")), r"model\.yaml: sampling: input"),
+    "unknown key": (sealed(lambda c, a: c["sampling"].update(extra=1)), r"model\.yaml: .*extra"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_bad_folder_gives_one_line_that_names_the_file(folder, case):
+    spoil, reason = BAD[case]
+    spoil(folder)
+    with pytest.raises(UserError, match=reason) as raised:
+        models.load(folder)
+    assert "\n" not in str(raised.value)
+    assert str(folder) in str(raised.value)
+
+
+def test_a_folder_that_is_no_model_is_not_replaced(tmp_path):
+    (tmp_path / "notes.txt").write_text("keep me")
+    with pytest.raises(UserError, match=r"no model\.yaml"):
+        model_of("linear").save(tmp_path)
+    assert (tmp_path / "notes.txt").read_text() == "keep me"
+
+
+def test_a_structure_begins_where_no_earlier_fit_leaks_in():
+    """The rig's identified values are not the start of a fit."""
+    scales = np.array([0.1, 0.4, 5.0])
+    for structure in STRUCTURES:
+        equation = build(structure, CamBeam(), scales=scales, seed=0)
+        other = build(structure, CamBeam(gain=9.0, coulomb=0.3), scales=scales, seed=0)
+        np.testing.assert_array_equal(equation.values, [item.start for item in equation.parameters])
+        np.testing.assert_array_equal(equation.values, other.values)
+        equation.check()
+
+
+def test_an_unknown_structure_names_those_that_are_known():
+    with pytest.raises(UserError, match="structure 'narx' is unknown; choose one of linear, stribeck"):
+        build("narx", CamBeam(), scales=np.ones(3), seed=0)
+
+
+def test_a_rig_of_positions_on_one_side_only_can_be_saved(tmp_path):
+    """Records that never cross zero set a range on one side of it."""
+    for low, high in ((0.02, 0.11), (-0.11, -0.02)):
+        equation = CamBeam().trained_on(np.array([low, -1.0]), np.array([high, 1.0]))
+        equation.check()
+        assert (equation.range_low, equation.range_high) == (low, high)
+
+
+@pytest.mark.parametrize(
+    ("step", "period", "reason"), [(0.005, 0.012, "no multiple"), (0.0, 0.05, "no multiple"), (-0.005, 0.05, "no mult")]
+)
+def test_a_period_is_a_multiple_of_the_step(step, period, reason):
+    with pytest.raises(UserError, match=reason):
+        Sampling(step=step, period=period)
