@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.control import Problem
+from hybrid_sysid_ros.control.sampling import Spread
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.estimation import Tuning
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -50,6 +51,10 @@ class Parameter:
         """bool, int, float or str."""
         return type(self.default)
 
+    def holds(self, value: Any) -> bool:
+        """Whether a value is of the parameter's kind; a truth value is no number."""
+        return type(value) is self.kind
+
     def checked(self, value: Any) -> Any:
         """Return the value as the parameter's kind (an integer does for a number).
 
@@ -58,7 +63,7 @@ class Parameter:
         """
         if self.kind is float and type(value) is int:
             value = float(value)
-        if type(value) is not self.kind:
+        if not self.holds(value):
             raise UserError(f"parameter {self.name} is {value!r}: it needs {_KINDS[self.kind]}")
         if self.kind in (int, float) and not (math.isfinite(value) and self.low <= value <= self.high):
             unit = f" {self.unit}" if self.unit else ""
@@ -78,9 +83,8 @@ class Quality:
 
     def __post_init__(self) -> None:
         if self.reliability not in RELIABILITIES or self.durability not in DURABILITIES:
-            raise UserError(
-                f"{self.reliability}, {self.durability}: needs {' or '.join(RELIABILITIES)}, {' or '.join(DURABILITIES)}"
-            )
+            allowed = f"{' or '.join(RELIABILITIES)}, {' or '.join(DURABILITIES)}"
+            raise UserError(f"{self.reliability}, {self.durability}: needs {allowed}")
         if type(self.depth) is not int or not 1 <= self.depth <= 100_000:
             raise UserError(f"depth is {self.depth!r}: it needs a whole number from 1 to 100000")
 
@@ -184,6 +188,21 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig) -> Problem:
         smoothing=values["smoothing"],
         max_iterations=values["max_iterations"],
     )
+
+
+def sampling_spread(rig: Rig) -> Spread:
+    """What the closed loops are made of that a policy of the rig learns from.
+
+    Raises:
+        UserError: section policy_training lacks a number.
+    """
+    path = configuration_of(rig.name)
+    section = _section(load_configuration(path), "policy_training", path)
+    try:
+        content = {**section, "kick": tuple(rig.sensor.radians_per_volt * value for value in section["kick"])}
+        return Spread(**content)
+    except (KeyError, TypeError) as error:
+        raise UserError(f"{path}: policy_training: needs amplitude, disturbance, input_jitter and kick") from error
 
 
 def _section(content: Mapping[str, Any], key: str, path: Path, *, within: str = "") -> dict[str, Any]:

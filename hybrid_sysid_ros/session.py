@@ -1,4 +1,4 @@
-"""Session: starts the nodes of a rig as processes of their own, waits for their end and stops them, without ROS here."""
+"""Session: starts the nodes of a rig as processes, waits for their end and stops them; needs no ROS itself."""
 
 from __future__ import annotations
 
@@ -52,6 +52,7 @@ class Child:
 
     node: str
     process: subprocess.Popen[str]
+    listeners: list[threading.Thread] = field(default_factory=list)
     words: set[str] = field(default_factory=set)
     diagnostics: dict[str, Any] = field(default_factory=dict)
     complaint: str = ""
@@ -84,8 +85,8 @@ class Session:
     ) -> None:
         self.stop()
 
-    def start(self, node: str, values: Mapping[str, Any]) -> None:
-        """Start a node with these parameters; the others have their defaults.
+    def command(self, node: str, values: Mapping[str, Any]) -> list[str]:
+        """Command that starts a node with these parameters; the others have their defaults.
 
         Raises:
             UserError: a parameter is unknown or not allowed.
@@ -100,6 +101,10 @@ class Session:
                 command += ["-p", f"{name}:={json.dumps(known[name].checked(value))}"]
             except UserError as error:
                 raise UserError(f"{node}: {error}") from error
+        return command
+
+    def start(self, node: str, command: Sequence[str]) -> None:
+        """Start a node's process."""
         process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
@@ -109,9 +114,10 @@ class Session:
             errors="replace",
             env=self._environment,
         )
-        self.children[node] = Child(node=node, process=process)
+        child = self.children[node] = Child(node=node, process=process)
         for stream in ("stdout", "stderr"):
-            threading.Thread(target=self._listen, args=(node, stream), daemon=True).start()
+            child.listeners.append(threading.Thread(target=self._listen, args=(child, stream), daemon=True))
+            child.listeners[-1].start()
 
     def wait_for(self, word: str, nodes: Sequence[str], timeout: float) -> None:
         """Wait until each of the nodes has said a word ("ready", "started").
@@ -152,10 +158,12 @@ class Session:
                 for child in running:
                     if number == signal.SIGKILL:
                         self._tell(f"{child.node} does not end: killed")
-                    child.process.send_signal(number)
+                    # Before it is ready, Python itself would complain about an interrupt.
+                    child.process.send_signal(number if "ready" in child.words else max(number, signal.SIGTERM))
                 while time.monotonic() < end and any(child.process.poll() is None for child in running):
                     self._hear(0.02)
-        self._hear(0.0)
+        for child in self.children.values():
+            self._hear_last(child)
         return {child.node: child.diagnostics for child in self.children.values()}
 
     def check_end(self) -> None:
@@ -167,13 +175,20 @@ class Session:
     def _check(self, child: Child) -> None:
         if child.process.poll() is None:
             return
-        self._hear(TICK)  # its last words
+        self._hear_last(child)
         why = child.complaint.removeprefix("error: ") or "without a word"
         raise UserError(f"{child.node} ended with status {child.process.returncode}: {why}")
 
-    def _listen(self, node: str, stream: str) -> None:
-        for line in getattr(self.children[node].process, stream):
-            self._lines.put((node, stream, line.rstrip()))
+    def _listen(self, child: Child, stream: str) -> None:
+        with getattr(child.process, stream) as lines:
+            for line in lines:
+                self._lines.put((child.node, stream, line.rstrip()))
+
+    def _hear_last(self, child: Child) -> None:
+        """Take in the last words of a node that has ended."""
+        for listener in child.listeners:
+            listener.join(STOP_TIMEOUTS[-1][1])
+        self._hear(0.0)
 
     def _hear(self, timeout: float) -> None:
         """Take in what the nodes say, for `timeout` [s] if they say nothing."""
@@ -239,14 +254,16 @@ def run(
     expected = float(values["reference"]["duration"])
     if values["reference"]["kind"] == "hardware" and not expected:
         expected = HARDWARE_DURATION
+    shown = 0.0 if lockstep else expected
     interrupted = False
     with Session(rig, domain=domain, tell=tell) as session, _terminable():
         try:
-            for node, given in values.items():
-                session.start(node, given)
+            commands = {node: session.command(node, given) for node, given in values.items()}
+            for node, command in commands.items():
+                session.start(node, command)
             session.wait_for("ready", list(values), READY_TIMEOUT)
             session.wait_for("started", ["plant"], START_TIMEOUT)
-            session.wait_for_end(["reference", "plant"], lambda seconds: progress(seconds, 0.0 if lockstep else expected))
+            session.wait_for_end(["reference", "plant"], lambda seconds: progress(seconds, shown))
         except KeyboardInterrupt:
             interrupted = True
         diagnostics = session.stop()

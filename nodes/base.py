@@ -61,9 +61,7 @@ class RigNode(Node):
 
     def open(self, topic: str) -> Publisher:
         """Publisher of one of the rig's topics."""
-        return self.create_publisher(
-            topics.TYPES[topic], self.full_name(topic), topics.profile(self.qualities, topic)
-        )
+        return self.create_publisher(topics.TYPES[topic], self.full_name(topic), topics.profile(self.qualities, topic))
 
     def listen(self, topic: str, callback: Callable[[Any], None], **options: Any) -> Subscription:
         """Subscription of one of the rig's topics; options: depth, raw."""

@@ -53,9 +53,11 @@ class ControllerNode(RigNode):
         self.begin()
         self.warm_up()
         self.begin()
-        self.listen("reference", self.on_reference)
-        estimates = self.listen("state_estimate", self.on_estimate)
-        self.when(lambda: estimates.get_publisher_count() > 0, self.advertise)
+        needed = [self.listen("state_estimate", self.on_estimate)]
+        references = self.listen("reference", self.on_reference)
+        if self.lockstep:
+            needed.append(references)
+        self.when(lambda: all(entry.get_publisher_count() for entry in needed), self.advertise)
         if not self.lockstep:
             self.every(WATCH_PERIOD, self.watch)
 

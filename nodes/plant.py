@@ -72,17 +72,15 @@ class PlantNode(RigNode):
         self.measure(0, 0.0)
 
     def tick(self) -> None:
-        """In real time: integrate up to now and publish the measurement that is due."""
+        """In real time: integrate up to now and publish the measurement that is due, and those that were missed."""
         elapsed = perf_counter() - self.begin
         period = self.answers.period / SECOND
         number = round(elapsed / period)
-        due = number - self.answers.latest
-        if due <= 0:
-            return
-        self.overruns += due - 1
+        self.overruns += max(number - self.answers.latest - 1, 0)
         self.lateness.add(max(elapsed - number * period, 0.0))
         self.plant.bias, self.drive.timeout = self.settings["bias"], self.settings["command_timeout"]
-        self.measure(number, self.integrate(due * self.steps))
+        while self.answers.latest < number:
+            self.measure(self.answers.latest + 1, self.integrate(self.steps))
 
     def integrate(self, steps: int) -> float:
         """Advance the rig; return the mean input applied [drive unit]."""

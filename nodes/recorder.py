@@ -28,7 +28,8 @@ FLUSH_PERIOD = 1.0  # s, between two times that all is on the disk
 class RecorderNode(RigNode):
     """Takes serialised messages and the time they came, and hands them to a thread that writes.
 
-    The middleware notes the time when a message comes; the recorder itself gives way to the loop. The bag grows in a folder beside its place and takes it when the node ends.
+    The middleware notes the time when a message comes; the recorder itself gives way to the loop. The bag grows in a
+    folder beside its place and takes it when the node ends.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -49,7 +50,6 @@ class RecorderNode(RigNode):
                 self.searched.add(name)
         if self.searched:
             self.every(SEARCH_PERIOD, self.search)
-        os.nice(NICENESS)
         self.stack = ExitStack()
         self.writer = self.stack.enter_context(BagWriter(path, replace=self.settings["overwrite"]))
         self.thread = Thread(target=self.write)
@@ -81,7 +81,9 @@ class RecorderNode(RigNode):
             try:
                 message_type = getattr(import_module(package.replace("/", ".")), kind)
             except (ImportError, AttributeError):
-                self.get_logger().error(f"topic {name} is not recorded: no type {publishers[0].topic_type} is installed")
+                self.get_logger().error(
+                    f"topic {name} is not recorded: no type {publishers[0].topic_type} is installed"
+                )
                 continue
             offered = publishers[0].qos_profile
             quality = QoSProfile(depth=DEPTH, reliability=offered.reliability, durability=offered.durability)
@@ -126,9 +128,16 @@ class RecorderNode(RigNode):
         return OK, "recording", values
 
 
+def make() -> RecorderNode:
+    """Make the node, and let it give way: not the middleware's threads, which are there by then and note the times."""
+    node = RecorderNode()
+    os.nice(NICENESS)
+    return node
+
+
 def main() -> int:
     """Run the node."""
-    return run(RecorderNode)
+    return run(make)
 
 
 if __name__ == "__main__":

@@ -82,7 +82,7 @@ class ReferenceNode(RigNode):
             point = JointTrajectoryPoint(positions=[0.0])
             set_nanoseconds(point.time_from_start, offset)
             self.message.points.append(point)
-        self.zero = 0
+        self.zero = self.stamp = 0
         self.sent = 0
         self.previews = self.open("reference")
         self.measurements: Subscription | None = self.listen("joint_states", self.on_measurement)
@@ -92,11 +92,14 @@ class ReferenceNode(RigNode):
     def on_measurement(self, message: JointState) -> None:
         """Begin with the first measurement; in lockstep follow their stamps."""
         stamp = nanoseconds(message.header.stamp)
+        if self.zero and not self.settings["lockstep"]:
+            return
         if not self.zero:
             self.zero = stamp
             announce("begun")
-        elif not self.settings["lockstep"]:
-            return
+        if stamp == self.stamp:  # nobody answered it: maybe for want of a reference
+            self.previews.publish(self.message)
+        self.stamp = stamp
         self.advance(stamp)
 
     def tick(self) -> None:

@@ -1,0 +1,151 @@
+"""The configuration describes every parameter once, and what is wrong with it is told by file and key."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from hybrid_sysid_ros import configuration, signals
+from hybrid_sysid_ros.configuration import Parameter, Quality
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.rigs.rig import Rig
+
+NODES = ("plant", "estimator", "controller", "reference", "recorder")
+
+
+@pytest.fixture
+def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Write the configuration of a rig called toy."""
+    monkeypatch.setattr(signals, "CONFIGURATIONS", tmp_path)
+
+    def written(content: dict[str, Any]) -> Path:
+        path = tmp_path / "toy.yaml"
+        path.write_text(yaml.safe_dump(content), encoding="utf-8")
+        return path
+
+    return written
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_every_parameter_is_described_and_its_default_allowed(node: str) -> None:
+    for name, parameter in configuration.parameters("cam_beam", node).items():
+        assert parameter.description, name
+        assert parameter.checked(parameter.default) == parameter.default
+        assert parameter.kind not in (int, float) or math.isfinite(parameter.low + parameter.high), name
+
+
+def test_what_two_nodes_share_has_one_default() -> None:
+    plant, estimator, controller = (configuration.defaults("cam_beam", node) for node in NODES[:3])
+    assert plant["rate"] == estimator["rate"]
+    assert estimator["latency"] == controller["latency"]
+    assert estimator["model"] == controller["model"]
+
+
+def test_the_preview_reaches_beyond_the_horizon(rig: Rig) -> None:
+    reference, controller = (configuration.defaults("cam_beam", node) for node in ("reference", "controller"))
+    needed = controller["horizon"] * controller["period"] + controller["latency"] + rig.equation.delay
+    assert reference["preview_seconds"] >= needed + reference["publish_period"]
+
+
+def test_the_library_gets_the_numbers_of_the_nodes_in_si_units(rig: Rig) -> None:
+    values = configuration.defaults("cam_beam", "estimator")
+    tuning = configuration.estimator_tuning(values, rig)
+    assert tuning.measurement_noise == pytest.approx(values["measurement_noise_volts"] * math.radians(1.3))
+    problem = configuration.mpc_problem(configuration.defaults("cam_beam", "controller"), rig)
+    assert problem.input_limit == 10.0
+    assert problem.output_scale == pytest.approx(math.radians(1.3))
+
+
+def test_a_topic_is_carried_as_its_class_says() -> None:
+    qualities = configuration.qualities("cam_beam")
+    assert qualities["joint_states"] == Quality(reliability="reliable", durability="volatile", depth=10)
+    assert qualities["state_estimate"].depth == 1  # an old estimate has no use
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value", "message"),
+    [
+        (
+            Parameter(name="rate", default=200.0, description="", unit="Hz", low=1.0, high=1e3),
+            5e3,
+            "5000.0 Hz: it must",
+        ),
+        (Parameter(name="rate", default=200.0, description="", low=1.0, high=1e3), math.nan, "nan: it must be within"),
+        (Parameter(name="rate", default=200.0, description=""), "fast", "'fast': it needs a number"),
+        (Parameter(name="rate", default=200.0, description=""), True, "True: it needs a number"),
+        (Parameter(name="seed", default=0, description="", low=0, high=9), 1.0, "1.0: it needs a whole number"),
+        (Parameter(name="seed", default=0, description="", low=0, high=9), -1, "-1: it must be within [0, 9]"),
+        (Parameter(name="lockstep", default=False, description=""), 1, "1: it needs true or false"),
+        (Parameter(name="policy", default="a", description="", choices=("a", "b")), "c", "choose one of a, b"),
+        (Parameter(name="model", default="", description=""), None, "None: it needs text"),
+    ],
+)
+def test_a_value_that_is_not_allowed_is_told(parameter: Parameter, value: Any, message: str) -> None:
+    with pytest.raises(UserError) as told:
+        parameter.checked(value)
+    assert message in str(told.value)
+    assert parameter.name in str(told.value)
+
+
+def test_a_whole_number_does_for_a_number() -> None:
+    value = Parameter(name="rate", default=200.0, description="").checked(100)
+    assert (value, type(value)) == (100.0, float)
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        (3.0, "nodes.plant.rate: needs default and description"),
+        ({"description": "", "range": [1.0, 2.0]}, "nodes.plant.rate: has wrong keys"),
+        ({"default": 1.5, "description": "", "range": 2.0}, "nodes.plant.rate: has wrong keys"),
+        ({"default": 1.5, "description": "", "colour": "red"}, "nodes.plant.rate: has wrong keys"),
+        ({"default": 3.0, "description": "", "range": [1.0, 2.0]}, "nodes.plant.rate: parameter rate is 3.0"),
+        ({"default": [1], "description": ""}, "nodes.plant.rate: parameter rate: the default [1]"),
+    ],
+)
+def test_a_wrong_description_is_told_by_file_and_key(write: Any, entry: Any, message: str) -> None:
+    path = write({"nodes": {"plant": {"rate": entry}}})
+    with pytest.raises(UserError) as told:
+        configuration.parameters("toy", "plant")
+    assert str(told.value).startswith(f"{path}: {message}")
+
+
+def test_a_missing_section_is_told(write: Any) -> None:
+    path = write({"nodes": {"plant": {}}})
+    with pytest.raises(UserError, match=r"no section nodes\.estimator: known are plant"):
+        configuration.parameters("toy", "estimator")
+    with pytest.raises(UserError, match=f"{path}: no section qos"):
+        configuration.qualities("toy")
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"reliability": "sometimes", "durability": "volatile", "depth": 1, "topics": []},
+        {"reliability": "reliable", "durability": "volatile", "depth": 0, "topics": []},
+        {"reliability": "reliable", "depth": 1, "topics": []},
+        {"reliability": "reliable", "durability": "volatile", "depth": 1},
+        "reliable",
+    ],
+)
+def test_a_wrong_class_of_topics_is_told(write: Any, entry: Any) -> None:
+    path = write({"qos": {"loop": entry}})
+    with pytest.raises(UserError) as told:
+        configuration.qualities("toy")
+    assert str(told.value).startswith(f"{path}: qos.loop: ")
+
+
+def test_a_topic_in_two_classes_is_told(write: Any) -> None:
+    quality = {"reliability": "reliable", "durability": "volatile", "depth": 1, "topics": ["joint_states"]}
+    write({"qos": {"loop": quality, "view": quality}})
+    with pytest.raises(UserError, match=r"qos\.view: topic joint_states is in another class"):
+        configuration.qualities("toy")
+
+
+def test_an_unknown_rig_is_told() -> None:
+    with pytest.raises(UserError, match="no configuration for a rig 'crane'"):
+        configuration.defaults("crane", "plant")
+    with pytest.raises(UserError, match="no model comes with the package for the rig crane"):
+        configuration.shipped("crane", "model")

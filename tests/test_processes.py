@@ -1,0 +1,140 @@
+"""The nodes as processes: they start, run in real time, end when told to, and say in a line what is wrong."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hybrid_sysid_ros import bags, session
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.signals import Signals
+
+TIMEOUT = 60.0  # s
+
+
+@pytest.fixture
+def start(domain: int) -> Iterator[type[subprocess.Popen[str]]]:
+    """Start a node with arguments; none is left behind."""
+    started: list[subprocess.Popen[str]] = []
+
+    def make(node: str, *arguments: str) -> subprocess.Popen[str]:
+        command = [sys.executable, "-m", f"hybrid_sysid_ros.nodes.{node}", *arguments]
+        pipe, environment = subprocess.PIPE, {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+        started.append(subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=environment))
+        return started[-1]
+
+    yield make  # type: ignore[misc]
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def wait_until_ready(process: subprocess.Popen[str]) -> None:
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+
+
+def test_the_whole_loop_runs_in_real_time_and_leaves_a_bag(
+    domain: int, tmp_path: Path, model_folder: Path, policy_folder: Path
+) -> None:
+    lines: list[str] = []
+    seconds: list[float] = []
+    outcome = session.run(
+        model=model_folder,
+        policy_path=policy_folder,
+        reference="sine",
+        duration=2.0,
+        bag=tmp_path / "bag",
+        domain=domain,
+        tell=lines.append,
+        progress=lambda elapsed, duration: seconds.append(elapsed),
+    )
+    assert not outcome.interrupted
+    assert 1.9 < seconds[-1] < 5.0
+    assert "done after 2 s" in " ".join(lines)
+    assert outcome.diagnostics["plant"]["measurements"] > 390
+    assert outcome.diagnostics["controller"]["layer_policy"] > 200
+    assert 0.0 < outcome.diagnostics["plant"]["delay_ms_p50"] < 1e3
+    record = bags.read(tmp_path / "bag", Signals.of_rig("cam_beam"))
+    assert record.duration > 1.9
+    assert "/diagnostics" in bags.topics(tmp_path / "bag")
+
+
+@pytest.mark.parametrize("interrupts", [1, 2])
+def test_a_node_ends_well_on_one_or_two_interrupts(start, interrupts: int) -> None:
+    process = start("reference")
+    wait_until_ready(process)
+    for _ in range(interrupts):
+        process.send_signal(signal.SIGINT)
+    out, complaints = process.communicate(timeout=TIMEOUT)
+    assert process.returncode == 0
+    assert complaints == ""
+    assert '"kind": "hardware"' in out  # its last diagnostics
+
+
+def test_a_recorder_that_is_terminated_leaves_a_whole_bag(start, tmp_path: Path) -> None:
+    process = start("recorder", "--ros-args", "-p", f"path:={tmp_path / 'bag'}", "-p", "topics:=/diagnostics")
+    wait_until_ready(process)
+    process.terminate()
+    process.communicate(timeout=TIMEOUT)
+    assert process.returncode == 0
+    bags.topics(tmp_path / "bag")
+    assert [path.name for path in tmp_path.iterdir()] == ["bag"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["-p", "rate:=5000.0"], "error: parameter rate is 5000.0 Hz: it must be within [1, 1000]"),
+        (["-p", "rat:=100.0"], "error: unknown parameter rat: known are"),
+        (["-p", "rate"], "error: "),
+        (["--params-file", "/nowhere.yaml"], "error: "),
+    ],
+)
+def test_a_wrong_argument_ends_a_node_with_status_2_and_a_line(start, arguments: list[str], message: str) -> None:
+    process = start("plant", "--ros-args", *arguments)
+    _, complaints = process.communicate(timeout=TIMEOUT)
+    assert process.returncode == 2
+    assert message in complaints.splitlines()[-1]
+    assert "Traceback" not in complaints
+
+
+def test_parameters_come_from_a_file_too(start, tmp_path: Path) -> None:
+    (tmp_path / "parameters.yaml").write_text("/**:\n  ros__parameters:\n    kind: sine\n    amplitude: 2.0\n")
+    process = start("reference", "--ros-args", "--params-file", str(tmp_path / "parameters.yaml"))
+    wait_until_ready(process)
+    process.send_signal(signal.SIGTERM)
+    out, _ = process.communicate(timeout=TIMEOUT)
+    assert '"kind": "sine"' in out
+
+
+def test_a_session_tells_what_keeps_a_node_from_starting(domain: int, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"ended with status 2: .*nowhere"):
+        session.run(model=tmp_path / "nowhere", policy="exact", domain=domain, tell=lambda line: None)
+    with pytest.raises(UserError, match=r"parameter rate is 5000\.0 Hz"):
+        session.run(rate=5e3, domain=domain)
+    with pytest.raises(UserError, match="controller: unknown parameter speed"):
+        session.run(domain=domain, parameters={"controller": {"speed": 1.0}})
+    with pytest.raises(UserError, match="ROS domain 233"):
+        session.run(domain=233)
+
+
+def test_a_session_ends_well_when_it_is_interrupted(domain: int, model_folder: Path, policy_folder: Path) -> None:
+    def interrupt(seconds: float, duration: float) -> None:
+        if seconds > 0.5:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    before = threading.active_count()
+    outcome = session.run(
+        model=model_folder, policy_path=policy_folder, lockstep=True, domain=domain, progress=interrupt
+    )
+    assert outcome.interrupted
+    assert outcome.diagnostics["plant"]["commands"] > 0
+    assert threading.active_count() == before
