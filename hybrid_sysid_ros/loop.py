@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +49,7 @@ class LoopRecord:
     delay [s]: from the stamp to the logging of the command with that stamp; NaN without one, and everywhere where
     stamps and log are not of one clock (lockstep). turnaround [s]: from the logging of the measurement to that of the
     command; both are the recorder's times, so what keeps the recorder waiting is in there. late: no command had come
-    when the next measurement did; of the last measurement nobody knows, so it is not.
+    when the next measurement did (in lockstep: none came at all); of the last measurement nobody knows, so it is not.
     """
 
     name: str
@@ -117,6 +118,11 @@ class LoopRecord:
         """Percentiles of the turnaround from `start` to `stop` [s]."""
         return Delays.of(self.turnaround[self.within(start, stop)])
 
+    def timing(self) -> dict[str, Any]:
+        """Delays [ms] and missed commands since time zero, by the keys of the demo's summary."""
+        delays = {name: round(1e3 * value, 4) for name, value in asdict(self.delays()).items()}
+        return {"delay_ms": delays, "missed_commands": self.missed_commands()}
+
 
 class _Reading:
     """One bag on its way into a LoopRecord."""
@@ -163,7 +169,7 @@ class _Reading:
         one_clock = abs(np.median(logged - stamps)) <= ONE_CLOCK
         delay = np.where((answered >= 0) & one_clock, (replies - stamps) * 1e-9, np.nan)
         late = np.zeros(len(stamps), dtype=bool)
-        late[:-1] = (answered[:-1] < 0) | (replies[:-1] >= logged[1:])
+        late[:-1] = (answered[:-1] < 0) | (one_clock & (replies[:-1] >= logged[1:]))
         zero, reference = self.reference(stamps)
         resolved = self.path.resolve()
         return LoopRecord(

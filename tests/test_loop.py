@@ -118,6 +118,8 @@ def test_delays_are_those_of_the_commands(tmp_path):
     assert found.p99 == pytest.approx(1e-9 * np.percentile(delay[BEFORE:], 99))
     assert found.max == pytest.approx(1e-9 * np.max(delay[BEFORE:]))
     assert loop.missed_commands() == 0
+    assert loop.timing()["missed_commands"] == 0
+    assert loop.timing()["delay_ms"]["p99"] == pytest.approx(1e3 * found.p99, abs=1e-4)
 
 
 def test_a_command_is_missed_if_the_next_measurement_is_there_first(tmp_path):
@@ -140,6 +142,14 @@ def test_in_simulated_time_only_the_turnaround_means_something(tmp_path):
     assert not loop.is_real_time
     assert np.isnan(loop.delays().p99)
     assert loop.turnarounds().p50 == pytest.approx(1.3e-3)
+    assert loop.missed_commands() == 0
+
+
+def test_in_simulated_time_a_command_is_missed_only_if_none_came(tmp_path):
+    delay = np.full(SAMPLES, PERIOD + 250_000)  # the recorder may get the next measurement first
+    answered = np.delete(np.arange(SAMPLES), 200)
+    bag = write(tmp_path / "run", start=1_000_000_000, log=START, delay=delay, answered=answered)
+    np.testing.assert_array_equal(np.flatnonzero(LoopRecord.from_bag(bag, RIG).late), [200])
 
 
 def test_a_repeated_measurement_counts_once(tmp_path):
