@@ -1,0 +1,24 @@
+"""Reports: one HTML page about a model and the loop it runs in, which needs no network to be read."""
+
+from hybrid_sysid_ros.report.page import check_available, write
+from hybrid_sysid_ros.report.sections import (
+    ClosedLoopSection,
+    FreeRun,
+    IdentificationSection,
+    Provenance,
+    closed_loop_section,
+    identification_section,
+    provenance,
+)
+
+__all__ = [
+    "ClosedLoopSection",
+    "FreeRun",
+    "IdentificationSection",
+    "Provenance",
+    "check_available",
+    "closed_loop_section",
+    "identification_section",
+    "provenance",
+    "write",
+]

@@ -1,0 +1,211 @@
+"""Sections: what a report tells, worked out; nothing here draws."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.equations import simulate
+from hybrid_sysid_ros.identification import Part, Scores, score
+from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.identify import experiment_of
+from hybrid_sysid_ros.identification.residual_tests import LAGS, ResidualTest, independence, whiteness
+from hybrid_sysid_ros.loop import LoopRecord
+from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.models.model import versions
+from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.rigs.excitation import HARDWARE_SINE, HARDWARE_STEPS, hardware_reference
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.sensor import Sensor
+
+Array = NDArray[np.float64]
+
+HIGHLY_CORRELATED = 0.95
+SAME_REFERENCE = 1e-3  # V, median distance of a loop's reference from the hardware run's
+Window = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FreeRun:
+    """A model's free run over a record, or a part of it.
+
+    seen: this part overlaps with the model's training data. scores: of the scored samples [rad]. time [s], measured
+    [rad] (samples,): the record. simulated_time, simulated (steps,): the free run at its integration step.
+    residual_time, residuals (scored samples,) [rad]: measured minus simulated. white, against_input, against_reference:
+    residual tests, None where there is nothing to test.
+    """
+
+    name: str
+    digest: str
+    part: Part
+    seen: bool
+    scores: Scores
+    time: Array
+    measured: Array
+    simulated_time: Array
+    simulated: Array
+    residual_time: Array
+    residuals: Array
+    white: ResidualTest | None
+    against_input: ResidualTest | None
+    against_reference: ResidualTest | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentificationSection:
+    """A model and its free runs."""
+
+    model: Model
+    sensor: Sensor
+    runs: Sequence[FreeRun]
+
+    @property
+    def correlated(self) -> list[tuple[str, str, float]]:
+        """Pairs of physical parameters whose estimates are highly correlated, most first: names and coefficient."""
+        physical = {item.name for item in self.model.equation.parameters}
+        kept = [index for index, name in enumerate(self.model.names) if name in physical]
+        covariance = self.model.covariance[np.ix_(kept, kept)]
+        deviations = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            coefficients = np.nan_to_num(covariance / np.outer(deviations, deviations))
+        pairs = [
+            (self.model.names[kept[i]], self.model.names[kept[j]], float(coefficients[i, j]))
+            for i in range(len(kept))
+            for j in range(i)
+            if abs(coefficients[i, j]) > HIGHLY_CORRELATED
+        ]
+        return sorted(pairs, key=lambda pair: -abs(pair[2]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClosedLoopSection:
+    """A recorded loop; windows: where tracking is judged, zooms: what is shown larger, by name, from and to [s]."""
+
+    loop: LoopRecord
+    windows: Mapping[str, Window] = field(default_factory=dict)
+    zooms: Mapping[str, Window] = field(default_factory=dict)
+
+    @property
+    def rig(self) -> Rig:
+        """The rig in the loop."""
+        return self.loop.rig
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """Where a report comes from; hashes and versions by name."""
+
+    command: str
+    hashes: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+
+def identification_section(model: Model, records: Iterable[tuple[Record, Part]]) -> IdentificationSection:
+    """Free runs of a model over (parts of) records.
+
+    Raises:
+        UserError: a record does not fit the model's sampling.
+    """
+    runs = tuple(free_run_of(model, record, part) for record, part in records)
+    return IdentificationSection(model=model, sensor=rigs.load(model.rig).sensor, runs=runs)
+
+
+def free_run_of(model: Model, record: Record, part: Part) -> FreeRun:
+    """Free run of a model over a part of a record, scored and tested.
+
+    Raises:
+        UserError: the record does not fit the model's sampling.
+    """
+    experiment = experiment_of(model, record, part=part)
+    sampling, used = model.sampling, record.part(part.start, part.stop)
+    states = simulate(model.equation, experiment.states[0], experiment.inputs, step=sampling.step)
+    simulated = states[:, model.equation.outputs[0]]
+    residuals = experiment.outputs[:, 0] - simulated[:: sampling.every]
+    inputs = experiment.inputs[:, 0].reshape(-1, sampling.every).mean(axis=1)
+    reference = used.channels.get("reference")
+    stride = round(sampling.period / used.sampling_time)
+    return FreeRun(
+        name=record.name,
+        digest=record.digest,
+        part=part,
+        seen=_seen(model, record, part),
+        scores=score(experiment.outputs[:, 0], simulated[:: sampling.every]),
+        time=used.time,
+        measured=used.output[:, 0],
+        simulated_time=np.asarray(sampling.step * np.arange(len(simulated))),
+        simulated=simulated,
+        residual_time=np.asarray(sampling.period * np.arange(experiment.samples)),
+        residuals=residuals,
+        white=whiteness(residuals, lags=_lags(experiment)) if _varies(residuals) else None,
+        against_input=_against(residuals[:-1], inputs, experiment),
+        against_reference=None if reference is None else _against(residuals, reference[::stride], experiment),
+    )
+
+
+def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopSection:
+    """A recorded loop, judged on the windows of the hardware reference if that is what it followed, else as a whole.
+
+    rig: by default the one that the loop was read with.
+    """
+    sensor = (rig or loop.rig).sensor
+    volts, time = sensor.volts(loop.reference), loop.time
+    begun = np.isfinite(volts) & (time >= 0.0)
+    windows: dict[str, Window] = {"whole": (0.0, float(time[-1]))}
+    if begun.any() and np.median(np.abs(volts - hardware_reference(time))[begun]) < SAME_REFERENCE:
+        windows = {"steps": HARDWARE_STEPS, "sine": HARDWARE_SINE}
+    windows = {name: window for name, window in windows.items() if (begun & loop.within(*window)).any()}
+    zooms: dict[str, Window] = {}
+    for name, (start, stop) in windows.items():
+        if name == "sine":
+            zooms[name] = (start + 2.0, min(start + 6.0, stop))
+            continue
+        inside = begun & loop.within(start + 0.5, stop)
+        jump = np.abs(np.diff(volts)) * (inside[1:] & inside[:-1])
+        middle = float(time[int(np.nanargmax(jump))]) if inside.sum() > 1 else start
+        zooms["largest step"] = (max(middle - 0.4, 0.0), middle + 0.9)
+    return ClosedLoopSection(loop=loop, windows=windows, zooms=zooms)
+
+
+def provenance(model: Model, command: str, *, hashes: Mapping[str, str] | None = None) -> Provenance:
+    """Where a report on a model comes from: the command that makes it, the hashes of model and training records.
+
+    hashes: further ones, by name.
+    """
+    found = {"model": model.seal}
+    for entry in model.records:
+        start, stop = entry.get("part", (0.0, 1.0))
+        found[f"training, {entry.get('name', '?')} {start:g} to {stop:g}"] = str(entry.get("sha256", ""))
+    known = {**versions(), "Python": platform.python_version(), "system": f"{platform.system()} {platform.machine()}"}
+    return Provenance(command=command, hashes={**found, **(hashes or {})}, versions=known)
+
+
+def _seen(model: Model, record: Record, part: Part) -> bool:
+    """Whether a part of a record overlaps with what the model was trained on."""
+
+    def overlaps(entry: Mapping[str, Any]) -> bool:
+        start, stop = entry.get("part", (0.0, 1.0))
+        return bool(entry.get("sha256") == record.digest and start < part.stop and part.start < stop)
+
+    return bool(record.digest) and any(overlaps(entry) for entry in model.records)
+
+
+def _lags(experiment: Experiment) -> int:
+    return max(1, min(LAGS, (experiment.samples - 1) // 4))
+
+
+def _varies(values: Array) -> bool:
+    return bool(np.isfinite(values).all() and np.ptp(values) > 1e-9 * max(1.0, float(np.max(np.abs(values)))))
+
+
+def _against(residuals: Array, signal: Array, experiment: Experiment) -> ResidualTest | None:
+    length = min(len(residuals), len(signal))
+    residuals, signal = residuals[:length], signal[:length]
+    if not (_varies(residuals) and _varies(signal)):
+        return None
+    return independence(residuals, signal, lags=_lags(experiment))

@@ -1,0 +1,283 @@
+"""The report: one whole page that needs no network and shows every record with its scores."""
+
+import builtins
+import html.parser
+import sys
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros import report
+from hybrid_sysid_ros.equations import simulate
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.identification import Part, evaluate
+from hybrid_sysid_ros.loop import LoopRecord
+from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.report.page import significant
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.rigs.excitation import hardware_reference, multisine
+
+pytest.importorskip("plotly")
+pytest.importorskip("jinja2")
+
+RIG = rigs.load("cam_beam")
+RATE, PERIOD = 200, 0.005
+VOID = {"meta", "link", "br", "hr", "img", "input", "source"}
+
+
+class Page(html.parser.HTMLParser):
+    """Tags of a page: whether all are closed, which addresses they name, what its text is."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open: list[str] = []
+        self.addresses: list[str] = []
+        self.words: list[str] = []
+        self.tags: list[str] = []
+        self.ids: list[str] = []
+        self.feed(text)
+        self.close()
+        self.text = " ".join(" ".join(self.words).split())
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        found = dict(attributes)
+        self.addresses += [found[key] for key in ("src", "href", "data", "action") if key in found]
+        self.ids += [found["id"]] if "id" in found else []
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] not in ("script", "style"):
+            self.words.append(data)
+
+
+def record(name, seed, duration=12.0):
+    """A simulated experiment of the beam with a little noise."""
+    time = PERIOD * np.arange(round(duration * RATE) + 1)
+    reference = multisine(seed, amplitude=4.0, low=0.1, high=2.0, lines=20, period=duration)(time)
+    drive = (1.0 + reference)[:, None]
+    states = simulate(RIG.equation, np.zeros(2), drive[:-1], step=PERIOD)
+    noise = 5e-4 * np.random.default_rng(seed).normal(size=len(time))
+    return Record(
+        name=name,
+        time=time,
+        input=drive,
+        output=states[:, :1] + noise[:, None],
+        channels={"reference": RIG.sensor.radians(reference)},
+        digest=f"{seed:064x}",
+    )
+
+
+def model_of(training, correlation=0.99):
+    """The rig's own equation as a model; two of its parameters are correlated."""
+    names = tuple(item.name for item in RIG.equation.parameters if not item.fixed)
+    covariance = np.diag(np.full(len(names), 0.01**2))
+    covariance[0, 3] = covariance[3, 0] = correlation * 0.01**2
+    return Model(
+        rig="cam_beam",
+        structure="gray",
+        equation=RIG.equation,
+        sampling=Sampling(step=PERIOD, period=0.05),
+        names=names,
+        covariance=covariance,
+        training_range={},
+        records=({"name": training.name, "source": "", "sha256": training.digest, "part": [0.0, 0.5]},),
+        fit={"seconds": 1.25},
+        seal="5ea1" * 16,
+    )
+
+
+def loop_of(duration=51.0, delay=0.0015):
+    """A loop that follows the hardware reference 0.1 V below, with one command too late."""
+    time = PERIOD * np.arange(-10, round(duration * RATE))
+    reference = RIG.sensor.radians(np.where(time < 0, np.nan, hardware_reference(time)))
+    delays = np.full(len(time), delay)
+    delays[500] = 0.0063
+    return LoopRecord(
+        name="run",
+        rig=RIG,
+        stamps=(1e9 * (time + 10)).astype(np.int64),
+        time=time,
+        position=np.nan_to_num(reference) - RIG.sensor.radians(np.float64(0.1)),
+        reference=reference,
+        input=np.clip(3 * np.sin(time), -10, 10),
+        command=np.clip(3 * np.sin(time), -10, 10),
+        delay=delays,
+        turnaround=delays,
+        late=delays > PERIOD,
+        source="run",
+        digest="ab" * 32,
+    )
+
+
+@pytest.fixture(scope="module")
+def first():
+    return record("<first> & only", 1)
+
+
+@pytest.fixture(scope="module")
+def model(first):
+    return model_of(first)
+
+
+@pytest.fixture(scope="module")
+def section(model, first):
+    return report.identification_section(model, [(first, Part(start=0.5)), (record("second", 2), Part())])
+
+
+@pytest.fixture(scope="module")
+def text(section, model, tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "new" / "report.html"
+    loop = report.closed_loop_section(loop_of(), RIG)
+    assert report.write(path, section, loop, report.provenance(model, "make demo < now")) == path
+    return path.read_text(encoding="utf-8")
+
+
+def test_the_page_is_whole(text):
+    page = Page(text)
+    assert page.open == []
+    assert text.startswith("<!DOCTYPE html>")
+    assert text.rstrip().endswith("</html>")
+    assert len(page.ids) == len(set(page.ids))
+
+
+def test_the_page_needs_no_network(text):
+    page = Page(text)
+    assert page.addresses
+    assert all(address.startswith("#") and address[1:] in page.ids for address in page.addresses)
+    assert "link" not in page.tags
+    assert "@import" not in text[: text.index("<script>")]
+    assert text.count("plotly.js v") == 1  # and plotly is in it once
+
+
+def test_every_record_is_there_with_its_scores(text, model, first):
+    page = Page(text)
+    for used, part in ((first, Part(start=0.5)), (record("second", 2), Part())):
+        scores = evaluate(model, used, part=part)
+        assert used.name in page.text
+        assert f"R² {scores.r2:.4f}" in page.text
+        assert f"{RIG.sensor.volts(np.float64(scores.rmse)):.3f} V, {np.degrees(scores.rmse):.3f}°" in page.text
+        assert f"fit {scores.fit_percent:.1f} %" in page.text
+    assert sum(name.startswith("free-run-") for name in page.ids) == 2
+
+
+def test_parameters_stand_with_error_unit_and_correlation(text):
+    page = Page(text).text
+    for item in RIG.equation.parameters:
+        assert f"{item.name} {item.description.replace('^2', '²')}" in page
+    assert "damping gain \N{GREEK SMALL LETTER RHO} = 0.990" in page
+    assert "rad/(s² V)" in page
+
+
+def test_the_loop_is_judged_on_the_windows_of_the_hardware_reference(text):
+    page = Page(text)
+    assert "tracking RMSE, steps 0.100 V" in page.text
+    assert "tracking RMSE, sine 0.100 V" in page.text
+    assert "missed commands 1 of 10200" in page.text
+    assert "1.50 / 1.50 / 6.3 ms" in page.text
+    assert {"tracking", "zoom-0", "zoom-1", "delays"} <= set(page.ids)
+
+
+def test_provenance_names_command_versions_and_hashes(text, first):
+    page = Page(text).text
+    assert "make demo < now" in page
+    assert "numpy" in page
+    for digest in (first.digest, "ab" * 32, "5ea1" * 16):
+        assert digest in page
+
+
+def test_training_data_is_called_so(model, first):
+    runs = report.identification_section(model, [(first, Part(stop=0.4)), (first, Part(start=0.5))]).runs
+    assert [run.seen for run in runs] == [True, False]
+
+
+def test_a_perfect_model_leaves_what_passes_the_tests(section):
+    for run in section.runs:
+        assert run.against_input.p_value > 1e-3
+        assert run.against_reference.p_value > 1e-3
+
+
+def test_a_model_alone_makes_a_report(section, model, tmp_path):
+    path = report.write(tmp_path / "report.html", section, None, report.provenance(model, "evaluate"))
+    page = Page(path.read_text(encoding="utf-8"))
+    assert "closed-loop" not in page.ids
+    assert all(address[1:] in page.ids for address in page.addresses)
+
+
+def test_a_model_that_diverges_makes_a_report(model, first, tmp_path):
+    with np.errstate(all="ignore"):
+        run = report.identification_section(model, [(first, Part())]).runs[0]
+        wild = type(run)(
+            **{
+                **vars(run),
+                "simulated": np.full_like(run.simulated, np.inf),
+                "residuals": np.full_like(run.residuals, -np.inf),
+                "scores": type(run.scores)(r2=-np.inf, rmse=np.inf, fit_percent=-np.inf),
+                "white": None,
+                "against_input": None,
+                "against_reference": None,
+            }
+        )
+        broken = report.IdentificationSection(model=model, sensor=RIG.sensor, runs=(wild,))
+        path = report.write(tmp_path / "report.html", broken, None, report.provenance(model, "evaluate"))
+    assert first.name in Page(path.read_text(encoding="utf-8")).text
+
+
+def test_a_loop_in_simulated_time_shows_its_turnaround(section, model, tmp_path):
+    loop = loop_of()
+    lockstep = type(loop)(**{**vars(loop), "delay": np.full_like(loop.delay, np.nan)})
+    closed = report.closed_loop_section(lockstep)
+    path = report.write(tmp_path / "report.html", section, closed, report.provenance(model, "run"))
+    assert "Simulated time" in Page(path.read_text(encoding="utf-8")).text
+
+
+def test_another_reference_is_judged_as_a_whole():
+    loop = loop_of()
+    other = type(loop)(**{**vars(loop), "reference": 1.5 * loop.reference})
+    assert list(report.closed_loop_section(other).windows) == ["whole"]
+    short = report.closed_loop_section(loop_of(duration=8.0))
+    assert list(short.windows) == ["steps"]
+
+
+def test_the_zoom_shows_the_largest_step():
+    start, stop = report.closed_loop_section(loop_of()).zooms["largest step"]
+    levels = hardware_reference(np.arange(29) + 0.5)
+    assert start < 1 + np.argmax(np.abs(np.diff(levels))) < stop
+
+
+@pytest.mark.parametrize("missing", ["plotly", "jinja2"])
+def test_without_the_extra_the_user_is_told_which(section, model, tmp_path, monkeypatch, missing):
+    real = builtins.__import__
+
+    def absent(name, *args, **kwargs):
+        if name.partition(".")[0] == missing:
+            raise ModuleNotFoundError(f"No module named {missing!r}", name=missing)
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setitem(sys.modules, missing, None)  # what import takes for missing
+    monkeypatch.setattr(builtins, "__import__", absent)
+    with pytest.raises(UserError, match=rf"needs {missing}: .*hybrid_sysid_ros\[report\]"):
+        report.write(tmp_path / "report.html", section, None, report.provenance(model, "evaluate"))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "expected"),
+    [
+        (5.025019, 4, "5.025"),
+        (-122.74494, 4, "\N{MINUS SIGN}122.7"),
+        (0.00038415, 2, "0.00038"),
+        (2.3477e-5, 4, "2.348·10⁻⁵"),
+        (7282.3, 3, "7282"),
+        (0.0, 4, "0.000"),
+        (None, 4, "\N{EN DASH}"),
+        (float("nan"), 4, "\N{EN DASH}"),
+    ],
+)
+def test_numbers_are_short(value, digits, expected):
+    assert significant(value, digits) == expected
