@@ -136,10 +136,21 @@ def policy_train(
     rounds: Annotated[int, typer.Option(help="Rounds; from the second on the policy drives (DAgger).", min=1)] = ROUNDS,
     epochs: Annotated[int, typer.Option(help="Epochs of training in each round.", min=1)] = EPOCHS,
 ) -> None:
-    """Sample the exact MPC in closed loop and train a network that imitates it (needs the extra [train])."""
+    """Sample the exact MPC in closed loop and train a network that imitates it (needs the extra [train]).
+
+    An interrupted training goes on from the closed loops in OUT.samples when it is started again.
+    """
     loaded = load_model(model)
     with progress_bars(status) as update:
-        policy = train_policy(loaded, seed=seed, episodes=episodes, rounds=rounds, epochs=epochs, progress=update)
+        policy = train_policy(
+            loaded,
+            seed=seed,
+            episodes=episodes,
+            rounds=rounds,
+            epochs=epochs,
+            samples=out.with_name(f"{out.name}.samples"),
+            progress=update,
+        )
     policy.save(out)
     table = Table("quantity", "value", title=f"policy {out}", title_justify="left")
     for key, value in policy.training.items():

@@ -154,7 +154,7 @@ def simulated_loop(rig: Rig, model: Model, controller: Controller, *, seed: int 
 
 def _train(model: Model, folder: Path, console: Console) -> None:
     with progress_bars(console) as update:
-        train_policy(model, progress=update).save(folder)
+        train_policy(model, samples=folder.with_name("policy.samples"), progress=update).save(folder)
 
 
 def _run(bag: Path, model: Path, policy_folder: Path, console: Console) -> Path:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 from hybrid_sysid_ros import configuration
 from hybrid_sysid_ros.control.policy import Policy
+from hybrid_sysid_ros.control.sample_store import SampleStore
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import load
@@ -21,10 +23,12 @@ def train_policy(
     episodes: int = EPISODES,
     rounds: int = ROUNDS,
     epochs: int = EPOCHS,
+    samples: Path | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Policy:
     """Train a policy that imitates the exact MPC on a model; see :mod:`hybrid_sysid_ros.control.policy_training`.
 
+    samples: folder where finished closed loops are kept until the end, so that an interrupted training goes on.
     progress: gets the stage, how much of it is done, and how much there is. Raises UserError where torch is missing.
     """
     try:
@@ -34,4 +38,9 @@ def train_policy(
     rig = load(model.rig)
     problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig)
     settings = Settings(episodes=(episodes,) * rounds, epochs=epochs)
-    return train(model, problem, configuration.sampling_spread(rig), settings, seed=seed, progress=progress)
+    spread = configuration.sampling_spread(rig)
+    store = SampleStore(samples, f"{model.seal} {problem} {spread}") if samples is not None else None
+    policy = train(model, problem, spread, settings, seed=seed, store=store, progress=progress)
+    if store is not None:
+        store.remove()
+    return policy

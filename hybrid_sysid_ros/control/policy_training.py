@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -16,15 +17,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.controller import Controller
 from hybrid_sysid_ros.control.mpc import Problem
 from hybrid_sysid_ros.control.policy import Policy
+from hybrid_sysid_ros.control.sample_store import SampleStore
 from hybrid_sysid_ros.control.sampling import Samples, Spread, sample
 from hybrid_sysid_ros.models import Model
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 """progress(stage, done, of)"""
+
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 VALIDATION_SHARE = 0.1
 """Share of the closed loops, whole ones, that training never sees."""
@@ -34,7 +37,7 @@ VALIDATION_SHARE = 0.1
 class Settings:
     """episodes: closed loops of each round; the first is driven by the MPC, later ones by the policy so far (DAgger).
     hidden: widths of the tanh layers. epochs, batch, rate: of Adam, the rate falling along a cosine. workers: processes
-    that sample, 0 for one per core.
+    that sample, 0 for one per core. Earlier rounds train for a third of the epochs.
     """
 
     episodes: tuple[int, ...] = (70, 70, 70)
@@ -52,12 +55,14 @@ def train(
     settings: Settings,
     *,
     seed: int,
+    store: SampleStore | None = None,
     progress: Progress | None = None,
 ) -> Policy:
     """Sample the exact MPC on a model and train a policy that imitates it.
 
     Each round adds closed loops to the data and trains afresh from the last network. Reports the mean squared error of
-    held-out loops in drive units squared, on inputs within the bounds.
+    held-out loops in drive units squared, on inputs within the bounds. store: where finished loops are kept, so that an
+    interrupted training goes on.
     """
     began = time.perf_counter()
     parts: list[Samples] = []
@@ -65,23 +70,20 @@ def train(
     policy: Policy | None = None
     network: torch.nn.Module | None = None
     workers = settings.workers or os.cpu_count() or 1
-    with ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn")) as pool:
+    with _one_thread_each(), ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn")) as pool:
         for number, episodes in enumerate(settings.episodes):
-            work = partial(_episode, model, problem, spread, policy)
+            work = partial(sample, model.equation, problem, spread, step=model.sampling.step, driver=policy)
             seeds = [seed * 1_000_003 + 1000 * number + index for index in range(episodes)]
-            new: list[Samples] = []
-            for done, part in enumerate(pool.map(work, seeds)):
-                new.append(part)
-                if progress is not None:
-                    progress(f"round {number + 1}: closed loops of the exact MPC", done + 1, episodes)
+            report = partial(progress or _silent, f"round {number + 1}: closed loops of the exact MPC")
+            new = _sampled(pool, work, seeds, store, report)
             validation = max(1, round(VALIDATION_SHARE * episodes))
             held += new[:validation]
             parts += new[validation:]
-            label = f"round {number + 1}: training the network"
-            report = partial(progress, label) if progress is not None else None
-            network, policy = _fit(
-                model, problem, Samples.joined(parts), Samples.joined(held), settings, seed, network, report
-            )
+            last = number == len(settings.episodes) - 1
+            epochs = settings.epochs if last else max(1, settings.epochs // 3)
+            report = partial(progress or _silent, f"round {number + 1}: training the network")
+            data = Samples.joined(parts), Samples.joined(held)
+            network, policy = _fit(model, problem, *data, settings, epochs, seed, network, report)
     assert policy is not None
     measured = {
         **policy.training,
@@ -95,12 +97,47 @@ def train(
     return Policy(**{**_fields(policy), "training": measured})
 
 
+def _sampled(
+    pool: ProcessPoolExecutor,
+    work: Callable[[int], Samples],
+    seeds: list[int],
+    store: SampleStore | None,
+    progress: Callable[[int, int], None],
+) -> list[Samples]:
+    """The loops of the seeds, in their order; those that the store has are not run again."""
+    found = {seed: store.find(seed) if store is not None else None for seed in seeds}
+    running = {seed: pool.submit(work, seed) for seed, samples in found.items() if samples is None}
+    loops: list[Samples] = []
+    for done, seed in enumerate(seeds):
+        samples = found[seed] or running[seed].result()
+        if store is not None and seed in running:
+            store.keep(seed, samples)
+        loops.append(samples)
+        progress(done + 1, len(seeds))
+    return loops
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Processes started here use one thread of linear algebra: more only get into each other's way."""
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _silent(stage: str, done: int, of: int) -> None:
+    pass
+
+
 def _fields(policy: Policy) -> dict[str, Any]:
     return {name: getattr(policy, name) for name in policy.__dataclass_fields__}
-
-
-def _episode(model: Model, problem: Problem, spread: Spread, driver: Controller | None, seed: int) -> Samples:
-    return sample(model.equation, problem, spread, seed=seed, step=model.sampling.step, driver=driver)
 
 
 def features_of(samples: Samples, output: int) -> Array:
@@ -115,9 +152,10 @@ def _fit(
     samples: Samples,
     held: Samples,
     settings: Settings,
+    epochs: int,
     seed: int,
     start: torch.nn.Module | None,
-    progress: Callable[[int, int], None] | None,
+    progress: Callable[[int, int], None],
 ) -> tuple[torch.nn.Module, Policy]:
     torch.manual_seed(seed)
     output = model.equation.outputs[0]
@@ -130,17 +168,16 @@ def _fit(
     inputs = torch.from_numpy((raw - centre) / scale)
     targets = torch.from_numpy(samples.inputs / problem.input_limit)
     optimiser = torch.optim.Adam(network.parameters(), lr=settings.rate)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, settings.epochs)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, epochs)
     generator = torch.Generator().manual_seed(seed)
-    for epoch in range(settings.epochs):
+    for epoch in range(epochs):
         for rows in _batches(len(targets), settings.batch, generator):
             optimiser.zero_grad()
             loss = torch.mean(_beyond_bounds(network(inputs[rows])[:, 0], targets[rows]) ** 2)
             loss.backward()
             optimiser.step()
         schedule.step()
-        if progress is not None:
-            progress(epoch + 1, settings.epochs)
+        progress(epoch + 1, epochs)
     linear = [layer for layer in network if isinstance(layer, torch.nn.Linear)]
     layers = tuple((layer.weight.detach().numpy().copy(), layer.bias.detach().numpy().copy()) for layer in linear)
     policy = Policy(

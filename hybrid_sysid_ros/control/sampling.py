@@ -75,8 +75,8 @@ def sample(
     equation: Equation,
     problem: Problem,
     spread: Spread,
-    *,
     seed: int,
+    *,
     step: float,
     driver: Controller | None = None,
 ) -> Samples:
