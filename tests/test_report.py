@@ -1,6 +1,7 @@
 """The report: one whole page that needs no network and shows every record with its scores."""
 
 import builtins
+import dataclasses
 import html.parser
 import sys
 
@@ -10,7 +11,7 @@ import pytest
 from hybrid_sysid_ros import report
 from hybrid_sysid_ros.equations import simulate
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.identification import Part, evaluate
+from hybrid_sysid_ros.identification import Part, Scores, evaluate
 from hybrid_sysid_ros.loop import LoopRecord
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.record import Record
@@ -153,6 +154,8 @@ def test_the_page_needs_no_network(text):
     assert "link" not in page.tags
     assert "@import" not in text[: text.index("<script>")]
     assert text.count("plotly.js v") == 1  # and plotly is in it once
+    figures = sum(name.startswith(("free-run-", "zoom-")) for name in page.ids) + 3
+    assert text.count('"showSendToCloud": false') == figures  # nor does it offer to upload anything
 
 
 def test_every_record_is_there_with_its_scores(text, model, first):
@@ -196,6 +199,11 @@ def test_training_data_is_called_so(model, first):
     assert [run.seen for run in runs] == [True, False]
 
 
+def test_without_hashes_nothing_is_called_unseen(model, first):
+    nameless = dataclasses.replace(first, digest="")
+    assert report.identification_section(model, [(nameless, Part(start=0.5))]).runs[0].seen is None
+
+
 def test_a_perfect_model_leaves_what_passes_the_tests(section):
     for run in section.runs:
         assert run.against_input.p_value > 1e-3
@@ -212,16 +220,14 @@ def test_a_model_alone_makes_a_report(section, model, tmp_path):
 def test_a_model_that_diverges_makes_a_report(model, first, tmp_path):
     with np.errstate(all="ignore"):
         run = report.identification_section(model, [(first, Part())]).runs[0]
-        wild = type(run)(
-            **{
-                **vars(run),
-                "simulated": np.full_like(run.simulated, np.inf),
-                "residuals": np.full_like(run.residuals, -np.inf),
-                "scores": type(run.scores)(r2=-np.inf, rmse=np.inf, fit_percent=-np.inf),
-                "white": None,
-                "against_input": None,
-                "against_reference": None,
-            }
+        wild = dataclasses.replace(
+            run,
+            simulated=np.full_like(run.simulated, np.inf),
+            residuals=np.full_like(run.residuals, -np.inf),
+            scores=Scores(r2=-np.inf, rmse=np.inf, fit_percent=-np.inf),
+            white=None,
+            against_input=None,
+            against_reference=None,
         )
         broken = report.IdentificationSection(model=model, sensor=RIG.sensor, runs=(wild,))
         path = report.write(tmp_path / "report.html", broken, None, report.provenance(model, "evaluate"))
@@ -230,7 +236,7 @@ def test_a_model_that_diverges_makes_a_report(model, first, tmp_path):
 
 def test_a_loop_in_simulated_time_shows_its_turnaround(section, model, tmp_path):
     loop = loop_of()
-    lockstep = type(loop)(**{**vars(loop), "delay": np.full_like(loop.delay, np.nan)})
+    lockstep = dataclasses.replace(loop, delay=np.full_like(loop.delay, np.nan))
     closed = report.closed_loop_section(lockstep)
     path = report.write(tmp_path / "report.html", section, closed, report.provenance(model, "run"))
     assert "Simulated time" in Page(path.read_text(encoding="utf-8")).text
@@ -238,7 +244,7 @@ def test_a_loop_in_simulated_time_shows_its_turnaround(section, model, tmp_path)
 
 def test_another_reference_is_judged_as_a_whole():
     loop = loop_of()
-    other = type(loop)(**{**vars(loop), "reference": 1.5 * loop.reference})
+    other = dataclasses.replace(loop, reference=1.5 * loop.reference)
     assert list(report.closed_loop_section(other).windows) == ["whole"]
     short = report.closed_loop_section(loop_of(duration=8.0))
     assert list(short.windows) == ["steps"]

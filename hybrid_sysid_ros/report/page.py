@@ -22,6 +22,8 @@ AT_BOUND = 0.01  # of the distance between a parameter's bounds
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 CONFIG = {
     "displaylogo": False,
+    "showSendToCloud": False,  # measurements stay where they are: plotly would offer to upload them
+    "plotlyServerURL": "",
     "responsive": True,
     "modeBarButtonsToRemove": ["select2d", "lasso2d", "autoScale2d"],
     "toImageButtonOptions": {"format": "svg"},

@@ -35,7 +35,7 @@ Window = tuple[float, float]
 class FreeRun:
     """A model's free run over a record, or a part of it.
 
-    seen: this part overlaps with the model's training data. scores: of the scored samples [rad]. time [s], measured
+    seen: this part overlaps with the model's training data; None where hashes are missing to tell. scores: of the scored samples [rad]. time [s], measured
     [rad] (samples,): the record. simulated_time, simulated (steps,): the free run at its integration step.
     residual_time, residuals (scored samples,) [rad]: measured minus simulated. white, against_input, against_reference:
     residual tests, None where there is nothing to test.
@@ -44,7 +44,7 @@ class FreeRun:
     name: str
     digest: str
     part: Part
-    seen: bool
+    seen: bool | None
     scores: Scores
     time: Array
     measured: Array
@@ -185,14 +185,16 @@ def provenance(model: Model, command: str, *, hashes: Mapping[str, str] | None =
     return Provenance(command=command, hashes={**found, **(hashes or {})}, versions=known)
 
 
-def _seen(model: Model, record: Record, part: Part) -> bool:
-    """Whether a part of a record overlaps with what the model was trained on."""
+def _seen(model: Model, record: Record, part: Part) -> bool | None:
+    """Whether a part of a record overlaps with what the model was trained on; None where nobody can tell."""
 
     def overlaps(entry: Mapping[str, Any]) -> bool:
         start, stop = entry.get("part", (0.0, 1.0))
-        return bool(entry.get("sha256") == record.digest and start < part.stop and part.start < stop)
+        return bool(entry["sha256"] == record.digest and start < part.stop and part.start < stop)
 
-    return bool(record.digest) and any(overlaps(entry) for entry in model.records)
+    if not record.digest or not model.records or not all(entry.get("sha256") for entry in model.records):
+        return None
+    return any(overlaps(entry) for entry in model.records)
 
 
 def _lags(experiment: Experiment) -> int:
