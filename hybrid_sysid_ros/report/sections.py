@@ -35,10 +35,10 @@ Window = tuple[float, float]
 class FreeRun:
     """A model's free run over a record, or a part of it.
 
-    seen: this part overlaps with the model's training data; None where hashes are missing to tell. scores: of the scored samples [rad]. time [s], measured
-    [rad] (samples,): the record. simulated_time, simulated (steps,): the free run at its integration step.
-    residual_time, residuals (scored samples,) [rad]: measured minus simulated. white, against_input, against_reference:
-    residual tests, None where there is nothing to test.
+    seen: this part overlaps with the model's training data; None where hashes are missing to tell. scores: of the
+    scored samples [rad]. time [s], measured [rad] (samples,): the record. simulated_time, simulated (steps,): the free
+    run at its integration step. residual_time, residuals (scored samples,) [rad]: measured minus simulated. white,
+    against_input, against_reference: residual tests, None where there is nothing to test.
     """
 
     name: str
