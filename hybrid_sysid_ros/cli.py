@@ -178,7 +178,7 @@ def run_command(
 
         def progress(seconds: float, expected: float) -> None:
             if expected:
-                update(f"{reference} reference [s]", int(seconds), int(expected))
+                update(f"{reference} reference, seconds", int(seconds), int(expected))
 
         outcome = run(
             rig=rig,

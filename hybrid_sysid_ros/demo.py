@@ -165,8 +165,9 @@ def _run(bag: Path, model: Path, policy_folder: Path, console: Console) -> Path:
             policy_path=policy_folder,
             bag=bag,
             overwrite=True,
+            domain=None if "ROS_DOMAIN_ID" in os.environ else 1 + os.getpid() % 100,  # beside no rig that may be on
             tell=console.print,
-            progress=lambda seconds, duration: update("hardware reference [s]", int(seconds), int(duration)),
+            progress=lambda seconds, duration: update("hardware reference, seconds", int(seconds), int(duration)),
         )
     if outcome.interrupted or outcome.bag is None:
         raise KeyboardInterrupt

@@ -15,7 +15,7 @@ FOLDER = Path(__file__).parents[1] / PACKAGE
 
 LAYERS = [  # from the bottom up; a room (file or folder of the package) imports from the rooms of lower layers
     {"__init__", "errors"},
-    {"files", "record", "signals"},
+    {"files", "progress", "record", "signals"},
     {"bags"},
     {"bab"},
     {"equations"},
@@ -23,7 +23,8 @@ LAYERS = [  # from the bottom up; a room (file or folder of the package) imports
     {"rigs"},
     {"models"},
     {"control", "estimation", "identification", "loop"},
-    {"report"},
+    {"configuration", "experiments"},
+    {"report", "session", "training"},
     {"demo"},
     {"cli", "nodes"},
 ]

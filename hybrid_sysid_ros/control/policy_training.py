@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -70,7 +71,10 @@ def train(
     policy: Policy | None = None
     network: torch.nn.Module | None = None
     workers = settings.workers or os.cpu_count() or 1
-    with _one_thread_each(), ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn")) as pool:
+    # Ctrl-C is for the parent: it stops handing out work and lets the loops under way finish.
+    ignore = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
+    pool = ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn"), initializer=ignore)
+    with _one_thread_each(), pool:
         for number, episodes in enumerate(settings.episodes):
             work = partial(sample, model.equation, problem, spread, step=model.sampling.step, driver=policy)
             seeds = [seed * 1_000_003 + 1000 * number + index for index in range(episodes)]
@@ -108,12 +112,16 @@ def _sampled(
     found = {seed: store.find(seed) if store is not None else None for seed in seeds}
     running = {seed: pool.submit(work, seed) for seed, samples in found.items() if samples is None}
     loops: list[Samples] = []
-    for done, seed in enumerate(seeds):
-        samples = found[seed] or running[seed].result()
-        if store is not None and seed in running:
-            store.keep(seed, samples)
-        loops.append(samples)
-        progress(done + 1, len(seeds))
+    try:
+        for done, seed in enumerate(seeds):
+            samples = found[seed] or running[seed].result()
+            if store is not None and seed in running:
+                store.keep(seed, samples)
+            loops.append(samples)
+            progress(done + 1, len(seeds))
+    except KeyboardInterrupt:
+        pool.shutdown(wait=True, cancel_futures=True)
+        raise
     return loops
 
 
