@@ -1,0 +1,88 @@
+"""Timing of the whole loop: plant, estimator, controller and reference as processes, in real time, with the policy.
+
+The delay runs from the moment a measurement is published to the moment its command has come back to the plant's code;
+a command is missed when it has not come by the next measurement.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks import result
+from hybrid_sysid_ros import session
+from hybrid_sysid_ros.errors import UserError
+
+NAME = "loop_timing"
+RATE = 200.0  # Hz, what the rig runs at
+OTHERS = (100.0, 500.0, 1000.0)  # Hz, for information
+NODES = ("plant", "estimator", "controller")
+
+
+def measure(rate: float, seconds: float, *, model: str, policy_path: str) -> dict[str, Any]:
+    """Run the loop and return what its nodes counted."""
+    outcome = session.run(
+        rate=rate, duration=seconds, reference="steps", model=model, policy_path=policy_path, tell=lambda line: None
+    )
+    if outcome.interrupted:
+        raise KeyboardInterrupt
+    plant = outcome.diagnostics["plant"]
+    return {
+        "rate_hz": rate,
+        "seconds": seconds,
+        "measurements": plant["measurements"],
+        "missed_commands": plant["missed_commands"],
+        "overruns": plant["overruns"],
+        "delay_ms": {key: plant[f"delay_ms_{key}"] for key in ("p50", "p99", "max")},
+        "execution_ms": {
+            node: {key: outcome.diagnostics[node][f"execution_ms_{key}"] for key in ("p50", "p99", "max")}
+            for node in NODES[1:]
+        },
+        "memory_mb": {node: values["memory_mb"] for node, values in outcome.diagnostics.items()},
+    }
+
+
+def table(runs: list[dict[str, Any]]) -> Table:
+    """A row for each rate."""
+    columns = ("rate", "time", "missed", "plant late", "delay p50", "p99", "max", *(f"{node} memory" for node in NODES))
+    shown = Table(*columns, title="three processes and the reference", title_justify="left")
+    for run in runs:
+        delay = run["delay_ms"]
+        shown.add_row(
+            f"{run['rate_hz']:g} Hz",
+            f"{run['seconds']:g} s",
+            f"{run['missed_commands']} of {run['measurements']}",
+            str(run["overruns"]),
+            *(f"{delay[key]:.2f} ms" for key in ("p50", "p99", "max")),
+            *(f"{run['memory_mb'][node]:.0f} MB" for node in NODES),
+        )
+    return shown
+
+
+def main(arguments: list[str]) -> int:
+    """Measure, print the table and write the results."""
+    parser = argparse.ArgumentParser(prog=f"python -m benchmarks.{NAME}", description=__doc__)
+    parser.add_argument("--seconds", type=float, default=60.0, help=f"at {RATE:g} Hz; a quarter at the other rates")
+    parser.add_argument("--model", default="", help="model folder; the shipped one by default")
+    parser.add_argument("--policy-path", default="", help="policy folder; the shipped one by default")
+    options = parser.parse_args(arguments)
+    on = result.machine()
+    runs = []
+    try:
+        for rate in (RATE, *OTHERS):
+            seconds = options.seconds if rate == RATE else options.seconds / 4
+            runs.append(measure(rate, seconds, model=options.model, policy_path=options.policy_path))
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    Console(width=120).print(table(runs))
+    print(f"written to {result.write(NAME, {'runs': runs}, on=on)}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,67 @@
+"""Results: what a benchmark measured, with the machine and the versions that it was measured on, as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hybrid_sysid_ros.files import written_file
+
+RESULTS = Path(__file__).parent / "results"
+PACKAGES = ("hybrid_sysid_ros", "numpy", "scipy", "numba", "casadi", "torch", "rosbags", "ros-jazzy-rclpy")
+
+
+def machine() -> dict[str, Any]:
+    """Processor, cores, memory and system, and how busy they are with other things (load over the last minute)."""
+    names = [line.partition(":")[2].strip() for line in _lines("/proc/cpuinfo") if line.startswith("model name")]
+    pages = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else math.nan
+    return {
+        "processor": names[0] if names else platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        "memory_gb": round(pages / 1e9, 1),
+        "system": f"{platform.system()} {platform.release()}",
+        "python": platform.python_version(),
+        "load_before": round(os.getloadavg()[0], 2),
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of the packages that matter, of those that are installed."""
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def percentiles(values: ArrayLike) -> dict[str, float]:
+    """p50, p99 and max of values."""
+    array = np.asarray(values, dtype=float)
+    return {"p50": float(np.percentile(array, 50)), "p99": float(np.percentile(array, 99)), "max": float(array.max())}
+
+
+def write(name: str, results: Mapping[str, Any], *, on: Mapping[str, Any] | None = None) -> Path:
+    """Write benchmarks/results/NAME.json; on: machine() as it was before the benchmark."""
+    content = {"benchmark": name, "machine": dict(on or machine()), "versions": versions(), "results": results}
+    path = RESULTS / f"{name}.json"
+    with written_file(path) as partial:
+        partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    return path
+
+
+def _lines(path: str) -> list[str]:
+    try:
+        return Path(path).read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return []
