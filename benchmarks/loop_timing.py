@@ -23,11 +23,9 @@ OTHERS = (100.0, 500.0, 1000.0)  # Hz, for information
 NODES = ("plant", "estimator", "controller")
 
 
-def measure(rate: float, seconds: float, *, model: str, policy_path: str) -> dict[str, Any]:
-    """Run the loop and return what its nodes counted."""
-    outcome = session.run(
-        rate=rate, duration=seconds, reference="steps", model=model, policy_path=policy_path, tell=lambda line: None
-    )
+def measure(rate: float, seconds: float, **options: Any) -> dict[str, Any]:
+    """Run the loop and return what its nodes counted; options: of session.run."""
+    outcome = session.run(rate=rate, duration=seconds, reference="steps", tell=lambda line: None, **options)
     if outcome.interrupted:
         raise KeyboardInterrupt
     plant = outcome.diagnostics["plant"]
@@ -68,19 +66,21 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(prog=f"python -m benchmarks.{NAME}", description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help=f"at {RATE:g} Hz; a quarter at the other rates")
     parser.add_argument("--model", default="", help="model folder; the shipped one by default")
+    parser.add_argument("--priority", type=int, default=0, help="real-time priority, 0 for none: on a busy machine")
     parser.add_argument("--policy-path", default="", help="policy folder; the shipped one by default")
     options = parser.parse_args(arguments)
     on = result.machine()
     runs = []
+    given = {"model": options.model, "policy_path": options.policy_path, "priority": options.priority}
     try:
         for rate in (RATE, *OTHERS):
             seconds = options.seconds if rate == RATE else options.seconds / 4
-            runs.append(measure(rate, seconds, model=options.model, policy_path=options.policy_path))
+            runs.append(measure(rate, seconds, **given))
     except UserError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     Console(width=120).print(table(runs))
-    print(f"written to {result.write(NAME, {'runs': runs}, on=on)}")
+    print(f"written to {result.write(NAME, {'priority': options.priority, 'runs': runs}, on=on)}")
     return 0
 
 

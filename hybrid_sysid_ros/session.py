@@ -224,12 +224,14 @@ def run(
     bag: Path | str | None = None,
     overwrite: bool = False,
     domain: int | None = None,
+    priority: int = 0,
     parameters: Mapping[str, Mapping[str, Any]] | None = None,
     tell: Tell = print,
     progress: Progress = lambda seconds, duration: None,
 ) -> Outcome:
     """Run plant, estimator, controller and reference of a rig, each in a process, until the reference has ended.
 
+    priority: of plant, estimator and controller as real-time processes, where the system permits it; 0: none.
     duration: of the reference [s]; 0: its own (51 s for "hardware"), or until Ctrl-C. lockstep: as fast as the nodes
     are, in simulated time. bag: folder to record all topics into. parameters: more of them, by node and name.
     tell: gets lines for the user. progress: gets the seconds since the start, and how many there will be (0: unknown).
@@ -245,6 +247,8 @@ def run(
         "plant": {"rate": rate, "lockstep": lockstep, "wait_for_readers": 2 if bag is None else 3},
     }
     values["controller"].update(latency)
+    for node in ("plant", "estimator", "controller"):
+        values[node]["priority"] = priority
     if bag is not None:
         values["recorder"] = {"path": str(bag), "overwrite": overwrite}
     for node, more in (parameters or {}).items():

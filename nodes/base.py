@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import json
 import math
+import os
 import resource
 import signal
 import socket
@@ -109,6 +110,17 @@ class RigNode(Node):
         self._diagnostics.publish(message)
         return values
 
+    def prioritise(self) -> None:
+        """Let all threads of this process go before those of others, if the node has a priority and may."""
+        priority = self.settings.get("priority", 0)
+        if not priority:
+            return
+        try:
+            for thread in os.listdir("/proc/self/task"):
+                os.sched_setscheduler(int(thread), os.SCHED_FIFO, os.sched_param(priority))
+        except (OSError, AttributeError) as error:  # not permitted, or no Linux
+            self.get_logger().warning(f"no real-time priority ({error}): the limit for the user is `ulimit -r`")
+
     def finish(self) -> None:
         """End the node; may be called from any thread, and more than once."""
         if not self.finished.done():
@@ -149,6 +161,7 @@ def run(make: Callable[[], RigNode]) -> int:
 def _serve(node: RigNode, interruption: Interruption) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
+    node.prioritise()
     gc.collect()
     gc.freeze()  # what is there stays: collections in the loop look at nothing but what it makes
     interruption.then(node.finish)
