@@ -32,8 +32,8 @@ ANCHOR = 3.0
 """Spread of an anchored parameter, in standard errors of the fit it is anchored to."""
 
 ITERATIONS, COARSE, FINE = 40, 1e-3, 1e-6
-"""Limits of each stage. The last one of a physical structure is fine, for its parameters' sake; a network that is stopped
-early simulates unseen records as well, in half the time."""
+"""Limits of each stage. The last one of a physical structure is fine, for its parameters' sake; a network that is
+stopped early simulates unseen records as well, in half the time."""
 
 DIFFERENCE = 1e-5
 """Step of the forward differences, in units of a parameter's scale."""
