@@ -62,7 +62,7 @@ def test_a_model_comes_back_to_the_last_bit(tmp_path, structure):
     assert back.standard_errors == model.standard_errors
     inputs = np.random.default_rng(0).uniform(-9, 9, (500, 1))
     runs = [simulate(item.equation, np.zeros(2), inputs, step=0.005) for item in (model, back)]
-    np.testing.assert_array_equal(*runs)
+    np.testing.assert_array_equal(runs[0], runs[1])
 
 
 def test_a_model_saved_again_has_the_same_seal(folder, tmp_path):
