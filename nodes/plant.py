@@ -18,6 +18,7 @@ from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.rigs.plant import Plant
 
 LOCKSTEP_START = SECOND  # stamp of the first measurement: 0 means "no time yet" to ROS
+EARLY = 0.1  # periods that a timer may be early; late ones never reach into the next period
 ANSWER_TIMEOUT = 5.0  # s, after which an unanswered measurement is published again
 
 
@@ -75,7 +76,7 @@ class PlantNode(RigNode):
         """In real time: integrate up to now and publish the measurement that is due, and those that were missed."""
         elapsed = perf_counter() - self.begin
         period = self.answers.period / SECOND
-        number = round(elapsed / period)
+        number = int(elapsed / period + EARLY)
         self.overruns += max(number - self.answers.latest - 1, 0)
         self.lateness.add(max(elapsed - number * period, 0.0))
         self.plant.bias, self.drive.timeout = self.settings["bias"], self.settings["command_timeout"]
