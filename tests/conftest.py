@@ -15,6 +15,8 @@ from hybrid_sysid_ros.equations import Equation, Law, Operations, Variable, para
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps
+from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"  # before the first import of a message: a wrong type fails, not corrupts
@@ -90,7 +92,7 @@ class Motor(Equation):
     resistance: float = parameter(2.0, 0.1, 10.0, start=1.0, unit="Ohm", description="of the winding")
     inductance: float = parameter(0.1, 0.01, 1.0, start=0.2, unit="H", description="of the winding")
     torque: float = parameter(1.5, 0.1, 10.0, start=1.0, unit="rad/(s^2 A)", description="per current and inertia")
-    drag: float = parameter(0.8, 0.0, 10.0, start=0.5, unit="1/s", description="viscous friction")
+    drag: float = parameter(0.8, 0.0, 10.0, fixed=True, unit="1/s", description="viscous friction")
 
     def law(self, operations: Operations) -> Law:
         def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
@@ -195,3 +197,32 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> int:
     pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     return 1 + os.getpid() % 100
+
+
+def simulated_record(rig: Rig, reference: Reference, *, seconds: float, name: str, seed: int, noisy: bool) -> Record:
+    """The simulated rig driven as the author's: u = clip(3 (ref - yf), +-10), after a second of rest."""
+    plant = Plant(rig, seed=seed, noisy=noisy)
+    plant.reset(np.zeros(len(rig.equation.states)))
+    scale, samples = rig.sensor.radians_per_volt, round(seconds / rig.step)
+    time = np.arange(samples) * rig.step
+    wanted = np.where(time < 1.0, 0.0, reference(time))
+    position, drive = np.empty((samples, 1)), np.empty((samples, 1))
+    for k in range(samples):
+        measured = plant.measure()
+        position[k] = measured.position
+        command = rig.feedback_gain * (wanted[k] - measured.filtered / scale)
+        drive[k] = np.clip(command, -rig.input_limit, rig.input_limit)
+        plant.advance(float(drive[k, 0]))
+    return Record(name=name, time=time, input=drive, output=position)
+
+
+@pytest.fixture(scope="session", params=[False, True], ids=["noise-free", "noisy"])
+def simulated_records(request: pytest.FixtureRequest, rig: Rig) -> list[Record]:
+    """Two experiments of 40 s of the simulated rig, a multisine and random steps."""
+    sines = multisine(1, amplitude=4.0, low=0.1, high=2.0, lines=20, period=10.0)
+    steps = random_steps(2, amplitude=4.0, hold=1.0, duration=40.0)
+    noisy = request.param
+    return [
+        simulated_record(rig, sines, seconds=40.0, name="sines", seed=0, noisy=noisy),
+        simulated_record(rig, steps, seconds=40.0, name="steps", seed=1, noisy=noisy),
+    ]

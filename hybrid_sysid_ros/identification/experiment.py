@@ -36,7 +36,17 @@ class Experiment:
 
 
 def prepare(record: Record, equation: Equation, sampling: Sampling) -> Experiment:
-    """Resample a record; raises UserError where it is too short or its rate does not fit the sampling."""
+    """Resample a record.
+
+    Raises UserError where its channels are not those of the equation, it is too short, or its rate does not fit the
+    sampling.
+    """
+    channels, needed = (record.input.shape[1], record.output.shape[1]), (len(equation.inputs), len(equation.outputs))
+    if channels != needed:
+        raise UserError(
+            f"{record.name}: {channels[0]} inputs and {channels[1]} outputs, but the model has {needed[0]} and "
+            f"{needed[1]}; check the signals of the rig"
+        )
     period = record.sampling_time
     every = _ratio(sampling.period, period, record.name, "scored period")
     samples = (len(record.time) - 1) // every + 1

@@ -59,24 +59,23 @@ class Problem:
     """The residuals of one equation on several experiments, as a function of its free parameters (scaled)."""
 
     def __init__(self, equation: Equation, experiments: Sequence[Experiment], anchor: Fit | None) -> None:
-        if not experiments:
-            raise UserError("identification: no record to fit")
         if len({experiment.sampling for experiment in experiments}) > 1:
             raise UserError("identification: the records are sampled differently")
         self.equation = equation
         self.experiments = experiments
         self.sampling = experiments[0].sampling
-        self.kernels = kernels(equation)
         self.inputs = np.concatenate([experiment.inputs for experiment in experiments])
         self.first_steps = np.cumsum([0, *(len(experiment.inputs) for experiment in experiments)])[:-1]
         self.deviation = np.std(np.concatenate([item.outputs - item.outputs.mean(0) for item in experiments]), axis=0)
         for output, deviation in enumerate(self.deviation):
             if deviation < 1e-9:
-                raise UserError(f"identification: output {output} is constant in every record; nothing to identify")
+                name = equation.states[equation.outputs[output]].name
+                raise UserError(f"identification: output {name} is constant in every record; nothing to identify")
         for column in range(self.inputs.shape[1]):
             if np.ptp(self.inputs[:, column]) < 1e-9:
                 name = equation.inputs[column].name
                 raise UserError(f"identification: input {name} is constant in every record; excite the rig")
+        self.kernels = kernels(equation)
         self.all = equation.parameters
         self.free = [index for index, item in enumerate(self.all) if not item.fixed]
         self.scales = np.concatenate([[self.all[i].scale for i in self.free], np.ones(len(equation.weights))])
@@ -174,11 +173,17 @@ def fit(
     anchor: an earlier fit of the same physics, about which its parameters then stay (within a few standard errors):
     what the physics can't explain is left to a network. Trust-region least squares with bounds; forward-difference
     Jacobian, its columns simulated in parallel threads.
-    Raises UserError for records without excitation and where every simulation diverges.
+    Raises UserError for records without excitation or of values that the equation forbids, and where every simulation
+    diverges.
     """
     low = np.min([experiment.states.min(axis=0) for experiment in experiments], axis=0)
     high = np.max([experiment.states.max(axis=0) for experiment in experiments], axis=0)
-    problem = Problem(equation.trained_on(low, high), experiments, anchor)
+    equation = equation.trained_on(low, high)
+    try:
+        equation.check()
+    except UserError as error:
+        raise UserError(f"identification: {error}; it comes from the records, which must be in SI units") from None
+    problem = Problem(equation, experiments, anchor)
     problem.residuals(STAGES[0])(problem.start)  # compile outside the measured time
     problem.evaluations = 0
     began = time.perf_counter()

@@ -55,8 +55,14 @@ def identify(
     A hybrid begins from the gray box fitted to the same data, so that its network learns what the physics leaves.
     Raises UserError for records that don't fit the sampling or don't excite the rig, and for an unknown structure.
     """
+    if not records:
+        raise UserError("identification: no record to fit")
     used = [record.part(part.start, part.stop) for record in records]
     experiments = [prepare(record, rig.equation, sampling) for record in used]
+    for item in experiments:
+        if np.ptp(item.outputs[:, 0]) == 0.0:
+            name = rig.equation.states[rig.equation.outputs[0]].name
+            raise UserError(f"{item.name}: output {name} is constant, so it can't be scored; leave the record out")
     states = np.concatenate([item.states for item in experiments])
     inputs = np.concatenate([item.inputs for item in experiments])
     # Root mean squares: single large values must not set the scale of a network.
@@ -109,13 +115,11 @@ def evaluate(model: Model, record: Record, *, part: Part = Part()) -> Scores:
 
 def experiment_of(model: Model, record: Record, *, part: Part = Part()) -> Experiment:
     """A record made ready for a model, at the sampling that the model was identified at."""
-    if record.input.shape[1] != len(model.equation.inputs) or record.output.shape[1] != len(model.equation.outputs):
-        raise UserError(
-            f"{record.name}: {record.input.shape[1]} inputs and {record.output.shape[1]} outputs, but the model has "
-            f"{len(model.equation.inputs)} and {len(model.equation.outputs)}; check the signals of the rig"
-        )
     return prepare(record.part(part.start, part.stop), model.equation, model.sampling)
 
 
 def _scores(equation: Equation, experiment: Experiment) -> Scores:
-    return score(experiment.outputs[:, 0], free_run(equation, experiment)[:, 0])
+    try:
+        return score(experiment.outputs[:, 0], free_run(equation, experiment)[:, 0])
+    except UserError as error:
+        raise UserError(f"{experiment.name}: {error}; leave the record out") from None

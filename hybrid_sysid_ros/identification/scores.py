@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations import Equation, simulate
+from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.identification.experiment import Experiment
 
 Array = NDArray[np.float64]
@@ -23,7 +24,12 @@ class Scores:
 
 
 def score(measured: Array, simulated: Array) -> Scores:
-    """Scores of one output, both (samples,). A simulation that diverged scores minus infinity."""
+    """Scores of one output, both (samples,). A simulation that diverged scores minus infinity.
+
+    Raises UserError for a constant measurement, against which nothing can be scored.
+    """
+    if np.ptp(measured) == 0.0:
+        raise UserError("the measured output is constant, so there is nothing to score")
     error = measured - simulated
     with np.errstate(over="ignore", invalid="ignore"):
         squares = float(np.sum(error**2))
