@@ -27,6 +27,7 @@ READY_TIMEOUT = 120.0  # s, until a node has imported and compiled everything
 START_TIMEOUT = 30.0  # s, until the loop is complete
 STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # s
 STOP_ORDER = (("plant", "reference"), ("estimator", "controller"), ("recorder",))
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a session
 TICK = 0.25  # s, between two calls of progress
 
 Tell = Callable[[str], None]
@@ -62,10 +63,7 @@ class Session:
     """Processes of nodes, as a context that leaves none behind. `tell` gets what they log, line by line."""
 
     def __init__(self, rig: str, *, domain: int | None = None, tell: Tell = print) -> None:
-        """domain: ROS_DOMAIN_ID, by default that of the environment.
-
-        Raises UserError when there is no ROS for this Python.
-        """
+        """domain: ROS_DOMAIN_ID; by default the environment's. Raises UserError without ROS for this Python."""
         if importlib.util.find_spec("rclpy") is None:
             raise UserError("no rclpy for this Python: install hybrid_sysid_ros[ros], or source a ROS 2 Jazzy")
         if domain is not None and not 0 <= domain <= 232:
@@ -113,6 +111,7 @@ class Session:
             text=True,
             errors="replace",
             env=self._environment,
+            start_new_session=True,  # Ctrl-C comes here, and they are stopped in their order
         )
         child = self.children[node] = Child(node=node, process=process)
         for stream in ("stdout", "stderr"):
@@ -167,9 +166,9 @@ class Session:
         return {child.node: child.diagnostics for child in self.children.values()}
 
     def check_end(self) -> None:
-        """Raise UserError for a node that did not end well, such as a recorder that could not write."""
+        """Raise UserError for a node that told of a failure, such as a recorder that could not write."""
         for child in self.children.values():
-            if child.process.poll() not in (None, 0):
+            if (child.process.poll() or 0) > 0:
                 self._check(child)
 
     def _check(self, child: Child) -> None:
@@ -239,35 +238,31 @@ def run(
     Raises:
         UserError: no ROS, a parameter is wrong, or a node could not start or ended too early.
     """
-    latency = {"latency": 0.0} if lockstep else {}
+    lock, latency = {"lockstep": lockstep}, {"latency": 0.0} if lockstep else {}
     values: dict[str, dict[str, Any]] = {
-        "reference": {"kind": reference, "duration": duration, "lockstep": lockstep},
+        "reference": {"kind": reference, "duration": duration, **lock},
         "estimator": {"model": str(model), "rate": rate, **latency},
-        "controller": {"model": str(model), "policy": policy, "policy_path": str(policy_path), "lockstep": lockstep},
-        "plant": {"rate": rate, "lockstep": lockstep, "wait_for_readers": 2 if bag is None else 3},
+        "controller": {"model": str(model), "policy": policy, "policy_path": str(policy_path), **lock, **latency},
+        "plant": {"rate": rate, **lock, "wait_for_readers": 2 if bag is None else 3},
     }
-    values["controller"].update(latency)
+    values |= {} if bag is None else {"recorder": {"path": str(bag), "overwrite": overwrite}}
     for node in ("plant", "estimator", "controller"):
         values[node]["priority"] = priority
-    if bag is not None:
-        values["recorder"] = {"path": str(bag), "overwrite": overwrite}
     for node, more in (parameters or {}).items():
         if node not in values:
             raise UserError(f"parameters of {node}: no such node runs here: known are {', '.join(values)}")
         values[node].update(more)
-    expected = float(values["reference"]["duration"])
-    if values["reference"]["kind"] == "hardware" and not expected:
-        expected = HARDWARE_DURATION
-    shown = 0.0 if lockstep else expected
+    own = HARDWARE_DURATION if values["reference"]["kind"] == "hardware" else 0.0
+    expected = 0.0 if lockstep else values["reference"]["duration"] or own
     interrupted = False
-    with Session(rig, domain=domain, tell=tell) as session, _terminable():
+    with _interruptible(), Session(rig, domain=domain, tell=tell) as session:
         try:
             commands = {node: session.command(node, given) for node, given in values.items()}
             for node, command in commands.items():
                 session.start(node, command)
             session.wait_for("ready", list(values), READY_TIMEOUT)
             session.wait_for("started", ["plant"], START_TIMEOUT)
-            session.wait_for_end(["reference", "plant"], lambda seconds: progress(seconds, shown))
+            session.wait_for_end(["reference", "plant"], lambda seconds: progress(seconds, expected))
         except KeyboardInterrupt:
             interrupted = True
         diagnostics = session.stop()
@@ -289,17 +284,21 @@ def _environment(domain: int | None) -> dict[str, str]:
 
 
 @contextmanager
-def _terminable() -> Iterator[None]:
-    """SIGTERM ends the session as Ctrl-C does, so that no node is left behind."""
+def _interruptible() -> Iterator[None]:
+    """Any of the SIGNALS interrupts once; further ones do nothing, so that no node is left behind."""
     if threading.current_thread() is not threading.main_thread():
-        yield
-        return
+        return (yield)
 
     def interrupt(number: int, frame: object) -> None:
+        for each in before:
+            signal.signal(each, signal.SIG_IGN)
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, interrupt)
+    before = {each: signal.getsignal(each) for each in SIGNALS}
+    for each in before:
+        signal.signal(each, interrupt)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for each, handler in before.items():
+            signal.signal(each, handler)

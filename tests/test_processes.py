@@ -129,6 +129,7 @@ def test_a_session_tells_what_keeps_a_node_from_starting(domain: int, tmp_path: 
 def test_a_session_ends_well_when_it_is_interrupted(domain: int, model_folder: Path, policy_folder: Path) -> None:
     def interrupt(seconds: float, duration: float) -> None:
         if seconds > 0.5:
+            threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()  # a second one, while it stops
             os.kill(os.getpid(), signal.SIGTERM)
 
     before = threading.active_count()
