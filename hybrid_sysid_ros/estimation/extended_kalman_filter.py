@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 LONGEST_STEP = 0.005
 """Longest integration step of a prediction [s]; the models are identified at this step or a shorter one."""
 
+LONGEST_GAP = 1.0
+"""Time without a measurement [s] over which a prediction is worth less than starting from the next measurement."""
+
 HUM_OBSERVABLE = 0.1
 """Smallest |sin(pi f T)| at which a hum of f looks different from a position when sampled every T."""
 
@@ -129,9 +132,12 @@ class ExtendedKalmanFilter:
         if elapsed <= 0.0:
             self.counters.late += 1
             return self._estimate(np.full(1, np.nan), np.nan)
+        if elapsed > LONGEST_GAP and not valid:
+            # Nothing to start from and, a clock may have jumped, years to predict over: wait for a number.
+            self.counters.invalid += 1
+            return self._estimate(np.full(1, np.nan), np.nan)
         self.counters.missing += max(round(elapsed / self.period) - 1, 0)
-        if elapsed > 1.0 and valid:
-            # Over such a gap a prediction is worth less than the measurement.
+        if elapsed > LONGEST_GAP:
             self.counters.resets += 1
             self._start(time, y, u)
             return self._estimate(np.zeros(1), 0.0)
