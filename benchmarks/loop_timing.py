@@ -66,12 +66,13 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(prog=f"python -m benchmarks.{NAME}", description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help=f"at {RATE:g} Hz; a quarter at the other rates")
     parser.add_argument("--model", default="", help="model folder; the shipped one by default")
-    parser.add_argument("--priority", type=int, default=0, help="real-time priority, 0 for none: on a busy machine")
+    parser.add_argument("--priority", type=int, help="real-time priority, 0 for none; by default where permitted")
     parser.add_argument("--policy-path", default="", help="policy folder; the shipped one by default")
     options = parser.parse_args(arguments)
     on = result.machine()
     runs = []
-    given = {"model": options.model, "policy_path": options.policy_path, "priority": options.priority}
+    priority = session.permitted_priority() if options.priority is None else options.priority
+    given = {"model": options.model, "policy_path": options.policy_path, "priority": priority}
     try:
         for rate in (RATE, *OTHERS):
             seconds = options.seconds if rate == RATE else options.seconds / 4
@@ -80,7 +81,7 @@ def main(arguments: list[str]) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     Console(width=120).print(table(runs))
-    print(f"written to {result.write(NAME, {'priority': options.priority, 'runs': runs}, on=on)}")
+    print(f"written to {result.write(NAME, {'priority': priority, 'runs': runs}, on=on)}")
     return 0
 
 

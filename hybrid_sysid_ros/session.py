@@ -28,6 +28,7 @@ START_TIMEOUT = 30.0  # s, until the loop is complete
 STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # s
 STOP_ORDER = (("plant", "reference"), ("estimator", "controller"), ("recorder",))
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a session
+REAL_TIME_PRIORITY = 10  # of the loop's processes: above every ordinary one, below what a system keeps for itself
 TICK = 0.25  # s, between two calls of progress
 
 Tell = Callable[[str], None]
@@ -223,14 +224,14 @@ def run(
     bag: Path | str | None = None,
     overwrite: bool = False,
     domain: int | None = None,
-    priority: int = 0,
+    priority: int | None = None,
     parameters: Mapping[str, Mapping[str, Any]] | None = None,
     tell: Tell = print,
     progress: Progress = lambda seconds, duration: None,
 ) -> Outcome:
     """Run plant, estimator, controller and reference of a rig, each in a process, until the reference has ended.
 
-    priority: of plant, estimator and controller as real-time processes, where the system permits it; 0: none.
+    priority: of plant, estimator and controller as real-time processes; None: a modest one where the system permits it.
     duration: of the reference [s]; 0: its own (51 s for "hardware"), or until Ctrl-C. lockstep: as fast as the nodes
     are, in simulated time. bag: folder to record all topics into. parameters: more of them, by node and name.
     tell: gets lines for the user. progress: gets the seconds since the start, and how many there will be (0: unknown).
@@ -246,8 +247,9 @@ def run(
         "plant": {"rate": rate, **lock, "wait_for_readers": 2 if bag is None else 3},
     }
     values |= {} if bag is None else {"recorder": {"path": str(bag), "overwrite": overwrite}}
+    chosen = permitted_priority() if priority is None and not lockstep else priority or 0
     for node in ("plant", "estimator", "controller"):
-        values[node]["priority"] = priority
+        values[node]["priority"] = chosen
     for node, more in (parameters or {}).items():
         if node not in values:
             raise UserError(f"parameters of {node}: no such node runs here: known are {', '.join(values)}")
@@ -268,6 +270,17 @@ def run(
         diagnostics = session.stop()
         session.check_end()
     return Outcome(diagnostics=diagnostics, interrupted=interrupted, bag=None if bag is None else Path(bag))
+
+
+def permitted_priority() -> int:
+    """REAL_TIME_PRIORITY where this process may have one (as root, or by `ulimit -r`), else 0."""
+    try:
+        before = os.sched_getscheduler(0)
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
+        os.sched_setscheduler(0, before, os.sched_param(0))
+    except (OSError, AttributeError):  # not permitted, or no Linux
+        return 0
+    return REAL_TIME_PRIORITY
 
 
 def _environment(domain: int | None) -> dict[str, str]:

@@ -95,9 +95,7 @@ class RigNode(Node):
     def report(self) -> dict[str, object]:
         """Publish the diagnostics; return their values by key."""
         level, summary, found = self.health()
-        # Peak of the process so far; kilobytes on Linux, bytes on macOS.
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
-        values = {**found, "memory_mb": peak}
+        values = dict(found)
         status = DiagnosticStatus(
             level=level,
             name=self.get_fully_qualified_name().strip("/"),
@@ -127,8 +125,19 @@ class RigNode(Node):
             self.finished.set_result(None)
 
     def close(self) -> None:
-        """Last words, before the node is destroyed: the diagnostics, also on the standard output."""
-        announce(json.dumps({key: None if value != value else value for key, value in self.report().items()}))
+        """Last words, before the node is destroyed: diagnostics, also on the standard output, with the peak memory."""
+        values = {**self.report(), "memory_mb": _peak_memory()}
+        announce(json.dumps({key: None if value != value else value for key, value in values.items()}))
+
+
+def _peak_memory() -> float:
+    """Largest resident memory of this process so far [MB]."""
+    try:
+        with open("/proc/self/status", encoding="ascii") as status:
+            # Not ru_maxrss, which a process inherits from the one that started it.
+            return next(float(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1e3
+    except (OSError, StopIteration):  # no Linux
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
 
 
 def announce(word: str) -> None:

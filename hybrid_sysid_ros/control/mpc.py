@@ -38,7 +38,7 @@ class Problem:
         for name in ("horizon", "period", "substeps", "output_weight", "input_limit", "output_scale", "max_iterations"):
             if not getattr(self, name) > 0:
                 raise UserError(f"mpc: {name} is {getattr(self, name)}; it must be above 0")
-        if self.rate_weight < 0 or self.smoothing < 0:
+        if not (self.rate_weight >= 0 and self.smoothing >= 0):
             raise UserError("mpc: rate_weight and smoothing must not be negative")
 
 
@@ -114,31 +114,37 @@ class ExactMpc:
         self._cold = True
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
-        """See :class:`~hybrid_sysid_ros.control.controller.Controller`."""
-        width = self._states + 1
+        """See :class:`~hybrid_sysid_ros.control.controller.Controller`.
+
+        Where something is not a number, or the solver finds none, the plan is FAILED: the rest of the last one, or the
+        previous input (zero if that is no number either) where there is none.
+        """
+        width, limit = self._states + 1, self.problem.input_limit
+        question = np.concatenate([state, disturbance, previous_input, preview])
+        valid = bool(np.all(np.isfinite(question)))
         if self._cold:
-            self._guess.reshape(-1, width)[:, 0] = np.clip(
-                previous_input[0], -self.problem.input_limit, self.problem.input_limit
-            )
-            self._guess.reshape(-1, width)[:, 1:] = state
+            held = previous_input[0] if np.isfinite(previous_input[0]) else 0.0
+            self._guess.reshape(-1, width)[:, 0] = np.clip(held, -limit, limit)
+            self._guess.reshape(-1, width)[:, 1:] = state if valid else 0.0
+        if not valid:
+            return self._planned(self._guess, Status.FAILED)
         solution = self._solver(
             x0=self._guess,
-            p=np.concatenate([state, disturbance, previous_input, preview]),
+            p=question,
             lbx=self._lower,
             ubx=self._upper,
             lbg=0.0,
             ubg=0.0,
         )
         found = np.array(solution["x"]).ravel()
-        stats = self._solver.stats()
-        if not np.all(np.isfinite(found)):
-            status, found = Status.FAILED, self._guess
-        elif stats["success"]:
-            status = Status.SOLVED
-        else:
-            status = Status.NOT_CONVERGED
-        table = found.reshape(-1, width)
+        self._cold = not np.all(np.isfinite(found))
+        if self._cold:
+            return self._planned(self._guess, Status.FAILED)
+        return self._planned(found, Status.SOLVED if self._solver.stats()["success"] else Status.NOT_CONVERGED)
+
+    def _planned(self, found: Array, status: Status) -> Plan:
+        """The plan in a solution, which shifted is the guess of the next one."""
+        table = found.reshape(-1, self._states + 1)
         inputs = np.clip(table[:, :1], -self.problem.input_limit, self.problem.input_limit)
         self._guess = np.concatenate([table[1:], table[-1:]]).ravel()
-        self._cold = status is Status.FAILED
         return Plan(input=inputs[0].copy(), inputs=inputs, states=table[:, 1:].copy(), status=status)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, tf2ss
 
 Array = NDArray[np.float64]
 
@@ -49,15 +48,17 @@ class Filter:
     """The sensor's low-pass at a fixed step, forward Euler as on the rig: x+ = x + h (A x + b y), yf = c x."""
 
     def __init__(self, sensor: Sensor, step: float) -> None:
-        numerator, denominator = butter(sensor.filter_order, 2 * np.pi * sensor.filter_hertz, analog=True)
-        a, b, c, _ = tf2ss(numerator, denominator)
-        # Balanced by powers of the cut-off frequency: the companion form alone spans 12 decades.
-        balance = (2 * np.pi * sensor.filter_hertz) ** np.arange(len(a))
-        a = a * balance[None, :] / balance[:, None]
-        self._transition = np.eye(len(a)) + step * a
-        self._input = step * (b[:, 0] / balance)
-        self._output = c[0] * balance
-        self._state = np.zeros(len(a))
+        # Butterworth poles on the left half of the unit circle, in time counted by the cut-off frequency: the companion
+        # form is then balanced. (scipy.signal has it too, but would cost every node 60 MB.)
+        order = sensor.filter_order
+        poles = np.exp(1j * np.pi * (2 * np.arange(order) + order + 1) / (2 * order))
+        cut_off = 2 * np.pi * sensor.filter_hertz
+        companion = np.eye(order, k=-1)
+        companion[0] = -np.poly(poles).real[1:]
+        self._transition = np.eye(order) + step * cut_off * companion
+        self._input = step * cut_off * np.eye(order)[0]
+        self._output = np.eye(order)[-1]
+        self._state = np.zeros(order)
 
     @property
     def value(self) -> float:
