@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi
 import numpy as np
@@ -127,7 +127,8 @@ class ExactMpc:
             self._guess.reshape(-1, width)[:, 0] = np.clip(held, -limit, limit)
             self._guess.reshape(-1, width)[:, 1:] = state if valid else 0.0
         if not valid:
-            return self._planned(self._guess, Status.FAILED)
+            plan = self._planned(self._guess, Status.FAILED)
+            return replace(plan, states=plan.states[:0]) if self._cold else plan
         solution = self._solver(
             x0=self._guess,
             p=question,

@@ -1,0 +1,303 @@
+"""The exact MPC: quadratic programs with known answers, bounds that hold whatever happens, no offset at rest."""
+
+import dataclasses
+from collections import Counter
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from hybrid_sysid_ros import configuration
+from hybrid_sysid_ros.control import ExactMpc, Problem, Status
+from hybrid_sysid_ros.control.closed_loop import Loop, run_loop
+from hybrid_sysid_ros.equations import simulate
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, Tuning
+from hybrid_sysid_ros.models.linear import Linear
+from hybrid_sysid_ros.rigs.plant import Plant
+
+LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
+PROBLEM = Problem(
+    horizon=10,
+    period=0.02,
+    substeps=4,
+    output_weight=100.0,
+    rate_weight=1.0,
+    input_limit=10.0,
+    output_scale=0.0227,
+    smoothing=0.005,
+    max_iterations=100,
+)
+UNBOUNDED = dataclasses.replace(PROBLEM, input_limit=1e6)
+
+
+def least_squares_form(problem, state, disturbance, previous, preview):
+    """|| M U - v ||^2 is the cost on the linear model, U the inputs: prediction matrices by hand."""
+    h, n = problem.period / problem.substeps, problem.horizon
+    velocity = np.array([-h * LINEAR.stiffness, 1 - h * LINEAR.damping])
+    a = np.array([np.array([1.0, 0.0]) + h * velocity, velocity])
+    b = h * LINEAR.gain * np.array([h, 1.0])
+    # Substeps with the input held.
+    a_period = np.linalg.matrix_power(a, problem.substeps)
+    b_period = sum(np.linalg.matrix_power(a, k) @ b for k in range(problem.substeps))
+    free, x = np.empty(n), np.array(state)
+    for i in range(n):
+        x = a_period @ x + b_period * (disturbance - LINEAR.centre)
+        free[i] = x[0]
+    response = [(np.linalg.matrix_power(a_period, k) @ b_period)[0] for k in range(n)]
+    effect = np.array([[response[i - j] if j <= i else 0.0 for j in range(n)] for i in range(n)])
+    tracking, rate = np.sqrt(problem.output_weight) / problem.output_scale, np.sqrt(problem.rate_weight)
+    difference = np.eye(n) - np.eye(n, k=-1)
+    matrix = np.vstack([tracking * effect, rate * difference])
+    return matrix, np.concatenate([tracking * (preview - free), rate * previous * np.eye(n)[0]])
+
+
+def question(seed, size=1.0):
+    random = np.random.default_rng(seed)
+    state = size * np.array([0.05, 0.3]) * random.normal(size=2)
+    preview = size * 0.05 * np.cumsum(random.normal(size=PROBLEM.horizon)) / 3
+    return state, 0.3 * random.normal(size=1), np.clip(3 * random.normal(size=1), -10, 10), preview
+
+
+@pytest.fixture(scope="module")
+def bounded():
+    return ExactMpc(LINEAR, PROBLEM)
+
+
+@pytest.fixture(scope="module")
+def unbounded():
+    return ExactMpc(LINEAR, UNBOUNDED)
+
+
+def test_without_active_bounds_it_is_the_solution_of_the_normal_equations(unbounded):
+    for seed in range(20):
+        state, d, previous, preview = question(seed)
+        matrix, right = least_squares_form(UNBOUNDED, state, d[0], previous[0], preview)
+        plan = unbounded.control(state, d, previous, preview)
+        assert plan.status is Status.SOLVED
+        np.testing.assert_allclose(plan.inputs[:, 0], np.linalg.solve(matrix.T @ matrix, matrix.T @ right), atol=1e-5)
+        assert plan.input[0] == plan.inputs[0, 0]
+
+
+def test_with_active_bounds_it_is_the_bounded_least_squares_solution(bounded):
+    active: list[bool] = []
+    for seed in range(30):
+        state, d, previous, preview = question(seed, size=2.0)
+        matrix, right = least_squares_form(PROBLEM, state, d[0], previous[0], preview)
+        expected = lsq_linear(matrix, right, bounds=(-10.0, 10.0), tol=1e-12, method="bvls").x
+        plan = bounded.control(state, d, previous, preview)
+        assert plan.status is Status.SOLVED
+        np.testing.assert_allclose(plan.inputs[:, 0], expected, atol=2e-3)
+        active.append(bool(np.any(np.abs(expected) > 9.999)))
+    assert 5 < sum(active) < 30
+
+
+def test_the_planned_states_are_where_the_planned_inputs_lead(bounded):
+    state, d, previous, preview = question(3)
+    plan = bounded.control(state, d, previous, preview)
+    run = simulate(LINEAR, state, (plan.inputs + d).repeat(4, axis=0), step=0.005, every=4)
+    np.testing.assert_allclose(plan.states, run[1:], atol=1e-7)
+
+
+def test_a_warm_start_changes_the_way_and_not_the_answer(bounded):
+    random = np.random.default_rng(0)
+    for seed in range(5):
+        bounded.reset()
+        cold = bounded.control(*question(seed)).inputs
+        for _ in range(3):
+            bounded.control(*question(int(random.integers(100, 200))))
+        np.testing.assert_allclose(bounded.control(*question(seed)).inputs, cold, atol=2e-3)
+
+
+def test_a_disturbance_is_answered_by_its_opposite(bounded):
+    """An offset d of the input shifts the whole plan by -d, but for the price of the first change."""
+    state, preview = np.zeros(2), np.zeros(PROBLEM.horizon)
+    plain = bounded.control(state, np.zeros(1), np.array([0.8]), preview).inputs
+    shifted = bounded.control(state, np.array([0.5]), np.array([0.3]), preview).inputs
+    np.testing.assert_allclose(plain, 0.8, atol=1e-5)  # at rest on the reference: nothing to do
+    np.testing.assert_allclose(shifted, 0.3, atol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def beam_mpc(rig):
+    return ExactMpc(rig.equation, dataclasses.replace(PROBLEM, output_scale=rig.sensor.radians_per_volt))
+
+
+ABSURD = [1e3, -1e6, 1e12, 1e300, np.inf, -np.inf, np.nan]
+
+
+@pytest.mark.parametrize("value", ABSURD)
+@pytest.mark.parametrize("place", ["position", "velocity", "disturbance", "previous input", "preview"])
+def test_the_input_is_finite_and_bounded_whatever_it_is_asked(beam_mpc, place, value):
+    for reset in (True, False):
+        state, d, previous, preview = question(1)
+        target = {"position": state[:1], "velocity": state[1:], "disturbance": d, "previous input": previous}
+        target.get(place, preview)[:1] = value
+        if reset:
+            beam_mpc.reset()
+        else:
+            beam_mpc.control(*question(2))
+        plan = beam_mpc.control(state, d, previous, preview)
+        assert np.all(np.isfinite(plan.inputs))
+        assert np.all(np.abs(plan.inputs) <= 10.0)
+        assert np.array_equal(plan.input, plan.inputs[0])
+        if not np.isfinite(value):
+            assert plan.status is Status.FAILED
+
+
+def test_after_an_absurd_question_it_answers_sensible_ones(beam_mpc):
+    beam_mpc.reset()
+    expected = beam_mpc.control(*question(1)).input
+    for value in ABSURD:
+        beam_mpc.control(np.array([value, 0.0]), *question(1)[1:])
+        answers = [beam_mpc.control(*question(1)) for _ in range(2)]
+        assert answers[-1].status is Status.SOLVED
+        np.testing.assert_allclose(answers[-1].input, expected, atol=0.05)
+
+
+def test_a_question_without_numbers_gets_the_rest_of_the_last_plan(bounded):
+    bounded.reset()
+    state, d, previous, preview = question(4)
+    plan = bounded.control(state, d, previous, preview)
+    nothing = np.full(2, np.nan)
+    shifted = bounded.control(nothing, d, previous, preview)
+    np.testing.assert_array_equal(shifted.inputs[:-1], plan.inputs[1:])
+    np.testing.assert_array_equal(bounded.control(nothing, d, previous, preview).inputs[:-2], plan.inputs[2:])
+    bounded.reset()
+    held = bounded.control(nothing, d, np.array([3.0]), preview)  # no plan: the input before
+    assert held.input[0] == 3.0
+    assert len(held.states) == 0
+    bounded.reset()
+    assert bounded.control(nothing, d, np.array([np.nan]), preview).input[0] == 0.0
+
+
+def test_out_of_iterations_it_says_so():
+    hasty = ExactMpc(LINEAR, dataclasses.replace(PROBLEM, max_iterations=1))
+    plan = hasty.control(*question(0, size=2.0))
+    assert plan.status is Status.NOT_CONVERGED
+    assert np.all(np.abs(plan.inputs) <= 10.0)
+
+
+def test_at_rest_on_its_reference_the_beam_is_left_alone(beam_mpc, rig):
+    beam_mpc.reset()
+    plan = beam_mpc.control(np.zeros(2), np.zeros(1), np.array([rig.equation.centre]), np.zeros(10))
+    np.testing.assert_allclose(plan.inputs, rig.equation.centre, atol=0.02)
+
+
+def test_a_step_that_is_announced_is_begun_before_it_comes(beam_mpc, rig):
+    """That is what a preview is for."""
+    beam_mpc.reset()
+    preview = np.where(np.arange(1, 11) > 6, 0.04, 0.0)
+    plan = beam_mpc.control(np.zeros(2), np.zeros(1), np.array([rig.equation.centre]), preview)
+    assert plan.states[4, 0] > 0.001
+    assert plan.inputs[:, 0].max() > 5.0
+
+
+def test_there_is_no_offset_at_rest_under_a_constant_disturbance():
+    """On the linear rig, to the last millivolt: the filter finds the bias and the MPC takes it away."""
+    equation = dataclasses.replace(LINEAR, input_delay=0.006)
+    tuning = Tuning(
+        measurement_noise=5e-4,
+        process_noise=(1e-5, 0.3),
+        disturbance_noise=0.2,
+        disturbance_limit=2.0,
+        hum_hertz=0.0,
+        hum_amplitude=0.0,
+        hum_noise=0.0,
+        gate=1e6,
+        patience=5,
+    )
+    estimator = ExtendedKalmanFilter(equation, tuning, period=0.02)
+    controller = ExactMpc(equation, PROBLEM)
+    x, u, bias, target = np.zeros(2), 0.0, 0.6, 0.06
+    past = [u] * 2
+    for k in range(400):
+        estimate = estimator.update(0.02 * k, x[:1], np.array([u]))
+        u = float(controller.control(estimate.ahead, estimate.disturbance, np.array([u]), np.full(10, target)).input[0])
+        past = [past[-1], u]
+        # 6 ms of the input before, then the new one.
+        held = np.array([past[0]] * 6 + [past[1]] * 14)[:, None] + bias
+        x = simulate(LINEAR, x, held, step=0.001)[-1]
+    assert x[0] == pytest.approx(target, abs=0.0227e-3)
+    assert estimate.disturbance[0] == pytest.approx(bias, abs=0.05)
+
+
+def test_the_noisy_beam_comes_to_rest_on_its_reference_despite_a_bias(rig):
+    settings = configuration.defaults("cam_beam", "estimator")
+    tuning = configuration.estimator_tuning(settings, rig)
+    estimator = ExtendedKalmanFilter(rig.equation, tuning, period=0.02)
+    problem = dataclasses.replace(PROBLEM, output_scale=rig.sensor.radians_per_volt)
+    controller = ExactMpc(rig.equation, problem)
+    loop = run_loop(
+        Plant(rig, seed=0, bias=0.4),
+        estimator,
+        controller,
+        lambda t: np.where(np.asarray(t) < 2.0, 2.5, -1.0),
+        duration=4.0,
+        period=0.02,
+        lead=rig.equation.delay,
+    )
+    volts = rig.sensor.volts(loop.position)
+    assert np.mean(volts[75:95]) == pytest.approx(2.5, abs=0.06)
+    assert np.mean(volts[-20:]) == pytest.approx(-1.0, abs=0.06)
+    assert np.all(np.abs(loop.input) <= 10.0)
+    assert loop.statuses[Status.SOLVED] > 0.95 * len(volts)
+
+
+def settle(equation, problem, target, output, seconds):
+    """Where a model under its own MPC is after some seconds, and how fast."""
+    controller = ExactMpc(equation, problem)
+    x, u = np.zeros(len(equation.states)), np.zeros(1)
+    for _ in range(round(seconds / problem.period)):
+        u = controller.control(x, np.zeros(1), u, np.full(problem.horizon, target)).input
+        held = np.tile(u, (problem.substeps, 1))
+        x = simulate(equation, x, held, step=problem.period / problem.substeps)[-1]
+    return x[output], x[-1]
+
+
+def test_a_motor_of_three_states_is_turned_to_its_angle(motor):
+    problem = dataclasses.replace(PROBLEM, horizon=20, period=0.05, output_scale=1.0, rate_weight=0.1)
+    angle, current = settle(motor, problem, 2.0, 0, 6.0)
+    assert angle == pytest.approx(2.0, abs=1e-3)
+    assert current == pytest.approx(0.0, abs=1e-2)
+
+
+def test_the_link_behind_a_spring_is_brought_to_its_angle(flexible_joint):
+    """The measured joint is not the driven one, and the motor has dry friction."""
+    problem = dataclasses.replace(PROBLEM, horizon=30, period=0.01, substeps=2, output_scale=0.1, input_limit=3.0)
+    angle, speed = settle(flexible_joint, problem, 0.5, 1, 3.0)
+    assert angle == pytest.approx(0.5, abs=0.02)
+    assert abs(speed) < 0.1
+
+
+def test_a_cost_by_hand():
+    """Errors 0.1 and -0.1 rad in units of 0.0227 rad; changes of the input 2 (from 0) and -3 V."""
+    loop = Loop(
+        time=np.array([0.0, 0.1]),
+        position=np.array([0.1, 0.0]),
+        estimate=np.zeros(2),
+        reference=np.array([0.0, 0.1]),
+        input=np.array([2.0, -1.0]),
+        statuses=Counter(),
+    )
+    assert loop.cost(PROBLEM) == pytest.approx(100 * 2 * (0.1 / 0.0227) ** 2 + 4 + 9)
+    assert loop.tracking_rmse(0.0, 0.05) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"horizon": 0}, "mpc: horizon is 0; it must be above 0"),
+        ({"period": -0.02}, "mpc: period is -0.02"),
+        ({"substeps": 0}, "mpc: substeps is 0"),
+        ({"input_limit": float("nan")}, "mpc: input_limit is nan"),
+        ({"output_weight": 0.0}, "mpc: output_weight is 0"),
+        ({"max_iterations": 0}, "mpc: max_iterations is 0"),
+        ({"rate_weight": -1.0}, "rate_weight and smoothing must not be negative"),
+        ({"rate_weight": float("nan")}, "rate_weight"),
+        ({"smoothing": -1.0}, "rate_weight and smoothing must not be negative"),
+    ],
+)
+def test_a_problem_that_is_none_is_refused(changes, reason):
+    with pytest.raises(UserError, match=reason):
+        dataclasses.replace(PROBLEM, **changes)
