@@ -15,6 +15,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.files import check_place
 from hybrid_sysid_ros.identification import Part, evaluate, identify
 from hybrid_sysid_ros.models import STRUCTURES, Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
@@ -82,6 +83,7 @@ def identify_command(
     recover: Recover = False,
 ) -> None:
     """Identify a model from bags."""
+    check_place(out, marker="model.yaml")
     sampling = Sampling(step=step, period=period, input=input_handling)  # type: ignore[arg-type]
     described = load_rig(rig)
     records = read_records(bag, rig, signals, recover)
@@ -140,6 +142,7 @@ def policy_train(
 
     An interrupted training goes on from the closed loops in OUT.samples when it is started again.
     """
+    check_place(out, marker="policy.yaml")
     loaded = load_model(model)
     with progress_bars(status) as update:
         policy = train_policy(

@@ -58,6 +58,15 @@ def written_folder(path: Path | str, *, marker: str, replace: bool = True, force
             raise
 
 
+def check_place(path: Path | str, *, marker: str) -> None:
+    """Whether written_folder() could write there, to be asked before long work.
+
+    Raises:
+        UserError: the place holds something that may not be replaced.
+    """
+    _check_replaceable(Path(path), Path(os.path.realpath(path)), marker=marker, replace=True, force=False)
+
+
 def sha256(path: Path | str) -> str:
     """Hexadecimal SHA-256 of a file, or of a folder.
 

@@ -54,6 +54,10 @@ class Policy:
                 raise UserError(f"policy: a layer has shape {matrix.shape}; {(after, before)} is needed")
         if widths[0] != self.states + 2 + self.problem.horizon or widths[-1] != 1:
             raise UserError(f"policy: {widths[0]} features don't fit a horizon of {self.problem.horizon}")
+        if not 0 <= self.output < self.states:
+            raise UserError(f"policy: output {self.output} is none of its {self.states} states")
+        if self.scale.shape != self.centre.shape or not np.all(self.scale > 0):
+            raise UserError("policy: scale needs a number above 0 for every feature")
         packed = np.concatenate([np.concatenate([matrix.ravel(), bias]) for matrix, bias in self.layers])
         object.__setattr__(self, "_packed", packed)
         object.__setattr__(self, "_widths", np.array(widths))
@@ -157,16 +161,21 @@ def load(folder: Path | str, *, model: Model | None = None) -> Policy:
         raise UserError(f"{path}: {error!r} is missing or malformed; train it again") from error
     if model is not None and policy.model != model.seal:
         raise UserError(f"{path}: was trained for another model; train it for this one (hybrid-sysid policy train)")
-    if not np.allclose(policy.evaluate(policy.check[0]), policy.check[1], rtol=0.0, atol=SELF_CHECK_TOLERANCE):
+    features, inputs = policy.check
+    if not len(inputs) or features.shape != (len(inputs), len(policy.centre)):
+        raise UserError(f"{path}: has no self-check vectors that fit the network; train it again")
+    if not np.allclose(policy.evaluate(features), inputs, rtol=0.0, atol=SELF_CHECK_TOLERANCE):
         raise UserError(f"{path}: does not reproduce its self-check vectors; train it again")
     return policy
 
 
 @numba.njit(error_model="numpy")
 def _forward(features: Array, centre: Array, inverse: Array, packed: Array, widths: Array, buffers: Array) -> float:
-    """The network, without allocation: buffers (2, widest layer)."""
+    """The network, without allocation: buffers (2, widest layer). NaN if a feature is not a number or infinite."""
     inside, outside = 0, 1
     for j in range(widths[0]):
+        if not np.isfinite(features[j]):
+            return np.nan
         buffers[inside, j] = (features[j] - centre[j]) * inverse[j]
     at = 0
     last = widths.shape[0] - 2

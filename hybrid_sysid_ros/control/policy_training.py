@@ -22,6 +22,7 @@ from hybrid_sysid_ros.control.mpc import Problem
 from hybrid_sysid_ros.control.policy import Policy
 from hybrid_sysid_ros.control.sample_store import SampleStore
 from hybrid_sysid_ros.control.sampling import Samples, Spread, sample
+from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import Model
 
 Array = NDArray[np.float64]
@@ -47,6 +48,12 @@ class Settings:
     batch: int = 512
     rate: float = 3e-3
     workers: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.episodes or min(self.episodes) < 2:
+            raise UserError(f"policy: episodes {self.episodes}: needs at least 2 closed loops in every round")
+        if min((self.epochs, self.batch, *self.hidden)) < 1:
+            raise UserError("policy: epochs, batch and the widths of the layers must be above 0")
 
 
 def train(
@@ -165,6 +172,8 @@ def _fit(
     start: torch.nn.Module | None,
     progress: Callable[[int, int], None],
 ) -> tuple[torch.nn.Module, Policy]:
+    if not len(samples.inputs) or not len(held.inputs):
+        raise UserError("policy: the exact MPC found no solution in its closed loops; allow it more iterations")
     torch.manual_seed(seed)
     output = model.equation.outputs[0]
     raw = features_of(samples, output)

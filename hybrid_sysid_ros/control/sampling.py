@@ -116,12 +116,12 @@ def sample(
         for _ in range(round(problem.period / step)):
             advance(state, np.array([u]) + disturbance, parameters, weights, step, following)
             state = following.copy()
-    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    states, disturbances, lasts, previews, inputs = zip(*rows, strict=True) if rows else ((), (), (), (), ())
     return Samples(
-        states=columns[0],
-        disturbances=columns[1],
-        previous=columns[2],
-        previews=columns[3],
-        inputs=columns[4],
+        states=np.reshape(states, (len(rows), len(equation.states))),
+        disturbances=np.array(disturbances, dtype=float),
+        previous=np.array(lasts, dtype=float),
+        previews=np.reshape(previews, (len(rows), horizon)),
+        inputs=np.array(inputs, dtype=float),
         dropped=dropped,
     )

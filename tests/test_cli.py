@@ -1,0 +1,161 @@
+"""The command line: what a user types, and the one line that a wrong input gets."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+import yaml
+
+from hybrid_sysid_ros import cli
+from hybrid_sysid_ros.models import load, storage
+
+BAGS = Path(__file__).parents[1] / "bags"
+MULTISINE = str(BAGS / "beam_multisine")
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Run hybrid-sysid with arguments; give status, standard output and standard error."""
+
+    def run(*arguments: str | Path) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["hybrid-sysid", *map(str, arguments)])
+        status = 0
+        try:
+            cli.main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def linear_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A linear model of the shipped multisine."""
+    folder = tmp_path_factory.mktemp("model") / "linear"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "sys.argv", ["hybrid-sysid", "identify", MULTISINE, "--structure", "linear", "--out", str(folder)]
+        )
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+    assert not end.value.code
+    return folder
+
+
+def refused(result: tuple[int, str, str], *words: str) -> None:
+    """The command ended with status 2 and one line on standard error that has these words."""
+    status, _, error = result
+    lines = error.strip().splitlines()
+    assert status == 2
+    assert len(lines) == 1, error
+    assert lines[0].startswith("error: ")
+    assert "Traceback" not in error
+    for word in words:
+        assert word in lines[0]
+
+
+def test_a_gray_box_of_the_shipped_bags_predicts_a_bag_that_it_has_not_seen(command, tmp_path):
+    # The bags come from the simulated beam itself, so its own equation must explain nearly all of them.
+    model = tmp_path / "gray"
+    bags = [BAGS / "beam_multisine", BAGS / "beam_random_steps"]
+    status, out, _ = command("identify", *bags, "--structure", "gray", "--part", "0:0.5", "--out", model)
+    assert status == 0
+    assert "gain" in out
+    status, out, _ = command("evaluate", model, BAGS / "beam_swept_sine", "--json")
+    assert status == 0
+    assert json.loads(out)["records"]["beam_swept_sine"]["r2"] > 0.99
+
+
+def test_a_model_tells_where_it_comes_from(linear_model):
+    content = yaml.safe_load((linear_model / "model.yaml").read_text())
+    assert content["records"][0]["name"] == "beam_multisine"
+    assert len(content["records"][0]["sha256"]) == 64
+    assert content["parameters"]["gain"]["unit"] == "rad/(s^2 V)"
+    assert content["parameters"]["gain"]["standard_error"] > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere"], ["nowhere", "no such"]),
+        ([MULTISINE, "--structure", "banana"], ["banana", "choose one of"]),
+        ([MULTISINE, "--rig", "trebuchet"], ["trebuchet", "known are"]),
+        ([MULTISINE, "--period", "0.033"], ["0.033", "multiple"]),
+        ([MULTISINE, "--input", "guessed"], ["guessed", "averaged or sampled"]),
+        ([MULTISINE, "--part", "half"], ["half", "START:STOP"]),
+        ([MULTISINE, "--part", "0:0.001"], ["beam_multisine"]),
+        ([MULTISINE, "--signals", "none.yaml"], ["none.yaml"]),
+    ],
+)
+def test_a_wrong_argument_of_identify_gets_one_line(command, tmp_path, arguments, words):
+    refused(command("identify", *arguments, "--out", tmp_path / "model"), *words)
+    assert not (tmp_path / "model").exists()
+
+
+def test_a_folder_of_something_else_is_not_overwritten(command, tmp_path):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    refused(command("identify", MULTISINE, "--structure", "linear", "--out", tmp_path), str(tmp_path))
+    assert (tmp_path / "thesis.tex").read_text() == "years of work"
+
+
+def test_a_refused_bag_leaves_the_old_model(command, linear_model, tmp_path):
+    model = tmp_path / "model"
+    shutil.copytree(linear_model, model)
+    before = (model / "model.yaml").read_bytes()
+    refused(command("identify", tmp_path / "nowhere", "--out", model), "nowhere")
+    assert (model / "model.yaml").read_bytes() == before
+
+
+def test_an_altered_model_is_refused(command, linear_model, tmp_path):
+    model = tmp_path / "model"
+    shutil.copytree(linear_model, model)
+    text = (model / "model.yaml").read_text()
+    (model / "model.yaml").write_text(text.replace("rig: cam_beam", "rig: cam_dream"))
+    refused(command("evaluate", model, MULTISINE), "model.yaml", "altered")
+
+
+def test_a_truncated_bag_is_readable_on_request(command, linear_model, tmp_path):
+    bag = tmp_path / "cut"
+    shutil.copytree(MULTISINE, bag)
+    file = next(bag.glob("*.mcap"))
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) * 2 // 3])
+    refused(command("evaluate", linear_model, bag), "cut", "--recover")
+    status, _, error = command("evaluate", linear_model, bag, "--recover")
+    assert status == 0, error
+
+
+def test_a_policy_needs_a_model(command, tmp_path):
+    refused(command("policy", "train", tmp_path / "nowhere", "--out", tmp_path / "policy"), "nowhere")
+
+
+def test_a_policy_of_another_model_is_refused(linear_model):
+    from hybrid_sysid_ros import configuration
+    from hybrid_sysid_ros.control import policy
+    from hybrid_sysid_ros.errors import UserError
+
+    with pytest.raises(UserError, match="another model"):
+        policy.load(configuration.shipped("cam_beam", "policy"), model=load(linear_model))
+    assert policy.load(configuration.shipped("cam_beam", "policy")).model == storage.digest(
+        configuration.shipped("cam_beam", "model"), kind="model"
+    )
+
+
+def test_importing_from_a_folder_without_records_gets_one_line(command, tmp_path):
+    refused(command("import-bab", tmp_path, tmp_path / "bags"), str(tmp_path))
+
+
+def test_an_unknown_experiment_gets_one_line(command, tmp_path):
+    refused(command("simulate", "earthquake", tmp_path / "bag"), "earthquake", "choose one of")
+    refused(command("simulate", "multisine", tmp_path / "bag", "--rate", "300"), "300")
+
+
+def test_a_missing_option_is_named(command):
+    status, _, error = command("identify", MULTISINE)
+    assert status == 2
+    assert "--out" in error
