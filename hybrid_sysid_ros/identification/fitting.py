@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from threadpoolctl import threadpool_limits
 
 from hybrid_sysid_ros.equations import Equation, kernels
 from hybrid_sysid_ros.errors import UserError
@@ -189,7 +190,8 @@ def fit(
     began = time.perf_counter()
     point = problem.start
     lower, upper = problem.bounds
-    with ThreadPoolExecutor(max_workers=2) as threads:
+    # The simulations are the parallel part: threads of linear algebra would only spin beside them.
+    with ThreadPoolExecutor(max_workers=2) as threads, threadpool_limits(1):
         for horizon in stages:
             residuals = problem.residuals(horizon)
 
