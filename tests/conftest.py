@@ -1,6 +1,12 @@
 """What all tests share."""
+# ruff: noqa: E402
 
 import os
+
+# Threads of linear algebra spin while they wait: with a busy neighbour the small problems here take ten times as long.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -204,7 +210,7 @@ def simulated_record(rig: Rig, reference: Reference, *, seconds: float, name: st
     plant = Plant(rig, seed=seed, noisy=noisy)
     plant.reset(np.zeros(len(rig.equation.states)))
     scale, samples = rig.sensor.radians_per_volt, round(seconds / rig.step)
-    time = np.arange(samples) * rig.step
+    time = np.arange(samples, dtype=np.float64) * rig.step
     wanted = np.where(time < 1.0, 0.0, reference(time))
     position, drive = np.empty((samples, 1)), np.empty((samples, 1))
     for k in range(samples):

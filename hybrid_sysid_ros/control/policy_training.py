@@ -81,7 +81,7 @@ def train(
     # Ctrl-C is for the parent: it stops handing out work and lets the loops under way finish.
     ignore = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
     pool = ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn"), initializer=ignore)
-    with _one_thread_each(), pool:
+    with _one_thread_each(), _one_thread_here(), pool:
         for number, episodes in enumerate(settings.episodes):
             work = partial(sample, model.equation, problem, spread, step=model.sampling.step, driver=policy)
             seeds = [seed * 1_000_003 + 1000 * number + index for index in range(episodes)]
@@ -145,6 +145,17 @@ def _one_thread_each() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+@contextmanager
+def _one_thread_here() -> Iterator[None]:
+    """Train in one thread: batches are small, and a second thread that finds its core busy holds up the first."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def _silent(stage: str, done: int, of: int) -> None:
