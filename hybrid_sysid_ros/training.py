@@ -35,11 +35,13 @@ def train_policy(
         from hybrid_sysid_ros.control.policy_training import Settings, train
     except ModuleNotFoundError as error:
         raise UserError(f"{error.name} is missing; install the extra: pip install 'hybrid_sysid_ros[train]'") from error
+    if not model.seal:
+        raise UserError("policy: the model was never saved; save it first, for the policy belongs to what is on disk")
     rig = load(model.rig)
     problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig)
     settings = Settings(episodes=(episodes,) * rounds, epochs=epochs)
     spread = configuration.sampling_spread(rig)
-    store = SampleStore(samples, f"{model.seal} {problem} {spread}") if samples is not None else None
+    store = SampleStore(samples, f"{model.seal} {problem} {spread} {settings}") if samples is not None else None
     policy = train(model, problem, spread, settings, seed=seed, store=store, progress=progress)
     if store is not None:
         store.remove()

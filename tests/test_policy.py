@@ -216,7 +216,7 @@ def test_a_policy_for_another_model_is_refused(folder):
 
 def test_samples_are_answers_of_the_exact_mpc():
     model = model_of()
-    samples = sample(model.equation, PROBLEM, SPREAD, 7, step=0.005)
+    samples = sample(model.equation, PROBLEM, SPREAD, 7)
     assert len(samples.inputs) + samples.dropped == round(8.0 / PROBLEM.period)
     assert np.all(np.abs(samples.inputs) <= 10.0)
     assert np.max(np.abs(samples.previews)) <= 4.0 * PROBLEM.output_scale * (1 + 1e-9)
@@ -232,7 +232,7 @@ def test_samples_are_answers_of_the_exact_mpc():
 
 def test_a_solver_that_never_converges_gives_no_samples():
     hopeless = dataclasses.replace(PROBLEM, max_iterations=1)
-    samples = sample(model_of().equation, hopeless, SPREAD, 7, step=0.005)
+    samples = sample(model_of().equation, hopeless, SPREAD, 7)
     assert len(samples.inputs) + samples.dropped == round(8.0 / PROBLEM.period)
     assert samples.dropped > 100
 
@@ -291,7 +291,7 @@ def trained(tmp_path_factory):
 
 def test_a_tiny_training_imitates_better_than_a_constant(trained):
     policy, _ = trained
-    fresh = sample(model_of().equation, PROBLEM, SPREAD, 424242, step=0.005)
+    fresh = sample(model_of().equation, PROBLEM, SPREAD, 424242)
     rows = zip(fresh.states, fresh.disturbances, fresh.previous, fresh.previews, strict=True)
     answers = [policy.control(x, np.array([d]), np.array([u]), q).input[0] for x, d, u, q in rows]
     assert np.mean((np.array(answers) - fresh.inputs) ** 2) < 0.3 * np.var(fresh.inputs)

@@ -83,7 +83,7 @@ def train(
     pool = ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn"), initializer=ignore)
     with _one_thread_each(), _one_thread_here(), pool:
         for number, episodes in enumerate(settings.episodes):
-            work = partial(sample, model.equation, problem, spread, step=model.sampling.step, driver=policy)
+            work = partial(sample, model.equation, problem, spread, driver=policy)
             seeds = [seed * 1_000_003 + 1000 * number + index for index in range(episodes)]
             report = partial(progress or _silent, f"round {number + 1}: closed loops of the exact MPC")
             new = _sampled(pool, work, seeds, store, report)

@@ -77,13 +77,12 @@ def sample(
     spread: Spread,
     seed: int,
     *,
-    step: float,
     driver: Controller | None = None,
 ) -> Samples:
     """One closed loop of 8 s from a random state; the exact MPC answers at each period.
 
-    driver: who drives the loop, the MPC itself by default (DAgger: Ross, Gordon, Bagnell 2011, AISTATS). step: of the
-    simulation [s].
+    driver: who drives the loop, the MPC itself by default (DAgger: Ross, Gordon, Bagnell 2011, AISTATS). The loop is
+    simulated in the exact form, at the steps of the MPC's own prediction.
     """
     random = np.random.default_rng(seed)
     expert = ExactMpc(equation, problem)
@@ -113,8 +112,8 @@ def sample(
             u = float(answer.input[0])
         else:
             u = float(driver.control(state, disturbance, np.array([u]), preview).input[0])
-        for _ in range(round(problem.period / step)):
-            advance(state, np.array([u]) + disturbance, parameters, weights, step, following)
+        for _ in range(problem.substeps):
+            advance(state, np.array([u]) + disturbance, parameters, weights, problem.period / problem.substeps, following)
             state = following.copy()
     states, disturbances, lasts, previews, inputs = zip(*rows, strict=True) if rows else ((), (), (), (), ())
     return Samples(

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.models.stribeck import Stribeck
 
 STRUCTURES = ("linear", "stribeck", "gray", "black_box", "hybrid")
 
-HYBRID_UNITS = 6
+HYBRID_UNITS = 4
 """Units of the residual's hidden layer."""
 
 BLACK_BOX_UNITS = 8
