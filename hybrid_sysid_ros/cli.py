@@ -218,7 +218,10 @@ def demo_command(
 
 
 def read_records(paths: list[Path], rig: str, signals: Path | None, recover: bool) -> list[Record]:
-    """The records of bags, by a rig's signals or a file of the user's."""
+    """The records of bags, by a rig's signals or a file of the user's. Raises UserError for two bags of one name."""
+    names = [path.resolve().stem for path in paths]
+    if twins := {name for name in names if names.count(name) > 1}:
+        raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
     chosen = Signals.load(signals) if signals is not None else Signals.of_rig(rig)
     return [bags.read(path, chosen, recover=recover) for path in paths]
 

@@ -83,6 +83,7 @@ def test_a_model_tells_where_it_comes_from(linear_model):
     ("arguments", "words"),
     [
         (["nowhere"], ["nowhere", "no such"]),
+        ([MULTISINE, MULTISINE], ["beam_multisine", "rename"]),
         ([MULTISINE, "--structure", "banana"], ["banana", "choose one of"]),
         ([MULTISINE, "--rig", "trebuchet"], ["trebuchet", "known are"]),
         ([MULTISINE, "--period", "0.033"], ["0.033", "multiple"]),

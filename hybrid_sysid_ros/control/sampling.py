@@ -94,6 +94,7 @@ def sample(
     state[output] = scale * (float(target(0.0)) if random.uniform() < 0.5 else random.uniform(-1, 1) * spread.amplitude)
     following = np.empty_like(state)
     advance, parameters, weights = kernels(equation).step, equation.named, equation.weights
+    step = problem.period / problem.substeps
     u = random.uniform(-1.0, 1.0) * problem.input_limit
     rows: list[tuple[Array, float, float, Array, float]] = []
     dropped = 0
@@ -113,7 +114,7 @@ def sample(
         else:
             u = float(driver.control(state, disturbance, np.array([u]), preview).input[0])
         for _ in range(problem.substeps):
-            advance(state, np.array([u]) + disturbance, parameters, weights, problem.period / problem.substeps, following)
+            advance(state, np.array([u]) + disturbance, parameters, weights, step, following)
             state = following.copy()
     states, disturbances, lasts, previews, inputs = zip(*rows, strict=True) if rows else ((), (), (), (), ())
     return Samples(
