@@ -58,6 +58,7 @@ def demo(out: Path, *, train: bool = False, console: Console | None = None) -> d
     console = console or Console()
     rig = load_rig(RIG)
     report.check_available()
+    make_folder(out)
     records = find_records(out, console)
     console.print(f"[bold]1[/] identifying the beam from {len(records.training)} bags")
     model = identify(records.training, rig, "hybrid", sampling=Sampling(), part=FIRST_HALF)
@@ -98,6 +99,14 @@ def demo(out: Path, *, train: bool = False, console: Console | None = None) -> d
     console.print(_table(summary))
     console.print(f"report: {out / 'report.html'}   numbers: {out / 'summary.json'}   bag: {bag}")
     return summary
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder, or raise UserError before any work is done for it."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{path}: can't be made a folder ({error.strerror}); choose another --out") from error
 
 
 def find_records(out: Path, console: Console) -> Records:

@@ -208,7 +208,8 @@ class Session:
             child.words.add(line)
         elif line:
             child.complaint = line
-            self._tell(f"{node}: {line}")
+            if not line.startswith("error: "):  # that one becomes the session's own error
+                self._tell(f"{node}: {line}")
 
 
 def run(

@@ -160,3 +160,8 @@ def test_a_missing_option_is_named(command):
     status, _, error = command("identify", MULTISINE)
     assert status == 2
     assert "--out" in error
+
+
+def test_the_demo_says_at_once_where_it_cannot_write(command, tmp_path):
+    (tmp_path / "file").write_text("")
+    refused(command("demo", "--out", tmp_path / "file" / "demo"), "file/demo", "--out")
