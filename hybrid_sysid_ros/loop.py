@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,11 +116,6 @@ class LoopRecord:
     def turnarounds(self, start: float = 0.0, stop: float = np.inf) -> Delays:
         """Percentiles of the turnaround from `start` to `stop` [s]."""
         return Delays.of(self.turnaround[self.within(start, stop)])
-
-    def timing(self) -> dict[str, Any]:
-        """Delays [ms] and missed commands since time zero, by the keys of the demo's summary."""
-        delays = {name: round(1e3 * value, 4) for name, value in asdict(self.delays()).items()}
-        return {"delay_ms": delays, "missed_commands": self.missed_commands()}
 
 
 class _Reading:

@@ -118,8 +118,6 @@ def test_delays_are_those_of_the_commands(tmp_path):
     assert found.p99 == pytest.approx(1e-9 * np.percentile(delay[BEFORE:], 99))
     assert found.max == pytest.approx(1e-9 * np.max(delay[BEFORE:]))
     assert loop.missed_commands() == 0
-    assert loop.timing()["missed_commands"] == 0
-    assert loop.timing()["delay_ms"]["p99"] == pytest.approx(1e3 * found.p99, abs=1e-4)
 
 
 def test_a_command_is_missed_if_the_next_measurement_is_there_first(tmp_path):

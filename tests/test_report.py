@@ -181,7 +181,7 @@ def test_the_loop_is_judged_on_the_windows_of_the_hardware_reference(text):
     page = Page(text)
     assert "tracking RMSE, steps 0.100 V" in page.text
     assert "tracking RMSE, sine 0.100 V" in page.text
-    assert "missed commands 1 of 10200" in page.text
+    assert "recorded misses 1 of 10200" in page.text
     assert "1.50 / 1.50 / 6.3 ms" in page.text
     assert {"tracking", "zoom-0", "zoom-1", "delays"} <= set(page.ids)
 
