@@ -6,7 +6,6 @@ rig itself, under its P controller, reached 1.080 V on the steps and .500 V on t
 
 from __future__ import annotations
 
-import sys
 from time import perf_counter
 from typing import Any
 
@@ -18,7 +17,6 @@ from benchmarks import result
 from hybrid_sysid_ros import configuration
 from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, policy
 from hybrid_sysid_ros.demo import RIG, simulated_loop
-from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.excitation import HARDWARE_SINE, HARDWARE_STEPS
 from hybrid_sysid_ros.rigs.rig import load
@@ -89,8 +87,4 @@ def _spread(values: Any) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    result.run(main)

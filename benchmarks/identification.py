@@ -18,7 +18,6 @@ from rich.table import Table
 
 from benchmarks import result
 from hybrid_sysid_ros.demo import DATA, FIRST_HALF, RIG, find_records, table_name
-from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.identification import evaluate, identify
 from hybrid_sysid_ros.models import STRUCTURES, InputHandling, Sampling
 from hybrid_sysid_ros.rigs.rig import load
@@ -78,8 +77,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+    result.run(main)

@@ -7,7 +7,6 @@ a command is missed when it has not come by the next measurement.
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import Any
 
 from rich.console import Console
@@ -15,7 +14,6 @@ from rich.table import Table
 
 from benchmarks import result
 from hybrid_sysid_ros import session
-from hybrid_sysid_ros.errors import UserError
 
 NAME = "loop_timing"
 RATE = 200.0  # Hz, what the rig runs at
@@ -61,29 +59,25 @@ def table(runs: list[dict[str, Any]]) -> Table:
     return shown
 
 
-def main(arguments: list[str]) -> int:
+def main() -> int:
     """Measure, print the table and write the results."""
     parser = argparse.ArgumentParser(prog=f"python -m benchmarks.{NAME}", description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help=f"at {RATE:g} Hz; a quarter at the other rates")
     parser.add_argument("--model", default="", help="model folder; the shipped one by default")
     parser.add_argument("--priority", type=int, help="real-time priority, 0 for none; by default where permitted")
     parser.add_argument("--policy-path", default="", help="policy folder; the shipped one by default")
-    options = parser.parse_args(arguments)
+    options = parser.parse_args()
     on = result.machine()
     runs = []
     priority = session.permitted_priority() if options.priority is None else options.priority
     given = {"model": options.model, "policy_path": options.policy_path, "priority": priority}
-    try:
-        for rate in (RATE, *OTHERS):
-            seconds = options.seconds if rate == RATE else options.seconds / 4
-            runs.append(measure(rate, seconds, **given))
-    except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    for rate in (RATE, *OTHERS):
+        seconds = options.seconds if rate == RATE else options.seconds / 4
+        runs.append(measure(rate, seconds, **given))
     Console(width=120).print(table(runs))
     print(f"written to {result.write(NAME, {'priority': priority, 'runs': runs}, on=on)}")
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    result.run(main)

@@ -6,14 +6,16 @@ import json
 import math
 import os
 import platform
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.files import written_file
 
 RESULTS = Path(__file__).parent / "results"
@@ -58,6 +60,15 @@ def write(name: str, results: Mapping[str, Any], *, on: Mapping[str, Any] | None
     with written_file(path) as partial:
         partial.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return path
+
+
+def run(main: Callable[[], int]) -> NoReturn:
+    """Run a benchmark's main() and exit with its status, or with 2 and one line for what a user can cause."""
+    try:
+        sys.exit(main())
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
 
 
 def _lines(path: str) -> list[str]:
