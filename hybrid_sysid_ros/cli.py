@@ -200,7 +200,7 @@ def run_command(
     table = Table("node", "quantity", "value", title="last diagnostics", title_justify="left")
     for node, values in outcome.diagnostics.items():
         for key, value in values.items():
-            table.add_row(node, key.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))
+            table.add_row(node, key, f"{value:.4g}" if isinstance(value, float) else str(value))
     console.print(table)
     if outcome.bag is not None:
         console.print(str(outcome.bag))
