@@ -7,6 +7,8 @@ a command is missed when it has not come by the next measurement.
 from __future__ import annotations
 
 import argparse
+import os
+from time import perf_counter, sleep
 from typing import Any
 
 from rich.console import Console
@@ -42,6 +44,21 @@ def measure(rate: float, seconds: float, **options: Any) -> dict[str, Any]:
     }
 
 
+def floor(rate: float, seconds: float, priority: int) -> dict[str, float]:
+    """Lateness [ms] of a process that only sleeps from tick to tick: what this machine does to any loop."""
+    if priority:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    late = []
+    tick = perf_counter()
+    for _ in range(round(rate * seconds)):
+        tick += 1.0 / rate
+        sleep(max(tick - perf_counter(), 0.0))
+        late.append(1e3 * (perf_counter() - tick))
+    if priority:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    return result.percentiles(late)
+
+
 def table(runs: list[dict[str, Any]]) -> Table:
     """A row for each rate."""
     columns = ("rate", "time", "missed", "plant late", "delay p50", "p99", "max", *(f"{node} memory" for node in NODES))
@@ -74,8 +91,11 @@ def main() -> int:
     for rate in (RATE, *OTHERS):
         seconds = options.seconds if rate == RATE else options.seconds / 4
         runs.append(measure(rate, seconds, **given))
+    idle = floor(RATE, options.seconds, priority)
     Console(width=120).print(table(runs))
-    print(f"written to {result.write(NAME, {'priority': priority, 'runs': runs}, on=on)}")
+    print(f"a process that only sleeps wakes late by {idle['p50']:.2f} / {idle['p99']:.2f} / {idle['max']:.2f} ms")
+    results = {"priority": priority, "runs": runs, "sleeper_lateness_ms": idle}
+    print(f"written to {result.write(NAME, results, on=on)}")
     return 0
 
 
