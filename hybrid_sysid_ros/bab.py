@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,14 +78,8 @@ def load(path: Path | str) -> Experiment:
         UserError: it is not readable, no record, not finite, or its time is not uniform.
     """
     path = Path(path)
-    try:
+    with _readable(path):
         content = loadmat(path, variable_names=[*REQUIRED, *OPTIONAL])
-    except NotImplementedError as error:
-        raise UserError(f"{path}: is a MATLAB 7.3 (HDF5) file: save it again with save -v7") from error
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except _UNREADABLE as error:
-        raise UserError(f"{path}: is no readable .mat file (cut short or damaged): copy it again") from error
     arrays = {key: _array(path, key, content[key]) for key in (*REQUIRED, *OPTIONAL) if key in content}
     for key in REQUIRED:
         if key not in arrays:
@@ -165,8 +160,15 @@ def _records(folder: Path) -> tuple[list[Path], list[Path]]:
 
 
 def _keys(path: Path) -> set[str]:
-    try:
+    with _readable(path):
         return {name for name, _, _ in whosmat(path)}
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Say in a line why scipy can't read a .mat file."""
+    try:
+        yield
     except NotImplementedError as error:
         raise UserError(f"{path}: is a MATLAB 7.3 (HDF5) file: save it again with save -v7") from error
     except OSError as error:

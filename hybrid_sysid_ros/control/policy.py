@@ -46,6 +46,12 @@ class Policy:
     layers: tuple[tuple[Array, Array], ...]
     training: Mapping[str, Any] = field(default_factory=dict)
     check: tuple[Array, Array] = (np.zeros((0, 0)), np.zeros(0))
+    # What an answer needs, made once: nothing is allocated in the loop.
+    _packed: Array = field(init=False, repr=False)
+    _widths: NDArray[np.int64] = field(init=False, repr=False)
+    _buffers: Array = field(init=False, repr=False)
+    _features: Array = field(init=False, repr=False)
+    _inverse: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         widths = [len(self.centre), *(len(bias) for _, bias in self.layers)]
@@ -80,7 +86,7 @@ class Policy:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`. An input that is not a number gives HELD: the
         previous input within its bounds, or zero.
         """
-        features: Array = self._features  # type: ignore[attr-defined]
+        features = self._features
         states, limit = self.states, self.problem.input_limit
         features[:states] = state
         features[states] = disturbance[0]
@@ -101,10 +107,10 @@ class Policy:
             _forward(
                 features,
                 self.centre,
-                self._inverse,  # type: ignore[attr-defined]
-                self._packed,  # type: ignore[attr-defined]
-                self._widths,  # type: ignore[attr-defined]
-                self._buffers,  # type: ignore[attr-defined]
+                self._inverse,
+                self._packed,
+                self._widths,
+                self._buffers,
             )
         )
 

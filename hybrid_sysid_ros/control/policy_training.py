@@ -8,11 +8,10 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from multiprocessing import get_context
-from typing import Any
 
 import numpy as np
 import torch
@@ -105,7 +104,7 @@ def train(
         "dropped": Samples.joined(parts + held).dropped,
         "seconds": round(time.perf_counter() - began, 1),
     }
-    return Policy(**{**_fields(policy), "training": measured})
+    return replace(policy, training=measured)
 
 
 def _sampled(
@@ -160,10 +159,6 @@ def _one_thread_here() -> Iterator[None]:
 
 def _silent(stage: str, done: int, of: int) -> None:
     pass
-
-
-def _fields(policy: Policy) -> dict[str, Any]:
-    return {name: getattr(policy, name) for name in policy.__dataclass_fields__}
 
 
 def features_of(samples: Samples, output: int) -> Array:
@@ -226,8 +221,7 @@ def _fit(
     for name, features, answers in (("train", raw, samples.inputs), ("validation", validation, held.inputs)):
         bounded = np.clip(policy.evaluate(features), -problem.input_limit, problem.input_limit)
         errors[f"{name}_mse"] = float(np.mean((bounded - answers) ** 2))
-    fields = {**_fields(policy), "training": errors, "check": (check, expected)}
-    return network, Policy(**fields)
+    return network, replace(policy, training=errors, check=(check, expected))
 
 
 def _beyond_bounds(answers: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
