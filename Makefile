@@ -21,7 +21,7 @@ demo: .venv/ros $(if $(TRAINED),.venv/train)
 test: .venv/ros .venv/dev .venv/train
 	$(BIN)/python -m pytest
 
-bench: .venv/ros $(if $(TRAINED),.venv/train)
+bench: .venv/ros .venv/peers
 	$(BIN)/python -m benchmarks
 
 lint: .venv/dev
@@ -43,7 +43,8 @@ clean: # out/ may hold recordings: it stays
 .venv/ros: EXTRAS := ros,report
 .venv/dev: EXTRAS := dev
 .venv/train: EXTRAS := train
-.venv/ros .venv/dev .venv/train: .venv/python $(PACKAGE)
+.venv/peers: EXTRAS := peers,report,search
+.venv/ros .venv/dev .venv/train .venv/peers: .venv/python $(PACKAGE)
 	@echo "Setting up .venv: hybrid_sysid_ros[$(EXTRAS)]"
 	@$(PIP) --editable '.[$(EXTRAS)]'
 	@touch $@
