@@ -17,7 +17,7 @@ import pytest
 
 from hybrid_sysid_ros import bab, configuration
 from hybrid_sysid_ros.control.policy import Policy
-from hybrid_sysid_ros.equations import Equation, Law, Operations, Variable, parameter
+from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, parameter
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -65,7 +65,7 @@ def records(experiments: dict[str, bab.Experiment], rig: Rig) -> dict[str, Recor
 
 
 @dataclass(frozen=True, kw_only=True)
-class Slider(Equation):
+class Slider(Motion):
     """A block on a table: v' = u - F sgn v, the only friction whose motion is school physics."""
 
     states = (Variable(name="position", unit="m"), Variable(name="velocity", unit="m/s"))
@@ -78,13 +78,13 @@ class Slider(Equation):
 
     def law(self, operations: Operations) -> Law:
         def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
-            return (x[1], u[0]), (p.friction, 0.0)
+            return (x[1], u[0]), (p.friction, 0.0, 0.0)
 
         return law
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motor(Equation):
+class Motor(Motion):
     """Three states: angle, speed and current of a motor under a voltage; i' = (u - R i - K v) / L, v' = K i - b v."""
 
     states = (
@@ -103,13 +103,13 @@ class Motor(Equation):
     def law(self, operations: Operations) -> Law:
         def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
             current = (u[0] - p.resistance * x[2] - p.torque * x[1]) / p.inductance
-            return (x[1], p.torque * x[2] - p.drag * x[1], current), (0.0, 0.0)
+            return (x[1], p.torque * x[2] - p.drag * x[1], current), (0.0, 0.0, 0.0)
 
         return law
 
 
 @dataclass(frozen=True, kw_only=True)
-class FlexibleJoint(Equation):
+class FlexibleJoint(Motion):
     """Two joints and a spring: motor angle, link angle, motor speed, link speed; the link is measured.
 
     J d'' = u - k (d - q) - b d' - F sgn d',  I q'' = k (d - q) - c q'.
@@ -138,7 +138,7 @@ class FlexibleJoint(Equation):
             spring = p.spring * (x[0] - x[1])
             motor = (u[0] - spring - p.motor_drag * x[2]) / p.motor_inertia
             link = (spring - p.link_drag * x[3]) / p.link_inertia
-            return (x[2], x[3], motor, link), (p.coulomb / p.motor_inertia, 0.0)
+            return (x[2], x[3], motor, link), (p.coulomb / p.motor_inertia, 0.0, 0.0)
 
         return law
 

@@ -165,7 +165,7 @@ def test_nothing_grows_outside_the_range_that_was_identified():
     law = beam.law(COMPILED)
 
     def at(q):
-        (_, acceleration), (level, _) = law(np.array([q, 0.3]), np.array([2.0]), beam.named, beam.weights)
+        (_, acceleration), (level, *_) = law(np.array([q, 0.3]), np.array([2.0]), beam.named, beam.weights)
         return acceleration + beam.stiffness * q, level
 
     for edge, far in ((0.1, 5.0), (-0.1, -5.0)):

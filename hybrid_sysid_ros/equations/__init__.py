@@ -1,9 +1,11 @@
 """An equation is written once; from it come the compiled simulation and the CasADi function."""
 
 from hybrid_sysid_ros.equations.casadi_form import symbolic_step
-from hybrid_sysid_ros.equations.equation import Equation, Law, Variable
+from hybrid_sysid_ros.equations.equation import Equation, Variable
+from hybrid_sysid_ros.equations.motion import Law, Motion
 from hybrid_sysid_ros.equations.operations import COMPILED, Operations, symbolic
 from hybrid_sysid_ros.equations.parameters import Parameter, parameter
+from hybrid_sysid_ros.equations.recurrence import Recurrence
 from hybrid_sysid_ros.equations.simulation import Kernels, kernels, simulate
 
 __all__ = [
@@ -11,8 +13,10 @@ __all__ = [
     "Equation",
     "Kernels",
     "Law",
+    "Motion",
     "Operations",
     "Parameter",
+    "Recurrence",
     "Variable",
     "kernels",
     "parameter",

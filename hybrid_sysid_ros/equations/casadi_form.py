@@ -5,7 +5,6 @@ from __future__ import annotations
 import casadi
 
 from hybrid_sysid_ros.equations.equation import Equation
-from hybrid_sysid_ros.equations.integration import step_source
 from hybrid_sysid_ros.equations.operations import symbolic
 
 
@@ -15,8 +14,7 @@ def symbolic_step(equation: Equation, *, step: float, substeps: int = 1, smoothi
     The input delay is not part of it: u is the input that acts now. ``smoothing`` (units of the friction state) rounds
     the corners of stick-slip; 0 gives the compiled form exactly.
     """
-    operations = symbolic(smoothing)
-    advance = step_source(equation, operations, equation.law(operations))
+    advance = equation.advance(symbolic(smoothing))
     x = casadi.SX.sym("x", len(equation.states))
     u = casadi.SX.sym("u", len(equation.inputs))
     weights = [float(value) for value in equation.weights]

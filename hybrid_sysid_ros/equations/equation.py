@@ -17,8 +17,9 @@ from hybrid_sysid_ros.equations.operations import Operations
 from hybrid_sysid_ros.equations.parameters import Parameter, declared
 from hybrid_sysid_ros.errors import UserError
 
-Law = Callable[[Any, Any, Any, Any], tuple[Any, Any]]
-"""law(x, u, p, w) -> (rates, (level, creep)): see :meth:`Equation.law`."""
+Array = NDArray[np.float64]
+Step = Callable[..., None]
+"""step(x, u, p, w, h, following): see :meth:`Equation.advance`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,11 +32,10 @@ class Variable:
 
 @dataclass(frozen=True, kw_only=True)
 class Equation(ABC):
-    """x' = f(x, u(t - delay)) - friction, with its parameters as fields.
+    """x+ = step(x, u(t - delay)), with its parameters as fields.
 
-    One state may carry dry friction, a set-valued law that a right-hand side can't hold: the law returns its level F
-    and its creep speed vc beside the smooth rates, and :mod:`~hybrid_sysid_ros.equations.integration` solves
-    v' = f_v - F sat(v / vc) implicitly, so that the state sticks exactly where vc = 0.
+    A :class:`~hybrid_sysid_ros.equations.motion.Motion` writes the step as a law of continuous time, a
+    :class:`~hybrid_sysid_ros.equations.recurrence.Recurrence` as a map from one sample to the next.
     """
 
     states: ClassVar[tuple[Variable, ...]]
@@ -43,17 +43,28 @@ class Equation(ABC):
     outputs: ClassVar[tuple[int, ...]] = (0,)
     """States that are measured."""
     kinematics: ClassVar[Mapping[int, int]] = {}
-    """Position state -> velocity state: positions move with the new velocity (semi-implicit Euler)."""
-    friction_state: ClassVar[int | None] = None
+    """Position state -> velocity state."""
 
     @abstractmethod
-    def law(self, operations: Operations) -> Law:
-        """The law in the form that ``operations`` make.
+    def advance(self, operations: Operations) -> Step:
+        """One step of time in the form that ``operations`` make.
 
-        Returns law(x, u, p, w): x (states,), u (inputs,), p the named parameters, w (weights,) of a network, giving
-        the tuple of rates x' (states,) and the pair (friction level in units of the friction state per second, creep
-        speed in units of the friction state).
+        Returns step(x, u, p, w, h, following): x (states,), u (inputs,) over the step, p the named parameters, w
+        (weights,) of what is learned, h the length of the step [s]; ``following`` (states,) receives the new state.
         """
+
+    def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
+        """States (samples, states) as far as a record shows them: where simulations begin.
+
+        outputs, rates (samples, outputs): measured ones and their rates of change; inputs (samples, inputs) since each
+        sample. Here outputs and their rates where ``kinematics`` has them, the rest zero.
+        """
+        states = np.zeros((len(outputs), len(self.states)))
+        for column, state in enumerate(self.outputs):
+            states[:, state] = outputs[:, column]
+            if state in self.kinematics:
+                states[:, self.kinematics[state]] = rates[:, column]
+        return states
 
     @property
     def form(self) -> tuple[Any, ...]:
@@ -61,30 +72,37 @@ class Equation(ABC):
         return (type(self),)
 
     @property
+    def design(self) -> dict[str, Any] | None:
+        """What a learned part is made of, as plain data from which :mod:`~hybrid_sysid_ros.models.structures` builds it
+        again; None where nothing is learned.
+        """
+        return None
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         return declared(type(self))
 
     @property
-    def values(self) -> NDArray[np.float64]:
+    def values(self) -> Array:
         """Parameter values, (parameters,)."""
         return np.array([getattr(self, item.name) for item in self.parameters], dtype=float)
 
-    def with_values(self, values: NDArray[np.float64]) -> Equation:
+    def with_values(self, values: Array) -> Equation:
         """The same equation with other parameter values, (parameters,)."""
         named = {item.name: float(value) for item, value in zip(self.parameters, values, strict=True)}
         return dataclasses.replace(self, **named)
 
     @property
-    def weights(self) -> NDArray[np.float64]:
+    def weights(self) -> Array:
         """Weights of the learned part, (weights,); empty where nothing is learned."""
         return np.zeros(0)
 
-    def with_weights(self, weights: NDArray[np.float64]) -> Equation:
+    def with_weights(self, weights: Array) -> Equation:
         if len(weights):
             raise UserError(f"{type(self).__name__} has no learned part, but {len(weights)} weights were given")
         return self
 
-    def trained_on(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> Equation:
+    def trained_on(self, low: Array, high: Array) -> Equation:
         """The same equation told the range of the states in its training data, low and high (states,)."""
         return self
 

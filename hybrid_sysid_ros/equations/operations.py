@@ -24,6 +24,7 @@ class Operations:
     function: Callable[[Operation], Operation]
     exp: Operation
     tanh: Operation
+    sqrt: Operation
     absolute: Operation
     minimum: Operation
     maximum: Operation
@@ -39,6 +40,11 @@ def _exp(x: float) -> float:
 @numba.njit(error_model="numpy")
 def _tanh(x: float) -> float:
     return math.tanh(x)
+
+
+@numba.njit(error_model="numpy")
+def _sqrt(x: float) -> float:
+    return math.sqrt(x)
 
 
 @numba.njit(error_model="numpy")
@@ -71,6 +77,7 @@ COMPILED = Operations(
     function=numba.njit(error_model="numpy"),
     exp=_exp,
     tanh=_tanh,
+    sqrt=_sqrt,
     absolute=_absolute,
     minimum=_minimum,
     maximum=_maximum,
@@ -95,6 +102,7 @@ def symbolic(smoothing: float = 0.0) -> Operations:
         function=lambda part: part,
         exp=casadi.exp,
         tanh=casadi.tanh,
+        sqrt=casadi.sqrt,
         absolute=casadi.fabs,
         minimum=casadi.fmin,
         maximum=casadi.fmax,

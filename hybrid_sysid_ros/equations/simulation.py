@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations.equation import Equation
-from hybrid_sysid_ros.equations.integration import step_source
 from hybrid_sysid_ros.equations.operations import COMPILED
 
 Array = NDArray[np.float64]
@@ -45,8 +44,7 @@ def kernels(equation: Equation) -> Kernels:
 
 def _compile(equation: Equation) -> Kernels:
     options: dict[str, Any] = {"error_model": "numpy", "nogil": True}
-    law = numba.njit(equation.law(COMPILED), **options)
-    step = numba.njit(step_source(equation, COMPILED, law), **options)
+    step = numba.njit(equation.advance(COMPILED), **options)
 
     def rollout(
         x0: Array,

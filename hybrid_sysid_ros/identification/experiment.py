@@ -20,8 +20,8 @@ SMOOTHING_SECONDS = 0.051
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Experiment:
-    """inputs (steps, inputs) over each step; outputs (samples, outputs) raw; states (samples, states) measured: the raw
-    outputs and their Savitzky-Golay rates, which serve as initial states only.
+    """inputs (steps, inputs) over each step; outputs (samples, outputs) raw; states (samples, states) as far as the raw
+    outputs and their Savitzky-Golay rates show them, which serve as initial states only.
     """
 
     name: str
@@ -63,31 +63,22 @@ def prepare(record: Record, equation: Equation, sampling: Sampling) -> Experimen
     else:
         inputs = np.repeat(record.input[:used], _ratio(period, sampling.step, record.name, "sample"), axis=0)
     outputs = np.ascontiguousarray(record.output[::every][:samples])
-    states = measured_states(record, equation)[::every][:samples]
+    means = inputs.reshape(samples - 1, sampling.every, -1).mean(axis=1)
     return Experiment(
         name=record.name,
         sampling=sampling,
         inputs=np.ascontiguousarray(inputs),
         outputs=outputs,
-        states=np.ascontiguousarray(states),
+        states=equation.observed(outputs, rates(record)[::every][:samples], np.concatenate([means, means[-1:]])),
     )
 
 
-def measured_states(record: Record, equation: Equation) -> Array:
-    """States (samples, states) as far as the outputs show them: measured ones raw, velocities of measured positions by
-    Savitzky-Golay (window 51 ms, order 3), the rest zero.
-    """
-    states = np.zeros((len(record.time), len(equation.states)))
+def rates(record: Record) -> Array:
+    """Rates of change of the outputs (samples, outputs) by Savitzky-Golay: window 51 ms, order 3."""
     window = max(5, round(SMOOTHING_SECONDS / record.sampling_time) // 2 * 2 + 1)
     if len(record.time) <= window:
         raise UserError(f"{record.name}: {len(record.time)} samples are fewer than the {window} that a velocity needs")
-    for column, state in enumerate(equation.outputs):
-        states[:, state] = record.output[:, column]
-        if state in equation.kinematics:
-            states[:, equation.kinematics[state]] = savgol_filter(
-                record.output[:, column], window, 3, deriv=1, delta=record.sampling_time
-            )
-    return states
+    return np.asarray(savgol_filter(record.output, window, 3, deriv=1, delta=record.sampling_time, axis=0))
 
 
 def _ratio(longer: float, shorter: float, name: str, what: str) -> int:

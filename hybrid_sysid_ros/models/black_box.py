@@ -10,12 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation, Law, Operations, Variable, parameter
+from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, parameter
 from hybrid_sysid_ros.models.network import Network
 
 
 @dataclass(frozen=True, kw_only=True)
-class BlackBox(Equation):
+class BlackBox(Motion):
     """v' = gain u - damping v + n(q, v, u): a network for the acceleration, with its straight part written out so that
     a fit starts from a stable simulation.
     """
@@ -23,6 +23,7 @@ class BlackBox(Equation):
     states = (Variable(name="position", unit="rad"), Variable(name="velocity", unit="rad/s"))
     inputs = (Variable(name="drive", unit="V"),)
     kinematics: ClassVar[Mapping[int, int]] = {0: 1}
+    friction_state = 1
 
     network: Network
     network_weights: NDArray[np.float64]
@@ -45,6 +46,6 @@ class BlackBox(Equation):
         network = self.network.function(operations)
 
         def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
-            return (x[1], p.gain * u[0] - p.damping * x[1] + network(x, u, w)), (0.0, 0.0)
+            return (x[1], p.gain * u[0] + network(x, u, w)), (0.0, 0.0, p.damping)
 
         return law

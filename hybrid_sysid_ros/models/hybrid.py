@@ -9,24 +9,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation, Law, Operations, Parameter
+from hybrid_sysid_ros.equations import Law, Motion, Operations, Parameter
 from hybrid_sysid_ros.models.network import Network
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hybrid(Equation):
+class Hybrid(Motion):
     """x' = f(x, u) + e_v n(x, u): the physics' equation with a bounded network added to one of its rates.
 
     The network acts on the state that carries the friction, or the last one where none does.
     """
 
-    physics: Equation
+    physics: Motion
     network: Network
     network_weights: NDArray[np.float64]
 
     def __post_init__(self) -> None:
         # A wrapper has the states and inputs of what it wraps.
-        for name in ("states", "inputs", "outputs", "kinematics", "friction_state"):
+        for name in ("states", "inputs", "outputs", "kinematics", "friction_state", "bristle_state"):
             object.__setattr__(self, name, getattr(self.physics, name))
 
     @property

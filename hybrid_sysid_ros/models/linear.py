@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from hybrid_sysid_ros.equations import Equation, Law, Operations, Variable, parameter
+from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, parameter
 
 
 @dataclass(frozen=True, kw_only=True)
-class Linear(Equation):
+class Linear(Motion):
     """v' = gain (u - centre) - damping v - stiffness q, which is (tau0 u - R0 v - K0 (q + d0)) / J0 without the
     inertia that the data can't tell from the gain.
     """
@@ -18,6 +18,7 @@ class Linear(Equation):
     states = (Variable(name="position", unit="rad"), Variable(name="velocity", unit="rad/s"))
     inputs = (Variable(name="drive", unit="V"),)
     kinematics: ClassVar[Mapping[int, int]] = {0: 1}
+    friction_state = 1
 
     gain: float = parameter(4.0, 0.01, 400.0, unit="rad/(s^2 V)", description="drive gain")
     centre: float = parameter(0.0, -5.0, 5.0, unit="V", description="input that balances the joint at q = 0")
@@ -28,6 +29,6 @@ class Linear(Equation):
     def law(self, operations: Operations) -> Law:
         def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
             q, v = x[0], x[1]
-            return (v, p.gain * (u[0] - p.centre) - p.damping * v - p.stiffness * q), (0.0, 0.0)
+            return (v, p.gain * (u[0] - p.centre) - p.stiffness * q), (0.0, 0.0, p.damping)
 
         return law

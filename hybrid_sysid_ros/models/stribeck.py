@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from hybrid_sysid_ros.equations import Equation, Law, Operations, Variable, parameter
+from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, parameter
 from hybrid_sysid_ros.friction import stribeck
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stribeck(Equation):
+class Stribeck(Motion):
     """v' = gain (u - centre) - stiffness q - damping v - [Fc + (Fs - Fc) exp(-(v / vs)^2)] sgn v, per unit inertia.
 
     The printed law of the lecture lost sgn(v); this is the corrected one. Fs = coulomb + static_excess.
@@ -40,8 +40,8 @@ class Stribeck(Equation):
 
         def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
             q, v = x[0], x[1]
-            acceleration = p.gain * (u[0] - p.centre) - p.stiffness * q - p.damping * v
+            acceleration = p.gain * (u[0] - p.centre) - p.stiffness * q
             level = friction_level(v, p.coulomb, p.coulomb + p.static_excess, p.stribeck_speed)
-            return (v, acceleration), (level, 0.0)
+            return (v, acceleration), (level, 0.0, p.damping)
 
         return law

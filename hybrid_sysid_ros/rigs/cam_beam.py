@@ -10,12 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation, Law, Operations, Variable, parameter
+from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, parameter
 from hybrid_sysid_ros.friction import rational_stribeck
 
 
 @dataclass(frozen=True, kw_only=True)
-class CamBeam(Equation):
+class CamBeam(Motion):
     """Beam angle q [rad] and rate v [rad/s] under the drive voltage u [V]; every term is per unit inertia.
 
         e = u(t - delay) - centre;  e <- e (1 + asymmetry sgn e)
@@ -94,9 +94,9 @@ class CamBeam(Equation):
             e = u[0] - p.centre
             e = e * select(e > 0.0, 1.0 + p.asymmetry, 1.0 - p.asymmetry)
             damping = p.damping * select(v > 0.0, 1.0 + p.damping_asymmetry, 1.0 - p.damping_asymmetry)
-            acceleration = p.gain * e - p.stiffness * q - p.quadratic_stiffness * s * s - damping * v
+            acceleration = p.gain * e - p.stiffness * q - p.quadratic_stiffness * s * s
             shape = 1.0 + p.friction_slope * s + p.friction_curvature * s * s
             level = friction_level(v, p.coulomb, p.stribeck_excess, p.stribeck_speed) * shape
-            return (v, acceleration), (maximum(level, 0.0), p.creep)
+            return (v, acceleration), (maximum(level, 0.0), p.creep, damping)
 
         return law

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hybrid_sysid_ros.equations import Equation
+from hybrid_sysid_ros.equations import Motion
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.rigs.cam_beam import CamBeam
 from hybrid_sysid_ros.rigs.sensor import Sensor
 from hybrid_sysid_ros.signals import configuration_of, load_configuration
 
-EQUATIONS: dict[str, Equation] = {"cam_beam": CamBeam()}
+EQUATIONS: dict[str, Motion] = {"cam_beam": CamBeam()}
 """The best physics known of each rig. The numbers are those identified from its records."""
 
 
@@ -23,7 +23,7 @@ class Rig:
 
     name: str
     joint: str
-    equation: Equation
+    equation: Motion
     sensor: Sensor
     step: float
     input_limit: float
