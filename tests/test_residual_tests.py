@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.identification.residual_tests import independence, whiteness
+from hybrid_sysid_ros.identification.residual_tests import DESCRIPTIONS, correlation_tests, independence, whiteness
 
 SAMPLES = 800
 
@@ -119,3 +119,60 @@ def test_residuals_that_cannot_be_tested_are_refused(residuals, match):
         whiteness(residuals)
     with pytest.raises(UserError, match=match):
         independence(residuals, white(1, len(residuals)))
+
+
+def left_over(seed, samples=4000):
+    """White residuals and an independent white input."""
+    return white(seed, samples), white(seed + 50_000, samples)
+
+
+def delayed(signal, lag):
+    return np.concatenate([np.zeros(lag), signal[:-lag]])
+
+
+def test_the_five_tests_are_the_sums_of_their_definitions():
+    e, u = white(21, 300), 1.0 + coloured(22, 0.6, 300)
+    tests = correlation_tests(e, u, lags=3)
+    assert list(tests) == list(DESCRIPTIONS)
+    e, u = e - e.mean(), u - u.mean()
+    pairs = {"phi_ue": (e, u), "phi_e(eu)": (e, e * u), "phi_(u^2)'e": (e, u**2), "phi_(u^2)'e^2": (e**2, u**2)}
+    for name, (first, second) in pairs.items():
+        a, b = first - first.mean(), second - second.mean()
+        for lag in range(4):
+            plain = sum(a[t] * b[t - lag] for t in range(lag, 300)) / 300 / (a.std() * b.std())
+            assert tests[name].values[tests[name].lags == lag][0] == pytest.approx(plain, rel=1e-9), (name, lag)
+
+
+def test_nothing_left_passes_all_five_at_the_stated_rate():
+    tests = [correlation_tests(*left_over(seed, 1000), lags=20) for seed in range(300)]
+    for name in DESCRIPTIONS:
+        passed, deviation = rate([test[name].passed for test in tests])
+        assert passed > 0.99 - 4 * deviation, name
+
+
+@pytest.mark.parametrize(
+    ("missing", "failing"),
+    [
+        (lambda e, u: 0.3 * delayed(u, 2), {"phi_ue", "phi_(u^2)'e^2"}),
+        (lambda e, u: 0.3 * delayed(u**2 - 1, 2), {"phi_(u^2)'e", "phi_(u^2)'e^2"}),
+        (lambda e, u: 0.2 * delayed(u**3 - 3 * u, 2), {"phi_(u^2)'e^2"}),  # odd and without a linear part: Hermite's
+        (lambda e, u: 0.4 * delayed(u, 1) * delayed(e, 1), {"phi_e(eu)", "phi_(u^2)'e^2"}),
+    ],
+    ids=["linear", "even", "odd", "bilinear noise"],
+)
+def test_each_missing_term_fails_its_own_tests(missing, failing):
+    e, u = left_over(31)
+    tests = correlation_tests(e + missing(e, u), u)
+    failed = {name for name, test in tests.items() if test.p_value < 1e-4}
+    assert failed - {"phi_ee"} == failing
+
+
+def test_a_binary_input_has_no_square():
+    e, _ = left_over(41)
+    balanced = np.tile([1.0, -1.0, -1.0, 1.0], 1000)
+    assert list(correlation_tests(e, balanced)) == ["phi_ee", "phi_ue", "phi_e(eu)"]
+
+
+def test_different_lengths_are_refused_by_all_five():
+    with pytest.raises(UserError, match="800 residuals, but 700"):
+        correlation_tests(white(1), white(2, 700))
