@@ -1,0 +1,154 @@
+"""Closed-loop re-simulation against a loop in plain Python, the rig's own filter and open-loop simulation."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.equations import simulate
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.identification import Part
+from hybrid_sysid_ros.identification.resimulation import resimulate, resimulations
+from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.rigs.excitation import multisine
+from hybrid_sysid_ros.rigs.plant import Plant
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.sensor import Filter
+
+LOADED = rigs.load("cam_beam")
+RIG = dataclasses.replace(LOADED, equation=CamBeam(centre=0.0))  # rests at 0 without input
+EXACT = Sampling(step=RIG.step)
+
+
+def law(rig: Rig, reference: float, filtered: float) -> float:
+    """u = gain (reference - yf) within the limit, in volts."""
+    error = rig.feedback_gain * (reference - filtered) / rig.sensor.radians_per_volt
+    return float(np.clip(error, -rig.input_limit, rig.input_limit))
+
+
+def driven(rig=RIG, *, amplitude=4.0, duration=4.0) -> Record:
+    """The noiseless rig under its own controller, tick by tick: .1 s at rest, then a multisine."""
+    ticks = round(duration / rig.step) + 1
+    time = rig.step * np.arange(ticks)
+    moving = multisine(3, amplitude=amplitude, low=0.2, high=2.0, lines=12, period=duration)(time)
+    reference = rig.sensor.radians(np.where(time < 0.1, 0.0, moving))
+    plant = Plant(rig, seed=0, noisy=False)
+    rows = []
+    for k in range(ticks):
+        seen = plant.measure()
+        u = law(rig, reference[k], seen.filtered)
+        rows.append((seen.position, seen.filtered, u))
+        plant.advance(u)
+    position, filtered, u = np.array(rows).T
+    channels = {"reference": reference, "filtered": filtered}
+    return Record(name="loop", time=time, input=u[:, None], output=position[:, None], channels=channels)
+
+
+@pytest.fixture(scope="module")
+def loop() -> Record:
+    return driven()
+
+
+def test_the_rig_itself_does_the_experiment_again_exactly(loop):
+    again = resimulate(RIG.equation, loop, RIG, sampling=EXACT)
+    np.testing.assert_allclose(again.simulated, loop.output[:, 0], atol=1e-9)
+    np.testing.assert_allclose(again.simulated_input, loop.input[:-1, 0], atol=1e-6)
+    assert again.output.r2 == pytest.approx(1.0)
+    assert again.input.r2 == pytest.approx(1.0)
+
+
+def test_what_limits_the_input_limits_it_again():
+    record = driven(amplitude=12.0)
+    again = resimulate(RIG.equation, record, RIG, sampling=EXACT)
+    assert np.max(np.abs(again.simulated_input)) == RIG.input_limit
+    np.testing.assert_allclose(again.simulated, record.output[:, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("handling", ["averaged", "sampled"])
+@pytest.mark.parametrize("step", [0.001, 0.005, 0.01])
+def test_output_and_input_are_those_of_one_loop(loop, step, handling):
+    """The model answers the input as in open loop, and the rig's controller the output on its straight lines."""
+    sampling = Sampling(step=step, input=handling)
+    again = resimulate(RIG.equation, loop, RIG, sampling=sampling)
+    ticks = round(step / RIG.step)
+    low_pass, u = Filter(RIG.sensor, RIG.step), []
+    low_pass.reset(0.0)
+    line = np.interp(RIG.step * np.arange(ticks * (len(again.time) - 1)), again.time, again.simulated)
+    for reference, y in zip(loop.channels["reference"], line, strict=False):
+        u.append(law(RIG, reference, low_pass.value))
+        low_pass.advance(y)
+    blocks = np.reshape(u, (-1, ticks))
+    np.testing.assert_allclose(again.simulated_input, blocks.mean(axis=1), atol=1e-4)
+    first = np.repeat(blocks[:: sampling.every, 0], sampling.every)[: len(blocks)]
+    inputs = blocks.mean(axis=1) if handling == "averaged" else first
+    open_loop = simulate(RIG.equation, np.zeros(2), inputs[:, None], step=step)
+    np.testing.assert_allclose(again.simulated, open_loop[:, 0], atol=1e-6)
+
+
+def test_a_finer_step_changes_little(loop):
+    coarse = resimulate(RIG.equation, loop, RIG, sampling=Sampling(step=0.005))
+    assert coarse.output.r2 > 0.995
+
+
+def test_a_part_begins_with_the_filter_as_it_was(loop):
+    again = resimulate(RIG.equation, loop, RIG, sampling=EXACT, part=Part(start=0.5))
+    assert again.input.r2 > 0.9999
+    assert again.simulated_input[0] == pytest.approx(loop.input[round(0.5 * loop.samples), 0], abs=1e-6)
+
+
+def test_slower_records_are_scored_at_their_samples(loop):
+    chosen = slice(None, None, 5)
+    slow = dataclasses.replace(
+        loop,
+        time=loop.time[chosen],
+        output=loop.output[chosen],
+        input=np.append(loop.input[:-1].reshape(-1, 5).mean(axis=1), 0.0)[:, None],
+        channels={name: values[chosen] for name, values in loop.channels.items()},
+    )
+    again = resimulate(RIG.equation, slow, RIG, sampling=EXACT)
+    np.testing.assert_array_equal(again.time, slow.time)
+    assert again.output.r2 > 0.999
+    assert again.input.r2 > 0.999
+
+
+def test_a_wrong_model_is_scored_lower(loop):
+    assert resimulate(CamBeam(centre=0.0, gain=2.0), loop, RIG, sampling=EXACT).output.r2 < 0.95
+
+
+def without(record, name):
+    return dataclasses.replace(record, channels={k: v for k, v in record.channels.items() if k != name})
+
+
+def test_records_without_a_reference_are_skipped_with_the_reason(loop):
+    unknown = np.where(np.arange(loop.samples) == 7, np.nan, loop.channels["reference"])
+    records = {
+        "good": loop,
+        "none": without(loop, "reference"),
+        "hole": dataclasses.replace(loop, channels={"reference": unknown}),
+    }
+    named = [(dataclasses.replace(record, name=name), Part()) for name, record in records.items()]
+    done, skipped = resimulations(RIG.equation, named, RIG, sampling=EXACT)
+    assert list(done) == ["good"]
+    assert "no channel reference" in skipped["none"]
+    assert "unknown at sample 7" in skipped["hole"]
+
+
+def test_a_record_without_its_filtered_position_begins_settled(loop):
+    again = resimulate(RIG.equation, without(loop, "filtered"), RIG, sampling=EXACT)
+    assert again.output.r2 == pytest.approx(1.0)
+
+
+def test_a_step_that_the_rig_has_not_is_refused(loop):
+    with pytest.raises(UserError, match=r"step of 2\.5 ms is no multiple of the rig's 1 ms"):
+        resimulate(RIG.equation, loop, RIG, sampling=Sampling(step=0.0025))
+
+
+def test_the_real_records_are_loops_of_this_law(experiments):
+    for item in experiments.values():
+        if item.reference is None or item.filtered is None:
+            continue
+        error = LOADED.feedback_gain * (item.reference - item.filtered)
+        np.testing.assert_allclose(item.input, np.clip(error, -LOADED.input_limit, LOADED.input_limit), atol=1e-6)
