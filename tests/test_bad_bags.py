@@ -8,7 +8,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from test_bags import RATE, SIGNALS, references, stamps, states  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.bags.recovery import MAGIC
+from hybrid_sysid_ros.bags.mcap import MAGIC
 from hybrid_sysid_ros.bags.series import jazzy_types
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.signals import Signal, Signals
@@ -111,7 +111,10 @@ def wrong_numbers(output=(), effort=()):
 @pytest.mark.parametrize(
     ("topic", "reason"),
     [
-        (lambda: wrong_numbers(output=[40, 50]), r"position\[beam\] is nan at sample 40 \(0.2 s\), 2 such in all"),
+        (
+            lambda: wrong_numbers(output=[40, 50]),
+            r"position\[beam\] is nan at sample 40 \(0.2 s\), 2 such up to sample 99",
+        ),
         (lambda: wrong_numbers(effort=[99]), r"effort\[beam\] is nan at sample 99"),
         (lambda: states(100, at=changed(stamps(100), 30, stamps(100)[29])), "repeated stamp at sample 30"),
         (lambda: states(100, at=changed(stamps(100), 30, stamps(100)[28] - 1)), "reversed stamp at sample 30"),

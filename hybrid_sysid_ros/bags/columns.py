@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
-from hybrid_sysid_ros.bags.contents import Messages
+from hybrid_sysid_ros.bags.bag import Messages
 from hybrid_sysid_ros.bags.fields import MissingFieldError, field_of, has_field
 from hybrid_sysid_ros.bags.layout import Layout, Place, UnknownLayoutError, stacked
 from hybrid_sysid_ros.signals import Step, parsed_field
@@ -30,8 +30,10 @@ class Columns:
     otherwise each message is deserialised.
     """
 
-    def __init__(self, messages: Messages, typestore: Typestore) -> None:
+    def __init__(self, messages: Messages, typestore: Typestore, *, stamped: bool | None = None) -> None:
+        """stamped: whether their headers were ever given a stamp; None: see whether one of these was."""
         self.messages = messages
+        self._known_stamped = stamped
         self._typestore = typestore
         self._columns: dict[tuple[Step, ...], NDArray[np.float64]] = {}
 
@@ -52,9 +54,9 @@ class Columns:
         try:
             found = field_of(self._first, parsed_field(field))
         except MissingFieldError as error:
-            raise MissingInMessageError(f"message 0: {error}") from error
+            raise self._missing(0, error) from error
         if not hasattr(found, "__len__") or isinstance(found, str | dict):
-            raise MissingInMessageError(f"message 0: {field} is no list")
+            raise self._missing(0, f"{field} is no list")
         return len(found)
 
     def stamps(self, field: str) -> NDArray[np.int64]:
@@ -63,7 +65,7 @@ class Columns:
         The header's stamp where there is one (and it was ever set), otherwise the time of logging; for a value inside a
         point of a trajectory, later by the point's time_from_start.
         """
-        stamps = self._header_stamps
+        stamps = self._header_stamps if self.stamped else self.messages.logged
         steps = parsed_field(field)
         for end in range(1, len(steps)):
             point = field_of(self._first, steps[:end])
@@ -72,12 +74,16 @@ class Columns:
         return stamps
 
     @cached_property
-    def _header_stamps(self) -> NDArray[np.int64]:
+    def stamped(self) -> bool:
+        """Whether the messages have headers whose stamp was ever set."""
+        if self._known_stamped is not None:
+            return self._known_stamped
         header = self._first.get("header") if isinstance(self._first, dict) else getattr(self._first, "header", None)
-        if header is None or not has_field(header, "stamp"):
-            return self.messages.logged
-        stamps = self._nanoseconds((Step(attribute="header"), Step(attribute="stamp")))
-        return stamps if stamps.any() else self.messages.logged
+        return header is not None and has_field(header, "stamp") and bool(self._header_stamps.any())
+
+    @cached_property
+    def _header_stamps(self) -> NDArray[np.int64]:
+        return self._nanoseconds((Step(attribute="header"), Step(attribute="stamp")))
 
     def _nanoseconds(self, steps: tuple[Step, ...]) -> NDArray[np.int64]:
         whole = self._column((*steps, Step(attribute="sec"))).astype(np.int64)
@@ -94,18 +100,18 @@ class Columns:
             try:
                 place = field_of(layout.fields, steps)
             except MissingFieldError as error:
-                raise MissingInMessageError(f"message 0: {error}") from error
+                raise self._missing(0, error) from error
             if not isinstance(place, Place):
-                raise MissingInMessageError("message 0: the field is no single number")
+                raise self._missing(0, "the field is no single number")
             return place.read(rows).astype(np.float64)
         column = np.empty(len(self._objects))
         for number, message in enumerate(self._objects):
             try:
                 value = field_of(message, steps)
             except MissingFieldError as error:
-                raise MissingInMessageError(f"message {number}: {error}") from error
+                raise self._missing(number, error) from error
             if not isinstance(value, int | float | np.number):
-                raise MissingInMessageError(f"message {number}: the field is no single number")
+                raise self._missing(number, "the field is no single number")
             column[number] = value
         return column
 
@@ -125,17 +131,20 @@ class Columns:
         try:
             definition = self._typestore.get_msgdef(self.messages.type)
         except KeyError as error:
-            raise MissingInMessageError(f"message 0: the bag does not define the type {error.args[0]}") from error
+            raise self._missing(0, f"the bag does not define the type {error.args[0]}") from error
         objects: list[Any] = []
         for number, raw in enumerate(self.messages.data):
             deserialise = definition.deserialize_cdr_le if raw[1:2] == b"\x01" else definition.deserialize_cdr_be
             try:  # not Typestore.deserialize_cdr, which refuses the spare bytes that rclpy's serialize_message appends
                 message, _ = deserialise(memoryview(raw)[4:], 0, definition.cls, self._typestore)
             except (SerdeError, struct.error, ValueError) as error:
-                raise MissingInMessageError(f"message {number}: it is no {self.messages.type}") from error
+                raise self._missing(number, f"it is no {self.messages.type}") from error
             objects.append(message)
         return objects
 
     @property
     def _first(self) -> Any:
         return self._block[0].fields if self._block is not None else self._objects[0]
+
+    def _missing(self, number: int, reason: object) -> MissingInMessageError:
+        return MissingInMessageError(f"message {self.messages.first + number}: {reason}")

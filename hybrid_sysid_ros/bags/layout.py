@@ -84,13 +84,13 @@ class Layout:
 
     def shared_by(self, rows: NDArray[np.uint8]) -> bool:
         """Whether all messages (messages, bytes) have the structure of the first."""
-        return all(bool((rows[:, k] == rows[0, k]).all()) for k in self.fixed)
+        return not (rows != rows[0]).any(axis=0)[self.fixed].any()
 
 
 def stacked(messages: Sequence[bytes]) -> NDArray[np.uint8] | None:
     """Messages of one length as (messages, bytes), None if their lengths differ."""
     size = len(messages[0])
-    if any(len(message) != size for message in messages):
+    if set(map(len, messages)) != {size}:
         return None
     return np.frombuffer(b"".join(messages), dtype=np.uint8).reshape(len(messages), size)
 

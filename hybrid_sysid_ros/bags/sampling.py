@@ -1,6 +1,8 @@
-"""Sampling: stamps of messages put on a uniform grid, and signals of other topics brought onto it."""
+"""Sampling: stamps of messages put on a uniform grid, and every n-th of them."""
 
 from __future__ import annotations
+
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,19 +25,13 @@ def uniform_period(stamps: NDArray[np.int64], *, expected: float | None = None) 
     """
     if len(stamps) < FEWEST:
         raise SamplingError(f"only {len(stamps)} samples: a record needs {FEWEST} or more")
+    check_order(stamps)
+    median = float(np.median(np.diff(stamps))) * 1e-9
+    check_gaps(stamps, median)
     seconds = (stamps - stamps[0]) * 1e-9
-    steps = np.diff(seconds)
-    _check_order(steps, seconds)
-    median = float(np.median(steps))
-    if (steps > GAP * median).any():
-        k = int(np.argmax(steps > GAP * median))
-        missing = round(steps[k] / median) - 1
-        raise SamplingError(
-            f"gap of {steps[k]:.6g} s after sample {k} ({seconds[k]:.6g} s), about {missing} samples missing: "
-            f"cut the bag there or record it again"
-        )
-    period, start = np.polyfit(np.arange(len(seconds)), seconds, 1)
-    distance = np.abs(seconds - start - period * np.arange(len(seconds)))
+    number = np.arange(len(seconds)) - 0.5 * (len(seconds) - 1)
+    period = float(number @ seconds / (number @ number))
+    distance = np.abs(seconds - seconds.mean() - period * number)
     if (distance > JITTER * median).any():
         k = int(np.argmax(distance))
         raise SamplingError(
@@ -44,46 +40,115 @@ def uniform_period(stamps: NDArray[np.int64], *, expected: float | None = None) 
         )
     if expected is not None and abs(period - expected) > PERIOD_TOLERANCE * expected:
         raise SamplingError(f"sampling time is {period:.6g} s where {expected:.6g} s is expected: check signals.period")
-    return _rounded(float(period), len(stamps))
+    return _rounded(period, len(stamps))
 
 
-def mean_held(
-    stamps: NDArray[np.float64], values: NDArray[np.float64], edges: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Mean of a held signal over each interval between two edges.
+def check_order(stamps: NDArray[np.int64], *, what: str = "sample", number: int = 0, origin: int | None = None) -> None:
+    """Check that stamps (samples,) [ns] rise.
 
-    stamps: (values,) s, rising; values[j] holds from stamps[j] to stamps[j+1], the last one from then on.
-    edges: (intervals + 1,) s, rising, the first not before stamps[0].
+    what, number, origin: for the message: what the stamps are of, number of the first, and when time is 0 [ns].
+
+    Raises:
+        SamplingError: a stamp is reversed or repeated.
     """
-    inside = stamps[(stamps > edges[0]) & (stamps < edges[-1])]
-    breaks = np.unique(np.concatenate([edges, inside]))
-    held = values[np.searchsorted(stamps, breaks[:-1], side="right") - 1]
-    widths = np.diff(breaks)
-    starts = np.searchsorted(breaks, edges[:-1])
-    mean: NDArray[np.float64] = np.add.reduceat(held * widths, starts) / np.add.reduceat(widths, starts)
-    return mean
-
-
-def last_before(stamps: NDArray[np.int64], values: NDArray[np.float64], at: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Most recent value at each time, NaN before the first; stamps (values,), at (samples,), both [ns]."""
-    order = np.argsort(stamps, kind="stable")
-    found = np.searchsorted(stamps[order], at, side="right") - 1
-    return np.where(found >= 0, values[order][np.maximum(found, 0)], np.nan)
-
-
-def _check_order(steps: NDArray[np.float64], seconds: NDArray[np.float64]) -> None:
+    steps = np.diff(stamps)
     if (steps > 0).all():
         return
     k = int(np.argmax(steps <= 0)) + 1
+    seconds = (stamps - (stamps[0] if origin is None else origin)) * 1e-9
     if steps[k - 1] == 0:
         raise SamplingError(
-            f"repeated stamp at sample {k} ({seconds[k]:.6g} s): "
+            f"repeated stamp at {what} {number + k} ({seconds[k]:.6g} s): "
             f"two publishers on the topic, or a driver that stamps twice: record it with one"
         )
     raise SamplingError(
-        f"reversed stamp at sample {k}: {seconds[k]:.6g} s after {seconds[k - 1]:.6g} s: "
+        f"reversed stamp at {what} {number + k}: {seconds[k]:.6g} s after {seconds[k - 1]:.6g} s: "
         f"the clock was set back, or messages were recorded out of order: cut the bag there"
     )
+
+
+def check_gaps(stamps: NDArray[np.int64], period: float, *, number: int = 0, origin: int | None = None) -> None:
+    """Check that rising stamps (samples,) [ns] with a sampling time of `period` [s] leave none out.
+
+    number, origin: see check_order().
+
+    Raises:
+        SamplingError: there is a gap.
+    """
+    steps = np.diff(stamps) * 1e-9
+    if (steps <= GAP * period).all():
+        return
+    k = int(np.argmax(steps > GAP * period))
+    seconds = (stamps[k] - (stamps[0] if origin is None else origin)) * 1e-9
+    raise SamplingError(
+        f"gap of {steps[k]:.6g} s after sample {number + k} ({seconds:.6g} s), about {round(steps[k] / period) - 1} "
+        f"samples missing: cut the bag there or record it again"
+    )
+
+
+def multiple(period: float, sampling_time: float) -> int:
+    """How many samples make a period [s].
+
+    Raises:
+        SamplingError: the period is no multiple of the sampling time.
+    """
+    count = max(1, round(period / sampling_time))
+    if not abs(count * sampling_time - period) <= PERIOD_TOLERANCE * period:
+        raise SamplingError(
+            f"sampling time is {sampling_time:.6g} s, and period {period:g} s no multiple of it: "
+            f"the nearest is {count * sampling_time:.6g} s"
+        )
+    return count
+
+
+class Samples:
+    """The samples of a record, from stamps that come in blocks: every n-th, where the record is to be slower.
+
+    expected: sampling time of the stamps [s], None for any; period: of the record, None for that of the stamps.
+    every: n. step: sampling time of the stamps, as the first block of them shows it [s].
+    """
+
+    def __init__(self, *, expected: float | None, period: float | None) -> None:
+        self.every = 1
+        self._expected = expected
+        self._period = period
+        self._kept: list[NDArray[np.int64]] = []
+        self._taken = self._origin = self._last = 0
+        self.step = 0.0
+
+    def add(self, stamps: NDArray[np.int64]) -> None:
+        """Take the stamps that follow, (messages,) [ns].
+
+        Raises:
+            SamplingError: they are not those of a uniform sampling, or the period is no multiple of it.
+        """
+        if self._taken:
+            joined, number = np.append(self._last, stamps), self._taken - 1
+            check_order(joined, number=number, origin=self._origin)
+            check_gaps(joined, self.step, number=number, origin=self._origin)
+        else:
+            self._origin = int(stamps[0])
+            self.step = uniform_period(stamps, expected=self._expected)
+            self.every = 1 if self._period is None else multiple(self._period, self.step)
+        self._kept.append(stamps[-self._taken % self.every :: self.every].copy())  # a view would keep all of them
+        self._taken += len(stamps)
+        self._last = int(stamps[-1])
+
+    @cached_property
+    def stamps(self) -> NDArray[np.int64]:
+        """All samples, (samples,) [ns]."""
+        stamps = np.concatenate(self._kept) if self._kept else np.empty(0, dtype=np.int64)
+        self._kept.clear()
+        return stamps
+
+    @cached_property
+    def period(self) -> float:
+        """Sampling time [s].
+
+        Raises:
+            SamplingError: too few samples, or they are not uniform.
+        """
+        return uniform_period(self.stamps, expected=self._expected if self.every == 1 else None)
 
 
 def _rounded(period: float, samples: int) -> float:

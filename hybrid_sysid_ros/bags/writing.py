@@ -18,7 +18,7 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-from hybrid_sysid_ros.bags.contents import METADATA
+from hybrid_sysid_ros.bags.bag import METADATA
 from hybrid_sysid_ros.bags.series import Series, jazzy_types
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.files import written_folder

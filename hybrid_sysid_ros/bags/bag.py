@@ -1,0 +1,304 @@
+"""Bag: a rosbag2 folder, or one MCAP or SQLite file, opened to be read in blocks of messages."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2.reader import DirectoryReader
+from rosbags.rosbag2.storage_mcap import McapReader
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from hybrid_sysid_ros.bags.mcap import MAGIC, Batch, DamagedError, McapFile, Schema
+from hybrid_sysid_ros.errors import UserError
+
+logger = logging.getLogger(__name__)
+
+METADATA = "metadata.yaml"  # what makes a folder a bag
+STORAGE = (".mcap", ".db3")
+LONGEST = 150  # characters of a library's message that are passed on
+BLOCK = 1 << 15  # messages of a topic that are handed out together, and
+BLOCK_BYTES = 1 << 23  # bytes; a block may exceed them by what one chunk of the file holds
+SMALLEST_BLOCK = 16  # messages, however large, so that a sampling time can be seen in them
+
+Source = Callable[[Collection[str]], Iterable[dict[str, Batch]]]
+
+
+class DamagedBagError(UserError):
+    """The bag is cut or damaged, and `recover` might read a part of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topic:
+    """A topic of a bag: its message type and how many messages there are."""
+
+    name: str
+    type: str
+    messages: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Messages:
+    """Serialised messages of one topic, in the order of the bag, and when each was logged (messages,) [ns].
+
+    first: number of the first of them among all of the topic.
+    """
+
+    topic: str
+    type: str
+    logged: NDArray[np.int64]
+    data: list[bytes]
+    first: int = 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bag:
+    """A bag that is open: its topics, the definitions of their types, and where its messages come from."""
+
+    path: Path
+    topics: dict[str, Topic]
+    typestore: Typestore
+    source: Source
+
+    @property
+    def listing(self) -> str:
+        """Topics and types in a line, for messages to the user."""
+        return listing(self.topics)
+
+    def blocks(self, wanted: Collection[str]) -> Iterator[Messages]:
+        """Messages of the topics in `wanted`, in one pass over the bag that holds one block of each.
+
+        The blocks of a topic follow one another in the order of the file; inside of one the order is that of logging.
+
+        Raises:
+            UserError: the bag is damaged.
+        """
+        pending: dict[str, Batch] = {}
+        size: dict[str, int] = {}
+        first: dict[str, int] = {}
+        with _in_a_clear_line(self.path):
+            for batches in self.source(wanted) if wanted else ():
+                for name, batch in batches.items():
+                    held = pending.setdefault(name, Batch())
+                    held.logged += batch.logged
+                    held.data += batch.data
+                    size[name] = size.get(name, 0) + sum(map(len, batch.data))
+                    count = len(held.data)
+                    if count >= BLOCK or (size[name] >= BLOCK_BYTES and count >= SMALLEST_BLOCK):
+                        yield self._block(name, pending.pop(name), first)
+                        size[name] = 0
+            for name, held in pending.items():
+                yield self._block(name, held, first)
+
+    def _block(self, name: str, batch: Batch, first: dict[str, int]) -> Messages:
+        logged, data = np.asarray(batch.logged, dtype=np.int64), batch.data
+        if (np.diff(logged) < 0).any():
+            order = np.argsort(logged, kind="stable")
+            logged, data = logged[order], [data[k] for k in order]
+        start = first.get(name, 0)
+        first[name] = start + len(data)
+        return Messages(topic=name, type=self.topics[name].type, logged=logged, data=data, first=start)
+
+
+@contextmanager
+def opened(path: Path | str, *, recover: bool = False) -> Iterator[Bag]:
+    """Open a bag for as long as the context lasts.
+
+    recover: where the bag is cut or damaged, open what can be read before the damage and log how much that is. A whole
+        bag takes one pass more, which shows that it is whole.
+
+    Raises:
+        UserError: there is no bag, or it is empty, cut, damaged or of another kind.
+    """
+    path = Path(path)
+    with ExitStack() as stack:
+        try:
+            with _in_a_clear_line(path):
+                bag = _whole(path, stack)
+                if recover:
+                    for _ in bag.source(()):
+                        pass
+        except DamagedBagError:
+            if not recover:
+                raise
+            bag = _cut(path)
+        yield bag
+
+
+def listing(topics: dict[str, Topic]) -> str:
+    """Topics and types in a line, for messages to the user."""
+    return ", ".join(f"{topic.name} ({topic.type})" for topic in topics.values()) or "no topic at all"
+
+
+def _whole(path: Path, stack: ExitStack) -> Bag:
+    """An undamaged bag. A folder whose metadata.yaml was lost is read as its MCAP files."""
+    _check_ends(path)
+    sources = _storage_files(path) if path.is_dir() and not (path / METADATA).exists() else [path]
+    reader = stack.enter_context(AnyReader(sources, default_typestore=get_typestore(Stores.ROS2_JAZZY)))
+    counts: dict[str, int] = {}
+    for connection in reader.connections:
+        counts[connection.topic] = counts.get(connection.topic, 0) + connection.msgcount
+    topics = {
+        connection.topic: Topic(name=connection.topic, type=connection.msgtype, messages=counts[connection.topic])
+        for connection in reader.connections
+    }
+    files = _mcap_files(reader)
+
+    def source(wanted: Collection[str]) -> Iterator[dict[str, Batch]]:
+        if files is None:
+            yield from _by_rosbags(reader, wanted)
+            return
+        for file in files:
+            found = McapFile(file, wanted)
+            yield from found.batches()
+            if found.damage:
+                raise DamagedError(f"{file.name}: {found.damage}")
+
+    return Bag(path=path, topics=topics, typestore=reader.typestore, source=source)
+
+
+def _cut(path: Path) -> Bag:
+    """What is left of a damaged bag."""
+    files = _storage_files(path)
+    schemas: dict[str, Schema] = {}
+    counts: dict[str, int] = {}
+    ends: list[int] = []
+    for file in files:
+        found = McapFile(file, None)
+        for batches in found.batches():
+            for name, batch in batches.items():
+                counts[name] = counts.get(name, 0) + len(batch.data)
+                ends = [min([*ends, *batch.logged]), max([*ends, *batch.logged])]
+        schemas.update(found.schemas)
+    if not counts:
+        raise UserError(f"{path}: not one message can be recovered")
+    try:
+        typestore = _typestore(schemas.values())
+    except (TypesysError, AssertionError, LookupError, ValueError) as error:
+        raise UserError(f"{path}: cannot be recovered ({_shortened(error)})") from error
+    logger.warning("%s: recovered %d messages of %.1f s", path, sum(counts.values()), (ends[1] - ends[0]) * 1e-9)
+    return Bag(
+        path=path,
+        topics={
+            name: Topic(name=name, type=schema.name, messages=counts.get(name, 0)) for name, schema in schemas.items()
+        },
+        typestore=typestore,
+        source=lambda wanted: (batches for file in files for batches in McapFile(file, wanted).batches()),
+    )
+
+
+def _mcap_files(reader: AnyReader) -> list[Path] | None:
+    """MCAP files that a bag consists of, in their order; None if it is of another kind."""
+    files: list[Path] = []
+    for part in reader.readers:
+        storage = getattr(part, "storage", None)
+        if isinstance(storage, DirectoryReader) and storage.metadata.compression_mode == "message":
+            return None
+        for file in storage.storages if isinstance(storage, DirectoryReader) else [storage]:
+            if not isinstance(file, McapReader):
+                return None
+            files.append(Path(str(file.path)))
+    return files
+
+
+def _by_rosbags(reader: AnyReader, wanted: Collection[str]) -> Iterator[dict[str, Batch]]:
+    chosen = [connection for connection in reader.connections if connection.topic in wanted]
+    messages = reader.messages(connections=chosen) if chosen else iter(())
+    while run := list(islice(messages, 1000)):
+        batches: dict[str, Batch] = {}
+        for connection, stamp, raw in run:
+            batch = batches.setdefault(connection.topic, Batch())
+            batch.logged.append(stamp)
+            batch.data.append(raw)
+        yield batches
+
+
+def _storage_files(path: Path) -> list[Path]:
+    """Files that hold a bag's messages, in the order in which they were written."""
+    if path.is_dir():
+        files = [file for file in path.iterdir() if file.suffix in STORAGE and file.is_file()]
+        return sorted(files, key=lambda file: (len(file.name), file.name))
+    return [path]
+
+
+def _check_ends(path: Path) -> None:
+    """Look at what a bag is, and at the ends of its files.
+
+    Raises:
+        UserError: this is no bag.
+        DamagedBagError: it is cut.
+    """
+    if not path.exists():
+        raise UserError(f"{path}: no such file or folder")
+    files = _storage_files(path)
+    if path.is_dir() and not files and not (path / METADATA).exists():
+        if not any(path.iterdir()):
+            raise UserError(f"{path}: is an empty folder: a bag has {METADATA} and an .mcap file")
+        raise UserError(f"{path}: is no bag: there is no {METADATA} and no .mcap file in it")
+    if not path.is_dir() and path.suffix not in STORAGE:
+        hint = ": convert it with rosbags-convert" if path.suffix == ".bag" else ": give a rosbag2 folder or .mcap file"
+        raise UserError(f"{path}: is no ROS 2 bag{hint}")
+    cut = None
+    for file in files:
+        size = file.stat().st_size
+        if size == 0:
+            raise UserError(f"{file}: is an empty file: nothing was recorded, or the copy failed")
+        if file.suffix != ".mcap":
+            continue
+        with file.open("rb") as stream:
+            if stream.read(len(MAGIC)) != MAGIC:
+                raise UserError(f"{file}: is no MCAP file, whatever its name says")
+            stream.seek(max(0, size - len(MAGIC)))
+            if size < 2 * len(MAGIC) or stream.read() != MAGIC:
+                cut = file
+    if cut is not None:
+        raise _refusal(cut, "is cut short (recording interrupted, or still running)")
+    if path.is_dir() and not (path / METADATA).exists() and files[0].suffix != ".mcap":
+        raise UserError(f"{path}: there is no {METADATA}: give the file {files[0].name} itself")
+
+
+@contextmanager
+def _in_a_clear_line(path: Path) -> Iterator[None]:
+    """Turn what the libraries raise into a UserError."""
+    try:
+        yield
+    except UserError:
+        raise
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except Exception as error:  # whatever a damaged file leads them to
+        raise _refusal(path, f"is damaged ({_shortened(error)})") from error
+
+
+def _refusal(path: Path, damage: str) -> UserError:
+    if not any(file.suffix == ".mcap" for file in _storage_files(path)):
+        return UserError(f"{path}: {damage}: only MCAP files can be recovered")
+    return DamagedBagError(f"{path}: {damage}: read the part before it with --recover")
+
+
+def _typestore(schemas: Iterable[Schema]) -> Typestore:
+    """Types by the definitions in the bag."""
+    store = get_typestore(Stores.EMPTY)
+    for schema in schemas:
+        if schema.encoding == "ros2msg":
+            store.register(get_types_from_msg(schema.text, schema.name))
+            continue
+        separator = "=" * 80 + "\n"
+        for part in schema.text.split(separator):
+            text = part.split("\n", 1)[1] if part.startswith("IDL: ") else part
+            if text.strip():
+                store.register(get_types_from_idl(text))
+    return store
+
+
+def _shortened(error: Exception) -> str:
+    line = " ".join(str(error).split()) or type(error).__name__
+    return line if len(line) <= LONGEST else f"{line[:LONGEST]} ..."
