@@ -23,7 +23,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 Array = NDArray[np.float64]
 WHOLE = Part()
 SWEEPS = 4
-"""On the beam the second settles steps of 5 and 10 ms to the last digit; at 50 ms each is 15 times nearer, 1 mV here."""
+"""On the beam two settle steps of 5 and 10 ms to the last digit; at 50 ms each is 15 times nearer, 4 within 1 mV."""
 WARM_UP = 1.0
 """Seconds of the measured output that a filter sees before a part; it forgets in a quarter of that."""
 

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations import simulate
 from hybrid_sysid_ros.identification import Part, Scores, score
-from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.horizons import HorizonErrors, k_step_errors
+from hybrid_sysid_ros.identification.identifiability import Doubt, correlated, doubts
 from hybrid_sysid_ros.identification.identify import experiment_of
-from hybrid_sysid_ros.identification.residual_tests import LAGS, ResidualTest, independence, whiteness
+from hybrid_sysid_ros.identification.residual_tests import LAGS, ResidualTest, correlation_tests, independence
+from hybrid_sysid_ros.identification.resimulation import Resimulation, resimulations
 from hybrid_sysid_ros.loop import LoopRecord
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.model import versions
@@ -26,7 +28,15 @@ from hybrid_sysid_ros.rigs.sensor import Sensor
 
 Array = NDArray[np.float64]
 
-HIGHLY_CORRELATED = 0.95
+TESTS = {
+    "phi_ee": "e · e",
+    "phi_ue": "e · u",
+    "phi_re": "e · r",
+    "phi_e(es)": "e · e s",
+    "phi_(s^2)'e": "e · s²",
+    "phi_(s^2)'e^2": "e² · s²",
+}
+"""Titles of the residual tests: residual e, input u, reference r, and s, the reference where there is one, else u."""
 SAME_REFERENCE = 1e-3  # V, median distance of a loop's reference from the hardware run's
 Window = tuple[float, float]
 
@@ -37,8 +47,9 @@ class FreeRun:
 
     seen: this part overlaps with the model's training data; None where hashes are missing to tell. scores: of the
     scored samples [rad]. time [s], measured [rad] (samples,): the record. simulated_time, simulated (steps,): the free
-    run at its integration step. residual_time, residuals (scored samples,) [rad]: measured minus simulated. white,
-    against_input, against_reference: residual tests, None where there is nothing to test.
+    run at its integration step. residual_time, residuals (scored samples,) [rad]: measured minus simulated. tests:
+    residual tests by the keys of TESTS, none where there is nothing to test. horizons: errors over the horizon [rad].
+    again: the experiment done again in closed loop, or else skipped: why not.
     """
 
     name: str
@@ -52,9 +63,10 @@ class FreeRun:
     simulated: Array
     residual_time: Array
     residuals: Array
-    white: ResidualTest | None
-    against_input: ResidualTest | None
-    against_reference: ResidualTest | None
+    tests: Mapping[str, ResidualTest]
+    horizons: HorizonErrors
+    again: Resimulation | None
+    skipped: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,19 +80,19 @@ class IdentificationSection:
     @property
     def correlated(self) -> list[tuple[str, str, float]]:
         """Pairs of physical parameters whose estimates are highly correlated, most first: names and coefficient."""
-        physical = {item.name for item in self.model.equation.parameters}
-        kept = [index for index, name in enumerate(self.model.names) if name in physical]
-        covariance = self.model.covariance[np.ix_(kept, kept)]
-        deviations = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            coefficients = np.nan_to_num(covariance / np.outer(deviations, deviations))
-        pairs = [
-            (self.model.names[kept[i]], self.model.names[kept[j]], float(coefficients[i, j]))
-            for i in range(len(kept))
-            for j in range(i)
-            if abs(coefficients[i, j]) > HIGHLY_CORRELATED
-        ]
-        return sorted(pairs, key=lambda pair: -abs(pair[2]))
+        physical = self.model.standard_errors
+        pairs = correlated(self.model.names, self.model.covariance)
+        return [pair for pair in pairs if pair[0] in physical and pair[1] in physical]
+
+    @property
+    def doubts(self) -> list[Doubt]:
+        """What the data don't determine."""
+        return doubts(self.model)
+
+    @property
+    def tests(self) -> dict[str, str]:
+        """Titles of the residual tests that some run has, by their keys."""
+        return {key: title for key, title in TESTS.items() if any(key in run.tests for run in self.runs)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,6 +142,7 @@ def free_run_of(model: Model, record: Record, part: Part) -> FreeRun:
     inputs = experiment.inputs[:, 0].reshape(-1, sampling.every).mean(axis=1)
     reference = used.channels.get("reference")
     stride = round(sampling.period / used.sampling_time)
+    again, skipped = resimulations(model.equation, [(record, part)], rigs.load(model.rig), sampling=sampling)
     return FreeRun(
         name=record.name,
         digest=record.digest,
@@ -142,9 +155,10 @@ def free_run_of(model: Model, record: Record, part: Part) -> FreeRun:
         simulated=simulated,
         residual_time=np.asarray(sampling.period * np.arange(experiment.samples)),
         residuals=residuals,
-        white=whiteness(residuals, lags=_lags(experiment)) if _varies(residuals) else None,
-        against_input=_against(residuals[:-1], inputs, experiment),
-        against_reference=None if reference is None else _against(residuals, reference[::stride], experiment),
+        tests=_tests(residuals[:-1], inputs, None if reference is None else reference[::stride]),
+        horizons=k_step_errors(model.equation, experiment),
+        again=again.get(record.name),
+        skipped=skipped.get(record.name, ""),
     )
 
 
@@ -197,17 +211,21 @@ def _seen(model: Model, record: Record, part: Part) -> bool | None:
     return any(overlaps(entry) for entry in model.records)
 
 
-def _lags(experiment: Experiment) -> int:
-    return max(1, min(LAGS, (experiment.samples - 1) // 4))
+def _tests(residuals: Array, inputs: Array, reference: Array | None) -> dict[str, ResidualTest]:
+    """Residual tests, each array (samples,) or longer, without those of signals that are constant or not known."""
+    length = len(residuals)
+    signals = {"phi_ue": inputs[:length], "phi_re": np.zeros(0) if reference is None else reference[:length]}
+    signals = {key: signal for key, signal in signals.items() if len(signal) == length and _varies(signal)}
+    if not signals or not _varies(residuals):
+        return {}
+    lags = max(1, min(LAGS, length // 4))
+    *_, (last, exogenous) = signals.items()
+    tests = {key.replace("u", "s"): test for key, test in correlation_tests(residuals, exogenous, lags=lags).items()}
+    tests[last] = tests.pop("phi_se")
+    if last != "phi_ue" and "phi_ue" in signals:
+        tests["phi_ue"] = independence(residuals, signals["phi_ue"], lags=lags)
+    return tests
 
 
 def _varies(values: Array) -> bool:
     return bool(np.isfinite(values).all() and np.ptp(values) > 1e-9 * max(1.0, float(np.max(np.abs(values)))))
-
-
-def _against(residuals: Array, signal: Array, experiment: Experiment) -> ResidualTest | None:
-    length = min(len(residuals), len(signal))
-    residuals, signal = residuals[:length], signal[:length]
-    if not (_varies(residuals) and _varies(signal)):
-        return None
-    return independence(residuals, signal, lags=_lags(experiment))

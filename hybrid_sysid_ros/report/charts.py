@@ -1,0 +1,131 @@
+"""Charts: what all figures are drawn with. One colour means one thing in all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+from plotly.subplots import make_subplots
+
+from hybrid_sysid_ros.identification.residual_tests import ResidualTest
+from hybrid_sysid_ros.rigs.sensor import Sensor
+
+Array = NDArray[np.float64]
+
+MEASURED, MODEL, REFERENCE, INPUT, ERROR, BOUND = "#1f4e79", "#e8710a", "#8b95a1", "#2e7d4f", "#7b4fa3", "#c0392b"
+LINES = ("#1f4e79", "#e8710a", "#2e7d4f", "#7b4fa3", "#c0392b", "#0f8b8d", "#a67c00", "#6b7683")
+"""Of several records or structures in one figure."""
+TEXT, GRID = "#2b3440", "#e6e9ed"
+FONT = {
+    "family": "system-ui, -apple-system, 'Segoe UI', Roboto, Helvetica, Arial, sans-serif",
+    "size": 12,
+    "color": TEXT,
+}
+MINUS = "\N{MINUS SIGN}"
+POINTS = 16_000  # of a line at most
+
+
+def panels(*, heights: Sequence[float], height: int) -> go.Figure:
+    """Panels above one another that share their time, each with a second axis at the right."""
+    figure = make_subplots(
+        rows=len(heights),
+        cols=1,
+        shared_xaxes=True,
+        row_heights=list(heights),
+        vertical_spacing=0.035,
+        specs=[[{"secondary_y": True}]] * len(heights),
+    )
+    dress(figure, height)
+    figure.update_xaxes(domain=[0.0, 1.0])
+    return figure
+
+
+def dress(figure: go.Figure, height: int) -> None:
+    """What all figures look like."""
+    figure.update_layout(
+        height=height,
+        autosize=True,
+        template="none",
+        font=FONT,
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="#ffffff",
+        margin={"l": 62, "r": 58, "t": 26, "b": 40},
+        legend={"orientation": "h", "x": 0, "xanchor": "left", "y": 1.005, "yanchor": "bottom"},
+        modebar={"bgcolor": "rgba(0,0,0,0)", "color": "#b6bdc7", "activecolor": MEASURED},
+        hovermode="x unified",
+        hoverlabel={"font": {"size": 12}},
+        dragmode="zoom",
+    )
+    axis = {"gridcolor": GRID, "zerolinecolor": "#c9ced6", "zerolinewidth": 1, "linecolor": "#b6bdc7", "ticks": "",
+            "showline": True, "mirror": False, "title": {"standoff": 6}}  # fmt: skip
+    figure.update_xaxes(**axis)
+    figure.update_yaxes(**axis)
+
+
+def timed(figure: go.Figure, rows: int) -> go.Figure:
+    """The time below the last row."""
+    figure.update_xaxes(title={"text": "time [s]", "standoff": 4}, row=rows, col=1)
+    return figure
+
+
+def line(
+    figure: go.Figure, row: int, x: Array, y: Array, name: str, colour: str, *, width: float = 1.2, legend: bool = True,
+    shape: str = "linear",
+) -> None:  # fmt: skip
+    """A line over time in a row of panels."""
+    line = {"color": colour, "width": width, "shape": shape}
+    template = "%{y:.3f}"
+    trace = go.Scatter(**data(x, y), mode="lines", name=name, line=line, showlegend=legend, hovertemplate=template)
+    figure.add_trace(trace, row=row, col=1, secondary_y=False)
+
+
+def volts_and_degrees(
+    figure: go.Figure, row: int, values: Sequence[Array], name: str, sensor: Sensor, *, symmetric: bool = False
+) -> None:
+    """One range for both axes of a panel: sensor volts at the left, degrees at the right."""
+    known = np.concatenate(values)
+    known = known[np.isfinite(known)]
+    low, high = (float(known.min()), float(known.max())) if len(known) else (-1.0, 1.0)
+    if symmetric:
+        low, high = -max(-low, high), max(-low, high)
+    margin = max(0.06 * (high - low), 1e-6)
+    low, high = low - margin, high + margin
+    scale = float(np.degrees(sensor.radians_per_volt))
+    hidden = go.Scatter(x=[None], y=[None], showlegend=False, hoverinfo="skip")
+    figure.add_trace(hidden, row=row, col=1, secondary_y=True)  # an axis without a line is not drawn
+    axis = {"fixedrange": True, "row": row, "col": 1, "nticks": 6}  # two axes can only be zoomed apart
+    figure.update_yaxes(title=f"{name} [V]", range=[low, high], secondary_y=False, **axis)
+    degrees = {"range": [scale * low, scale * high], "showgrid": False, "zeroline": False}
+    figure.update_yaxes(title="[°]", secondary_y=True, **axis, **degrees)
+
+
+def stems(figure: go.Figure, row: int, column: int, test: ResidualTest, period: float) -> None:
+    """Coefficients over their lags as bars, in the colour of an alarm beyond the bounds."""
+    colours = np.where(np.abs(test.values) > test.bound, BOUND, ERROR).tolist()
+    lags = np.asarray(period * test.lags)
+    bars = go.Bar(
+        **data(lags, test.values), marker={"color": colours, "line": {"width": 0}}, width=0.55 * period,
+        hovertemplate="lag %{x:.2f} s: %{y:.3f}<extra></extra>",
+    )  # fmt: skip
+    figure.add_trace(bars, row=row, col=column)
+    figure.add_hrect(
+        y0=-test.bound,
+        y1=test.bound,
+        fillcolor=REFERENCE,
+        opacity=0.22,
+        line_width=0,
+        layer="below",
+        row=row,
+        col=column,
+    )
+    span = 1.1 * max(float(np.max(np.abs(test.values))), 1.4 * test.bound)
+    figure.update_yaxes(range=[-span, span], row=row, col=column)
+
+
+def data(x: Array, y: Array) -> dict[str, Any]:
+    """A line's data: no more points than a browser likes, no more digits than an eye sees."""
+    stride = max(1, -(-len(x) // POINTS))
+    return {"x": x[::stride].astype(np.float32), "y": y[::stride].astype(np.float32)}

@@ -1,0 +1,141 @@
+"""Rendering: figures and numbers into HTML with everything in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.files import written_file
+from hybrid_sysid_ros.identification import Part
+from hybrid_sysid_ros.identification.identifiability import at_bound
+from hybrid_sysid_ros.report.sections import FreeRun, IdentificationSection
+
+TEMPLATES = Path(__file__).parent
+NEEDED = ("jinja2", "plotly")
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+CONFIG = {
+    "displaylogo": False,
+    "showSendToCloud": False,  # measurements stay where they are: plotly would offer to upload them
+    "plotlyServerURL": "",
+    "responsive": True,
+    "modeBarButtonsToRemove": ["select2d", "lasso2d", "autoScale2d"],
+    "toImageButtonOptions": {"format": "svg"},
+}
+
+
+def check_available() -> None:
+    """Raise UserError if what draws a report is not installed."""
+    for name in NEEDED:
+        try:
+            import_module(name)
+        except ModuleNotFoundError as error:
+            if error.name != name:
+                raise
+            raise UserError(f"a report needs {name}: install it with pip install 'hybrid_sysid_ros[report]'") from error
+
+
+def write_page(path: Path | str, template: str, content: Mapping[str, Any]) -> Path:
+    """Write a page; an older one is replaced once the new one is whole.
+
+    Raises:
+        UserError: the place cannot be written.
+    """
+    import jinja2
+    from plotly.offline import get_plotlyjs
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
+    )
+    environment.filters.update(significant=significant, probability=probability, part=part_text)
+    text = environment.get_template(template).render(plotly=get_plotlyjs(), **content)
+    with written_file(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+    return Path(path)
+
+
+def drawn(figure: Any, name: str) -> str:
+    """A figure as HTML; name: its id on the page."""
+    import plotly.io
+
+    html = plotly.io.to_html(figure, config=CONFIG, include_plotlyjs=False, full_html=False, div_id=name)
+    return str(html)
+
+
+def identification_content(section: IdentificationSection, prefix: str = "") -> dict[str, Any]:
+    """What the blocks of a page show of a model and its free runs; prefix: of the ids of its figures."""
+    from hybrid_sysid_ros.report import figures
+
+    runs, sensor = section.runs, section.sensor
+    curves = [run.horizons for run in runs if np.isfinite(run.horizons.rmse).any()]
+    return {
+        "prefix": prefix,
+        "model": section.model,
+        "runs": [_run(run, section) for run in runs],
+        "free_runs": [
+            drawn(figures.free_run(run, sensor), f"{prefix}free-run-{number}") for number, run in enumerate(runs)
+        ],
+        "tests": section.tests,
+        "residual_tests": drawn(figures.residual_tests(section), f"{prefix}residual-tests") if section.tests else "",
+        "horizons": drawn(figures.horizons(curves, sensor), f"{prefix}horizon-curves") if curves else "",
+        "parameters": list(_parameters(section)),
+        "correlated": section.correlated,
+        "doubts": section.doubts,
+    }
+
+
+def significant(value: float | None, digits: int = 4) -> str:
+    """A number with so many digits that count, without an exponent where it can be read."""
+    if value is None or not math.isfinite(value):
+        return "\N{EN DASH}"
+    if value != 0.0 and not 1e-4 <= abs(value) < 1e6:
+        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+        text = f"{mantissa}·10{str(int(exponent)).translate(SUPERSCRIPT)}"
+    else:
+        places = digits - 1 - (math.floor(math.log10(abs(value))) if value else 0)
+        text = f"{value:.{max(places, 0)}f}"
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
+def probability(value: float) -> str:
+    """A p-value, as far down as it says anything."""
+    return "< 0.0001" if value < 1e-4 else f"{value:.4f}"
+
+
+def part_text(part: Part) -> str:
+    """Which part of a record."""
+    return "whole" if (part.start, part.stop) == (0.0, 1.0) else f"{part.start:g} to {part.stop:g}"
+
+
+def _run(run: FreeRun, section: IdentificationSection) -> dict[str, Any]:
+    """A row of the tables of free runs."""
+    sensor = section.sensor
+    return {
+        "run": run,
+        "seconds": float(run.time[-1]),
+        "r2": run.scores.r2,
+        "fit": run.scores.fit_percent,
+        "volts": float(sensor.volts(np.float64(run.scores.rmse))),
+        "degrees": math.degrees(run.scores.rmse),
+        "tests": [run.tests.get(key) for key in section.tests],
+        "again": run.again,
+        "again_volts": None if run.again is None else float(sensor.volts(np.float64(run.again.output.rmse))),
+    }
+
+
+def _parameters(section: IdentificationSection) -> Iterator[dict[str, Any]]:
+    """Rows of the table of parameters."""
+    errors = section.model.standard_errors
+    for item, value in zip(section.model.equation.parameters, section.model.equation.values, strict=True):
+        yield {
+            "item": item,
+            "value": float(value),
+            "error": errors.get(item.name),
+            "share": 100.0 * (float(value) - item.low) / (item.high - item.low),
+            "at_bound": at_bound(item, float(value)),
+        }
