@@ -8,7 +8,7 @@ import pytest
 from hybrid_sysid_ros.equations import simulate
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.identification import Experiment, score
-from hybrid_sysid_ros.identification.horizons import k_step_errors
+from hybrid_sysid_ros.identification.horizons import averaged, k_step_errors
 from hybrid_sysid_ros.models import Sampling
 
 SAMPLING = Sampling(step=0.01, period=0.05)
@@ -88,3 +88,17 @@ def test_default_horizons_begin_at_one_sample(slider):
 def test_horizons_beyond_the_record_are_refused(slider, horizons):
     with pytest.raises(UserError, match="block: horizons must be 1 to 100 samples"):
         k_step_errors(block(slider), pushed(block(slider)), horizons)
+
+
+def test_an_averaged_curve_is_that_of_all_errors_together(slider):
+    items = [pushed(block(slider), offset=offset) for offset in (0.2, 0.7)]
+    chosen = zip(items, ([1, 5, 20], [5, 20, 40]), strict=True)
+    curves = [k_step_errors(block(slider), item, horizons) for item, horizons in chosen]
+    mean = averaged("both", curves)
+    np.testing.assert_array_equal(mean.horizons, [5, 20])
+    pushes = np.sqrt((0.2**2 + 0.7**2) / 2)  # the error is proportional to the push
+    steps = SAMPLING.every * np.array([5, 20])
+    np.testing.assert_allclose(mean.rmse, pushes * SAMPLING.step**2 * steps * (steps + 1) / 2, rtol=1e-9)
+    assert mean.rollouts == sum(curve.rollouts for curve in curves)
+    with pytest.raises(UserError, match="alone: the records have no common horizon"):
+        averaged("alone", [])

@@ -285,6 +285,102 @@ def test_the_zoom_shows_the_largest_step():
     assert start < 1 + np.argmax(np.abs(np.diff(levels))) < stop
 
 
+def structure(name, *r2, **more):
+    """A structure of some seeds on two records."""
+    seeds = [{"<first> & only": first, "second": second} for first, second in r2]
+    return report.StructureResult(name=name, r2=seeds, seconds=2.5, **more)
+
+
+PUBLISHED = {"<first> & only": 0.95, "second": 0.5}
+
+
+@pytest.fixture(scope="module")
+def protocol(model, first):
+    runs = [(first, Part(start=0.5)), (record("second", 2), Part())]
+    weak = dataclasses.replace(model, structure="weak", equation=dataclasses.replace(model.equation, gain=3.0))
+    return report.protocol_section(
+        "two records",
+        [
+            structure("lost", (-np.inf, -123.0)),
+            structure("weak", (0.5, 0.6), published=PUBLISHED, model=weak, runs=runs),
+            structure(
+                "<hybrid>", (0.9, 0.8), (0.94, 0.7), published=PUBLISHED, model=model, runs=runs, chosen=True,
+                cross_validation=0.913,
+            ),
+        ],
+        about="halves & wholes",
+        training=[(first, Part(stop=0.5))],
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def protocol_text(protocol, model, tmp_path_factory):
+    path = tmp_path_factory.mktemp("protocol") / "protocol.html"
+    assert report.write_protocol(path, protocol, report.provenance(model, "make protocol")) == path
+    return path.read_text(encoding="utf-8")
+
+
+def test_the_page_of_a_protocol_is_whole_and_needs_no_network(protocol_text):
+    page = Page(protocol_text)
+    assert page.open == []
+    assert len(page.ids) == len(set(page.ids))
+    assert all(address.startswith("#") and address[1:] in page.ids for address in page.addresses)
+    assert "link" not in page.tags
+
+
+def test_ours_stand_beside_the_published_with_their_range(protocol_text):
+    rows = protocol_text[protocol_text.index('<table class="scores">') :].split("<tr")[1:]
+    cells = [Page(f"<tr{row.partition('</tr>')[0]}</tr>").text for row in rows[:7]]
+    assert cells[1].startswith("lost diverges \N{MINUS SIGN}123 ")
+    assert cells[2].startswith("weak 0.500 0.600 0.550")
+    assert cells[4] == "<hybrid> 2 seeds 0.920 0.900 … 0.940 0.750 0.700 … 0.800 0.835 0.913 2.5 s"
+    assert cells[5].startswith("published 0.950 0.500 0.725")
+    assert ["chosen" in row.partition(">")[0] for row in rows[1:6]] == [False, False, False, True, True]
+    assert rows[4].count('class="better"') == 1  # .75 is above .5, .92 is not above .95
+
+
+def test_the_pick_comes_first_and_in_full(protocol, protocol_text):
+    assert list(protocol.details) == ["<hybrid>", "weak"]
+    page = Page(protocol_text)
+    for number in (0, 1):
+        assert {f"structure-{number}-free-run-{run}" for run in (0, 1)} <= set(page.ids)
+        assert {f"structure-{number}-residual-tests", f"structure-{number}-horizon-curves"} <= set(page.ids)
+    assert page.tags.count("details") == 1
+    assert {"scores-of-structures", "horizons-of-structures"} <= set(page.ids)
+
+
+def test_criteria_are_those_of_the_training_data(protocol, model, first):
+    assert list(protocol.judgements) == ["weak", "<hybrid>"]
+    for name, used in (("weak", protocol.results[1].model), ("<hybrid>", model)):
+        found = protocol.judgements[name].plain
+        assert np.sqrt(found.mean_square) == pytest.approx(evaluate(used, first, part=Part(stop=0.5)).rmse)
+        assert found.parameters == len(model.names)
+
+
+def test_a_protocol_without_models_shows_its_table(model, tmp_path):
+    section = report.protocol_section("bare", [structure("only", (0.5, 0.6))])
+    path = report.write_protocol(tmp_path / "protocol.html", section, report.provenance(model, "x"))
+    assert "only 0.500 0.600 0.550" in Page(path.read_text(encoding="utf-8")).text
+
+
+@pytest.mark.parametrize(
+    ("results", "match"),
+    [
+        ([], "no structure"),
+        ([structure("a", (1, 1)), structure("a", (1, 1))], "two structures are called a"),
+        ([structure("a", (1, 1), chosen=True), structure("b", (1, 1), chosen=True)], "more than one"),
+        ([structure("a")], "a has no seed"),
+        (
+            [structure("a", (1, 1)), report.StructureResult(name="b", r2=[{"other": 1.0}], seconds=1.0)],
+            "b has no seed, or other records than a",
+        ),
+    ],
+)
+def test_a_protocol_that_makes_no_table_is_refused(results, match):
+    with pytest.raises(UserError, match=match):
+        report.protocol_section("wrong", results)
+
+
 @pytest.mark.parametrize("missing", ["plotly", "jinja2"])
 def test_without_the_extra_the_user_is_told_which(section, model, tmp_path, monkeypatch, missing):
     real = builtins.__import__

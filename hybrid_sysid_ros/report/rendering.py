@@ -52,7 +52,8 @@ def write_page(path: Path | str, template: str, content: Mapping[str, Any]) -> P
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
     )
-    environment.filters.update(significant=significant, probability=probability, part=part_text)
+    filters = {"significant": significant, "probability": probability, "part": part_text, "r2": r2_text}
+    environment.filters.update(filters, difference=difference_text)
     text = environment.get_template(template).render(plotly=get_plotlyjs(), **content)
     with written_file(path) as partial:
         partial.write_text(text, encoding="utf-8")
@@ -105,6 +106,19 @@ def significant(value: float | None, digits: int = 4) -> str:
 def probability(value: float) -> str:
     """A p-value, as far down as it says anything."""
     return "< 0.0001" if value < 1e-4 else f"{value:.4f}"
+
+
+def r2_text(value: float) -> str:
+    """An R2, without decimals where it says that a simulation is lost."""
+    if not math.isfinite(value):
+        return "diverges"
+    text = f"{value:.3f}" if value > -10 else f"{value:.0f}"
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
+def difference_text(value: float) -> str:
+    """How far a criterion is above the lowest."""
+    return f"{value:.1f}" if math.isfinite(value) else "\N{INFINITY}"
 
 
 def part_text(part: Part) -> str:
