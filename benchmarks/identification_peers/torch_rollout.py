@@ -26,7 +26,7 @@ POSITION, RATE, DRIVE = 0.04, 0.16, 4.0
 HORIZON, UNITS, ITERATIONS, BATCH, STEP_SIZE = 40, 16, 800, 256, 0.01
 """Samples (50 ms) of a rollout, hidden units, gradient steps, rollouts in each, and Adam's first step size (cosine).
 
-Horizon and units did best of (40, 16), (60, 16) and (60, 8) in two-fold cross-validation on the first halves of the records."""
+Horizon and units: the best of (40, 16), (60, 16), (60, 8) in two-fold cross-validation on the records' first halves."""
 
 SNAPSHOTS = (25, 50, 100, 200, 300, 400, 500, 600, 700, ITERATIONS)
 
