@@ -10,33 +10,40 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.files import check_place
 from hybrid_sysid_ros.identification import Part, evaluate, identify
+from hybrid_sysid_ros.identification.identifiability import doubts
 from hybrid_sysid_ros.models import STRUCTURES, Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.models.options import parse
 from hybrid_sysid_ros.progress import progress_bars
-from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.protocol_command import protocol_command
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.signals import Signals
+from hybrid_sysid_ros.search_command import search_command
+from hybrid_sysid_ros.terminal import (
+    InputHandling,
+    PartText,
+    Period,
+    Recover,
+    RigName,
+    Seed,
+    SignalsFile,
+    Step,
+    console,
+    read_records,
+    status,
+)
 from hybrid_sysid_ros.training import EPISODES, EPOCHS, ROUNDS, train_policy
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 policy_app = typer.Typer(no_args_is_help=True, help="Approximate MPC.")
 app.add_typer(policy_app, name="policy")
-console = Console(soft_wrap=True)
-status = Console(stderr=True, soft_wrap=True)
-
-RigName = Annotated[str, typer.Option("--rig", help="Rig, by the name of its configuration.")]
-SignalsFile = Annotated[Path | None, typer.Option("--signals", help="YAML with the topics and fields of your own bag.")]
-Recover = Annotated[bool, typer.Option("--recover", help="Read what can be read of a truncated bag.")]
-PartText = Annotated[str, typer.Option("--part", help="START:STOP, the part of each bag that is used, as fractions.")]
-Seed = Annotated[int, typer.Option("--seed", help="Of everything random.", min=0)]
+app.command("search")(search_command)
+app.command("protocol")(protocol_command)
 
 
 @app.command("import-bab")
@@ -72,11 +79,12 @@ def identify_command(
     out: Annotated[Path, typer.Option("--out", help="Folder for the model.")],
     rig: RigName = "cam_beam",
     structure: Annotated[str, typer.Option(help=" | ".join(STRUCTURES))] = "hybrid",
-    input_handling: Annotated[
-        str, typer.Option("--input", help="averaged: the input's mean over each step; sampled: read once a period.")
-    ] = "averaged",
-    step: Annotated[float, typer.Option(help="Integration step [s].")] = 0.005,
-    period: Annotated[float, typer.Option(help="Distance of the fitted samples [s].")] = 0.05,
+    option: Annotated[
+        list[str] | None, typer.Option("--option", help="NAME=VALUE of the structure, such as units=8 or creep=1.")
+    ] = None,
+    input_handling: InputHandling = "averaged",
+    step: Step = 0.005,
+    period: Period = 0.05,
     part: PartText = "0:1",
     seed: Seed = 0,
     signals: SignalsFile = None,
@@ -94,10 +102,19 @@ def identify_command(
             spinner.update("fitting")
 
         model = identify(
-            records, described, structure, sampling=sampling, part=Part.parse(part), seed=seed, progress=progress
+            records,
+            described,
+            structure,
+            sampling=sampling,
+            part=Part.parse(part),
+            options=parse(option or []),
+            seed=seed,
+            progress=progress,
         )
     model.save(out)
     console.print(parameter_table(model))
+    for doubt in doubts(model):
+        console.print(f"doubt: {doubt}")
     console.print(score_table({name: dict(scores) for name, scores in model.scores.items()}, described, "training"))
     console.print(f"{out}: {structure} from {len(records)} records in {model.fit['seconds']:.1f} s")
 
@@ -215,15 +232,6 @@ def demo_command(
     from hybrid_sysid_ros.demo import demo
 
     demo(out, train=train)
-
-
-def read_records(paths: list[Path], rig: str, signals: Path | None, recover: bool) -> list[Record]:
-    """The records of bags, by a rig's signals or a file of the user's. Raises UserError for two bags of one name."""
-    names = [path.resolve().stem for path in paths]
-    if twins := {name for name in names if names.count(name) > 1}:
-        raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
-    chosen = Signals.load(signals) if signals is not None else Signals.of_rig(rig)
-    return [bags.read(path, chosen, recover=recover) for path in paths]
 
 
 def parameter_table(model: Model) -> Table:

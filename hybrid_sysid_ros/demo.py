@@ -19,6 +19,7 @@ from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
 from hybrid_sysid_ros.files import written_file
 from hybrid_sysid_ros.identification import Part, evaluate, identify
+from hybrid_sysid_ros.lecture import FIRST_HALF, RIG, SECOND_HALF, WHOLE, table_name
 from hybrid_sysid_ros.loop import LoopRecord
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
@@ -31,10 +32,8 @@ from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.signals import Signals
 from hybrid_sysid_ros.training import train_policy
 
-RIG = "cam_beam"
 DATA = "HYBRID_SYSID_DATA"
 SHIPPED_BAGS = Path(__file__).resolve().parent.parent / "bags"
-FIRST_HALF, SECOND_HALF, WHOLE = Part(stop=0.5), Part(start=0.5), Part()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,18 +131,6 @@ def find_records(out: Path, console: Console) -> Records:
     order = sorted(read, key=lambda record: ("swept" in record.name, "multisine" not in record.name, record.name))
     unseen = [(record, SECOND_HALF if record.name in learned else WHOLE) for record in order]
     return Records(training=training, unseen=unseen, real=bool(folder))
-
-
-def table_name(record: str) -> str:
-    """A record's name in the lecture's tables: 05_multisine_01 is ms_05, 03_random_steps_01 rs_01, ... swept."""
-    parts = record.split("_")
-    if parts[0].isdigit() and "multisine" in record:
-        return f"ms_{parts[0]}"
-    if parts[0].isdigit() and "random_steps" in record:
-        return f"rs_{parts[-1]}"
-    if parts[0].isdigit() and "swept" in record:
-        return "swept"
-    return record
 
 
 def simulated_loop(rig: Rig, model: Model, controller: Controller, *, seed: int = 0) -> Loop:

@@ -19,7 +19,7 @@ RANGE = np.array([0.15, 0.5, 10.0])  # position [rad], velocity [rad/s], drive [
 def structure(name, seed=0):
     """A structure with every parameter away from its start, and a network that matters."""
     random = np.random.default_rng(seed)
-    equation = build(name, CamBeam(), scales=RANGE, seed=seed)
+    equation, _ = build(name, CamBeam(), scales=RANGE, seed=seed)
     values = [item.start + 0.1 * item.scale * random.uniform(-1, 1) for item in equation.parameters]
     bounded = [np.clip(v, item.low, item.high) for v, item in zip(values, equation.parameters, strict=True)]
     equation = equation.with_values(np.array(bounded))

@@ -10,7 +10,8 @@ from scipy.optimize import least_squares
 from hybrid_sysid_ros.equations import simulate
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.identification import Part, evaluate, free_run, identify, prepare, score
-from hybrid_sysid_ros.identification.fitting import CORRELATION_SECONDS, RELATIVE_ERROR, fit
+from hybrid_sysid_ros.identification.fitting import fit
+from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS, RELATIVE_ERROR
 from hybrid_sysid_ros.models import Sampling, build
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.record import Record

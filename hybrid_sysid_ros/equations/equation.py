@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from collections import namedtuple
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar
@@ -44,6 +44,8 @@ class Equation(ABC):
     """States that are measured."""
     kinematics: ClassVar[Mapping[int, int]] = {}
     """Position state -> velocity state."""
+    doubtful_terms: ClassVar[tuple[str, ...]] = ()
+    """Terms that fits leave out unless asked for: records hardly tell them from others."""
 
     @abstractmethod
     def advance(self, operations: Operations) -> Step:
@@ -81,6 +83,17 @@ class Equation(ABC):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         return declared(type(self))
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """The terms that can be switched off, in the order of their parameters."""
+        return tuple(dict.fromkeys(item.term for item in self.parameters if item.term))
+
+    def without(self, terms: Collection[str]) -> tuple[Equation, tuple[str, ...]]:
+        """The equation with terms switched off, and the names of the parameters that must stay as they are for that."""
+        off = {item.name: item.neutral for item in self.parameters if item.term in terms}
+        values = [off.get(item.name, value) for item, value in zip(self.parameters, self.values, strict=True)]
+        return self.with_values(np.array(values, dtype=float)), tuple(off)
 
     @property
     def values(self) -> Array:

@@ -100,10 +100,10 @@ def _dry(operations: Operations) -> Callable[..., Any]:
 def _with_bristles(operations: Operations) -> Callable[..., Any]:
     """Backward Euler of bristles and velocity together, which a quadratic solves exactly at any stiffness.
 
-        z+ = (z + h v+) / (1 + c |v+|),  c = h s0 / F            never leaves +-max(|z|, F / s0)
-        (1 + h D / 2) v+ + h S z+ = b,   S = s0 + s1 / h,   b = v + h f_v - h D v / 2 + s1 z
-        with r = |v+|, a = 1 + h D / 2, s = sgn(v+) = sgn(b - h S z):
-        a c r^2 + (a - s b c + h^2 S) r - |b - h S z| = 0,       of which one root is positive
+    z+ = (z + h v+) / (1 + c |v+|),  c = h s0 / F            never leaves +-max(|z|, F / s0)
+    (1 + h D / 2) v+ + h S z+ = b,   S = s0 + s1 / h,   b = v + h f_v - h D v / 2 + s1 z
+    with r = |v+|, a = 1 + h D / 2, s = sgn(v+) = sgn(b - h S z):
+    a c r^2 + (a - s b c + h^2 S) r - |b - h S z| = 0,       of which one root is positive
     """
     absolute, maximum, select, sqrt = operations.absolute, operations.maximum, operations.select, operations.sqrt
 

@@ -13,7 +13,7 @@ class Parameter:
 
     low, high: bounds that hold in every fit. start: where a fit begins. spread: standard deviation of a prior about
     ``start`` for shape parameters that data may leave undetermined (None: no prior). fixed: set from the range of the
-    training data, not fitted.
+    training data, not fitted. term: the part of the equation that goes when the parameter is neutral, "" for none.
     """
 
     name: str
@@ -23,12 +23,18 @@ class Parameter:
     start: float
     spread: float | None
     fixed: bool
+    term: str
     description: str
 
     @property
     def scale(self) -> float:
         """A typical change of the parameter: the unit in which a fit measures it."""
         return self.spread or max(abs(self.start), 1e-3 * (self.high - self.low))
+
+    @property
+    def neutral(self) -> float:
+        """The value that switches its term off: zero where that is allowed."""
+        return 0.0 if self.low <= 0.0 <= self.high else self.start
 
 
 def parameter(
@@ -41,6 +47,7 @@ def parameter(
     start: float | None = None,
     spread: float | None = None,
     fixed: bool = False,
+    term: str = "",
 ) -> Any:
     """Declare a dataclass field as a parameter: its value, bounds, unit and meaning in one place."""
     begin = value if start is None else start
@@ -53,6 +60,7 @@ def parameter(
         "start": begin,
         "spread": spread,
         "fixed": fixed,
+        "term": term,
         "description": description,
     }
     return dataclasses.field(default=value, metadata={"parameter": metadata})

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -36,11 +35,15 @@ class BlackBox(Motion):
         return (type(self), self.network)
 
     @property
+    def design(self) -> dict[str, Any]:
+        return asdict(self.network)
+
+    @property
     def weights(self) -> NDArray[np.float64]:
         return self.network_weights
 
     def with_weights(self, weights: NDArray[np.float64]) -> BlackBox:
-        return dataclasses.replace(self, network_weights=weights)
+        return replace(self, network_weights=weights)
 
     def law(self, operations: Operations) -> Law:
         network = self.network.function(operations)

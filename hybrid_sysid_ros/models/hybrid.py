@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -42,17 +42,21 @@ class Hybrid(Motion):
         return self.physics.values
 
     def with_values(self, values: NDArray[np.float64]) -> Hybrid:
-        return dataclasses.replace(self, physics=self.physics.with_values(values))
+        return replace(self, physics=self.physics.with_values(values))
+
+    @property
+    def design(self) -> dict[str, Any]:
+        return asdict(self.network)
 
     @property
     def weights(self) -> NDArray[np.float64]:
         return self.network_weights
 
     def with_weights(self, weights: NDArray[np.float64]) -> Hybrid:
-        return dataclasses.replace(self, network_weights=weights)
+        return replace(self, network_weights=weights)
 
     def trained_on(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> Hybrid:
-        return dataclasses.replace(self, physics=self.physics.trained_on(low, high))
+        return replace(self, physics=self.physics.trained_on(low, high))
 
     def law(self, operations: Operations) -> Law:
         physics = operations.function(self.physics.law(operations))
@@ -65,3 +69,16 @@ class Hybrid(Motion):
             return (*rates[:index], rates[index] + network(x, u, w), *rates[after:]), friction
 
         return law
+
+
+def averaged(members: Sequence[Hybrid]) -> Hybrid:
+    """The mean of hybrids of one form: of their parameters, and one network that is the mean of their networks."""
+    network = members[0].network
+    weights = np.concatenate([member.network_weights.reshape(network.units, -1) for member in members])
+    weights[:, -1] /= len(members)
+    return replace(
+        members[0],
+        physics=members[0].physics.with_values(np.mean([member.values for member in members], axis=0)),
+        network=replace(network, units=network.units * len(members)),
+        network_weights=weights.ravel(),
+    )

@@ -28,7 +28,6 @@ class Linear(Motion):
 
     def law(self, operations: Operations) -> Law:
         def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
-            q, v = x[0], x[1]
-            return (v, p.gain * (u[0] - p.centre) - p.stiffness * q), (0.0, 0.0, p.damping)
+            return (x[1], p.gain * (u[0] - p.centre) - p.stiffness * x[0]), (0.0, 0.0, p.damping)
 
         return law

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.equations import Equation
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import storage
-from hybrid_sysid_ros.models.network import Network
 from hybrid_sysid_ros.models.sampling import Sampling
-from hybrid_sysid_ros.models.structures import assemble, network_of
+from hybrid_sysid_ros.models.structures import assemble
 from hybrid_sysid_ros.rigs import rig as rigs
 
 Array = NDArray[np.float64]
 
-FORMAT = 1
+FORMAT = 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,7 +55,6 @@ class Model:
     def save(self, folder: Path | str) -> None:
         """Write the model folder; see :mod:`~hybrid_sysid_ros.models.storage`."""
         errors = self.standard_errors
-        network = network_of(self.equation)
         parameters = {
             item.name: {
                 "value": float(value),
@@ -70,7 +68,7 @@ class Model:
         content = {
             "rig": self.rig,
             "structure": self.structure,
-            "network": None if network is None else asdict(network),
+            "design": self.equation.design,
             "parameters": parameters,
             "sampling": asdict(self.sampling),
             "training_range": {name: list(ends) for name, ends in self.training_range.items()},
@@ -96,7 +94,7 @@ def load(folder: Path | str) -> Model:
         equation = assemble(
             content["structure"],
             rig.equation,
-            network=None if content["network"] is None else _network(content["network"]),
+            design=content["design"],
             weights=arrays["weights"],
         )
         expected = [item.name for item in equation.parameters]
@@ -127,10 +125,6 @@ def load(folder: Path | str) -> Model:
         raise UserError(f"{Path(folder) / 'model.yaml'}: {error}") from error
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise UserError(f"{Path(folder) / 'model.yaml'}: {error!r} is missing or malformed; fit again") from error
-
-
-def _network(content: dict[str, Any]) -> Network:
-    return Network(**{**content, "feature_scales": tuple(content["feature_scales"])})
 
 
 def versions() -> dict[str, str]:

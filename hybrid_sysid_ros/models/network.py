@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +23,11 @@ class Network:
     feature_scales: tuple[float, ...]
     scale: float
     clip: float = 1.5
+
+    @classmethod
+    def of(cls, design: Mapping[str, Any]) -> Network:
+        """The network that ``dataclasses.asdict`` made a ``design`` of."""
+        return cls(**{**design, "feature_scales": tuple(design["feature_scales"])})
 
     @property
     def size(self) -> int:

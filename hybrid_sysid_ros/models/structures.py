@@ -2,70 +2,154 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation
+from hybrid_sysid_ros.equations import Equation, Motion
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models.black_box import BlackBox
+from hybrid_sysid_ros.models.dahl import Dahl
 from hybrid_sysid_ros.models.hybrid import Hybrid
 from hybrid_sysid_ros.models.linear import Linear
+from hybrid_sysid_ros.models.lugre import LuGre
+from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.network import Network
+from hybrid_sysid_ros.models.options import Option, Options, complete
+from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.stribeck import Stribeck
 
-STRUCTURES = ("linear", "stribeck", "gray", "black_box", "hybrid")
+PHYSICAL = ("linear", "stribeck", "dahl", "lugre", "gray")
+HYBRIDS = ("hybrid_joint", "hybrid_frozen", "hybrid")
+"""Physics and network: the lecture's two on its linear model, and this project's on the rig's own equation."""
 
-HYBRID_UNITS = 4
-"""Units of the residual's hidden layer."""
+STRUCTURES = ("linear", "stribeck", "dahl", "lugre", "narx", "black_box", "recurrent", *HYBRIDS[:2], "gray", "hybrid")
 
-BLACK_BOX_UNITS = 8
+SEEDED = ("black_box", "recurrent", *HYBRIDS)
+"""Structures whose fit depends on a seed."""
 
-RESIDUAL_SCALE = 0.1
-"""Output scale of the residual, as part of the acceleration that one input scale causes."""
+_BIAS = Option(
+    default=0.0, low=0.0, high=1.0, kind="float", description="prior deviation of each record's input bias, 0 for none"
+)
+_RIDGE = Option(default=1.0, low=0.01, high=100.0, kind="log", description="pull of a network's weights to zero")
+_SCALE = Option(
+    default=0.1, low=0.01, high=1.0, kind="log", description="size of the network, as part of the drive's acceleration"
+)
+_STARTS = Option(default=1, low=1, high=32, kind="int", description="points where a fit begins; the best one goes on")
+_FIT = {"bias": _BIAS, "starts": _STARTS}
+_NETWORK = {"ridge": _RIDGE, **_FIT}
+
+_OPTIONS: Mapping[str, Mapping[str, Option]] = {
+    "linear": _FIT,
+    "stribeck": _FIT,
+    "dahl": _FIT,
+    "lugre": _FIT,
+    "gray": _FIT,
+    "narx": {
+        "output_lags": Option(default=3, low=1, high=6, kind="int", description="past outputs"),
+        "input_lags": Option(default=3, low=1, high=6, kind="int", description="past inputs"),
+        "degree": Option(default=3, low=1, high=3, kind="int", description="of the polynomial"),
+        "terms": Option(default=12, low=2, high=40, kind="int", description="number of terms"),
+    },
+    "black_box": {
+        "units": Option(default=8, low=1, high=32, kind="int", description="of the network's hidden layer"),
+        **_NETWORK,
+    },
+    "recurrent": {"units": Option(default=16, low=2, high=64, kind="int", description="hidden states of the GRU")},
+    "hybrid_joint": {
+        "units": Option(default=8, low=1, high=32, kind="int", description="of the network's hidden layer"),
+        "scale": Option(default=1.0, low=0.01, high=1.0, kind="log", description=_SCALE.description),
+        **_NETWORK,
+    },
+    "hybrid_frozen": {
+        "units": Option(default=8, low=1, high=32, kind="int", description="of the network's hidden layer"),
+        "scale": Option(default=1.0, low=0.01, high=1.0, kind="log", description=_SCALE.description),
+        **_NETWORK,
+    },
+    "hybrid": {
+        "units": Option(default=4, low=1, high=32, kind="int", description="of the network's hidden layer"),
+        "scale": _SCALE,
+        "members": Option(default=3, low=1, high=10, kind="int", description="networks of other seeds in the mean"),
+        **_NETWORK,
+    },
+}
+
+
+def options_of(structure: str, physics: Motion) -> dict[str, Option]:
+    """The options of a structure; on a rig's own equation also its terms, each 0 (left out) or 1.
+
+    Raises UserError for an unknown name.
+    """
+    if structure not in _OPTIONS:
+        raise UserError(f"structure {structure!r} is unknown; choose one of {', '.join(STRUCTURES)}")
+    terms = {
+        term: Option(default=int(term not in physics.doubtful_terms), low=0, high=1, kind="int", description="term")
+        for term in (physics.terms if structure in ("gray", "hybrid") else ())
+    }
+    return {**_OPTIONS[structure], **terms}
 
 
 def assemble(
     structure: str,
-    physics: Equation,
+    physics: Motion,
     *,
-    network: Network | None = None,
+    design: Mapping[str, Any] | None = None,
     weights: NDArray[np.float64] | None = None,
 ) -> Equation:
-    """An equation of a named structure on a rig's own equation, with a network where it has one.
+    """An equation of a named structure on a rig's own equation, with what is learned where it has such a part.
 
-    Raises UserError for an unknown name, and where a network or its weights (size,) are missing or don't fit.
+    design: what :attr:`~hybrid_sysid_ros.equations.Equation.design` gave. Raises UserError for an unknown name, and
+    where the design or the weights (size,) are missing or don't fit each other.
     """
-    plain = {"linear": Linear(), "stribeck": Stribeck(), "gray": physics}
+    plain: dict[str, Equation] = {
+        "linear": Linear(),
+        "stribeck": Stribeck(),
+        "dahl": Dahl(),
+        "lugre": LuGre(),
+        "gray": physics,
+    }
     if structure in plain:
         return plain[structure]
     if structure not in STRUCTURES:
         raise UserError(f"structure {structure!r} is unknown; choose one of {', '.join(STRUCTURES)}")
-    if network is None or weights is None or len(weights) != network.size:
-        count = 0 if weights is None else len(weights)
-        raise UserError(f"structure {structure}: {count} weights don't fit the network {network}")
+    if design is None or weights is None:
+        raise UserError(f"structure {structure}: the design or the weights of its learned part are missing")
+    if structure == "narx":
+        return Narx.of(design, weights)
+    if structure == "recurrent":
+        return Recurrent.of(design, weights)
+    network = Network.of(design)
+    if len(weights) != network.size:
+        raise UserError(f"structure {structure}: {len(weights)} weights don't fit the network {network}")
     if structure == "black_box":
         return BlackBox(network=network, network_weights=weights)
-    return Hybrid(physics=physics, network=network, network_weights=weights)
+    base = physics if structure == "hybrid" else Linear()
+    return Hybrid(physics=base, network=network, network_weights=weights)
 
 
-def build(structure: str, physics: Equation, *, scales: NDArray[np.float64], seed: int) -> Equation:
-    """A structure before its fit, every parameter where a fit begins, so that no earlier result leaks in.
+def build(
+    structure: str, physics: Motion, *, scales: NDArray[np.float64], seed: int, options: Options | None = None
+) -> tuple[Equation, tuple[str, ...]]:
+    """A structure before its fit, every parameter where a fit begins, so that no earlier result leaks in; and the names
+    of the parameters that the fit must leave as they are, since their term is switched off.
 
     physics: the rig's own equation. scales (states + inputs,): magnitude of each feature of a network in the training
-    data. seed: of a network's first weights. Raises UserError for an unknown name.
+    data. seed: of a network's first weights. Raises UserError for an unknown name or option, and for narx and
+    recurrent, which are not built before their data are seen.
     """
-    gain = next((item.start for item in physics.parameters if item.name == "gain"), 1.0)
-    units, share = (BLACK_BOX_UNITS, 1.0) if structure == "black_box" else (HYBRID_UNITS, RESIDUAL_SCALE)
-    network = Network(
-        units=units,
-        feature_scales=tuple(float(f"{scale:.4g}") for scale in scales),
-        scale=float(f"{share * gain * scales[len(physics.states)]:.4g}"),
-    )
-    weights = network.initial(seed, output=0.05)
-    equation = assemble(structure, physics, network=network, weights=weights)
-    return equation.with_values(np.array([item.start for item in equation.parameters]))
-
-
-def network_of(equation: Equation) -> Network | None:
-    """The learned part's network, None where nothing is learned."""
-    return getattr(equation, "network", None)
+    chosen = complete(options or {}, options_of(structure, physics), structure)
+    design = weights = None
+    if structure in ("black_box", *HYBRIDS):
+        gain = next((item.start for item in physics.parameters if item.name == "gain"), 1.0)
+        network = Network(
+            units=int(chosen["units"]),
+            feature_scales=tuple(float(f"{scale:.4g}") for scale in scales),
+            scale=float(f"{chosen.get('scale', 1.0) * gain * scales[len(physics.states)]:.4g}"),
+        )
+        design, weights = asdict(network), network.initial(seed, output=0.05)
+    equation = assemble(structure, physics, design=design, weights=weights)
+    equation = equation.with_values(np.array([item.start for item in equation.parameters]))
+    return equation.without([term for term in equation.terms if not chosen.get(term, 1)])

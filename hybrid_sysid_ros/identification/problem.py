@@ -1,0 +1,238 @@
+"""The least-squares problem of a fit: errors of compiled rollouts, and priors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.equations import Equation, kernels
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.identification.experiment import Experiment
+
+Array = NDArray[np.float64]
+Residuals = Callable[[Array], Array]
+Map = Callable[[Residuals, Iterable[Array]], Iterable[Array]]
+
+RELATIVE_ERROR = 0.05
+"""Expected free-run error, as part of the output's deviation: it weighs the data against the priors."""
+
+CORRELATION_SECONDS = 1.0
+"""Free-run errors are slow: this many seconds of them count as one observation against the priors."""
+
+INITIAL_SPREAD = 0.1
+"""Prior deviation of a record's initial state about the measured one, as part of the state's deviation."""
+
+DIFFERENCE = 1e-5
+"""Step of the forward differences, in units of a parameter's scale."""
+
+
+class Problem:
+    """The residuals of one equation on several experiments, as a function of one scaled vector, the point.
+
+        free parameters, weights (both shared by all records) | initial states | biases (both of each record)
+
+    The second half are nuisances: what a record began with and what stood on its input [drive unit], which no model
+    can know, so that the shared part does not have to explain it.
+    """
+
+    def __init__(
+        self,
+        equation: Equation,
+        experiments: Sequence[Experiment],
+        *,
+        centres: Array | None = None,
+        spreads: Array | None = None,
+        ridge: float = 1.0,
+        bias: float = 0.0,
+        hold: Sequence[str] = (),
+    ) -> None:
+        """centres, spreads (free,): priors of the free parameters, in their units, instead of the declared ones. ridge:
+        prior deviation of weights is 1 / sqrt(ridge). bias: prior deviation of each record's input bias, 0 for none.
+        hold: names of parameters that stay as they are.
+        """
+        if len({experiment.sampling for experiment in experiments}) > 1:
+            raise UserError("identification: the records are sampled differently")
+        self.equation = equation
+        self.experiments = experiments
+        self.sampling = experiments[0].sampling
+        self.inputs = np.concatenate([experiment.inputs for experiment in experiments])
+        self.first_steps = np.cumsum([0, *(len(experiment.inputs) for experiment in experiments)])[:-1]
+        self.deviation = np.std(np.concatenate([item.outputs - item.outputs.mean(0) for item in experiments]), axis=0)
+        _check_excitation(equation, self.inputs, self.deviation)
+        self.kernels = kernels(equation)
+        declared = equation.parameters
+        self.free = [index for index, item in enumerate(declared) if not item.fixed and item.name not in hold]
+        self.scales = np.concatenate([[declared[i].scale for i in self.free], np.ones(len(equation.weights))])
+        self.low = np.concatenate([[declared[i].low for i in self.free], np.full(len(equation.weights), -np.inf)])
+        self.high = np.concatenate([[declared[i].high for i in self.free], np.full(len(equation.weights), np.inf)])
+        self.centres = np.array([declared[i].start for i in self.free]) if centres is None else centres
+        self.spreads = np.array([declared[i].spread or np.inf for i in self.free]) if spreads is None else spreads
+        self.ridge = ridge
+        self.names = tuple(declared[i].name for i in self.free) + tuple(
+            f"weight_{index}" for index in range(len(equation.weights))
+        )
+        self.shared = len(self.scales)
+        self.moved_states = sorted({*equation.outputs, *(equation.kinematics.get(i, i) for i in equation.outputs)})
+        states = np.concatenate([item.states for item in experiments])
+        units = [INITIAL_SPREAD * max(float(np.std(states[:, i])), 1e-9) for i in self.moved_states]
+        units += [bias] * self.inputs.shape[1] if bias > 0 else []
+        self.nuisance_units = np.array(units)
+        """Prior deviation of each kind of nuisance; each has one value a record, point[shared + kind * records + i]."""
+        self.evaluations = 0
+
+    @property
+    def start(self) -> Array:
+        values = np.concatenate([self.equation.values[self.free], self.equation.weights]) / self.scales
+        return np.concatenate([values, np.zeros(len(self.nuisance_units) * len(self.experiments))])
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        nuisances = np.full(len(self.nuisance_units) * len(self.experiments), np.inf)
+        return (
+            np.concatenate([self.low / self.scales, -nuisances]),
+            np.concatenate([self.high / self.scales, nuisances]),
+        )
+
+    def starts(self, count: int, seed: int) -> list[Array]:
+        """Points to begin from: the declared start, and others about it by the parameters' scales."""
+        random = np.random.default_rng(seed)
+        lower, upper = self.bounds
+        moves = [np.zeros(self.shared), *(random.normal(size=self.shared) for _ in range(count - 1))]
+        nuisances = np.zeros(len(self.start) - self.shared)
+        return [np.clip(self.start + np.concatenate([move, nuisances]), lower, upper) for move in moves]
+
+    def relative_error(self, rows: Array) -> float:
+        """Root mean square of the output errors among residual rows, as part of the output's deviation."""
+        errors = rows[: len(rows) - len(self.priors(self.start))]
+        seconds = sum(item.samples for item in self.experiments) * self.sampling.period
+        return float(np.linalg.norm(errors) * RELATIVE_ERROR / np.sqrt(max(seconds / CORRELATION_SECONDS, 1.0)))
+
+    def edges(self, horizon: int | None) -> NDArray[np.int64]:
+        """Rows of the residuals where each record begins, and where the last one ends: (records + 1,)."""
+        return self.windows(horizon)[3] * len(self.equation.outputs)
+
+    def with_point(self, point: Array) -> Equation:
+        """The equation at a point."""
+        values = self.equation.values
+        shared = point[: self.shared] * self.scales
+        values[self.free] = shared[: len(self.free)]
+        equation = self.equation.with_values(values)
+        return equation.with_weights(shared[len(self.free) :]) if len(self.equation.weights) else equation
+
+    def nuisances(self, point: Array) -> Array:
+        """(kinds, records), in their units: initial states as far as they are measured, then biases of the inputs."""
+        scaled = point[self.shared :].reshape(len(self.nuisance_units), len(self.experiments))
+        return np.asarray(scaled * self.nuisance_units[:, None])
+
+    def priors(self, point: Array) -> Array:
+        """Prior rows, each in its own deviation: parameters about their centres, weights and nuisances about zero."""
+        physical = len(self.free)
+        values = point[:physical] * self.scales[:physical]
+        weights = np.sqrt(self.ridge) * point[physical : self.shared]
+        return np.concatenate([(values - self.centres) / self.spreads, weights, point[self.shared :]])
+
+    def windows(self, horizon: int | None) -> tuple[NDArray[np.int64], Array, Array, NDArray[np.int64]]:
+        """Rollouts of ``horizon`` samples: starts (windows, 4), initial states (windows, states), outputs
+        (samples, outputs), and the row where each record begins (records + 1,).
+        """
+        starts, states, outputs, offset, edges = [], [], [], 0, [0]
+        for first, experiment in zip(self.first_steps, self.experiments, strict=True):
+            length = experiment.samples - 1 if horizon is None else min(horizon, experiment.samples - 1)
+            for begin in range(0, experiment.samples - length, length):
+                starts.append((first, first + begin * self.sampling.every, length + 1, offset))
+                states.append(experiment.states[begin])
+                outputs.append(experiment.outputs[begin : begin + length + 1])
+                offset += length + 1
+            edges.append(offset)
+        return np.array(starts, dtype=np.int64), np.array(states), np.concatenate(outputs), np.array(edges)
+
+    def residuals(self, horizon: int | None) -> Residuals:
+        """Weighted output errors of all rollouts, followed by the priors."""
+        starts, states, outputs, edges = self.windows(horizon)
+        measured = list(self.equation.outputs)
+        seconds = len(outputs) * self.sampling.period
+        weight = np.sqrt(max(seconds / CORRELATION_SECONDS, 1.0) / outputs.size) / (RELATIVE_ERROR * self.deviation)
+        step = self.sampling.step
+        begins = np.flatnonzero(np.isin(starts[:, 3], edges[:-1]))
+        lengths = [len(experiment.inputs) for experiment in self.experiments]
+        moved = len(self.moved_states)
+
+        def evaluate(point: Array) -> Array:
+            equation = self.with_point(point)
+            nuisances = self.nuisances(point)
+            initial, inputs = states, self.inputs
+            if np.any(nuisances[:moved]):
+                initial = states.copy()
+                initial[np.ix_(begins, self.moved_states)] += nuisances[:moved].T
+            if np.any(nuisances[moved:]):
+                inputs = inputs + np.repeat(nuisances[moved:].T, lengths, axis=0)
+            out = np.empty((len(outputs), len(equation.states)))
+            self.kernels.windows(
+                starts,
+                initial,
+                inputs,
+                equation.delay / step,
+                self.sampling.every,
+                equation.named,
+                equation.weights,
+                step,
+                out,
+            )
+            self.evaluations += 1
+            errors = ((out[:, measured] - outputs) * weight).ravel()
+            # A diverging simulation must repel the search, not stop it.
+            errors = np.nan_to_num(np.clip(errors, -1e6, 1e6), nan=1e6)
+            return np.concatenate([errors, self.priors(point)])
+
+        return evaluate
+
+    def jacobian(self, horizon: int | None, residuals: Residuals, run: Map) -> Residuals:
+        """Forward differences (rows, point); ``run`` maps the simulations, in parallel or not.
+
+        A nuisance of one record moves only that record's rows: one simulation serves all records.
+        """
+        records = len(self.experiments)
+        edges = self.edges(horizon)
+        upper = self.bounds[1]
+
+        def evaluate(at: Array) -> Array:
+            base = residuals(at)
+            steps = np.where(at + DIFFERENCE > upper, -DIFFERENCE, DIFFERENCE)
+            moved = [at + steps[i] * _unit(i, len(at)) for i in range(self.shared)]
+            for kind in range(len(self.nuisance_units)):
+                together = at.copy()
+                together[self.shared + kind * records : self.shared + (kind + 1) * records] += DIFFERENCE
+                moved.append(together)
+            columns = list(run(residuals, moved))
+            result = np.zeros((len(base), len(at)))
+            for i in range(self.shared):
+                result[:, i] = (columns[i] - base) / steps[i]
+            for kind in range(len(self.nuisance_units)):
+                change = (columns[self.shared + kind] - base) / DIFFERENCE
+                for record in range(records):
+                    column = self.shared + kind * records + record
+                    rows = slice(edges[record], edges[record + 1])
+                    result[rows, column] = change[rows]
+                    result[len(base) - len(at) + column, column] = 1.0
+            return result
+
+        return evaluate
+
+
+def _unit(index: int, length: int) -> Array:
+    unit = np.zeros(length)
+    unit[index] = 1.0
+    return unit
+
+
+def _check_excitation(equation: Equation, inputs: Array, deviation: Array) -> None:
+    for output, value in enumerate(deviation):
+        if value < 1e-9:
+            name = equation.states[equation.outputs[output]].name
+            raise UserError(f"identification: output {name} is constant in every record; nothing to identify")
+    for column in range(inputs.shape[1]):
+        if np.ptp(inputs[:, column]) < 1e-9:
+            name = equation.inputs[column].name
+            raise UserError(f"identification: input {name} is constant in every record; excite the rig")

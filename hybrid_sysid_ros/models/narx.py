@@ -1,0 +1,159 @@
+"""Polynomial NARX: a recurrence in lagged outputs and inputs."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.equations import Operations, Recurrence, Variable
+from hybrid_sysid_ros.equations.equation import Step, parameter_tuple
+from hybrid_sysid_ros.errors import UserError
+
+Array = NDArray[np.float64]
+
+REACH = 3.0
+"""Outputs and inputs are held within a band about the training data that is so many times as wide as they are."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Narx(Recurrence):
+    """y(k + 1) = Y sum_j theta_j prod_i r_i(k)^e_ji, a polynomial in lagged values of one output and one input.
+
+        r = (y(k), ..., y(k - ny + 1)) / Y, (u(k), ..., u(k - nu + 1)) / U
+
+    Y, U: scales, so that the coefficients theta are of order one and without unit. States are the lagged outputs, then
+    the lagged inputs without the present one, (ny + nu - 1,); u(k) is the mean input from sample k to the next. y(k + 1)
+    and u are held within :data:`REACH` times their range in the training data, so that no free run overflows.
+
+    Leontaritis and Billings (1985), Input-output parametric models for non-linear systems, Int. J. Control 41(2);
+    Billings (2013), Nonlinear system identification: NARMAX methods, section 2.2.
+
+    exponents: e, of each term (ny + nu,), in the order of r. coefficients: theta, what is learned. output_range,
+    input_range: lowest and highest value in the training data. output, input: their names and units.
+    Raises UserError for terms that don't fit the lags or the coefficients.
+    """
+
+    exponents: tuple[tuple[int, ...], ...]
+    coefficients: tuple[float, ...]
+    output_lags: int
+    input_lags: int
+    output_range: tuple[float, float]
+    input_range: tuple[float, float]
+    output_scale: float = 1.0
+    input_scale: float = 1.0
+    output: Variable = Variable(name="position", unit="rad")
+    input: Variable = Variable(name="drive", unit="V")
+
+    def __post_init__(self) -> None:
+        lags = self.output_lags + self.input_lags
+        if min(self.output_lags, self.input_lags) < 1:
+            raise UserError(f"NARX: {self.output_lags} output lags and {self.input_lags} input lags; give 1 or more")
+        if any(len(term) != lags or min(term) < 0 for term in self.exponents) or len(self.exponents) != len(
+            self.coefficients
+        ):
+            raise UserError(
+                f"NARX: {len(self.coefficients)} coefficients for {len(self.exponents)} terms of {lags} exponents each: "
+                "their numbers don't fit, or an exponent is below 0"
+            )
+        states = (*_lagged(self.output, range(self.output_lags)), *_lagged(self.input, range(1, self.input_lags)))
+        object.__setattr__(self, "states", states)
+        object.__setattr__(self, "inputs", (self.input,))
+
+    @classmethod
+    def of(cls, design: Mapping[str, Any], weights: Array) -> Narx:
+        """The equation of a :attr:`design`, with its coefficients (terms,). Raises UserError where they don't fit."""
+        read: dict[str, Any] = {
+            "exponents": lambda terms: tuple(tuple(term) for term in terms),
+            "output_range": tuple,
+            "input_range": tuple,
+            "output": lambda variable: Variable(**variable),
+            "input": lambda variable: Variable(**variable),
+        }
+        fields = {name: read[name](value) if name in read else value for name, value in design.items()}
+        return cls(**fields, coefficients=tuple(float(value) for value in weights))
+
+    @property
+    def design(self) -> dict[str, Any]:
+        """Everything but the coefficients as plain data, from which :meth:`of` builds the equation again."""
+        fields = dataclasses.asdict(self)
+        del fields["coefficients"]
+        pairs = {name: list(fields[name]) for name in ("output_range", "input_range")}
+        return {**fields, **pairs, "exponents": [list(term) for term in self.exponents]}
+
+    @property
+    def weights(self) -> Array:
+        return np.array(self.coefficients)
+
+    def with_weights(self, weights: Array) -> Narx:
+        return dataclasses.replace(self, coefficients=tuple(float(value) for value in weights))
+
+    @property
+    def named(self) -> Any:
+        """What the step reads. Lags and terms are data of it, not code: all polynomials share one compiled form."""
+        factors = [[i for i, power in enumerate(term) for _ in range(power)] for term in self.exponents]
+        values: dict[str, Any] = {
+            "output_lags": self.output_lags,
+            "factors": np.array([i for term in factors for i in term], dtype=np.int64),
+            "degrees": np.array([len(term) for term in factors], dtype=np.int64),
+            "output_scale": self.output_scale,
+            "input_scale": self.input_scale,
+        }
+        for name, held in (("output", self.output_range), ("input", self.input_range)):
+            values[f"{name}_low"], values[f"{name}_high"] = _band(held)
+        return parameter_tuple(tuple(values))(**values)
+
+    def advance(self, operations: Operations) -> Step:
+        minimum, maximum = operations.minimum, operations.maximum
+
+        def step(x: Any, u: Any, p: Any, w: Any, h: Any, following: Any) -> None:
+            present = minimum(maximum(u[0], p.input_low), p.input_high)
+            lags = p.output_lags
+            total = 0.0
+            k = 0
+            for j in range(len(p.degrees)):
+                product = w[j]
+                for _ in range(p.degrees[j]):
+                    i = p.factors[k]
+                    if i < lags:
+                        product = product * (x[i] / p.output_scale)
+                    else:
+                        product = product * ((present if i == lags else x[i - 1]) / p.input_scale)
+                    k += 1
+                total = total + product
+            for i in range(len(x) - 1, 0, -1):
+                following[i] = x[i - 1]
+            if len(x) > lags:
+                following[lags] = present
+            following[0] = minimum(maximum(total * p.output_scale, p.output_low), p.output_high)
+
+        return step
+
+    def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
+        """States (samples, states) from the record's own past.
+
+        Before its first sample the output is extrapolated by its rate, and the input is the first one.
+        """
+        back = np.arange(self.output_lags - 1, 0, -1) * self.period
+        measured = np.concatenate([outputs[0, 0] - back * rates[0, 0], outputs[:, 0]])
+        drive = np.clip(inputs[:, 0], *_band(self.input_range))
+        drive = np.concatenate([np.full(self.input_lags, drive[0]), drive[:-1]])
+        samples = len(outputs)
+        lagged = [measured[self.output_lags - 1 - i :][:samples] for i in range(self.output_lags)]
+        lagged += [drive[self.input_lags - i :][:samples] for i in range(1, self.input_lags)]
+        return np.column_stack(lagged)
+
+
+def _lagged(variable: Variable, lags: range) -> list[Variable]:
+    """Names such as drive_2, the drive two samples ago; the present value has the plain name."""
+    return [Variable(name=f"{variable.name}_{lag}" if lag else variable.name, unit=variable.unit) for lag in lags]
+
+
+def _band(training: tuple[float, float]) -> tuple[float, float]:
+    low, high = training
+    more = 0.5 * (REACH - 1.0) * (high - low)
+    return low - more, high + more

@@ -1,0 +1,37 @@
+"""What all commands share: where they print, their common options, and how they read bags."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.signals import Signals
+
+console = Console(soft_wrap=True)
+status = Console(stderr=True, soft_wrap=True)
+
+RigName = Annotated[str, typer.Option("--rig", help="Rig, by the name of its configuration.")]
+SignalsFile = Annotated[Path | None, typer.Option("--signals", help="YAML with the topics and fields of your own bag.")]
+Recover = Annotated[bool, typer.Option("--recover", help="Read what can be read of a truncated bag.")]
+PartText = Annotated[str, typer.Option("--part", help="START:STOP, the part of each bag that is used, as fractions.")]
+Seed = Annotated[int, typer.Option("--seed", help="Of everything random.", min=0)]
+InputHandling = Annotated[
+    str, typer.Option("--input", help="averaged: the input's mean over each step; sampled: read once a period.")
+]
+Step = Annotated[float, typer.Option(help="Integration step [s].")]
+Period = Annotated[float, typer.Option(help="Distance of the fitted samples [s].")]
+
+
+def read_records(paths: list[Path], rig: str, signals: Path | None, recover: bool) -> list[Record]:
+    """The records of bags, by a rig's signals or a file of the user's. Raises UserError for two bags of one name."""
+    names = [path.resolve().stem for path in paths]
+    if twins := {name for name in names if names.count(name) > 1}:
+        raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
+    chosen = Signals.load(signals) if signals is not None else Signals.of_rig(rig)
+    return [bags.read(path, chosen, recover=recover) for path in paths]
