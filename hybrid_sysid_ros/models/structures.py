@@ -52,7 +52,7 @@ _OPTIONS: Mapping[str, Mapping[str, Option]] = {
         "output_lags": Option(default=3, low=1, high=6, kind="int", description="past outputs"),
         "input_lags": Option(default=3, low=1, high=6, kind="int", description="past inputs"),
         "degree": Option(default=3, low=1, high=3, kind="int", description="of the polynomial"),
-        "terms": Option(default=12, low=2, high=40, kind="int", description="number of terms"),
+        "terms": Option(default=12, low=0, high=40, kind="int", description="number of terms, 0 for BIC's"),
     },
     "black_box": {
         "units": Option(default=8, low=1, high=32, kind="int", description="of the network's hidden layer"),
@@ -141,6 +141,8 @@ def build(
     recurrent, which are not built before their data are seen.
     """
     chosen = complete(options or {}, options_of(structure, physics), structure)
+    if structure in ("narx", "recurrent"):
+        raise UserError(f"structure {structure}: is made of its data, so it can't be built before them; identify it")
     design = weights = None
     if structure in ("black_box", *HYBRIDS):
         gain = next((item.start for item in physics.parameters if item.name == "gain"), 1.0)
