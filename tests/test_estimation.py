@@ -32,9 +32,10 @@ QUIET = Tuning(
 
 def matrices(equation, h):
     """Textbook form of one step of the linear model with its input disturbance, z = [q, v, d]: z+ = F z + b."""
-    velocity = np.array([-h * equation.stiffness, 1 - h * equation.damping, h * equation.gain])
+    half = 0.5 * h * equation.damping  # trapezoidal damping
+    velocity = np.array([-h * equation.stiffness, 1 - half, h * equation.gain]) / (1 + half)
     transition = np.array([np.array([1.0, 0.0, 0.0]) + h * velocity, velocity, [0.0, 0.0, 1.0]])
-    return transition, h * equation.gain * np.array([h, 1.0, 0.0])
+    return transition, h * equation.gain / (1 + half) * np.array([h, 1.0, 0.0])
 
 
 class TextbookFilter:

@@ -34,9 +34,10 @@ UNBOUNDED = dataclasses.replace(PROBLEM, input_limit=1e6)
 def least_squares_form(problem, state, disturbance, previous, preview):
     """|| M U - v ||^2 is the cost on the linear model, U the inputs: prediction matrices by hand."""
     h, n = problem.period / problem.substeps, problem.horizon
-    velocity = np.array([-h * LINEAR.stiffness, 1 - h * LINEAR.damping])
+    half = 0.5 * h * LINEAR.damping  # trapezoidal damping
+    velocity = np.array([-h * LINEAR.stiffness, 1 - half]) / (1 + half)
     a = np.array([np.array([1.0, 0.0]) + h * velocity, velocity])
-    b = h * LINEAR.gain * np.array([h, 1.0])
+    b = h * LINEAR.gain / (1 + half) * np.array([h, 1.0])
     # Substeps with the input held.
     a_period = np.linalg.matrix_power(a, problem.substeps)
     b_period = sum(np.linalg.matrix_power(a, k) @ b for k in range(problem.substeps))
