@@ -14,6 +14,8 @@ from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.rigs.cam_beam import CamBeam
 
 RANGE = np.array([0.15, 0.5, 10.0])  # position [rad], velocity [rad/s], drive [V] of the beam's records
+DEFLECTION = 0.005  # of bristles, as far as they bend [rad]
+MOTIONS = [name for name in STRUCTURES if name not in ("narx", "recurrent")]
 
 
 def structure(name, seed=0):
@@ -40,13 +42,16 @@ def points(count=200, seed=1):
         yield random.uniform(-1.5, 1.5, 3) * RANGE * np.array([1.0, slow, 1.0])
 
 
-@pytest.mark.parametrize("name", STRUCTURES)
+@pytest.mark.parametrize("name", MOTIONS)
 def test_the_compiled_and_the_casadi_form_agree(name):
     equation = structure(name)
     symbolic = symbolic_step(equation, step=0.005)
+    random = np.random.default_rng(2)
     for x in points():
-        expected = np.array(symbolic(x[:2], x[2:])).ravel()
-        np.testing.assert_allclose(compiled_step(equation, x[:2], x[2:], 0.005), expected, rtol=1e-11, atol=1e-14)
+        hidden = DEFLECTION * random.uniform(-1, 1, len(equation.states) - 2)
+        state = np.concatenate([x[:2], hidden])
+        expected = np.array(symbolic(state, x[2:])).ravel()
+        np.testing.assert_allclose(compiled_step(equation, state, x[2:], 0.005), expected, rtol=1e-11, atol=1e-14)
 
 
 @pytest.mark.parametrize("name", ["stribeck", "gray", "hybrid"])
@@ -85,6 +90,26 @@ def test_the_linear_simulation_tends_to_the_matrix_exponential():
         errors.append(np.linalg.norm(simulated - exact))
     assert errors[-1] < 1e-3 * np.linalg.norm(exact)
     np.testing.assert_allclose(np.array(errors[:-1]) / errors[1:], 2.0, rtol=0.02)  # first order
+
+
+def test_viscous_friction_converges_with_the_square_of_the_step():
+    """v' = -D v from v(0) is v(0) exp(-D t); Euler's would converge with the step only."""
+    equation = Linear(gain=5.0, centre=0.0, stiffness=0.0, damping=26.0, input_delay=0.0)
+    exact = 0.7 * np.exp(-26.0 * 0.1)
+    errors = []
+    for steps in (10, 20, 40, 80):
+        speed = simulate(equation, np.array([0.0, 0.7]), np.zeros((steps, 1)), step=0.1 / steps)[-1, 1]
+        errors.append(abs(speed - exact))
+    assert errors[1] < 0.02 * exact  # at the 5 ms of identification
+    np.testing.assert_allclose(np.array(errors[:-1]) / errors[1:], 4.0, rtol=0.05)
+
+
+def test_viscous_friction_stops_at_the_terminal_speed_at_any_step():
+    """Drive over damping, gain u / D: what the step does to the way there, it does not do to the end."""
+    equation = Linear(gain=5.0, centre=0.5, stiffness=0.0, damping=26.0, input_delay=0.0)
+    for step in (1e-3, 5e-3, 0.05):
+        states = simulate(equation, np.zeros(2), np.full((round(3.0 / step), 1), 2.5), step=step)
+        assert states[-1, 1] == pytest.approx(5.0 * (2.5 - 0.5) / 26.0, rel=1e-9)
 
 
 def test_an_undamped_spring_swings_for_ever():
