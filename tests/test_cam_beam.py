@@ -17,7 +17,7 @@ COUNT = 10.0 / 2048  # V, of the 12-bit converter over +-10 V
 
 
 def study(p, x, u, *, step):
-    """The gray box g14 as its study printed it: the same physics in another order of operations.
+    """The gray box g14 as its study printed it, on a crank: the same physics in another order of operations.
 
     Friction after the drive, then damping implicitly; positions in rad.
     """
@@ -27,7 +27,10 @@ def study(p, x, u, *, step):
         xc = min(max(q, p.range_low), p.range_high)
         e = w - p.centre
         e *= 1 + p.asymmetry if e > 0 else 1 - p.asymmetry
-        drive = p.gain * e - p.stiffness * q - p.quadratic_stiffness * xc**2
+        sine = xc * p.cam_curvature**0.5
+        crank = math.asin(sine)
+        drive = p.gain * e * math.cos(crank) - p.stiffness * q - p.quadratic_stiffness * xc**2
+        drive -= v * v * sine / math.cos(crank) ** 2 * p.cam_curvature**0.5
         level = p.coulomb + p.stribeck_excess / (1 + (v / p.stribeck_speed) ** 2) ** 2
         friction = max(0.0, level * (1 + p.friction_slope * xc + p.friction_curvature * xc**2))
         v += step * drive
