@@ -6,14 +6,25 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from threadpoolctl import threadpool_limits
 
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.identification import Validation
 from hybrid_sysid_ros.models import Options
 
-Objective = Callable[[Options], Validation]
+
+class Answer(Protocol):
+    """value: what is maximised. scores: what the value is made of, by name."""
+
+    @property
+    def value(self) -> float: ...
+
+    @property
+    def scores(self) -> Mapping[str, float]: ...
+
+
+Objective = Callable[[Options], Answer]
 """What is maximised, by the value of its answer. It goes to other processes and machines: pickled, and pure."""
 
 
@@ -36,10 +47,10 @@ def evaluate(objective: Objective, options: Options) -> Outcome:
     began = time.perf_counter()
     try:
         with threadpool_limits(1):
-            validation = objective(options)
-        if math.isnan(validation.value):
+            answer = objective(options)
+        if math.isnan(answer.value):
             raise UserError("the score is not a number")
     except UserError as error:
         return Outcome(error=" ".join(str(error).split()), seconds=round(time.perf_counter() - began, 3))
     seconds = round(time.perf_counter() - began, 3)
-    return Outcome(score=validation.value, parts=dict(validation.scores), seconds=seconds)
+    return Outcome(score=answer.value, parts=dict(answer.scores), seconds=seconds)

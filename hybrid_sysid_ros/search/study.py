@@ -108,6 +108,7 @@ class Study:
         import optuna
 
         with _experimental():
+            warnings.simplefilter("ignore", UserWarning)  # all trials are equally good: then so are the options
             evaluator = optuna.importance.PedAnovaImportanceEvaluator()
             return dict(optuna.importance.get_param_importances(self._study, evaluator=evaluator))
 
