@@ -159,7 +159,8 @@ def test_a_network_may_run_faster_than_it_is_scored():
     pytest.importorskip("torch")
     sampling = Sampling(step=0.01)
     fitted = train([prepare(spring_record(0, seconds=10.0), Recurrent(), sampling)], units=3, schedule=SHORT)
-    assert fitted.equation.design["period"] == 0.01
+    assert isinstance(fitted.equation, Recurrent)
+    assert fitted.equation.period == 0.01
     experiment = prepare(spring_record(0, seconds=10.0), fitted.equation, sampling)
     error = (free_run(fitted.equation, experiment) - experiment.outputs)[:, 0] / np.std(experiment.outputs)
     assert np.sqrt(np.mean(error**2)) == pytest.approx(fitted.relative_error, rel=1e-9)

@@ -28,7 +28,7 @@ class Schedule:
     free run over the training records, of which the best one's weights are kept.
     """
 
-    stages: tuple[tuple[int, int], ...] = ((20, 200), (50, 200), (100, 300))
+    stages: tuple[tuple[int, int], ...] = ((20, 200), (40, 300), (80, 300))
     batch: int = 64
     rate: float = 0.02
     decay: float = 1e-4
@@ -39,7 +39,7 @@ class Schedule:
 def train(
     experiments: Sequence[Experiment],
     *,
-    units: int = 16,
+    units: int = 24,
     seed: int = 0,
     schedule: Schedule = Schedule(),
     progress: Progress | None = None,

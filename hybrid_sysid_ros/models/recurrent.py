@@ -47,7 +47,7 @@ class Recurrent(Recurrence):
     inputs = (Variable(name="drive", unit="V"),)
     kinematics: ClassVar[Mapping[int, int]] = {0: 1}
 
-    units: int = 16
+    units: int = 24
     position_scale: float = 1.0
     rate_scale: float = 1.0
     drive_scale: float = 1.0
