@@ -165,7 +165,7 @@ class Problem:
             initial, inputs = states, self.inputs
             if np.any(nuisances[:moved]):
                 initial = states.copy()
-                initial[np.ix_(begins, self.moved_states)] += nuisances[:moved].T
+                initial[begins[:, None], self.moved_states] += nuisances[:moved].T
             if np.any(nuisances[moved:]):
                 inputs = inputs + np.repeat(nuisances[moved:].T, lengths, axis=0)
             out = np.empty((len(outputs), len(equation.states)))

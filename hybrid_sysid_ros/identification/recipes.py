@@ -16,6 +16,7 @@ from hybrid_sysid_ros.models import Sampling, build
 from hybrid_sysid_ros.models.hybrid import Hybrid, averaged
 from hybrid_sysid_ros.models.options import Options, complete
 from hybrid_sysid_ros.models.recurrent import PERIOD as RECURRENT_PERIOD
+from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.structures import options_of
 from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -113,7 +114,13 @@ class Recipe:
         """Terms by error reduction, then their coefficients by the error of the simulation."""
         sampling = replace(self.sampling, step=self.sampling.period)
         options = {name: int(value) for name, value in self.chosen.items()}
-        chosen = select_terms([prepare(record, self.rig.equation, sampling) for record in records], **options)
+        chosen = select_terms(
+            [prepare(record, self.rig.equation, sampling) for record in records],
+            output_lags=options["output_lags"],
+            input_lags=options["input_lags"],
+            degree=options["degree"],
+            terms=options["terms"] or None,
+        )
         experiments = [prepare(record, chosen, sampling) for record in records]
         return fit(chosen, experiments, ridge=NARX_RIDGE, progress=self.progress), sampling
 
@@ -121,7 +128,7 @@ class Recipe:
         """Gradients through time."""
         step = RECURRENT_PERIOD if self.sampling.input == "averaged" else self.sampling.period
         sampling = replace(self.sampling, step=step)
-        experiments = [prepare(record, self.rig.equation, sampling) for record in records]
+        experiments = [prepare(record, Recurrent(), sampling) for record in records]
         return train(experiments, units=int(self.chosen["units"]), seed=self.seed, progress=self.progress), sampling
 
 

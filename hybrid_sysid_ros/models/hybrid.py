@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Law, Motion, Operations, Parameter
+from hybrid_sysid_ros.equations import Equation, Law, Motion, Operations, Parameter
 from hybrid_sysid_ros.models.network import Network
 
 
@@ -42,7 +42,7 @@ class Hybrid(Motion):
         return self.physics.values
 
     def with_values(self, values: NDArray[np.float64]) -> Hybrid:
-        return replace(self, physics=self.physics.with_values(values))
+        return replace(self, physics=_motion(self.physics.with_values(values)))
 
     @property
     def design(self) -> dict[str, Any]:
@@ -56,7 +56,7 @@ class Hybrid(Motion):
         return replace(self, network_weights=weights)
 
     def trained_on(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> Hybrid:
-        return replace(self, physics=self.physics.trained_on(low, high))
+        return replace(self, physics=_motion(self.physics.trained_on(low, high)))
 
     def law(self, operations: Operations) -> Law:
         physics = operations.function(self.physics.law(operations))
@@ -78,7 +78,13 @@ def averaged(members: Sequence[Hybrid]) -> Hybrid:
     weights[:, -1] /= len(members)
     return replace(
         members[0],
-        physics=members[0].physics.with_values(np.mean([member.values for member in members], axis=0)),
+        physics=_motion(members[0].physics.with_values(np.mean([member.values for member in members], axis=0))),
         network=replace(network, units=network.units * len(members)),
         network_weights=weights.ravel(),
     )
+
+
+def _motion(equation: Equation) -> Motion:
+    """What changing values leaves a motion, for the type checker."""
+    assert isinstance(equation, Motion)
+    return equation

@@ -15,7 +15,10 @@ class Linear(Motion):
     inertia that the data can't tell from the gain.
     """
 
-    states = (Variable(name="position", unit="rad"), Variable(name="velocity", unit="rad/s"))
+    states: ClassVar[tuple[Variable, ...]] = (
+        Variable(name="position", unit="rad"),
+        Variable(name="velocity", unit="rad/s"),
+    )
     inputs = (Variable(name="drive", unit="V"),)
     kinematics: ClassVar[Mapping[int, int]] = {0: 1}
     friction_state = 1

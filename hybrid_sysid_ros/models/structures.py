@@ -58,7 +58,7 @@ _OPTIONS: Mapping[str, Mapping[str, Option]] = {
         "units": Option(default=8, low=1, high=32, kind="int", description="of the network's hidden layer"),
         **_NETWORK,
     },
-    "recurrent": {"units": Option(default=16, low=2, high=64, kind="int", description="hidden states of the GRU")},
+    "recurrent": {"units": Option(default=24, low=2, high=64, kind="int", description="hidden states of the GRU")},
     "hybrid_joint": {
         "units": Option(default=8, low=1, high=32, kind="int", description="of the network's hidden layer"),
         "scale": Option(default=1.0, low=0.01, high=1.0, kind="log", description=_SCALE.description),
@@ -72,7 +72,7 @@ _OPTIONS: Mapping[str, Mapping[str, Option]] = {
     "hybrid": {
         "units": Option(default=4, low=1, high=32, kind="int", description="of the network's hidden layer"),
         "scale": _SCALE,
-        "members": Option(default=3, low=1, high=10, kind="int", description="networks of other seeds in the mean"),
+        "members": Option(default=1, low=1, high=10, kind="int", description="networks of other seeds in the mean"),
         **_NETWORK,
     },
 }

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax_sysid.models import Model
 
-from benchmarks.identification_peers.peer import Array, Fitted, Peer, Simulation
+from benchmarks.identification.peer import Array, Fitted, Peer, Simulation
 from hybrid_sysid_ros.identification import Experiment
 from hybrid_sysid_ros.models import Sampling
 

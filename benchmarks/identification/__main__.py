@@ -15,7 +15,6 @@ import math
 import os
 import statistics
 import sys
-import tempfile
 import time
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -27,14 +26,15 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks import result
-from benchmarks.identification_peers.peer import Peer, r2
-from hybrid_sysid_ros.demo import DATA, FIRST_HALF, RIG, WHOLE, find_records, table_name
+from benchmarks.identification.peer import Peer, r2
+from hybrid_sysid_ros import lecture
+from hybrid_sysid_ros.demo import DATA
 from hybrid_sysid_ros.identification import Part, evaluate, identify, prepare
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs.rig import Rig, load
 
-NAME = "identification_peers"
+NAME = "identification"
 PEERS = {"sysidentpy": "narmax", "jax_sysid": "jax_state_space", "torch": "torch_rollout"}
 STRUCTURES = ("gray", "hybrid")
 REPEATS = 3
@@ -50,14 +50,12 @@ def main() -> int:
         return 0
     machine = result.machine()
     peers = available()
-    with tempfile.TemporaryDirectory() as folder:
-        records = find_records(Path(folder), Console())
-    multisines: Parts = [(record, WHOLE) for record in records.training if "multisine" in record.name]
-    protocols: dict[str, tuple[Parts, Parts]] = {
-        "protocol 1": (multisines, [(record, WHOLE) for record, _ in records.unseen]),
-        "protocol 2": ([(record, FIRST_HALF) for record in records.training], records.unseen),
-    }
-    rig = load(RIG)
+    records = lecture.read_folder(Path(os.environ[DATA]))
+    protocols: dict[str, tuple[Parts, Parts]] = {}
+    for number in lecture.PUBLISHED:
+        arranged = lecture.arrange(records, number)
+        protocols[f"protocol {number}"] = ([(record, arranged.part) for record in arranged.training], arranged.tests)
+    rig = load(lecture.RIG)
     results: dict[str, Any] = {"versions": {name: version(name) for peer in peers for name in peer.packages}}
     for protocol, (training, unseen) in protocols.items():
         ours = {structure: identified(rig, structure, training, unseen) for structure in STRUCTURES}
@@ -75,7 +73,7 @@ def available() -> list[Peer]:
     peers: list[Peer] = []
     for package, module in PEERS.items():
         try:
-            peers += importlib.import_module(f"benchmarks.identification_peers.{module}").PEERS
+            peers += importlib.import_module(f"benchmarks.identification.{module}").PEERS
         except ImportError as error:
             print(f"skipped: {package} is not usable here ({error}); pip install -e '.[peers]'", file=sys.stderr)
     return peers
@@ -93,7 +91,7 @@ def identified(rig: Rig, structure: str, training: Parts, unseen: Parts) -> dict
         "seconds": statistics.median(seconds),
         "all_seconds": seconds,
         "compile_seconds": max(total[0] - seconds[0], 0.0),
-        **scored({table_name(record.name): evaluate(model, record, part=part).r2 for record, part in unseen}),
+        **scored({lecture.table_name(record.name): evaluate(model, record, part=part).r2 for record, part in unseen}),
     }
 
 
@@ -112,7 +110,7 @@ def fitted(rig: Rig, peer: Peer, training: Parts, unseen: Parts) -> dict[str, An
         "choosing_seconds": choosing,
         "settings": dict(candidate),
         "candidates": len(peer.candidates),
-        **scored(dict(zip((table_name(record.name) for record, _ in unseen), curve[-1][1], strict=True))),
+        **scored(dict(zip((lecture.table_name(record.name) for record, _ in unseen), curve[-1][1], strict=True))),
         "curve": [{"seconds": at, "mean_r2": finite(float(np.mean(values)))} for at, values in curve],
     }
 

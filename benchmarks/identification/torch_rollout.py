@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from benchmarks.identification_peers.peer import Array, Fitted, Peer, Simulation
+from benchmarks.identification.peer import Array, Fitted, Peer, Simulation
 from hybrid_sysid_ros.identification import Experiment
 from hybrid_sysid_ros.models import Sampling
 

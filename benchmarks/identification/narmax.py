@@ -20,7 +20,7 @@ from sysidentpy.basis_function import Polynomial
 from sysidentpy.model_structure_selection import FROLS
 from sysidentpy.parameter_estimation import LeastSquares
 
-from benchmarks.identification_peers.peer import Array, Fitted, Peer
+from benchmarks.identification.peer import Array, Fitted, Peer
 from hybrid_sysid_ros.identification import Experiment
 from hybrid_sysid_ros.models import Sampling
 
