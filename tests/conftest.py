@@ -7,7 +7,7 @@ import os
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -220,6 +220,12 @@ def simulated_record(rig: Rig, reference: Reference, *, seconds: float, name: st
         drive[k] = np.clip(command, -rig.input_limit, rig.input_limit)
         plant.advance(float(drive[k, 0]))
     return Record(name=name, time=time, input=drive, output=position)
+
+
+@pytest.fixture(scope="session")
+def driven() -> Callable[..., Record]:
+    """How a simulated rig is driven: :func:`simulated_record`."""
+    return simulated_record
 
 
 @pytest.fixture(scope="session", params=[False, True], ids=["noise-free", "noisy"])
