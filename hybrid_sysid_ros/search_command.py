@@ -131,7 +131,7 @@ def show(study: Study, objective: CrossValidation, title: str) -> None:
         table.add_row(name, *(f"{trial.options[name]:.4g}" for trial in shown))
     console.print(table)
     if importance := study.importance():
-        shares = ", ".join(f"{option} {100 * share:.0f} %" for option, share in importance.items())
+        shares = ", ".join(f"{option} {100 * share:.0f} %" for option, share in importance.items() if share >= 0.01)
         console.print(f"what makes trials good: {shares}")
     failed = sum(bool(trial.outcome.error) for trial in finished)
     console.print(
