@@ -16,8 +16,9 @@ from hybrid_sysid_ros.errors import UserError
 
 Array = NDArray[np.float64]
 
-REACH = 3.0
-"""Outputs and inputs are held within a band about the training data that is so many times as wide as they are."""
+REACH = 1.1
+"""Outputs and inputs are held within a band about the training data that is so many times as wide as they are: beyond
+them a polynomial knows nothing, and a run that leaves them hardly comes back from a wider band."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,8 +27,8 @@ class Narx(Recurrence):
 
         r = (y(k), ..., y(k - ny + 1)) / Y, (u(k), ..., u(k - nu + 1)) / U
 
-    Y, U: scales, so that the coefficients theta are of order one and without unit. States are the lagged outputs, then
-    the lagged inputs without the present one, (ny + nu - 1,); u(k) is the mean input from sample k to the next. y(k + 1)
+    Y, U: scales, so that the coefficients theta are of order one and without unit. u(k) is the mean input from sample k
+    to the next. States are the lagged outputs, then the lagged inputs without the present one, (ny + nu - 1,). y(k + 1)
     and u are held within :data:`REACH` times their range in the training data, so that no free run overflows.
 
     Leontaritis and Billings (1985), Input-output parametric models for non-linear systems, Int. J. Control 41(2);
@@ -53,12 +54,11 @@ class Narx(Recurrence):
         lags = self.output_lags + self.input_lags
         if min(self.output_lags, self.input_lags) < 1:
             raise UserError(f"NARX: {self.output_lags} output lags and {self.input_lags} input lags; give 1 or more")
-        if any(len(term) != lags or min(term) < 0 for term in self.exponents) or len(self.exponents) != len(
-            self.coefficients
-        ):
+        fitting = all(len(term) == lags and min(term) >= 0 for term in self.exponents)
+        if not fitting or len(self.exponents) != len(self.coefficients):
             raise UserError(
-                f"NARX: {len(self.coefficients)} coefficients for {len(self.exponents)} terms of {lags} exponents each: "
-                "their numbers don't fit, or an exponent is below 0"
+                f"NARX: {len(self.coefficients)} coefficients don't fit {len(self.exponents)} terms, or the terms "
+                f"don't have {lags} exponents of 0 or more each"
             )
         states = (*_lagged(self.output, range(self.output_lags)), *_lagged(self.input, range(1, self.input_lags)))
         object.__setattr__(self, "states", states)
