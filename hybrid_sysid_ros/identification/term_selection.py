@@ -43,13 +43,16 @@ def select_terms(
     no lag reaches from one record into another. Chen, Billings and Luo (1989), Orthogonal least squares methods and
     their application to non-linear system identification, Int. J. Control 50(5); here SysIdentPy's.
 
-    terms: their number; None takes the least Bayesian information criterion of one-step errors. output, input: their
-    names and units. The result's errors of one step are least, those of a simulation are not:
-    :func:`~hybrid_sysid_ros.identification.fitting.fit` it.
+    terms: their number; None takes the least Bayesian information criterion of one-step errors, which is right for data
+    that a polynomial of these lags made, and too many for others: those simulate badly. output, input: their names and
+    units. The coefficients are the best for one step, not for a simulation; refine them by
+    :func:`~hybrid_sysid_ros.identification.fitting.fit`.
 
-    Raises UserError for a record that is too short for the lags, several inputs or outputs, a step that is not the
-    period, more terms than there are candidates or samples, and where SysIdentPy is missing.
+    Raises UserError for lags, a degree or terms below 1, a record that is too short for the lags, several inputs or
+    outputs, a step that is not the period, more terms than candidates or samples, and where SysIdentPy is missing.
     """
+    if min(output_lags, input_lags, degree, 1 if terms is None else terms) < 1:
+        raise UserError("NARX: lags, degree and terms must be 1 or more")
     _check(experiments, max(output_lags, input_lags))
     scales = [
         float(f"{np.sqrt(np.mean(np.concatenate(values) ** 2)):.4g}") or 1.0
@@ -89,7 +92,7 @@ def _check(experiments: Sequence[Experiment], lags: int) -> None:
     for item in experiments:
         if item.outputs.shape[1] != 1 or item.inputs.shape[1] != 1:
             raise UserError(
-                f"{item.name}: {item.inputs.shape[1]} inputs and {item.outputs.shape[1]} outputs, but a NARX has one each"
+                f"{item.name}: {item.inputs.shape[1]} inputs and {item.outputs.shape[1]} outputs; a NARX has one each"
             )
         if item.sampling.every != 1:
             raise UserError(
@@ -123,7 +126,8 @@ def _forward(values: Array, target: Array, count: int) -> NDArray[np.intp]:
         from sysidentpy.model_structure_selection import FROLS
     except ModuleNotFoundError as error:
         raise UserError(f"{error.name} is missing; install the extra: pip install 'hybrid_sysid_ros[narx]'") from error
-    # Its Householder reflections fail at an exact zero in the leading rows, as rest has many; the order of rows is free.
+    # Its Householder reflections divide by zero where a leading row has an exact zero, as at rest; any order of rows
+    # will do, so those come last.
     order = np.argsort(-np.abs(values).min(axis=1), kind="stable")
     selection: Any = FROLS(order_selection=False, n_terms=count, ylag=1, xlag=1)
     padded = np.concatenate([np.zeros(selection.max_lag), target[order]])[:, None]
