@@ -17,8 +17,9 @@ import pytest
 
 from hybrid_sysid_ros import bab, configuration
 from hybrid_sysid_ros.control.policy import Policy
-from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, parameter
+from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, parameter, simulate
 from hybrid_sysid_ros.models import Model, Sampling, load
+from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps
@@ -156,6 +157,20 @@ def motor() -> Motor:
 @pytest.fixture(scope="session")
 def flexible_joint() -> FlexibleJoint:
     return FlexibleJoint()
+
+
+@pytest.fixture(scope="session")
+def linear_records() -> list[Record]:
+    """Three experiments of 12 s on a linear beam, noise-free, the widest first: at most 6, 4 and 2 V about balance."""
+    equation = Linear(gain=5.0, centre=0.9, stiffness=24.0, damping=22.0, input_delay=0.005)
+    found = []
+    for seed, volts in enumerate((6.0, 4.0, 2.0)):
+        levels = np.random.default_rng(seed).uniform(-volts, volts, 40) + equation.centre
+        drive = levels.repeat(60)[:, None]
+        position = simulate(equation, np.zeros(2), drive, step=0.005)[:-1, :1]
+        time = np.arange(len(drive), dtype=np.float64) * 0.005
+        found.append(Record(name=f"linear_{volts:g}V", time=time, input=drive, output=position))
+    return found
 
 
 @pytest.fixture(scope="session")
