@@ -1,0 +1,211 @@
+"""The comparison of structures: the rule that chooses, and candidates that fail without stopping the others."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.identification import Part, comparison, evaluate
+from hybrid_sysid_ros.identification.comparison import RULE, Candidate, Comparison, choose, compare
+from hybrid_sysid_ros.identification.validation import Validation
+from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.models.black_box import BlackBox
+from hybrid_sysid_ros.models.linear import Linear
+from hybrid_sysid_ros.models.network import Network
+
+# Hand-made candidates
+
+
+def candidate(structure, scores, *, parameters):
+    """A structure with these held-out scores and so many parameters."""
+    names = tuple(f"number_{i}" for i in range(parameters))
+    model = Model(
+        rig="cam_beam",
+        structure="linear",
+        equation=Linear(),
+        sampling=Sampling(),
+        names=names,
+        covariance=np.eye(parameters),
+        training_range={},
+        fit={"seconds": 1.0},
+    )
+    found = Validation(scores={str(i): score for i, score in enumerate(scores)}, seconds=1.0)
+    return Candidate(structure=structure, models=[model], r2=[{"test": 0.5}], validation=found)
+
+
+def test_the_simplest_within_one_standard_error_of_the_best_is_chosen():
+    # The best has mean 0.9 and standard error sqrt((0.04 + 0 + 0.04) / 2 / 3) = 0.1155.
+    best = candidate("best", [0.7, 0.9, 1.1], parameters=50)
+    assert best.validation.standard_error == pytest.approx(0.1155, abs=1e-4)
+    inside = candidate("inside", [0.79] * 3, parameters=20)
+    outside = candidate("outside", [0.78] * 3, parameters=5)
+    assert choose([best, outside]) == "best"
+    assert choose([best, inside, outside]) == "inside"
+    assert choose([outside, inside, best]) == "inside"  # the order of asking is no matter
+
+
+def test_it_is_the_best_one_s_error_that_counts():
+    """A structure that is wide of it does not get in by its own uncertainty."""
+    best = candidate("best", [0.9, 0.901, 0.899], parameters=50)
+    unsure = candidate("unsure", [-0.5, 0.9, 0.9], parameters=5)
+    assert choose([best, unsure]) == "best"
+
+
+def test_of_equally_simple_ones_the_better_is_chosen():
+    best = candidate("best", [0.7, 0.9, 1.1], parameters=50)
+    twins = [candidate("a", [0.85] * 3, parameters=7), candidate("b", [0.86] * 3, parameters=7)]
+    assert choose([best, *twins]) == "b"
+
+
+def test_tests_have_no_say():
+    """What is chosen stays so whatever the scores on the test records are."""
+    pair = [candidate("simple", [0.89, 0.9, 0.91], parameters=5), candidate("rich", [0.89, 0.9, 0.92], parameters=9)]
+    assert choose(pair) == "simple"
+    assert choose([replace(pair[0], r2=[{"test": -9.0}]), replace(pair[1], r2=[{"test": 1.0}])]) == "simple"
+
+
+def test_failed_candidates_are_not_chosen():
+    failed = Candidate(structure="failed", error="no")
+    assert choose([failed]) == ""
+    assert choose([]) == ""
+    assert choose([failed, candidate("only", [-1.0, -1.0], parameters=3)]) == "only"
+    undefined = candidate("undefined", [np.nan, 0.9], parameters=1)
+    assert choose([undefined, candidate("only", [0.1, 0.2], parameters=3)]) == "only"
+
+
+def test_weights_count_as_parameters_once():
+    """A fit that names its weights, as a black box's does, and one that does not, as a recurrent network's."""
+    network = Network(units=2, feature_scales=(1.0, 1.0, 1.0), scale=1.0)
+    equation = BlackBox(network=network, network_weights=network.initial(0))
+    weights = tuple(f"weight_{i}" for i in range(network.size))
+    plain = candidate("black_box", [0.9, 0.9], parameters=0)
+    for names, expected in ((("gain", "damping", *weights), 12), (("gain",), 11), ((), 10)):
+        model = replace(plain.models[0], equation=equation, names=names)
+        assert replace(plain, models=[model]).parameters == expected
+
+
+def test_the_pick_records_how_it_was_picked():
+    chosen, other = candidate("a", [0.8, 0.9], parameters=3), candidate("b", [0.7, 0.9], parameters=5)
+    failed = Candidate(structure="c", error="no")
+    model = Comparison(candidates=[other, failed, chosen], chosen="a", seconds=1.0).model()
+    assert model.fit["choice"]["rule"] == RULE
+    assert model.fit["choice"]["structures"] == {
+        "a": {"r2": pytest.approx(0.85), "standard_error": pytest.approx(0.05), "parameters": 3},
+        "b": {"r2": pytest.approx(0.8), "standard_error": pytest.approx(0.1), "parameters": 5},
+    }
+    assert model.fit["seconds"] == 1.0
+
+
+# Tasks
+
+
+@pytest.fixture
+def tasks(monkeypatch):
+    """The tasks that a comparison works through, in turn, without working."""
+    done = []
+
+    def work(task):
+        done.append(task)
+        return candidate(task.structure, [0.9, 0.9], parameters=3)
+
+    monkeypatch.setattr(comparison, "work", work)
+    return done
+
+
+def test_only_learned_structures_are_fitted_with_every_seed_and_they_begin_first(linear_records, rig, tasks):
+    structures = ["linear", "black_box", "gray", "hybrid"]
+    told = []
+    found = compare(
+        linear_records[:2],
+        [(linear_records[2], Part(start=0.5))],
+        rig,
+        structures,
+        sampling=Sampling(),
+        seeds=(4, 5, 6),
+        jobs=1,
+        told=lambda item: told.append(item.structure),
+    )
+    assert {task.structure: tuple(task.seeds) for task in tasks} == {
+        "black_box": (4, 5, 6),
+        "hybrid": (4, 5, 6),
+        "linear": (4,),
+        "gray": (4,),
+    }
+    assert [task.structure for task in tasks] == ["black_box", "hybrid", "linear", "gray"] == told
+    assert [item.structure for item in found.candidates] == structures
+
+
+def test_channels_that_no_fit_needs_are_left_behind(linear_records, rig, tasks):
+    """They would travel to every process."""
+    wide = [replace(item, channels={"reference": np.zeros(item.samples)}) for item in linear_records]
+    compare(wide[:2], [(wide[2], Part())], rig, ["linear"], sampling=Sampling(), jobs=1)
+    (task,) = tasks
+    assert all(not item.channels for item in (*task.training, task.tests[0][0]))
+    np.testing.assert_array_equal(task.training[0].output, wide[0].output)
+    assert task.tests[0][1] == Part()
+
+
+# Fits
+
+
+def compared(records, rig, jobs):
+    told = []
+    found = compare(
+        records[1:],
+        [(records[0], Part(start=0.5)), (records[2], Part())],
+        rig,
+        ["stribeck", "magic", "linear"],
+        sampling=Sampling(),
+        part=Part(stop=0.8),
+        seeds=(0, 1),
+        jobs=jobs,
+        told=lambda item: told.append(item.structure),
+    )
+    assert sorted(told) == ["linear", "magic", "stribeck"]
+    return found
+
+
+@pytest.fixture(scope="module")
+def alone(linear_records, rig):
+    return compared(linear_records, rig, jobs=1)
+
+
+def test_a_structure_that_cannot_be_fitted_is_a_candidate_with_the_reason(alone):
+    stribeck, magic, linear = alone.candidates
+    assert magic.error.startswith("structure 'magic' is unknown")
+    assert (magic.models, magic.r2, magic.validation) == ((), (), None)
+    for item in (stribeck, linear):
+        assert item.error == ""
+        assert len(item.models) == len(item.r2) == 1
+
+
+def test_a_candidate_is_scored_on_the_tests_and_on_blocks_of_its_training_data(alone, linear_records):
+    linear = alone.candidates[2]
+    (model,) = linear.models
+    assert [entry["name"] for entry in model.records] == ["linear_4V", "linear_2V"]
+    assert model.records[0]["part"] == [0.0, 0.8]
+    assert linear.r2[0] == {
+        "linear_6V": evaluate(model, linear_records[0], part=Part(start=0.5)).r2,
+        "linear_2V": evaluate(model, linear_records[2]).r2,
+    }
+    assert {name.partition(" ")[0] for name in linear.validation.scores} == {"linear_4V", "linear_2V"}
+    assert linear.parameters == 5
+
+
+def test_a_linear_beam_gets_the_linear_model(alone):
+    assert alone.candidates[2].validation.value > 0.9999
+    assert alone.chosen == "linear"
+    assert alone.model().structure == "linear"
+
+
+def test_two_processes_find_what_one_does(alone, linear_records, rig):
+    both = compared(linear_records, rig, jobs=2)
+    assert both.chosen == alone.chosen
+    for one, two in zip(alone.candidates, both.candidates, strict=True):
+        assert one.structure == two.structure
+        assert one.error == two.error
+        assert one.r2 == two.r2
+        if one.validation is not None:
+            assert one.validation.scores == two.validation.scores
+            np.testing.assert_array_equal(one.models[0].equation.values, two.models[0].equation.values)
+            np.testing.assert_array_equal(one.models[0].covariance, two.models[0].covariance)
