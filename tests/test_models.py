@@ -232,6 +232,7 @@ def test_doubtful_terms_are_left_out_and_held_unless_they_are_asked_for():
 def test_a_term_that_is_switched_off_does_not_move_the_beam():
     beam, held = build("gray", CamBeam(), scales=SCALES, seed=0, options={"cam": 0, "drive_asymmetry": 0})
     assert {"cam_curvature", "asymmetry"} <= set(held)
+    assert isinstance(beam, CamBeam)
     # Without crank and asymmetry the drive is a straight line through the centre: up and down are mirror images.
     beam = dataclasses.replace(beam, centre=0.0, quadratic_stiffness=0.0, friction_slope=0.0)
     up, down = (simulate(beam, np.zeros(2), np.full((200, 1), volts), step=0.005) for volts in (4.0, -4.0))
