@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.console import Console
 from rich.table import Table
 
 from hybrid_sysid_ros import lecture, report
@@ -74,7 +75,7 @@ def protocol_command(
         )
     if not any(candidate.models for candidate in comparison.candidates):
         raise UserError(f"no structure could be fitted; the last one: {comparison.candidates[-1].error}")
-    console.print(table(protocol, comparison, input_handling), width=max(console.width, WIDTH), no_wrap=True)
+    Console(width=max(console.width, WIDTH)).print(table(protocol, comparison, input_handling))
     if comparison.chosen:
         console.print(f"chosen by training data only: {comparison.chosen} ({RULE})")
     if as_json is not None:

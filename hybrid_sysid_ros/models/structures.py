@@ -49,10 +49,10 @@ _OPTIONS: Mapping[str, Mapping[str, Option]] = {
     "lugre": _FIT,
     "gray": _FIT,
     "narx": {
-        "output_lags": Option(default=3, low=1, high=6, kind="int", description="past outputs"),
-        "input_lags": Option(default=3, low=1, high=6, kind="int", description="past inputs"),
+        "output_lags": Option(default=1, low=1, high=6, kind="int", description="past outputs"),
+        "input_lags": Option(default=2, low=1, high=6, kind="int", description="past inputs"),
         "degree": Option(default=3, low=1, high=3, kind="int", description="of the polynomial"),
-        "terms": Option(default=12, low=0, high=40, kind="int", description="number of terms, 0 for BIC's"),
+        "terms": Option(default=4, low=0, high=40, kind="int", description="number of terms, 0 for BIC's"),
     },
     "black_box": {
         "units": Option(default=8, low=1, high=32, kind="int", description="of the network's hidden layer"),

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from hybrid_sysid_ros.identification import Part, Validation, cross_validate, identify
+from hybrid_sysid_ros.identification.fitting import alone
 from hybrid_sysid_ros.models import Model, Option, Options, Sampling, options_of
 from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -30,6 +31,8 @@ class CrossValidation:
         object.__setattr__(self, "records", tuple(replace(record, channels={}) for record in self.records))
 
     def __call__(self, options: Options) -> Validation:
+        """As a worker does it: in one thread, beside others."""
+        alone()
         return cross_validate(
             self.records,
             self.rig,
