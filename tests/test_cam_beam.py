@@ -9,7 +9,7 @@ from scipy.io import loadmat
 
 from hybrid_sysid_ros.equations import simulate
 from hybrid_sysid_ros.rigs import excitation
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.rigs.cam_beam import SMALLEST_SQUARED_COSINE, CamBeam
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.sensor import Filter
 
@@ -56,6 +56,51 @@ def test_the_beam_moves_as_in_the_study_that_identified_it():
         errors.append(np.max(np.abs(ours - theirs)[:, 0]))
     assert errors[0] < 3e-3 * np.ptp(ours[:, 0])
     assert errors[1] < 0.3 * errors[0]
+
+
+BARE = {"stiffness": 0.0, "quadratic_stiffness": 0.0, "damping": 0.0, "coulomb": 0.0, "asymmetry": 0.0}
+WIDE = {"range_low": -1.0, "range_high": 1.0, "range_speed": 100.0, "input_delay": 0.0}
+"""So that no term is held at the edge of the records."""
+
+
+@pytest.mark.parametrize("curvature", [20.0, 48.84])
+def test_a_crank_that_nothing_drives_turns_at_a_constant_speed(curvature):
+    """q = sin(phi) / sqrt(cam_curvature) with phi' constant, from near one dead centre to near the other."""
+    beam = CamBeam(cam_curvature=curvature, gain=0.0, **BARE, **WIDE)
+    length, turn = curvature**-0.5, 0.8
+    phi = -1.2 + turn * np.arange(0, 3.0 + 1e-9, 0.01)
+    start = np.array([length * np.sin(phi[0]), length * turn * np.cos(phi[0])])
+    errors = []
+    for step in (1e-3, 5e-4, 2.5e-4):
+        every = round(0.01 / step)
+        states = simulate(beam, start, np.zeros((300 * every, 1)), step=step, every=every)
+        assert np.max(np.abs(states[:, 1] - length * turn * np.cos(phi))) < 10 * step * length * turn
+        errors.append(np.max(np.abs(states[:, 0] - length * np.sin(phi))))
+    assert errors[-1] < 1e-3 * length
+    np.testing.assert_allclose(np.array(errors[:-1]) / errors[1:], 2.0, rtol=0.05)  # first order
+
+
+@pytest.mark.parametrize("degrees", [-60.0, -30.0, 0.0, 30.0, 60.0])
+def test_the_drive_fades_as_the_cosine_of_the_crank(degrees):
+    beam = CamBeam(centre=0.9, **BARE, **WIDE)
+    phi = np.deg2rad(degrees)
+    rest = np.array([np.sin(phi) / beam.cam_curvature**0.5, 0.0])
+    speed = simulate(beam, rest, np.full((1, 1), 2.9), step=1e-4)[-1, 1]
+    assert speed / 1e-4 == pytest.approx(beam.gain * 2.0 * np.cos(phi), rel=1e-9)
+
+
+def test_without_a_crank_the_drive_does_not_fade():
+    beam = CamBeam(cam_curvature=0.0, centre=0.0, **BARE, **WIDE)
+    for angle in (-0.1, 0.0, 0.1):
+        states = simulate(beam, np.array([angle, 0.5]), np.full((100, 1), 3.0), step=1e-3)
+        assert states[-1, 1] == pytest.approx(0.5 + beam.gain * 3.0 * 0.1, rel=1e-9)
+
+
+def test_the_records_stay_away_from_the_dead_centres(records, rig):
+    """The crank's angle, asin(q sqrt(cam_curvature)), stays below 65 degrees: the law's own limit is 71.6."""
+    widest = max(float(np.max(np.abs(record.output))) for record in records.values())
+    assert np.rad2deg(np.arcsin(widest * rig.equation.cam_curvature**0.5)) < 65.0
+    assert np.rad2deg(np.arccos(SMALLEST_SQUARED_COSINE**0.5)) == pytest.approx(71.6, abs=0.05)
 
 
 def moves(beam, volts, position=0.0):
