@@ -186,15 +186,18 @@ def test_every_record_of_several_begins_with_its_own_input(slider):
 
 
 def test_nothing_grows_outside_the_range_that_was_identified():
-    beam = CamBeam(range_low=-0.1, range_high=0.1)
+    beam = CamBeam(range_low=-0.1, range_high=0.1, range_speed=2.0)
     law = beam.law(COMPILED)
 
-    def at(q):
-        (_, acceleration), (level, *_) = law(np.array([q, 0.3]), np.array([2.0]), beam.named, beam.weights)
+    def at(q, v=0.3):
+        (_, acceleration), (level, *_) = law(np.array([q, v]), np.array([2.0]), beam.named, beam.weights)
         return acceleration + beam.stiffness * q, level
 
     for edge, far in ((0.1, 5.0), (-0.1, -5.0)):
         np.testing.assert_allclose(at(far), at(edge), rtol=1e-12)
+        for fast in (1.0, -1.0):
+            np.testing.assert_allclose(at(far, fast * 1e6), at(edge, fast * 2.0), rtol=1e-12)
+            assert abs(at(edge, fast * 2.0)[0] - at(edge)[0]) > 1.0  # or speed would not matter at all
 
 
 @pytest.mark.parametrize("name", ["black_box", "hybrid"])
