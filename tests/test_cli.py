@@ -91,11 +91,72 @@ def test_a_model_tells_where_it_comes_from(linear_model):
         ([MULTISINE, "--part", "half"], ["half", "START:STOP"]),
         ([MULTISINE, "--part", "0:0.001"], ["beam_multisine"]),
         ([MULTISINE, "--signals", "none.yaml"], ["none.yaml"]),
+        ([MULTISINE, "--option", "colour=1"], ["hybrid has no option colour", "units", "creep"]),
+        ([MULTISINE, "--structure", "linear", "--option", "creep=1"], ["linear has no option creep"]),
+        ([MULTISINE, "--option", "units=1000"], ["units = 1000", "outside 1 to 32"]),
+        ([MULTISINE, "--option", "units=2.5"], ["units = 2.5", "whole number"]),
+        ([MULTISINE, "--option", "creep=nan"], ["creep = nan", "outside"]),
+        ([MULTISINE, "--option", "units"], ["units", "NAME=NUMBER"]),
+        ([MULTISINE, "--option", "units=many"], ["units=many", "NAME=NUMBER"]),
     ],
 )
 def test_a_wrong_argument_of_identify_gets_one_line(command, tmp_path, arguments, words):
     refused(command("identify", *arguments, "--out", tmp_path / "model"), *words)
     assert not (tmp_path / "model").exists()
+
+
+def test_an_option_puts_a_doubtful_term_into_the_gray_box(command, tmp_path):
+    arguments = ["--structure", "gray", "--part", "0:0.3", "--step", "0.01"]
+    for name, options in (("plain", []), ("creeping", ["--option", "creep=1"])):
+        status, _, error = command("identify", MULTISINE, *arguments, *options, "--out", tmp_path / name)
+        assert status == 0, error
+    plain, creeping = load(tmp_path / "plain"), load(tmp_path / "creeping")
+    assert "creep" not in plain.names
+    assert "creep" in creeping.names
+    assert (plain.fit["options"]["creep"], creeping.fit["options"]["creep"]) == (0, 1)
+
+
+def test_a_protocol_of_the_shipped_bags_is_printed_written_and_its_pick_saved(command, tmp_path):
+    results, model = tmp_path / "results.json", tmp_path / "model"
+    arguments = ["--structure", "linear", "--structure", "stribeck", "--jobs", "1", "--json", results, "--out", model]
+    status, out, error = command("protocol", "1", BAGS, *arguments)
+    assert status == 0, error
+    assert "free-run R2, protocol 1, averaged input" in out
+    assert "chosen by training data only" in out
+    content = json.loads(results.read_text())
+    assert set(content["linear"]) == {"beam_multisine", "beam_random_steps", "beam_swept_sine"}
+    assert content["chosen"] in ("linear", "stribeck")
+    assert content["protocol"] == 1
+    assert content["failed"] == {}
+    for name in ("linear", "stribeck"):
+        values = content[name]["beam_multisine"]
+        assert values["min"] <= values["mean"] <= values["max"] <= 1.0
+        assert content["validation"][name]["parameters"] == {"linear": 5, "stribeck": 8}[name]
+    assert load(model).structure == content["chosen"]
+    assert set(load(model).fit["choice"]["structures"]) == {"linear", "stribeck"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["3", BAGS], ["protocol 3", "protocols 1 and 2"]),
+        (["1", "nowhere"], ["nowhere", "no such folder"]),
+        (["1", BAGS, "--structure", "banana"], ["'banana' is unknown", "linear"]),
+        (["1", BAGS, "--input", "guessed"], ["guessed", "averaged or sampled"]),
+        (["1", BAGS, "--period", "0.033"], ["0.033", "multiple"]),
+    ],
+)
+def test_a_wrong_argument_of_protocol_gets_one_line(command, arguments, words):
+    refused(command("protocol", *arguments), *words)
+
+
+def test_a_protocol_of_an_empty_folder_gets_one_line(command, tmp_path):
+    refused(command("protocol", "1", tmp_path), str(tmp_path), "neither .mat files nor bags")
+
+
+def test_a_protocol_says_at_once_where_it_cannot_write(command, tmp_path):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    refused(command("protocol", "1", BAGS, "--structure", "linear", "--out", tmp_path), str(tmp_path))
 
 
 def test_a_folder_of_something_else_is_not_overwritten(command, tmp_path):
