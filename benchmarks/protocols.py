@@ -1,7 +1,7 @@
 """The lecture's tables with every structure: both protocols, the input averaged and sampled, three seeds.
 
-The same as `hybrid-sysid protocol 1|2 FOLDER --input averaged|sampled --json FILE`, four times. Needs HYBRID_SYSID_DATA;
-see docs/bags.md.
+The same as `hybrid-sysid protocol 1|2 FOLDER --input averaged|sampled --json FILE`, four times. Needs
+HYBRID_SYSID_DATA; see docs/bags.md.
 """
 
 from __future__ import annotations

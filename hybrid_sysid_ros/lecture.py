@@ -87,7 +87,7 @@ def read_folder(folder: Path) -> list[Record]:
 def arrange(records: Sequence[Record], number: int) -> Protocol:
     """Records in a protocol's parts, in the order of the tables.
 
-    Raises UserError for a protocol that is not 1 or 2, or where multisines, random steps or the swept sine are missing.
+    Raises UserError for a protocol that is not 1 or 2, or where multisines or random steps are missing.
     """
     if number not in PUBLISHED:
         raise UserError(f"protocol {number}: the lecture has protocols 1 and 2")

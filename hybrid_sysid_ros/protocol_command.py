@@ -43,6 +43,8 @@ def protocol_command(
     period: Period = 0.05,
 ) -> None:
     """Reproduce the lecture's table of free runs with every structure, and choose one by its training data."""
+    if number not in lecture.PUBLISHED:
+        raise UserError(f"protocol {number}: the lecture has protocols 1 and 2")
     if out is not None:
         check_place(out, marker="model.yaml")
     if page is not None:
@@ -108,7 +110,7 @@ def table(protocol: Protocol, comparison: Comparison, handling: str) -> Table:
     shown = Table("structure", *names, "held out", "fit", title=title, title_justify="left")
     for candidate in comparison.candidates:
         row = lecture.published(protocol.number, candidate.structure)
-        if row is not None:
+        if row is not None and any(name in row for name in names):
             cells = (f"{row[name]:.3f}" if name in row else "" for name in names)
             shown.add_row(f"{candidate.structure}, published", *cells, "", "", style="dim")
         if candidate.validation is None:

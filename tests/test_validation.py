@@ -125,13 +125,22 @@ def test_folds_are_two_at_least_and_not_more_than_blocks(linear_records, rig, fo
         cross_validate(linear_records, rig, "linear", sampling=Sampling(), folds=folds)
 
 
+def test_a_block_in_which_nothing_moves_is_not_scored_and_stops_nothing(rig, linear_records):
+    record = linear_records[0]
+    output = record.output.copy()
+    output[: len(output) // 6 + 1] = output[0]
+    resting = replace(record, name="resting", output=output)
+    validation = cross_validate([resting], rig, "linear", sampling=Sampling())
+    assert set(validation.scores) == {f"resting {i}/6" for i in range(2, 7)}
+
+
 def test_records_that_can_not_be_cross_validated_are_refused(linear_records, rig):
     with pytest.raises(UserError, match="no record"):
         cross_validate([], rig, "linear", sampling=Sampling())
     with pytest.raises(UserError, match=r"linear_6V \d/6: .* too short"):
         cross_validate([linear_records[0].part(0.0, 0.2)], rig, "linear", sampling=Sampling())
     still = replace(linear_records[0], name="still", input=np.ones_like(linear_records[0].input))
-    with pytest.raises(UserError, match=r"still 1/2: input drive is constant"):
+    with pytest.raises(UserError, match=r"still: input drive is constant"):
         cross_validate([still, *linear_records[1:]], rig, "linear", sampling=Sampling())
     with pytest.raises(UserError, match="structure 'magic' is unknown"):
         cross_validate(linear_records, rig, "magic", sampling=Sampling())

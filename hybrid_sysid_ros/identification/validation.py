@@ -76,11 +76,13 @@ def cross_validate(
     """
     if not records:
         raise UserError("cross-validation: no record")
-    blocks = blocks_of([record.part(part.start, part.stop) for record in records])
+    used = [record.part(part.start, part.stop) for record in records]
+    for record in used:
+        check_excitation(record, rig)
+    # Against an output that stands still nothing can be scored.
+    blocks = [block for block in blocks_of(used) if np.all(np.ptp(block.output, axis=0) > 0.0)]
     if not 2 <= folds <= len(blocks):
         raise UserError(f"cross-validation: {folds} folds; choose 2 to {len(blocks)}, the number of blocks")
-    for block in blocks:
-        check_excitation(block, rig)
     recipe = Recipe(rig=rig, structure=structure, sampling=sampling, options=options or {}, seed=seed)
     began = time.perf_counter()
     scores = {}
