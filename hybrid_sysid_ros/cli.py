@@ -42,8 +42,6 @@ from hybrid_sysid_ros.training import EPISODES, EPOCHS, ROUNDS, train_policy
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 policy_app = typer.Typer(no_args_is_help=True, help="Approximate MPC.")
 app.add_typer(policy_app, name="policy")
-app.command("search")(search_command)
-app.command("protocol")(protocol_command)
 
 
 @app.command("import-bab")
@@ -144,6 +142,10 @@ def evaluate_command(
         console.print_json(json.dumps({"model": str(model), "part": part, "records": scores}))
     else:
         console.print(score_table(scores, load_rig(loaded.rig), "free run"))
+
+
+app.command("protocol")(protocol_command)
+app.command("search")(search_command)
 
 
 @policy_app.command("train")

@@ -13,6 +13,9 @@ from hybrid_sysid_ros.models import Model, Option, Options, Sampling, options_of
 from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs.rig import Rig
 
+COSTLY = ("members", "starts")
+"""Options that only buy less chance with more time: there is nothing to search in them."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CrossValidation:
@@ -47,7 +50,8 @@ class CrossValidation:
     @property
     def space(self) -> Mapping[str, Option]:
         """The options that are searched. Raises UserError for an unknown structure."""
-        return options_of(self.structure, self.rig.equation)
+        known = options_of(self.structure, self.rig.equation)
+        return {name: option for name, option in known.items() if name not in COSTLY}
 
     @property
     def problem(self) -> dict[str, Any]:
