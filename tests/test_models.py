@@ -306,3 +306,21 @@ def test_a_rig_of_positions_on_one_side_only_can_be_saved(tmp_path):
 def test_a_period_is_a_multiple_of_the_step(step, period, reason):
     with pytest.raises(UserError, match=reason):
         Sampling(step=step, period=period)
+
+
+def test_a_network_counts_with_every_weight():
+    equation, _ = build("hybrid", CamBeam(), scales=np.ones(3), seed=0)
+    names = tuple(item.name for item in equation.parameters if not item.fixed)
+    physical = Model(
+        rig="cam_beam",
+        structure="hybrid",
+        equation=equation,
+        sampling=Sampling(),
+        names=names,
+        covariance=np.eye(len(names)),
+        training_range={},
+    )
+    weights = 4 * (3 + 2)  # units: three features, a bias and an output weight each
+    assert physical.free_numbers == len(names) + weights
+    listed = dataclasses.replace(physical, names=(*names, *(f"weight_{i}" for i in range(weights))))
+    assert listed.free_numbers == physical.free_numbers

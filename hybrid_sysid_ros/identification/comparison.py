@@ -56,8 +56,7 @@ class Candidate:
     @property
     def parameters(self) -> int:
         """Free numbers of the fit, weights of a network included."""
-        model = self.models[0]
-        return len({*model.names} | {f"weight_{i}" for i in range(len(model.equation.weights))})
+        return self.models[0].free_numbers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

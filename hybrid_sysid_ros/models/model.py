@@ -52,6 +52,11 @@ class Model:
         physical = {item.name for item in self.equation.parameters}
         return {name: float(d) for name, d in zip(self.names, deviations, strict=True) if name in physical}
 
+    @property
+    def free_numbers(self) -> int:
+        """What a fit could choose: free parameters and the weights of what is learned."""
+        return len({*self.names} | {f"weight_{index}" for index in range(len(self.equation.weights))})
+
     def save(self, folder: Path | str) -> None:
         """Write the model folder; see :mod:`~hybrid_sysid_ros.models.storage`."""
         errors = self.standard_errors
