@@ -25,7 +25,7 @@ class Linear(Motion):
 
     gain: float = parameter(4.0, 0.01, 400.0, unit="rad/(s^2 V)", description="drive gain")
     centre: float = parameter(0.0, -5.0, 5.0, unit="V", description="input that balances the joint at q = 0")
-    stiffness: float = parameter(10.0, -50.0, 500.0, unit="1/s^2", description="spring")
+    stiffness: float = parameter(10.0, 0.0, 500.0, unit="1/s^2", description="spring")
     damping: float = parameter(20.0, 0.0, 150.0, unit="1/s", description="viscous friction")
     input_delay: float = parameter(0.004, 0.0, 0.03, unit="s", description="delay of the drive")
 

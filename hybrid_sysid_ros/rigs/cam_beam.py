@@ -48,7 +48,7 @@ class CamBeam(Motion):
         0.9393, -5.0, 5.0, start=1.0, unit="V", description="input that balances the beam at q = 0"
     )
     stiffness: float = parameter(
-        10.69, -50.0, 200.0, start=10.0, unit="1/s^2", description="weak spring of the unbalance"
+        10.69, 0.0, 200.0, start=10.0, unit="1/s^2", description="weak spring of the unbalance"
     )
     damping: float = parameter(26.86, 0.0, 150.0, start=20.0, unit="1/s", description="viscous friction")
     coulomb: float = parameter(2.297, 0.0, 40.0, start=1.5, unit="rad/s^2", description="Coulomb friction level")
