@@ -324,3 +324,20 @@ def test_a_network_counts_with_every_weight():
     assert physical.free_numbers == len(names) + weights
     listed = dataclasses.replace(physical, names=(*names, *(f"weight_{i}" for i in range(weights))))
     assert listed.free_numbers == physical.free_numbers
+
+
+@pytest.mark.parametrize("structure", ["linear", "stribeck", "dahl", "lugre", "gray", "hybrid_joint", "hybrid"])
+def test_no_spring_pushes_so_no_free_run_grows_without_bound(structure):
+    """Ten minutes at full drive from far outside any record: a damped mass on a spring that pulls comes to rest."""
+    equation, _ = build(structure, CamBeam(), scales=np.array([0.1, 0.4, 5.0]), seed=0)
+    bounds = {item.name: item.low for item in equation.parameters}
+    assert bounds["stiffness"] == 0.0
+    equation = equation.trained_on(np.array([-0.1, -1.0, 0.0])[:2], np.array([0.1, 1.0, 0.0])[:2])
+    start = np.zeros(len(equation.states))
+    start[:2] = 3.0, -20.0
+    states = simulate(equation, start, np.full((120_000, 1), 10.0), step=0.005, every=1000)
+    limit = (
+        10.0 * max(equation.named.gain, 4.0) * 2.5 / 10.0 + 30.0
+    )  # drive over stiffness, and what is left of the start
+    assert np.all(np.abs(states[-1, 0]) < limit)
+    np.testing.assert_allclose(states[-1, :2], states[-2, :2], atol=1e-6)
