@@ -16,7 +16,7 @@ from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.files import check_place
 from hybrid_sysid_ros.identification import Part, evaluate, identify
 from hybrid_sysid_ros.identification.identifiability import doubts
-from hybrid_sysid_ros.models import STRUCTURES, Model, Sampling
+from hybrid_sysid_ros.models import STRUCTURES, Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.options import parse
 from hybrid_sysid_ros.progress import progress_bars
@@ -35,6 +35,7 @@ from hybrid_sysid_ros.terminal import (
     Step,
     console,
     read_records,
+    sampling_of,
     status,
 )
 from hybrid_sysid_ros.training import EPISODES, EPOCHS, ROUNDS, train_policy
@@ -90,7 +91,7 @@ def identify_command(
 ) -> None:
     """Identify a model from bags."""
     check_place(out, marker="model.yaml")
-    sampling = Sampling(step=step, period=period, input=input_handling)  # type: ignore[arg-type]
+    sampling = sampling_of(step, period, input_handling)
     described = load_rig(rig)
     records = read_records(bag, rig, signals, recover)
     with status.status("compiling") as spinner:

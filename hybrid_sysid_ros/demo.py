@@ -5,26 +5,24 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from hybrid_sysid_ros import bab, bags, configuration, report, session
+from hybrid_sysid_ros import bab, bags, configuration, lecture, report, session
 from hybrid_sysid_ros.control import Controller, ExactMpc, policy
 from hybrid_sysid_ros.control.closed_loop import Loop, run_loop
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
 from hybrid_sysid_ros.files import written_file
-from hybrid_sysid_ros.identification import Part, evaluate, identify
-from hybrid_sysid_ros.lecture import FIRST_HALF, RIG, SECOND_HALF, WHOLE, table_name
+from hybrid_sysid_ros.identification import evaluate, identify
+from hybrid_sysid_ros.lecture import RIG, Protocol, table_name
 from hybrid_sysid_ros.loop import LoopRecord
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.progress import progress_bars
-from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs.excitation import HARDWARE_DURATION, HARDWARE_SINE, HARDWARE_STEPS, hardware_reference
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -34,15 +32,6 @@ from hybrid_sysid_ros.training import train_policy
 
 DATA = "HYBRID_SYSID_DATA"
 SHIPPED_BAGS = Path(__file__).resolve().parent.parent / "bags"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Records:
-    """training: bags whose first half is learned from. unseen: what the model is scored on. real: not simulated."""
-
-    training: list[Record]
-    unseen: list[tuple[Record, Part]]
-    real: bool
 
 
 def demo(out: Path, *, train: bool = False, console: Console | None = None) -> dict[str, Any]:
@@ -61,10 +50,10 @@ def demo(out: Path, *, train: bool = False, console: Console | None = None) -> d
     make_folder(out)
     records = find_records(out, console)
     console.print(f"[bold]1[/] identifying the beam from {len(records.training)} bags")
-    model = identify(records.training, rig, "hybrid", sampling=Sampling(), part=FIRST_HALF)
+    model = identify(records.training, rig, "hybrid", sampling=Sampling(), part=records.part)
     model.save(out / "model")
     model = load_model(out / "model")
-    scores = {table_name(record.name): evaluate(model, record, part=part) for record, part in records.unseen}
+    scores = {table_name(record.name): evaluate(model, record, part=part) for record, part in records.tests}
     model_folder, policy_folder = configuration.shipped(RIG, "model"), configuration.shipped(RIG, "policy")
     if train:
         model_folder, policy_folder = out / "model", out / "policy"
@@ -79,7 +68,7 @@ def demo(out: Path, *, train: bool = False, console: Console | None = None) -> d
     exact = simulated_loop(rig, used, ExactMpc(used.equation, imitation.problem))
     summary = {
         "identification": {
-            "records": "real" if records.real else "simulated",
+            "records": "real" if os.environ.get(DATA) else "simulated",
             "free_run_r2": {name: round(value.r2, 4) for name, value in scores.items()},
             "fit_seconds": model.fit["seconds"],
         },
@@ -97,7 +86,7 @@ def demo(out: Path, *, train: bool = False, console: Console | None = None) -> d
     }
     _write(out / "summary.json", json.dumps(summary, indent=2) + "\n")
     command = "make demo TRAIN=1" if train else "make demo"
-    sections = report.identification_section(model, records.unseen), report.closed_loop_section(loop, rig)
+    sections = report.identification_section(model, records.tests), report.closed_loop_section(loop, rig)
     report.write(out / "report.html", *sections, report.provenance(model, command))
     console.print(_table(summary))
     console.print(f"report: {out / 'report.html'}   numbers: {out / 'summary.json'}   bag: {bag}")
@@ -112,8 +101,8 @@ def make_folder(path: Path) -> None:
         raise UserError(f"{path}: can't be made a folder ({error.strerror}); choose another --out") from error
 
 
-def find_records(out: Path, console: Console) -> Records:
-    """The real records where HYBRID_SYSID_DATA names them, else the bags that ship."""
+def find_records(out: Path, console: Console) -> Protocol:
+    """Protocol 2 on the real records where HYBRID_SYSID_DATA names them, else on the bags that ship."""
     folder = os.environ.get(DATA)
     if folder:
         console.print(f"[bold]0[/] importing the real records of {folder}")
@@ -124,13 +113,7 @@ def find_records(out: Path, console: Console) -> Records:
             raise UserError(f"{SHIPPED_BAGS}: no bags there; run the demo from a checkout, or set {DATA}")
     signals = Signals.of_rig(RIG)
     read = [bags.read(path, signals) for path in paths]
-    training = [record for record in read if "multisine" in record.name or "random_steps" in record.name]
-    if not training:
-        raise UserError(f"{folder or SHIPPED_BAGS}: no multisine or random_steps record to learn from")
-    learned = {record.name for record in training}
-    order = sorted(read, key=lambda record: ("swept" in record.name, "multisine" not in record.name, record.name))
-    unseen = [(record, SECOND_HALF if record.name in learned else WHOLE) for record in order]
-    return Records(training=training, unseen=unseen, real=bool(folder))
+    return lecture.arrange(read, 2)
 
 
 def simulated_loop(rig: Rig, model: Model, controller: Controller, *, seed: int = 0) -> Loop:

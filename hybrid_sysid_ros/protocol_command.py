@@ -17,11 +17,11 @@ from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.files import check_place, written_file
 from hybrid_sysid_ros.identification.comparison import RULE, Candidate, Comparison, compare
 from hybrid_sysid_ros.lecture import Protocol, table_name
-from hybrid_sysid_ros.models import STRUCTURES, Sampling
+from hybrid_sysid_ros.models import STRUCTURES
 from hybrid_sysid_ros.progress import progress_bars
 from hybrid_sysid_ros.report import StructureResult
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.terminal import InputHandling, Period, Step, console, status
+from hybrid_sysid_ros.terminal import InputHandling, Period, Step, console, sampling_of, status
 
 WIDTH = 132
 """Of the table with all ranges; narrower terminals break its lines."""
@@ -53,7 +53,7 @@ def protocol_command(
     if unknown := [name for name in chosen if name not in STRUCTURES]:
         raise UserError(f"structure {unknown[0]!r} is unknown; choose from {', '.join(STRUCTURES)}")
     rig = load_rig(lecture.RIG)
-    sampling = Sampling(step=step, period=period, input=input_handling)  # type: ignore[arg-type]
+    sampling = sampling_of(step, period, input_handling)
     protocol = lecture.arrange(lecture.read_folder(folder), number)
     with progress_bars(status) as update:
         done: list[Candidate] = []

@@ -12,7 +12,7 @@ from rich.table import Table
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.files import check_place
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.models import STRUCTURES, Sampling
+from hybrid_sysid_ros.models import STRUCTURES
 from hybrid_sysid_ros.progress import progress_bars
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.search import Cluster, CrossValidation, Processes, Study, Trial, Workers, opened, search
@@ -27,6 +27,7 @@ from hybrid_sysid_ros.terminal import (
     Step,
     console,
     read_records,
+    sampling_of,
     status,
 )
 
@@ -68,7 +69,7 @@ def search_command(
         records=read_records(bag, rig, signals, recover),
         rig=load_rig(rig),
         structure=structure,
-        sampling=Sampling(step=step, period=period, input=input_handling),  # type: ignore[arg-type]
+        sampling=sampling_of(step, period, input_handling),
         part=Part.parse(part),
         seed=seed,
         folds=folds,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, cast
 
 import typer
 from rich.console import Console
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.signals import Signals
 
@@ -26,6 +27,11 @@ InputHandling = Annotated[
 ]
 Step = Annotated[float, typer.Option(help="Integration step [s].")]
 Period = Annotated[float, typer.Option(help="Distance of the fitted samples [s].")]
+
+
+def sampling_of(step: float, period: float, handling: str) -> Sampling:
+    """How records meet a simulation, from a command's options. Raises UserError where they don't fit together."""
+    return Sampling(step=step, period=period, input=cast(Any, handling))
 
 
 def read_records(paths: list[Path], rig: str, signals: Path | None, recover: bool) -> list[Record]:

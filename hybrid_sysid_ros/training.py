@@ -9,6 +9,7 @@ from hybrid_sysid_ros import configuration
 from hybrid_sysid_ros.control.policy import Policy
 from hybrid_sysid_ros.control.sample_store import SampleStore
 from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.extras import extra
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import load
 
@@ -31,10 +32,8 @@ def train_policy(
     samples: folder where finished closed loops are kept until the end, so that an interrupted training goes on.
     progress: gets the stage, how much of it is done, and how much there is. Raises UserError where torch is missing.
     """
-    try:
+    with extra("train"):
         from hybrid_sysid_ros.control.policy_training import Settings, train
-    except ModuleNotFoundError as error:
-        raise UserError(f"{error.name} is missing; install the extra: pip install 'hybrid_sysid_ros[train]'") from error
     if not model.seal:
         raise UserError("policy: the model was never saved; save it first, for the policy belongs to what is on disk")
     rig = load(model.rig)

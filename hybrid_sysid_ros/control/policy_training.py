@@ -23,12 +23,11 @@ from hybrid_sysid_ros.control.sample_store import SampleStore
 from hybrid_sysid_ros.control.sampling import Samples, Spread, sample
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.threads import ONE_THREAD, one_torch_thread
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 """progress(stage, done, of)"""
-
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 VALIDATION_SHARE = 0.1
 """Share of the closed loops, whole ones, that training never sees."""
@@ -80,7 +79,7 @@ def train(
     # Ctrl-C is for the parent: it stops handing out work and lets the loops under way finish.
     ignore = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
     pool = ProcessPoolExecutor(max_workers=workers, mp_context=get_context("spawn"), initializer=ignore)
-    with _one_thread_each(), _one_thread_here(), pool:
+    with _one_thread_each(), one_torch_thread(torch), pool:
         for number, episodes in enumerate(settings.episodes):
             work = partial(sample, model.equation, problem, spread, driver=policy)
             seeds = [seed * 1_000_003 + 1000 * number + index for index in range(episodes)]
@@ -134,8 +133,8 @@ def _sampled(
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
     """Processes started here use one thread of linear algebra: more only get into each other's way."""
-    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
     try:
         yield
     finally:
@@ -144,17 +143,6 @@ def _one_thread_each() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-@contextmanager
-def _one_thread_here() -> Iterator[None]:
-    """Train in one thread: batches are small, and a second thread that finds its core busy holds up the first."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def _silent(stage: str, done: int, of: int) -> None:

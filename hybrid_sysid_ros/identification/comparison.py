@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -156,14 +158,26 @@ def _run(tasks: Sequence[Task], jobs: int) -> Iterator[Candidate]:
     if jobs == 1:
         yield from map(work, slow_first)
         return
+    # Ctrl-C is for the parent, which ends the others.
+    ignore = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(max_workers=min(jobs, len(tasks)), mp_context=context, initializer=fitting.alone)
+    pool = ProcessPoolExecutor(max_workers=min(jobs, len(tasks)), mp_context=context, initializer=ignore)
     try:
-        running: dict[Future[Candidate], str] = {pool.submit(work, task): task.structure for task in slow_first}
+        running: dict[Future[Candidate], str] = {pool.submit(_work_alone, task): task.structure for task in slow_first}
         for future in as_completed(running):
             try:
                 yield future.result()
             except BrokenProcessPool:
                 yield Candidate(structure=running[future], error="its process was killed; run again, or with --jobs 1")
+    except BaseException:
+        for process in multiprocessing.active_children():
+            process.terminate()
+        raise
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _work_alone(task: Task) -> Candidate:
+    """As a process beside others does it."""
+    with fitting.alone():
+        return work(task)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,14 +36,18 @@ ITERATIONS, COARSE, FINE = 40, 1e-3, 1e-6
 stopped early simulates unseen records as well, in half the time."""
 
 
-_threads = 2
+_threads = ContextVar("threads", default=2)
 """Simulations of one Jacobian that run side by side."""
 
 
-def alone() -> None:
-    """Keep the fits of this process to one thread: others work beside it."""
-    global _threads
-    _threads = 1
+@contextmanager
+def alone() -> Iterator[None]:
+    """Keep fits to one thread: others work beside them."""
+    token = _threads.set(1)
+    try:
+        yield
+    finally:
+        _threads.reset(token)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,7 +111,7 @@ def fit(
     began = time.perf_counter()
     points = problem.starts(starts, seed)
     # The simulations are the parallel part: threads of linear algebra would only spin beside them.
-    with ThreadPoolExecutor(max_workers=_threads) as threads, threadpool_limits(1):
+    with ThreadPoolExecutor(max_workers=_threads.get()) as threads, threadpool_limits(1):
         for horizon in stages:
             physical = horizon == stages[-1] and not len(equation.weights)
             solutions = [_solve(problem, horizon, point, FINE if physical else COARSE, threads.map) for point in points]

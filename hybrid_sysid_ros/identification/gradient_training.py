@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,9 +12,11 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations import simulate
 from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.extras import extra
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.fitting import Fit, Progress
 from hybrid_sysid_ros.models.recurrent import Recurrent
+from hybrid_sysid_ros.threads import one_torch_thread
 
 Array = NDArray[np.float64]
 
@@ -62,7 +63,7 @@ def train(
     began = time.perf_counter()
     steps = sum(count for _, count in schedule.stages)
     best, least, done = equation, np.inf, 0
-    with _one_thread(torch):
+    with one_torch_thread(torch):
         weights = torch.tensor(equation.weights, requires_grad=True)
         adam = torch.optim.AdamW([weights], lr=schedule.rate, weight_decay=schedule.decay)
         rates = torch.optim.lr_scheduler.OneCycleLR(adam, schedule.rate, total_steps=steps, pct_start=0.1)
@@ -184,19 +185,6 @@ def _check(experiments: Sequence[Experiment], shortest: int) -> None:
 
 
 def _torch() -> Any:
-    try:
+    with extra("train"):
         import torch
-    except ModuleNotFoundError as error:
-        raise UserError(f"{error.name} is missing; install the extra: pip install 'hybrid_sysid_ros[train]'") from error
     return torch
-
-
-@contextmanager
-def _one_thread(torch: Any) -> Iterator[None]:
-    """Rollouts are small, and a second thread that finds its core busy holds up the first."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)

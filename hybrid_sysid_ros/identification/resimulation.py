@@ -9,16 +9,16 @@ from typing import Any
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, zpk2ss
 
 from hybrid_sysid_ros.equations import Equation, kernels
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.identification.experiment import Experiment, prepare
-from hybrid_sysid_ros.identification.identify import Part
+from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.scores import Scores, score
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.sensor import Filter
 
 Array = NDArray[np.float64]
 WHOLE = Part()
@@ -81,7 +81,7 @@ def resimulate(equation: Equation, record: Record, rig: Rig, *, sampling: Sampli
     reference = _reference(used, rig, steps * ticks)
     states, applied = np.empty((steps + 1, len(equation.states))), np.empty(steps)
     states[0] = experiment.states[0]
-    filtering = _filter(rig)
+    low_pass = Filter(rig.sensor, rig.step)
     _loop(
         kernels(equation).step,
         equation.named,
@@ -91,8 +91,10 @@ def resimulate(equation: Equation, record: Record, rig: Rig, *, sampling: Sampli
         round(sampling.period / sampling.step) if sampling.input == "sampled" else 1,
         1 if ticks == 1 else SWEEPS,
         reference,
-        *filtering,
-        _filter_state(record, rig, part, *filtering[:2]),
+        low_pass.transition,
+        low_pass.gain,
+        low_pass.reading,
+        _filter_state(record, rig, part, low_pass),
         rig.feedback_gain / rig.sensor.radians_per_volt,
         rig.input_limit,
         equation.outputs[0],
@@ -131,15 +133,7 @@ def _reference(record: Record, rig: Rig, ticks: int) -> Array:
     return np.asarray(np.interp(rig.step * np.arange(ticks), record.time, reference))
 
 
-def _filter(rig: Rig) -> tuple[Array, Array, Array]:
-    """The rig's filter, transition (n, n), input (n,), output (n,): f+ = A f + b y, yf = c f, by forward Euler."""
-    sensor = rig.sensor
-    a, b, c, _ = zpk2ss(*butter(sensor.filter_order, 1.0, analog=True, output="zpk"))
-    scale = rig.step * 2 * np.pi * sensor.filter_hertz
-    return np.eye(len(a)) + scale * a, scale * b[:, 0], c[0].copy()
-
-
-def _filter_state(record: Record, rig: Rig, part: Part, transition: Array, gain: Array) -> Array:
+def _filter_state(record: Record, rig: Rig, part: Part, low_pass: Filter) -> Array:
     """Where the filter begins."""
     first = round(part.start * record.samples)
     ticks = min(round(first * record.sampling_time / rig.step), round(WARM_UP / rig.step))
@@ -147,13 +141,13 @@ def _filter_state(record: Record, rig: Rig, part: Part, transition: Array, gain:
     before = np.interp(times, record.time, record.output[:, 0])
     filtered = record.channels.get("filtered", record.output[:, 0])
     settled = before[0] if ticks else filtered[0] if np.isfinite(filtered[0]) else record.output[0, 0]
-    state = np.linalg.solve(np.eye(len(gain)) - transition, gain * settled)
+    low_pass.reset(float(settled))
     for value in before:
-        state = transition @ state + gain * value
-    return state
+        low_pass.advance(float(value))
+    return low_pass.state
 
 
-@numba.njit(error_model="numpy")  # type: ignore[misc]
+@numba.njit(error_model="numpy")
 def _loop(
     step: Any, p: Any, w: Array, h: float, delay: float, hold: int, sweeps: int, reference: Array,
     transition: Array, gain: Array, reading: Array, state: Array, feedback: float, limit: float,

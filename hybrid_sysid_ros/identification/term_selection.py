@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations import Variable
 from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.extras import extra
 from hybrid_sysid_ros.identification.criteria import criteria
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.models.narx import Narx
@@ -122,10 +123,8 @@ def _exponents(values: int, degree: int) -> list[tuple[int, ...]]:
 
 def _forward(values: Array, target: Array, count: int) -> NDArray[np.intp]:
     """Columns of values (rows, candidates) in the order in which forward regression takes them, (count,)."""
-    try:
+    with extra("narx"):
         from sysidentpy.model_structure_selection import FROLS
-    except ModuleNotFoundError as error:
-        raise UserError(f"{error.name} is missing; install the extra: pip install 'hybrid_sysid_ros[narx]'") from error
     # Its Householder reflections divide by zero where a leading row has an exact zero, as at rest; any order of rows
     # will do, so those come last.
     order = np.argsort(-np.abs(values).min(axis=1), kind="stable")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,6 @@ from hybrid_sysid_ros.models.options import Option, Options, complete
 from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.stribeck import Stribeck
 
-PHYSICAL = ("linear", "stribeck", "dahl", "lugre", "gray")
 HYBRIDS = ("hybrid_joint", "hybrid_frozen", "hybrid")
 """Physics and network: the lecture's two on its linear model, and this project's on the rig's own equation."""
 
@@ -39,6 +38,7 @@ _SCALE = Option(
     default=0.1, low=0.01, high=1.0, kind="log", description="size of the network, as part of the drive's acceleration"
 )
 _STARTS = Option(default=1, low=1, high=32, kind="int", description="points where a fit begins; the best one goes on")
+_UNITS = Option(default=8, low=1, high=32, kind="int", description="of the network's hidden layer")
 _FIT = {"bias": _BIAS, "starts": _STARTS}
 _NETWORK = {"ridge": _RIDGE, **_FIT}
 
@@ -54,23 +54,12 @@ _OPTIONS: Mapping[str, Mapping[str, Option]] = {
         "degree": Option(default=3, low=1, high=3, kind="int", description="of the polynomial"),
         "terms": Option(default=4, low=0, high=40, kind="int", description="number of terms, 0 for BIC's"),
     },
-    "black_box": {
-        "units": Option(default=8, low=1, high=32, kind="int", description="of the network's hidden layer"),
-        **_NETWORK,
-    },
+    "black_box": {"units": _UNITS, **_NETWORK},
     "recurrent": {"units": Option(default=24, low=2, high=64, kind="int", description="hidden states of the GRU")},
-    "hybrid_joint": {
-        "units": Option(default=8, low=1, high=32, kind="int", description="of the network's hidden layer"),
-        "scale": Option(default=1.0, low=0.01, high=1.0, kind="log", description=_SCALE.description),
-        **_NETWORK,
-    },
-    "hybrid_frozen": {
-        "units": Option(default=8, low=1, high=32, kind="int", description="of the network's hidden layer"),
-        "scale": Option(default=1.0, low=0.01, high=1.0, kind="log", description=_SCALE.description),
-        **_NETWORK,
-    },
+    "hybrid_joint": {"units": _UNITS, "scale": replace(_SCALE, default=1.0), **_NETWORK},
+    "hybrid_frozen": {"units": _UNITS, "scale": replace(_SCALE, default=1.0), **_NETWORK},
     "hybrid": {
-        "units": Option(default=4, low=1, high=32, kind="int", description="of the network's hidden layer"),
+        "units": replace(_UNITS, default=4),
         "scale": _SCALE,
         "members": Option(default=1, low=1, high=10, kind="int", description="networks of other seeds in the mean"),
         **_NETWORK,

@@ -45,7 +45,10 @@ class Sensor:
 
 
 class Filter:
-    """The sensor's low-pass at a fixed step, forward Euler as on the rig: x+ = x + h (A x + b y), yf = c x."""
+    """The sensor's low-pass at a fixed step, forward Euler as on the rig: x+ = x + h (A x + b y), yf = c x.
+
+    transition (order, order): I + h A, gain (order,): h b, reading (order,): c.
+    """
 
     def __init__(self, sensor: Sensor, step: float) -> None:
         # Butterworth poles on the left half of the unit circle, in time counted by the cut-off frequency: the companion
@@ -55,18 +58,18 @@ class Filter:
         cut_off = 2 * np.pi * sensor.filter_hertz
         companion = np.eye(order, k=-1)
         companion[0] = -np.poly(poles).real[1:]
-        self._transition = np.eye(order) + step * cut_off * companion
-        self._input = step * cut_off * np.eye(order)[0]
-        self._output = np.eye(order)[-1]
-        self._state = np.zeros(order)
+        self.transition = np.eye(order) + step * cut_off * companion
+        self.gain = step * cut_off * np.eye(order)[0]
+        self.reading = np.eye(order)[-1]
+        self.state = np.zeros(order)
 
     @property
     def value(self) -> float:
-        return float(self._output @ self._state)
+        return float(self.reading @ self.state)
 
     def reset(self, value: float) -> None:
         """Settle at a constant input."""
-        self._state = np.linalg.solve(np.eye(len(self._state)) - self._transition, self._input * value)
+        self.state = np.linalg.solve(np.eye(len(self.state)) - self.transition, self.gain * value)
 
     def advance(self, value: float) -> None:
-        self._state = self._transition @ self._state + self._input * value
+        self.state = self.transition @ self.state + self.gain * value

@@ -8,10 +8,11 @@ import time
 from concurrent.futures import CancelledError, Future
 
 from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.extras import extra
 from hybrid_sysid_ros.models import Options
 from hybrid_sysid_ros.search.evaluation import Objective, Outcome, evaluate
-from hybrid_sysid_ros.search.extra import extra
-from hybrid_sysid_ros.search.workers import THREADS, Tell, Workers, count
+from hybrid_sysid_ros.search.workers import Tell, Workers, count
+from hybrid_sysid_ros.threads import ONE_THREAD
 
 LOCAL = "local"
 PATIENCE = 60.0
@@ -33,7 +34,7 @@ class Cluster(Workers):
         self, objective: Objective, tell: Tell, address: str, jobs: int = -1, patience: float = PATIENCE
     ) -> None:
         super().__init__(objective, tell)
-        with extra():
+        with extra("search"):
             import dask
             from distributed import Client, LocalCluster
         for name in ("distributed", "distributed.client"):
@@ -46,7 +47,7 @@ class Cluster(Workers):
                 threads_per_worker=1,
                 dashboard_address=":0",
                 silence_logs=logging.CRITICAL,
-                env=THREADS,
+                env=ONE_THREAD,
                 preload=IGNORE_INTERRUPT,
             )
         try:

@@ -35,17 +35,17 @@ class CrossValidation:
 
     def __call__(self, options: Options) -> Validation:
         """As a worker does it: in one thread, beside others."""
-        alone()
-        return cross_validate(
-            self.records,
-            self.rig,
-            self.structure,
-            sampling=self.sampling,
-            part=self.part,
-            options=options,
-            seed=self.seed,
-            folds=self.folds,
-        )
+        with alone():
+            return cross_validate(
+                self.records,
+                self.rig,
+                self.structure,
+                sampling=self.sampling,
+                part=self.part,
+                options=options,
+                seed=self.seed,
+                folds=self.folds,
+            )
 
     @property
     def space(self) -> Mapping[str, Option]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.search.extra import extra
+from hybrid_sysid_ros.extras import extra
 
 if TYPE_CHECKING:
     import optuna
@@ -23,7 +23,7 @@ def database(place: str) -> Iterator[optuna.storages.RDBStorage]:
 
     Raises UserError where it is something else, can't be read or written, or (a file) is open in another process.
     """
-    with extra():
+    with extra("search"):
         from optuna.exceptions import StorageInternalError
         from optuna.storages import RDBStorage
         from sqlalchemy.exc import SQLAlchemyError

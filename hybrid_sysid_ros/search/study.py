@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.extras import extra
 from hybrid_sysid_ros.models import Option, Options
 from hybrid_sysid_ros.search.database import database
 from hybrid_sysid_ros.search.evaluation import Outcome
-from hybrid_sysid_ros.search.extra import extra
 
 if TYPE_CHECKING:
     import optuna
@@ -127,7 +127,7 @@ def opened(
     Raises UserError where the file is no study or is not writable, another process works on it, or the study is of
     another problem.
     """
-    with extra():
+    with extra("search"):
         import optuna
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     problem = json.loads(json.dumps(problem))

@@ -10,9 +10,10 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future
 from types import TracebackType
 
 from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.extras import extra
 from hybrid_sysid_ros.models import Options
 from hybrid_sysid_ros.search.evaluation import Objective, Outcome, evaluate
-from hybrid_sysid_ros.search.extra import extra
+from hybrid_sysid_ros.threads import ONE_THREAD
 
 Tell = Callable[[str], object]
 
@@ -24,9 +25,6 @@ LOSSES = 3
 
 IDLE = 60.0
 """Seconds after which an idle process ends, also one whose parent was killed."""
-
-THREADS = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
-"""Environment of a worker: spinning threads of neighbours make a fit ten times slower."""
 
 
 class Workers(ABC):
@@ -98,11 +96,11 @@ class Processes(Workers):
 
     @staticmethod
     def _process() -> Executor:
-        with extra():
+        with extra("search"):
             from joblib.externals.loky import ProcessPoolExecutor
         # Ctrl-C goes to the whole group of processes, and the parent is the one that answers it.
         ignore = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN)}
-        executor: Executor = ProcessPoolExecutor(1, timeout=IDLE, env=THREADS, **ignore)
+        executor: Executor = ProcessPoolExecutor(1, timeout=IDLE, env=ONE_THREAD, **ignore)
         return executor
 
     @property
@@ -134,7 +132,7 @@ class Processes(Workers):
 def count(jobs: int) -> int:
     """A number of processes out of --jobs. Raises UserError for none."""
     if jobs == -1:
-        with extra():
+        with extra("search"):
             import joblib
         return int(joblib.cpu_count())
     if jobs < 1:
