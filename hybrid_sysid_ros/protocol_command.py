@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,13 +16,18 @@ from rich.table import Table
 from hybrid_sysid_ros import lecture, report
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.files import check_place, written_file
-from hybrid_sysid_ros.identification.comparison import RULE, Candidate, Comparison, compare
+from hybrid_sysid_ros.identification.candidate import Candidate
+from hybrid_sysid_ros.identification.candidate_store import CandidateStore
+from hybrid_sysid_ros.identification.comparison import RULE, Comparison, compare
 from hybrid_sysid_ros.lecture import Protocol, table_name
 from hybrid_sysid_ros.models import STRUCTURES
 from hybrid_sysid_ros.progress import progress_bars
 from hybrid_sysid_ros.report import StructureResult
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.terminal import InputHandling, Period, Step, console, sampling_of, status
+
+INTERRUPTED = 130
+"""The exit code."""
 
 WIDTH = 132
 """Of the table with all ranges; narrower terminals break its lines."""
@@ -42,7 +48,10 @@ def protocol_command(
     step: Step = 0.005,
     period: Period = 0.05,
 ) -> None:
-    """Reproduce the lecture's table of free runs with every structure, and choose one by its training data."""
+    """Reproduce the lecture's table of free runs with every structure, and choose one by its training data.
+
+    Ctrl-C prints and writes what is finished; the same command then goes on from there.
+    """
     if number not in lecture.PUBLISHED:
         raise UserError(f"protocol {number}: the lecture has protocols 1 and 2")
     if out is not None:
@@ -55,26 +64,36 @@ def protocol_command(
     rig = load_rig(lecture.RIG)
     sampling = sampling_of(step, period, input_handling)
     protocol = lecture.arrange(lecture.read_folder(folder), number)
-    with progress_bars(status) as update:
-        done: list[Candidate] = []
-        update("structures", 0, len(chosen))
+    structures = list(dict.fromkeys(chosen))
+    place = out or as_json or page
+    store = None if place is None else CandidateStore(place.with_name(f"{place.name}.fits"))
+    done: list[Candidate] = []
+    try:
+        with progress_bars(status) as update:
+            update("structures", 0, len(structures))
 
-        def told(candidate: Candidate) -> None:
-            done.append(candidate)
-            status.print(f"  {candidate.structure}: {described(candidate)}")
-            update("structures", len(done), len(chosen))
+            def told(candidate: Candidate) -> None:
+                done.append(candidate)
+                status.print(f"  {candidate.structure}: {described(candidate)}")
+                update("structures", len(done), len(structures))
 
-        comparison = compare(
-            protocol.training,
-            protocol.tests,
-            rig,
-            list(dict.fromkeys(chosen)),
-            sampling=sampling,
-            part=protocol.part,
-            seeds=range(seeds),
-            jobs=jobs,
-            told=told,
-        )
+            comparison = compare(
+                protocol.training,
+                protocol.tests,
+                rig,
+                structures,
+                sampling=sampling,
+                part=protocol.part,
+                seeds=range(seeds),
+                jobs=jobs,
+                store=store,
+                told=told,
+            )
+    except KeyboardInterrupt:
+        comparison = finished(done, structures)
+        status.print(_interrupted(comparison, store))
+        if not done:
+            raise typer.Exit(INTERRUPTED) from None
     if not any(candidate.models for candidate in comparison.candidates):
         raise UserError(f"no structure could be fitted; the last one: {comparison.candidates[-1].error}")
     Console(width=max(console.width, WIDTH)).print(table(protocol, comparison, input_handling))
@@ -92,6 +111,30 @@ def protocol_command(
         with status.status("simulating for the page"):
             write_page(page, protocol, comparison, input_handling)
         console.print(str(page))
+    if comparison.missing:
+        raise typer.Exit(INTERRUPTED)
+    if store is not None and not any(candidate.error for candidate in comparison.candidates):
+        store.remove()
+
+
+def finished(candidates: Sequence[Candidate], structures: Sequence[str]) -> Comparison:
+    """What there is of an interrupted comparison. Nothing is chosen: a structure that is missing may be better."""
+    found = {candidate.structure: candidate for candidate in candidates}
+    return Comparison(
+        candidates=[found[name] for name in structures if name in found],
+        chosen="",
+        seconds=sum(candidate.seconds for candidate in candidates),
+        missing=[name for name in structures if name not in found],
+    )
+
+
+def _interrupted(comparison: Comparison, store: CandidateStore | None) -> str:
+    """What an interrupt left, in one line."""
+    number = len(comparison.candidates)
+    text = f"interrupted: {number} of {number + len(comparison.missing)} structures are finished"
+    if store is None:
+        return f"{text}; give --json, --out or --report to have them kept"
+    return f"{text}, in {store.folder}; the same command goes on from there"
 
 
 def described(candidate: Candidate) -> str:
@@ -100,13 +143,14 @@ def described(candidate: Candidate) -> str:
         return f"failed: {candidate.error}"
     test = np.mean([list(seed.values()) for seed in candidate.r2])
     held = f"R2 {candidate.validation.value:.4f} +- {candidate.validation.standard_error:.4f} held out"
-    return f"{held}, {test:.4f} on the test, {candidate.seconds:.0f} s in all"
+    when = "of an earlier run" if candidate.kept else "in all"
+    return f"{held}, {test:.4f} on the test, {candidate.seconds:.0f} s {when}"
 
 
 def table(protocol: Protocol, comparison: Comparison, handling: str) -> Table:
     """Free-run R2, mean and range over the seeds, each structure beside its published row."""
     names = [table_name(record.name) for record, _ in protocol.tests]
-    title = f"free-run R2, protocol {protocol.number}, {handling} input"
+    title = f"free-run R2, protocol {protocol.number}, {handling} input{_without(comparison)}"
     shown = Table("structure", *names, "held out", "fit", title=title, title_justify="left")
     for candidate in comparison.candidates:
         row = lecture.published(protocol.number, candidate.structure)
@@ -135,7 +179,9 @@ def _cell(values: list[float]) -> str:
 
 
 def results(protocol: Protocol, comparison: Comparison, handling: str) -> dict[str, Any]:
-    """What the JSON file holds: structure -> record -> mean, min, max; chosen; seconds; and how it came about."""
+    """What the JSON file holds: structure -> record -> mean, min, max; chosen; seconds; partial, and the structures
+    that are missing then; kept, those of an earlier run, which seconds leaves out; and how it came about.
+    """
     content: dict[str, Any] = {
         candidate.structure: {
             table_name(record.name): _spread([seed[record.name] for seed in candidate.r2])
@@ -149,6 +195,9 @@ def results(protocol: Protocol, comparison: Comparison, handling: str) -> dict[s
         **content,
         "chosen": comparison.chosen,
         "seconds": round(comparison.seconds, 1),
+        "partial": bool(comparison.missing),
+        "missing": list(comparison.missing),
+        "kept": [item.structure for item in comparison.candidates if item.kept],
         "protocol": protocol.number,
         "input": handling,
         "rule": RULE,
@@ -166,6 +215,11 @@ def results(protocol: Protocol, comparison: Comparison, handling: str) -> dict[s
     }
 
 
+def _without(comparison: Comparison) -> str:
+    """What a title says of an interrupted comparison."""
+    return f" (interrupted: without {', '.join(comparison.missing)})" if comparison.missing else ""
+
+
 def _spread(values: list[float]) -> dict[str, float | None]:
     return {"mean": _finite(float(np.mean(values))), "min": _finite(min(values)), "max": _finite(max(values))}
 
@@ -179,7 +233,8 @@ def write_page(path: Path, protocol: Protocol, comparison: Comparison, handling:
     """The HTML page: the table; free runs, residuals, horizons and parameters of the pick and of two for reference."""
     records = {record.name: record for record, _ in protocol.tests}
     runs = [(records[record.name], part) for record, part in protocol.tests]
-    shown = {comparison.chosen, "linear", "hybrid"}
+    fitted = [item.structure for item in comparison.candidates if item.models]
+    shown = {comparison.chosen, "linear", "hybrid"}.intersection(fitted) or fitted[:1]
     found = [
         StructureResult(
             name=item.structure,
@@ -194,10 +249,11 @@ def write_page(path: Path, protocol: Protocol, comparison: Comparison, handling:
         for item in comparison.candidates
         if item.r2
     ]
-    title = f"Protocol {protocol.number}, {handling} input"
-    about = f"{protocol.about} The pick has {RULE}: no test record had a say in it."
+    title = f"Protocol {protocol.number}, {handling} input{_without(comparison)}"
+    pick = f"The pick has {RULE}: no test record had a say in it."
+    about = f"{protocol.about} {pick if comparison.chosen else 'Nothing is chosen: structures are missing.'}"
     section = report.protocol_section(
         title, found, about=about, training=[(record, protocol.part) for record in protocol.training]
     )
-    model = next(item for item in comparison.candidates if item.structure in shown and item.models).models[0]
+    model = next(item for item in comparison.candidates if item.structure in shown).models[0]
     report.write_protocol(path, section, report.provenance(model, " ".join(sys.argv)))

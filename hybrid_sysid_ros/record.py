@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -60,6 +61,14 @@ class Record:
     def duration(self) -> float:
         """Time from the first to the last sample [s]."""
         return float(self.time[-1])
+
+    @property
+    def fingerprint(self) -> str:
+        """Of the samples of time, input and output: one bag can be read by other signals, or in part."""
+        digest = hashlib.sha256()
+        for array in (self.time, self.input, self.output):
+            digest.update(array.tobytes())
+        return digest.hexdigest()[:16]
 
     def part(self, start: float, stop: float) -> Record:
         """The samples from fraction `start` to fraction `stop` of the record (0 to 1); its time starts at 0 again.

@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from hybrid_sysid_ros import cli
+from hybrid_sysid_ros.identification import comparison
 from hybrid_sysid_ros.models import load, storage
 
 BAGS = Path(__file__).parents[1] / "bags"
@@ -134,6 +135,50 @@ def test_a_protocol_of_the_shipped_bags_is_printed_written_and_its_pick_saved(co
         assert content["validation"][name]["parameters"] == {"linear": 5, "stribeck": 8}[name]
     assert load(model).structure == content["chosen"]
     assert set(load(model).fit["choice"]["structures"]) == {"linear", "stribeck"}
+
+
+def test_an_interrupted_protocol_writes_what_is_finished_and_goes_on_from_there(command, tmp_path, monkeypatch):
+    results, page, model = (tmp_path / name for name in ("results.json", "page.html", "model"))
+    arguments = ["protocol", "1", BAGS, "--jobs", "1", "--json", results, "--report", page, "--out", model]
+    arguments += ["--structure", "linear", "--structure", "stribeck"]
+    work = comparison.work
+
+    def interrupt_before_stribeck(task):
+        if task.structure == "stribeck":
+            raise KeyboardInterrupt
+        return work(task)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(comparison, "work", interrupt_before_stribeck)
+        status, out, error = command(*arguments)
+    assert status == 130
+    assert "interrupted: 1 of 2 structures are finished" in " ".join(error.split())
+    assert "the same command goes on from there" in " ".join(error.split())
+    assert "interrupted: without stribeck" in out
+    assert "chosen" not in out
+    content = json.loads(results.read_text())
+    assert (content["partial"], content["missing"], content["chosen"]) == (True, ["stribeck"], "")
+    assert "beam_multisine" in content["linear"]
+    assert "interrupted: without stribeck" in page.read_text()
+    assert not model.exists()
+
+    status, out, error = command(*arguments)
+    assert status == 0, error
+    again = json.loads(results.read_text())
+    assert (again["partial"], again["missing"], again["kept"]) == (False, [], ["linear"])
+    assert again["linear"] == content["linear"]
+    assert load(model).structure == again["chosen"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["model", "page.html", "results.json"]
+
+
+def test_a_protocol_that_is_interrupted_at_once_says_so(command, monkeypatch):
+    def interrupt(task):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(comparison, "work", interrupt)
+    status, out, error = command("protocol", "1", BAGS, "--jobs", "1", "--structure", "linear")
+    assert (status, out) == (130, "")
+    assert "interrupted: 0 of 1 structures are finished; give --json" in " ".join(error.split())
 
 
 @pytest.mark.parametrize(

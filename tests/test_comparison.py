@@ -1,12 +1,16 @@
 """The comparison of structures: the rule that chooses, and candidates that fail without stopping the others."""
 
+import multiprocessing
+import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hybrid_sysid_ros.identification import Part, comparison, evaluate
-from hybrid_sysid_ros.identification.comparison import RULE, Candidate, Comparison, choose, compare
+from hybrid_sysid_ros.identification.candidate import Candidate
+from hybrid_sysid_ros.identification.candidate_store import CandidateStore
+from hybrid_sysid_ros.identification.comparison import LOST, RULE, Comparison, choose, compare
 from hybrid_sysid_ros.identification.validation import Validation
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.black_box import BlackBox
@@ -209,3 +213,95 @@ def test_two_processes_find_what_one_does(alone, linear_records, rig):
             assert one.validation.scores == two.validation.scores
             np.testing.assert_array_equal(one.models[0].equation.values, two.models[0].equation.values)
             np.testing.assert_array_equal(one.models[0].covariance, two.models[0].covariance)
+
+
+# Lost processes and interrupts
+
+
+class Deadly(str):
+    """A structure's name that ends the process which unpacks it."""
+
+    __slots__ = ()
+
+    def __reduce__(self):
+        return os._exit, (1,)
+
+
+def test_a_structure_that_kills_its_process_fails_alone(linear_records, rig):
+    found = compare(
+        linear_records[1:],
+        [(linear_records[0], Part())],
+        rig,
+        [Deadly("stribeck"), "linear"],
+        sampling=Sampling(),
+        jobs=2,
+    )
+    assert [item.error for item in found.candidates] == [LOST, ""]
+    assert found.chosen == "linear"
+
+
+def test_a_structure_whose_process_is_killed_once_is_fitted_again(linear_records, rig):
+    def kill(candidate):
+        """The processes left: the one that fits, and an idle one."""
+        if candidate.structure == "linear":
+            for child in multiprocessing.active_children():
+                child.kill()
+
+    arguments = (linear_records[1:], [(linear_records[0], Part())], rig, ["linear", "black_box"])
+    found = compare(*arguments, sampling=Sampling(), seeds=(0,), jobs=2, told=kill)
+    assert [item.error for item in found.candidates] == ["", ""]
+
+
+@pytest.fixture
+def interrupted(monkeypatch):
+    """Ctrl-C comes when the second structure would begin; the names of what was worked through."""
+    done = []
+    work = comparison.work
+
+    def interrupted_work(task):
+        if len(done) == 1:
+            done.append("interrupt")
+            raise KeyboardInterrupt
+        done.append(task.structure)
+        return work(task)
+
+    monkeypatch.setattr(comparison, "work", interrupted_work)
+    return done
+
+
+def test_an_interrupted_comparison_goes_on_with_what_it_kept(alone, linear_records, rig, interrupted, tmp_path):
+    def again(**changes):
+        arguments = {
+            "training": linear_records[1:],
+            "tests": [(linear_records[0], Part(start=0.5)), (linear_records[2], Part())],
+            "rig": rig,
+            "structures": ["stribeck", "linear"],
+            "sampling": Sampling(),
+            "part": Part(stop=0.8),
+            "seeds": (0, 1),
+            "jobs": 1,
+            "store": CandidateStore(tmp_path / "fits"),
+        }
+        return compare(**{**arguments, **changes})
+
+    with pytest.raises(KeyboardInterrupt):
+        again()
+    found = again()
+    assert interrupted == ["stribeck", "interrupt", "linear"]
+    assert [item.kept for item in found.candidates] == [True, False]
+    one, two = alone.candidates[0], found.candidates[0]
+    assert (one.r2, one.seconds > 0) == (two.r2, two.seconds > 0)
+    assert one.validation.scores == two.validation.scores
+    np.testing.assert_array_equal(one.models[0].equation.values, two.models[0].equation.values)
+    assert found.chosen == "linear"
+    # Whatever the fit depends on must be the same.
+    changed = replace(linear_records[1], output=1.001 * linear_records[1].output)
+    for changes in (
+        {"part": Part(stop=0.7)},
+        {"seeds": (1, 0)},
+        {"sampling": Sampling(step=0.01)},
+        {"training": [changed, linear_records[2]]},
+    ):
+        assert not any(item.kept for item in again(**changes, structures=["linear"]).candidates)
+    (tmp_path / "fits" / next(p.name for p in (tmp_path / "fits").iterdir()) / "candidate.json").write_text("{")
+    assert [item.kept for item in again().candidates].count(True) == 1

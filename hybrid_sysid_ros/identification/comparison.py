@@ -6,68 +6,41 @@ import multiprocessing
 import os
 import signal
 import time
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.identification import fitting
-from hybrid_sysid_ros.identification.identify import evaluate, identify
+from hybrid_sysid_ros.identification.candidate import Candidate, Task, work
+from hybrid_sysid_ros.identification.candidate_store import CandidateStore
 from hybrid_sysid_ros.identification.part import Part
-from hybrid_sysid_ros.identification.validation import Validation, cross_validate
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.structures import SEEDED
 from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs.rig import Rig
 
-Told = Callable[["Candidate"], object]
+Told = Callable[[Candidate], object]
+LOSSES = 2
+LOST = f"its process was killed {LOSSES} times; perhaps it needs more memory: run again with --jobs 1"
 RULE = "the fewest parameters within one standard error of the best cross-validated R2"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Task:
-    """What one structure is to be put through: it goes to another process."""
-
-    structure: str
-    training: Sequence[Record]
-    part: Part
-    tests: Sequence[tuple[Record, Part]]
-    rig: Rig
-    sampling: Sampling
-    seeds: Sequence[int]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Candidate:
-    """One structure: models and r2 (test record -> R2), one for each seed; validation on the training data. error: why
-    it has none of them, "" where it has.
-    """
-
-    structure: str
-    models: Sequence[Model] = ()
-    r2: Sequence[dict[str, float]] = ()
-    validation: Validation | None = None
-    seconds: float = 0.0
-    error: str = ""
-
-    @property
-    def parameters(self) -> int:
-        """Free numbers of the fit, weights of a network included."""
-        return self.models[0].free_numbers
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """candidates in the order that was asked for; chosen: the structure picked by training data only, "" for none."""
+    """candidates in the order that was asked for; chosen: the structure picked by training data only, "" for none.
+    missing: structures that were asked for and not reached, in a comparison that was interrupted.
+    """
 
     candidates: Sequence[Candidate]
     chosen: str
     seconds: float
+    missing: Sequence[str] = ()
 
     def model(self) -> Model:
         """The pick, fitted with the first seed; how it was picked is recorded in it."""
@@ -96,12 +69,14 @@ def compare(
     part: Part = Part(),
     seeds: Sequence[int] = (0, 1, 2),
     jobs: int = 0,
+    store: CandidateStore | None = None,
     told: Told = lambda candidate: None,
 ) -> Comparison:
     """Fit structures with several seeds, score them on the tests, cross-validate them on the training data, and choose.
 
-    jobs: processes, 0 for one a processor. told: gets each candidate as it is done. A structure that can't be fitted is
-    a candidate with an error; the others go on. The choice is the one-standard-error rule of Breiman et al. (1984):
+    jobs: processes, 0 for one a processor. told: gets each candidate as it is done. store: keeps finished candidates,
+    and has those of an earlier run. A structure that can't be fitted, or whose process is killed LOSSES times, is a
+    candidate with an error; the others go on. The choice is the one-standard-error rule of Breiman et al. (1984):
     RULE, which the tests never enter.
     """
     began = time.perf_counter()
@@ -118,10 +93,17 @@ def compare(
         )
         for structure in structures
     ]
-    done = {}
-    for candidate in _run(tasks, jobs or os.cpu_count() or 1):
-        done[candidate.structure] = candidate
+    known = [store.find(task) for task in tasks] if store is not None else []
+    done = {candidate.structure: candidate for candidate in known if candidate is not None}
+    for candidate in done.values():
         told(candidate)
+    left = {task.structure: task for task in tasks if task.structure not in done}
+    with closing(_run(list(left.values()), jobs or os.cpu_count() or 1)) as running:
+        for candidate in running:
+            done[candidate.structure] = candidate
+            if store is not None:
+                store.keep(left[candidate.structure], candidate)
+            told(candidate)
     candidates = [done[structure] for structure in structures]
     return Comparison(candidates=candidates, chosen=choose(candidates), seconds=time.perf_counter() - began)
 
@@ -137,44 +119,49 @@ def choose(candidates: Sequence[Candidate]) -> str:
     return min(within, key=lambda item: (item.parameters, -values[item.structure].value)).structure
 
 
-def work(task: Task) -> Candidate:
-    """One structure through all of its task."""
-    began = time.perf_counter()
-    try:
-        shared: dict[str, Any] = {"sampling": task.sampling, "part": task.part}
-        models = [identify(task.training, task.rig, task.structure, seed=seed, **shared) for seed in task.seeds]
-        r2 = [{record.name: evaluate(model, record, part=part).r2 for record, part in task.tests} for model in models]
-        validation = cross_validate(task.training, task.rig, task.structure, seed=task.seeds[0], **shared)
-    except UserError as error:
-        return Candidate(structure=task.structure, error=str(error))
-    return Candidate(
-        structure=task.structure, models=models, r2=r2, validation=validation, seconds=time.perf_counter() - began
-    )
-
-
 def _run(tasks: Sequence[Task], jobs: int) -> Iterator[Candidate]:
-    """Candidates as they are done; the slow structures begin first."""
-    slow_first = sorted(tasks, key=lambda task: task.structure not in SEEDED)
+    """Candidates as they are done; the slow structures begin first. Each process is a pool of its own, which breaks
+    alone when it is killed.
+    """
+    waiting = deque(sorted(tasks, key=lambda task: task.structure not in SEEDED))
     if jobs == 1:
-        yield from map(work, slow_first)
+        yield from map(work, waiting)
         return
+    idle = [_process() for _ in range(min(jobs, len(tasks)))]
+    running: dict[Future[Candidate], tuple[ProcessPoolExecutor, Task]] = {}
+    losses: Counter[str] = Counter()
+    try:
+        while waiting or running:
+            while waiting and idle:
+                process, task = idle.pop(), waiting.popleft()
+                running[process.submit(_work_alone, task)] = process, task
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                process, task = running.pop(future)
+                try:
+                    candidate = future.result()
+                    idle.append(process)
+                except BrokenProcessPool:
+                    idle.append(_process())
+                    losses[task.structure] += 1
+                    if losses[task.structure] < LOSSES:
+                        waiting.appendleft(task)
+                        continue
+                    candidate = Candidate(structure=task.structure, error=LOST)
+                yield candidate
+    except BaseException:
+        for child in multiprocessing.active_children():
+            child.terminate()
+        raise
+    finally:
+        for process in (*idle, *(process for process, _ in running.values())):
+            process.shutdown(wait=False, cancel_futures=True)
+
+
+def _process() -> ProcessPoolExecutor:
     # Ctrl-C is for the parent, which ends the others.
     ignore = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(max_workers=min(jobs, len(tasks)), mp_context=context, initializer=ignore)
-    try:
-        running: dict[Future[Candidate], str] = {pool.submit(_work_alone, task): task.structure for task in slow_first}
-        for future in as_completed(running):
-            try:
-                yield future.result()
-            except BrokenProcessPool:
-                yield Candidate(structure=running[future], error="its process was killed; run again, or with --jobs 1")
-    except BaseException:
-        for process in multiprocessing.active_children():
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+    return ProcessPoolExecutor(max_workers=1, mp_context=context, initializer=ignore)
 
 
 def _work_alone(task: Task) -> Candidate:

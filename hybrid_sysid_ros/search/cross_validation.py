@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -59,7 +58,7 @@ class CrossValidation:
         return {
             "rig": self.rig.name,
             "structure": self.structure,
-            "records": {record.name: _digest(record) for record in self.records},
+            "records": {record.name: record.fingerprint for record in self.records},
             "sampling": asdict(self.sampling),
             "part": f"{self.part.start:g}:{self.part.stop:g}",
             "seed": self.seed,
@@ -78,11 +77,3 @@ class CrossValidation:
             options=options,
             seed=self.seed,
         )
-
-
-def _digest(record: Record) -> str:
-    """Of the samples themselves: one bag can be read by other signals, or in part."""
-    digest = hashlib.sha256()
-    for array in (record.time, record.input, record.output):
-        digest.update(array.tobytes())
-    return digest.hexdigest()[:16]
