@@ -255,7 +255,7 @@ def test_a_structure_whose_process_is_killed_once_is_fitted_again(linear_records
 @pytest.fixture
 def interrupted(monkeypatch):
     """Ctrl-C comes when the second structure would begin; the names of what was worked through."""
-    done = []
+    done: list[str] = []
     work = comparison.work
 
     def interrupted_work(task):

@@ -7,7 +7,7 @@ import os
 import signal
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
@@ -119,7 +119,7 @@ def choose(candidates: Sequence[Candidate]) -> str:
     return min(within, key=lambda item: (item.parameters, -values[item.structure].value)).structure
 
 
-def _run(tasks: Sequence[Task], jobs: int) -> Iterator[Candidate]:
+def _run(tasks: Sequence[Task], jobs: int) -> Generator[Candidate, None, None]:
     """Candidates as they are done; the slow structures begin first. Each process is a pool of its own, which breaks
     alone when it is killed.
     """
