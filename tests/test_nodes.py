@@ -269,15 +269,19 @@ def test_a_first_measurement_that_is_no_number_is_not_answered(bench: Bench, mod
     assert len(desk.estimates) == 1
 
 
-def test_a_gap_is_counted_and_a_late_measurement_ignored(bench: Bench, model_folder: Path) -> None:
+def test_a_gap_is_counted_and_what_comes_late_is_used_or_ignored_but_not_answered(
+    bench: Bench, model_folder: Path
+) -> None:
     desk = Desk(bench, model_folder)
     desk.estimate(0.01)
     desk.estimate(0.01, step=4)
     counters = desk.estimator.filter.counters
     assert counters.missing == 3
-    desk.measure(0.02, step=-2)
+    desk.measure(0.01, step=-2)  # within the gap
+    bench.until(lambda: counters.delayed)
+    desk.measure(0.01, step=-50)  # before anything known
     bench.until(lambda: counters.late)
-    desk.estimate(0.01, step=3)
+    desk.estimate(0.01, step=53)
     assert len(desk.estimates) == 3
 
 

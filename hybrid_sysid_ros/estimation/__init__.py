@@ -1,6 +1,8 @@
-"""Kalman filters on any model."""
+"""Kalman filters on any model, behind one interface."""
 
 from hybrid_sysid_ros.estimation.estimate import Counters, Estimate, Estimator
-from hybrid_sysid_ros.estimation.extended_kalman_filter import ExtendedKalmanFilter, Tuning
+from hybrid_sysid_ros.estimation.extended_kalman_filter import ExtendedKalmanFilter
+from hybrid_sysid_ros.estimation.filter import Filter
+from hybrid_sysid_ros.estimation.tuning import Channel, Tuning
 
-__all__ = ["Counters", "Estimate", "Estimator", "ExtendedKalmanFilter", "Tuning"]
+__all__ = ["Channel", "Counters", "Estimate", "Estimator", "ExtendedKalmanFilter", "Filter", "Tuning"]

@@ -1,49 +1,49 @@
-"""The inputs of the last moments, for models with an input delay."""
+"""The inputs of the last moments, compiled: for models with an input delay, and for going back in time.
+
+Kept as the integral of the input at the ends of its intervals, oldest first, so that a mean is one difference.
+"""
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Inputs = NDArray[np.void]
+"""Records of type :data:`~hybrid_sysid_ros.estimation.memory.INPUT`."""
 
 
-class InputHistory:
-    """Remembers mean inputs over intervals and tells their mean over any other interval.
+@numba.njit(error_model="numpy", nogil=True)
+def begin_history(inputs: Inputs, time: float, value: float) -> None:
+    """The input has been ``value`` for ever, until ``time`` [s]."""
+    length = inputs.shape[0]
+    for i in range(length):
+        back = length - 1 - i
+        inputs[i].time = time - back
+        inputs[i].integral = -back * value
 
-    Kept as the integral of the input at the ends of the intervals, so that a mean is one difference.
-    """
 
-    def __init__(self, inputs: int, *, length: int = 64) -> None:
-        self._times = np.zeros(length)
-        self._integrals = np.zeros((length, inputs))
-        self._first = np.zeros(inputs)
+@numba.njit(error_model="numpy", nogil=True)
+def remember(inputs: Inputs, time: float, value: float) -> None:
+    """From the last time to this one the input was ``value`` in the mean."""
+    last = inputs.shape[0] - 1
+    for i in range(last):
+        inputs[i] = inputs[i + 1]
+    inputs[last].integral += (time - inputs[last].time) * value
+    inputs[last].time = time
 
-    def reset(self, time: float, value: Array) -> None:
-        """The input has been ``value`` (inputs,) for ever, until ``time`` [s]."""
-        length = len(self._times)
-        self._times[:] = time - np.arange(length, 0, -1) + 1.0
-        self._integrals[:] = (self._times - time)[:, None] * value
-        self._last = np.array(value, dtype=float)
 
-    def append(self, time: float, value: Array) -> None:
-        """From the last time to this one the input was ``value`` (inputs,) in the mean."""
-        span = time - self._times[-1]
-        self._times[:-1] = self._times[1:]
-        self._integrals[:-1] = self._integrals[1:]
-        self._times[-1] = time
-        self._integrals[-1] = self._integrals[-2] + span * value
-        self._last[:] = value
+@numba.njit(error_model="numpy", nogil=True)
+def mean_input(inputs: Inputs, start: float, stop: float) -> float:
+    """Mean input over [start, stop]; after the last known time the last value is held."""
+    return (_integral(inputs, stop) - _integral(inputs, start)) / (stop - start)
 
-    def mean(self, start: float, stop: float) -> Array:
-        """Mean input (inputs,) over [start, stop]; after the last known time the last value is held."""
-        return (self._integral(stop) - self._integral(start)) / (stop - start)
 
-    def _integral(self, time: float) -> Array:
-        times = self._times
-        if time >= times[-1]:
-            return self._integrals[-1] + (time - times[-1]) * self._last
-        right = max(int(np.searchsorted(times, time, side="right")), 1)
-        left = right - 1
-        share = (time - times[left]) / (times[right] - times[left])
-        return self._integrals[left] + share * (self._integrals[right] - self._integrals[left])
+@numba.njit(error_model="numpy", nogil=True)
+def _integral(inputs: Inputs, time: float) -> float:
+    right = inputs.shape[0] - 1
+    while right > 1 and inputs[right - 1].time > time:  # most questions are about the newest ones
+        right -= 1
+    left, right = inputs[right - 1], inputs[right]
+    share = (time - left.time) / (right.time - left.time)
+    return left.integral + share * (right.integral - left.integral)

@@ -1,0 +1,134 @@
+"""The model with what else is unknown beside it: z = [x, d, s, c, theta], compiled.
+
+    x+ = step(x, u + d; theta),  d+ = d,  (s, c)+ = rotation(w h) (s, c),  theta+ = theta
+
+x is the model's state, d a disturbance of the input, s the hum in the sensor with its quadrature c, theta the followed
+parameters. Everything but x moves by itself; the process noise makes it drift.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+from numba.np.unsafe.ndarray import to_fixed_tuple
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.equations import Equation, kernels
+from hybrid_sysid_ros.equations.equation import parameter_tuple
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.estimation.memory import LONGEST_STEP
+from hybrid_sysid_ros.estimation.tuning import Tuning
+
+Array = NDArray[np.float64]
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+DIFFERENCE = 1e-6
+"""Of a state or a parameter, for derivatives; of the input ten times as much."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Augmented:
+    """Compiled functions of one form of equation; core is a record of :func:`~.memory.core_type`.
+
+    move(core, z, drive, h, following): one step of h [s] under the input ``drive``; ``following`` (size,) receives the
+    new state, another array than z.
+    linearise(core, z, drive, h, following, jacobian): the same, and its Jacobian (size, size) by forward differences.
+    """
+
+    move: Callable[..., None]
+    linearise: Callable[..., None]
+
+
+_COMPILED: dict[tuple[Any, ...], Augmented] = {}
+
+
+def augmented(equation: Equation) -> Augmented:
+    """The functions of an equation's form, compiled once in a process."""
+    if equation.form not in _COMPILED:
+        _COMPILED[equation.form] = _compile(equation)
+    return _COMPILED[equation.form]
+
+
+def _compile(equation: Equation) -> Augmented:
+    step = kernels(equation).step
+    states, parameters, weights = len(equation.states), len(equation.parameters), len(equation.weights)
+    named = parameter_tuple(tuple(item.name for item in equation.parameters))
+
+    def move(core: Any, z: Array, drive: float, h: float, following: Array) -> None:
+        for i in range(states + 3, z.shape[0]):
+            core.numbers[core.followed[i - states - 3]] = min(max(z[i], core.low[i]), core.high[i])
+            following[i] = z[i]
+        core.drive[0] = drive + z[states]
+        p = named(*to_fixed_tuple(core.numbers, parameters))
+        step(z[:states], core.drive, p, core.weights[:weights], h, following[:states])
+        following[states] = z[states]
+        cosine, sine = math.cos(core.turning * h), math.sin(core.turning * h)
+        following[states + 1] = cosine * z[states + 1] + sine * z[states + 2]
+        following[states + 2] = cosine * z[states + 2] - sine * z[states + 1]
+
+    compiled_move = numba.njit(move, **OPTIONS)
+
+    def linearise(core: Any, z: Array, drive: float, h: float, following: Array, jacobian: Array) -> None:
+        moved = core.direction
+        compiled_move(core, z, drive, h, following)
+        for i in range(z.shape[0]):
+            for j in range(z.shape[0]):
+                jacobian[j, i] = 1.0 if i == j else 0.0
+            if states < i < states + 3:
+                continue
+            value = z[i]
+            difference = 10 * DIFFERENCE if i == states else DIFFERENCE
+            if value + difference > core.high[i]:
+                difference = -difference
+            z[i] = value + difference
+            compiled_move(core, z, drive, h, moved)
+            z[i] = value
+            for j in range(states):
+                jacobian[j, i] = (moved[j] - following[j]) / difference
+        cosine, sine = math.cos(core.turning * h), math.sin(core.turning * h)
+        s, c = states + 1, states + 2
+        jacobian[s, s], jacobian[s, c] = cosine, sine
+        jacobian[c, s], jacobian[c, c] = -sine, cosine
+
+    return Augmented(move=compiled_move, linearise=numba.njit(linearise, **OPTIONS))
+
+
+def offset_gains(equation: Equation, tuning: Tuning) -> Array | None:
+    """For each followed parameter the input offset that does the same, per unit of it: (followed,), 0 where none does.
+
+    None where no parameter is like an offset of the input. Raises UserError where one is and the disturbance is to be
+    estimated as well: no measurement tells the two apart.
+    """
+    gains = np.zeros(len(tuning.followed))
+    step, numbers = kernels(equation).step, equation.values
+    names = [item.name for item in equation.parameters]
+    random = np.random.default_rng(0)
+    samples = [(random.normal(size=len(equation.states)), random.uniform(-5.0, 5.0, 1)) for _ in range(64)]
+
+    def moved(values: Array, x: Array, u: Array) -> Array:
+        out = np.zeros(len(x))
+        step(x, u, equation.with_values(values).named, equation.weights, LONGEST_STEP, out)
+        return out
+
+    for k, name in enumerate(tuning.followed):
+        index = names.index(name)
+        other = numbers.copy()
+        other[index] += DIFFERENCE
+        by_input = [moved(numbers, x, u + DIFFERENCE) - moved(numbers, x, u) for x, u in samples]
+        by_parameter = [moved(other, x, u) - moved(numbers, x, u) for x, u in samples]
+        ratios = [b @ a / (a @ a) for a, b in zip(by_input, by_parameter, strict=True) if a @ a > 0.0]
+        ratio = float(np.median(ratios)) if ratios else 0.0
+        left = [np.linalg.norm(b - ratio * a) for a, b in zip(by_input, by_parameter, strict=True)]
+        # Nearly everywhere: a difference across a corner of the law says nothing.
+        if ratio and np.mean(np.array(left) <= 1e-3 * np.linalg.norm(by_parameter, axis=1)) > 0.9:
+            if tuning.disturbance_noise > 0.0:
+                raise UserError(
+                    f"parameter {name} can't be told from the input disturbance: set disturbance_noise to 0 to follow "
+                    f"{name} in its place, or don't follow it"
+                )
+            gains[k] = ratio
+    return gains if np.any(gains) else None
