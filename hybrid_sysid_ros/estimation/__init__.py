@@ -4,5 +4,22 @@ from hybrid_sysid_ros.estimation.estimate import Counters, Estimate, Estimator
 from hybrid_sysid_ros.estimation.extended_kalman_filter import ExtendedKalmanFilter
 from hybrid_sysid_ros.estimation.filter import Filter
 from hybrid_sysid_ros.estimation.tuning import Channel, Tuning
+from hybrid_sysid_ros.estimation.unscented_kalman_filter import UnscentedKalmanFilter
 
-__all__ = ["Channel", "Counters", "Estimate", "Estimator", "ExtendedKalmanFilter", "Filter", "Tuning"]
+METHODS: dict[str, type[Filter]] = {
+    "ekf": ExtendedKalmanFilter,
+    "ukf": UnscentedKalmanFilter,
+}
+"""The estimators by name."""
+
+__all__ = [
+    "METHODS",
+    "Channel",
+    "Counters",
+    "Estimate",
+    "Estimator",
+    "ExtendedKalmanFilter",
+    "Filter",
+    "Tuning",
+    "UnscentedKalmanFilter",
+]
