@@ -1,14 +1,16 @@
-"""Kalman filters on any model, behind one interface."""
+"""Kalman filters and moving-horizon estimation on any model, behind one interface."""
 
 from hybrid_sysid_ros.estimation.estimate import Counters, Estimate, Estimator
 from hybrid_sysid_ros.estimation.extended_kalman_filter import ExtendedKalmanFilter
 from hybrid_sysid_ros.estimation.filter import Filter
+from hybrid_sysid_ros.estimation.moving_horizon_estimator import MovingHorizonEstimator
 from hybrid_sysid_ros.estimation.tuning import Channel, Tuning
 from hybrid_sysid_ros.estimation.unscented_kalman_filter import UnscentedKalmanFilter
 
 METHODS: dict[str, type[Filter]] = {
     "ekf": ExtendedKalmanFilter,
     "ukf": UnscentedKalmanFilter,
+    "mhe": MovingHorizonEstimator,
 }
 """The estimators by name."""
 
@@ -20,6 +22,7 @@ __all__ = [
     "Estimator",
     "ExtendedKalmanFilter",
     "Filter",
+    "MovingHorizonEstimator",
     "Tuning",
     "UnscentedKalmanFilter",
 ]

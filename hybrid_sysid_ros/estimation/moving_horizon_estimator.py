@@ -1,0 +1,341 @@
+"""Moving-horizon estimation by Gauss-Newton."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.equations import Equation
+from hybrid_sysid_ros.estimation.augmented import OPTIONS, augmented
+from hybrid_sysid_ros.estimation.extended_kalman_filter import copied, covariance_belief, diagonal, propagate
+from hybrid_sysid_ros.estimation.filter import Filter
+from hybrid_sysid_ros.estimation.history import Inputs, mean_input, remember
+from hybrid_sysid_ros.estimation.kernels import Channels, Kernels, beginning, clip, copy, looking_ahead
+from hybrid_sysid_ros.estimation.memory import GATED, MAIN, NONE, RESET, USED
+from hybrid_sysid_ros.estimation.nodes import SAME, Nodes, place
+from hybrid_sysid_ros.estimation.tuning import Tuning
+
+Array = NDArray[np.float64]
+
+ITERATIONS = 3
+"""Gauss-Newton steps for a measurement at most; the window before is the start, so that one is nearly enough."""
+
+HALVINGS = 4
+"""Of a step that does not lower the cost."""
+
+ENOUGH = 1e-4
+"""Relative fall of the cost that is not worth another step."""
+
+
+class MovingHorizonEstimator(Filter):
+    """The trajectory z_0 ... z_N over the last measurements that costs least.
+
+        |z_0 - prior|^2_P0 + sum |z_k+1 - f(z_k, u_k)|^2_(Q dt) + sum |y_k - H z_k|^2_R,   |e|^2_M = e' M^-1 e
+
+    See :class:`~.filter.Filter` for the rest. Each Gauss-Newton step is one pass of a Kalman filter forwards and one
+    of a smoother backwards over the problem linearised about the trajectory, so that it costs as much as N updates; a
+    step that does not lower the cost is halved. The arrival cost (prior, P0) of a node is what the filter's pass
+    predicted there, from measurements that have left the window. Disturbance and parameters are held in their bounds by
+    projection. A measurement out of order is put in its place within the window.
+
+    Source: Rao, Rawlings, Mayne (2003), IEEE TAC 48(2), with the filtering update of the arrival cost; the passes: Bell
+    (1994), SIAM J. Optim. 4(3), and Rauch, Tung, Striebel (1965).
+    """
+
+    windowed = True
+
+    def kernels(self, equation: Equation) -> Kernels:
+        return _kernels(equation)
+
+    def window_of(self, tuning: Tuning, period: float) -> float:
+        return tuning.horizon * period
+
+
+_COMPILED: dict[tuple[Any, ...], Kernels] = {}
+
+
+def _kernels(equation: Equation) -> Kernels:
+    if equation.form not in _COMPILED:
+        _COMPILED[equation.form] = _compile(equation)
+    return _COMPILED[equation.form]
+
+
+def _compile(equation: Equation) -> Kernels:
+    parts = augmented(equation)
+    move, ahead_of = parts.move, looking_ahead(equation, parts.move)
+    begin_at = beginning(equation, diagonal)
+    cost_of, forward = _cost(equation, move), _forward(equation)
+
+    def begin(
+        cores: Any, channels: Channels, nodes: Nodes, inputs: Inputs, time: float, value: float, applied: float
+    ) -> None:
+        begin_at(cores, channels, nodes, inputs, time, value, applied)
+        _as_prior(nodes[0])
+
+    def solve(core: Any, channels: Channels, nodes: Nodes, inputs: Inputs, first: int) -> None:
+        """Gauss-Newton over the nodes from ``first`` on; their means are where it starts, and what it finds."""
+        cost = math.inf
+        for iteration in range(ITERATIONS):
+            forward(core, channels, nodes, inputs, first, iteration == 0)
+            if nodes[core.count - 1].fate == RESET:
+                return
+            if iteration == 0:
+                cost = cost_of(core, channels, nodes, inputs, first, 0.0)
+            _backward(core, nodes, first)
+            share = 1.0
+            lower = cost_of(core, channels, nodes, inputs, first, share)
+            halvings = 0
+            while not lower <= cost and halvings < HALVINGS:
+                share, halvings = 0.5 * share, halvings + 1
+                lower = cost_of(core, channels, nodes, inputs, first, share)
+            if not lower <= cost:
+                return
+            for k in range(first, core.count):
+                _between(core, nodes[k], share, nodes[k].mean)
+            if not cost - lower > ENOUGH * cost:
+                return
+            cost = lower
+
+    compiled_solve = numba.njit(solve, **OPTIONS)
+
+    def answer(
+        cores: Any, channels: Channels, nodes: Nodes, inputs: Inputs, lead: float, ahead: Array, covariance: Array
+    ) -> None:
+        core = cores[0]
+        ahead_of(core, nodes, inputs, lead, ahead)
+        copied(nodes[core.count - 1].root, covariance)
+
+    compiled_answer = numba.njit(answer, **OPTIONS)
+
+    def absorb(
+        cores: Any,
+        channels: Channels,
+        nodes: Nodes,
+        inputs: Inputs,
+        time: float,
+        value: float,
+        channel: int,
+        since: float,
+        applied: float,
+        lead: float,
+        ahead: Array,
+        covariance: Array,
+    ) -> int:
+        core = cores[0]
+        newest = nodes[core.count - 1].time
+        oldest = nodes[_since(core, nodes, newest - core.span)].time
+        node = -1
+        if time > oldest + SAME:
+            node = place(core, nodes, time, value, channel)
+        if applied == applied:
+            remember(inputs, time, applied)
+        if node >= 0:
+            new = node
+            while new > 1 and nodes[new - 1].time > newest:  # an interval of several steps
+                new -= 1
+            for k in range(new, node + 1):
+                _guess(core, inputs, nodes[k - 1], nodes[k], move)
+            compiled_solve(core, channels, nodes, inputs, _since(core, nodes, oldest))
+            last = core.count - 1
+            if nodes[last].fate == RESET and last > 0:
+                _as_prior(nodes[last])
+                nodes[0] = nodes[last]
+                core.count, node = 1, 0
+        compiled_answer(cores, channels, nodes, inputs, lead, ahead, covariance)
+        return node
+
+    return Kernels(begin=numba.njit(begin, **OPTIONS), absorb=numba.njit(absorb, **OPTIONS), answer=compiled_answer)
+
+
+@numba.njit(error_model="numpy", nogil=True)
+def _since(core: Any, nodes: Nodes, time: float) -> int:
+    """Index of the first node that is not older."""
+    index = core.count - 1
+    while index > 0 and nodes[index - 1].time >= time - SAME:
+        index -= 1
+    return index
+
+
+@numba.njit(error_model="numpy", nogil=True)
+def _as_prior(node: Any) -> None:
+    """Nothing is known of a node but its belief."""
+    copy(node.mean, node.predicted)
+    copied(node.root, node.predicted_covariance)
+
+
+@numba.njit(error_model="numpy", nogil=True)
+def _between(core: Any, node: Any, share: float, out: Array) -> None:
+    """A trajectory's state some way from the old to the smoothed one, in its bounds."""
+    for i in range(out.shape[0]):
+        out[i] = node.mean[i] + share * (node.smoothed[i] - node.mean[i])
+    clip(core, out)
+
+
+@numba.njit(error_model="numpy", nogil=True)
+def _backward(core: Any, nodes: Nodes, first: int) -> None:
+    """The smoother's means: s_k = z_k + P_k F' M^-1 (s_k+1 - m); z_k, P_k filtered, m, M predicted for k + 1."""
+    last, difference, pulled = core.count - 1, core.column, core.direction
+    copy(nodes[last].filtered, nodes[last].smoothed)
+    for k in range(last - 1, first - 1, -1):
+        node, following = nodes[k], nodes[k + 1]
+        for i in range(difference.shape[0]):
+            difference[i] = following.smoothed[i] - following.predicted[i]
+        copied(following.predicted_covariance, core.product)
+        factorise(core.product)
+        solve_factorised(core.product, difference)
+        for i in range(difference.shape[0]):
+            pulled[i] = 0.0
+            for j in range(difference.shape[0]):
+                pulled[i] += following.transition[j, i] * difference[j]
+        for i in range(difference.shape[0]):
+            total = node.filtered[i]
+            for j in range(difference.shape[0]):
+                total += node.root[i, j] * pulled[j]
+            node.smoothed[i] = total
+
+
+@numba.njit(error_model="numpy", nogil=True)
+def factorise(matrix: Array) -> None:
+    """Cholesky in place, P = L L'; rows and columns without any variance stay zero."""
+    for j in range(matrix.shape[0]):
+        pivot = matrix[j, j]
+        for k in range(j):
+            pivot -= matrix[j, k] * matrix[j, k]
+        root = math.sqrt(pivot) if pivot > 1e-14 * matrix[j, j] else 0.0
+        matrix[j, j] = root
+        for i in range(j + 1, matrix.shape[0]):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] = total / root if root > 0.0 else 0.0
+
+
+@numba.njit(error_model="numpy", nogil=True)
+def solve_factorised(factor: Array, x: Array) -> None:
+    """P x = b in place; what has no variance has no say."""
+    size = x.shape[0]
+    for i in range(size):
+        for k in range(i):
+            x[i] -= factor[i, k] * x[k]
+        x[i] = x[i] / factor[i, i] if factor[i, i] > 0.0 else 0.0
+    for i in range(size - 1, -1, -1):
+        for k in range(i + 1, size):
+            x[i] -= factor[k, i] * x[k]
+        x[i] = x[i] / factor[i, i] if factor[i, i] > 0.0 else 0.0
+
+
+@numba.njit(error_model="numpy", nogil=True)
+def _drive(core: Any, inputs: Inputs, before: Any, node: Any) -> float:
+    start, stop = before.time - core.delay, node.time - core.delay
+    return mean_input(inputs, start, stop) if stop > start else 0.0
+
+
+@numba.njit(error_model="numpy", nogil=True)
+def _guess(core: Any, inputs: Inputs, before: Any, node: Any, move: Any) -> None:
+    """A new node's first trajectory: where the model leads to."""
+    if node.time > before.time:
+        move(core, before.mean, _drive(core, inputs, before, node), node.time - before.time, node.mean)
+    else:
+        copy(before.mean, node.mean)
+
+
+def _forward(equation: Equation) -> Callable[..., None]:
+    """A Kalman filter over the problem linearised about the trajectory, from the first node's prior on."""
+    parts = augmented(equation)
+    linearise, belief = parts.linearise, covariance_belief(equation, parts)
+    observe, condense = belief.observe, belief.condense
+    states = len(equation.states)
+
+    def weigh(core: Any, channels: Channels, node: Any, judge: bool) -> None:
+        """Use a node's measurement; judge: decide first whether to believe it."""
+        channel = channels[node.channel]
+        variance = observe(core, node.root, channel.row, channel.hum) + channel.noise
+        innovation = node.value - node.filtered[channel.row] - channel.hum * node.filtered[states + 1]
+        if judge:
+            node.innovation, node.normalised = innovation, innovation * innovation / variance
+            node.fate = USED if node.normalised <= core.gate else GATED
+            if node.channel == MAIN:
+                node.outliers = 0 if node.fate == USED else node.outliers + 1
+        if node.fate != USED:
+            return
+        for i in range(node.filtered.shape[0]):
+            node.filtered[i] += core.column[i] / variance * innovation
+        condense(core, node.root, channel.row, channel.hum, variance, channel.noise)
+
+    compiled_weigh = numba.njit(weigh, **OPTIONS)
+
+    def forward(core: Any, channels: Channels, nodes: Nodes, inputs: Inputs, first: int, judge: bool) -> None:
+        for k in range(first, core.count):
+            node = nodes[k]
+            if k > first:
+                before = nodes[k - 1]
+                h = node.time - before.time
+                if h > 0.0:
+                    drive = _drive(core, inputs, before, node)
+                    linearise(core, before.mean, drive, h, node.predicted, node.transition)
+                else:
+                    copy(before.mean, node.predicted)
+                    for i in range(node.mean.shape[0]):
+                        for j in range(node.mean.shape[0]):
+                            node.transition[i, j] = 1.0 if i == j else 0.0
+                for i in range(node.mean.shape[0]):
+                    for j in range(node.mean.shape[0]):
+                        node.predicted[i] += node.transition[i, j] * (before.filtered[j] - before.mean[j])
+                copied(before.root, node.predicted_covariance)
+                propagate(node.predicted_covariance, node.transition, core.process, h, core.product)
+                if judge:
+                    node.outliers = before.outliers
+            copy(node.predicted, node.filtered)
+            copied(node.predicted_covariance, node.root)
+            if node.channel != NONE and node.fate != RESET:
+                compiled_weigh(core, channels, node, judge and k > first)
+        node = nodes[core.count - 1]
+        if node.outliers > core.patience and node.channel == MAIN and core.count - 1 > first:
+            for i in range(node.mean.shape[0]):  # the measurement wins; what is slow is believed still
+                fast = i < states or states < i < states + 3
+                node.mean[i] = 0.0 if fast else node.filtered[i]
+            node.mean[channels[MAIN].row] = node.value
+            clip(core, node.mean)
+            diagonal(node.root, core.start)
+            node.outliers, node.fate = 0, RESET
+
+    return numba.njit(forward, **OPTIONS)  # type: ignore[no-any-return]
+
+
+def _cost(equation: Equation, move: Callable[..., None]) -> Callable[..., float]:
+    """What is minimised, some way from the trajectory to the smoothed one."""
+    states = len(equation.states)
+
+    def cost(core: Any, channels: Channels, nodes: Nodes, inputs: Inputs, first: int, share: float) -> float:
+        z, following, residual = core.points[0], core.points[1], core.direction
+        _between(core, nodes[first], share, z)
+        for i in range(z.shape[0]):
+            residual[i] = core.points[2, i] = z[i] - nodes[first].predicted[i]
+        copied(nodes[first].predicted_covariance, core.product)
+        factorise(core.product)
+        solve_factorised(core.product, residual)
+        total = 0.0
+        for i in range(z.shape[0]):
+            total += residual[i] * core.points[2, i]
+        for k in range(first, core.count):
+            node = nodes[k]
+            if k > first:
+                before = nodes[k - 1]
+                h = node.time - before.time
+                if h > 0.0:
+                    move(core, z, _drive(core, inputs, before, node), h, following)
+                    _between(core, node, share, z)
+                    for i in range(z.shape[0]):
+                        if core.process[i] > 0.0:
+                            total += (z[i] - following[i]) ** 2 / (core.process[i] * h)
+            if node.fate == USED:
+                channel = channels[node.channel]
+                total += (node.value - z[channel.row] - channel.hum * z[states + 1]) ** 2 / channel.noise
+        return total
+
+    return numba.njit(cost, **OPTIONS)  # type: ignore[no-any-return]
