@@ -10,6 +10,9 @@ from typing import Any
 import casadi
 import numba
 
+from hybrid_sysid_ros.equations import perceptron
+from hybrid_sysid_ros.equations.perceptron import Perceptron
+
 Operation = Callable[..., Any]
 
 
@@ -18,7 +21,8 @@ class Operations:
     """What a law is written in: ``law(operations)`` returns the law in the form these operations make.
 
     ``function(f)`` makes a part of a law callable from the law; ``select(condition, if_true, if_false)`` evaluates both
-    branches; ``saturate(x, limit)`` is x within +-limit.
+    branches; ``saturate(x, limit)`` is x within +-limit; ``perceptron(network)`` makes network(z, w) -> y_1 of a
+    :class:`~hybrid_sysid_ros.equations.perceptron.Perceptron`, z a tuple of its features.
     """
 
     function: Callable[[Operation], Operation]
@@ -30,6 +34,7 @@ class Operations:
     maximum: Operation
     select: Operation
     saturate: Operation
+    perceptron: Callable[[Perceptron], Operation]
 
 
 @numba.njit(error_model="numpy")
@@ -83,6 +88,7 @@ COMPILED = Operations(
     maximum=_maximum,
     select=_select,
     saturate=_saturate,
+    perceptron=perceptron.compiled,
 )
 """Scalars under numba: simulation, fitting, filters, the plant. Dry friction is exact."""
 
@@ -108,4 +114,5 @@ def symbolic(smoothing: float = 0.0) -> Operations:
         maximum=casadi.fmax,
         select=casadi.if_else,
         saturate=saturate,
+        perceptron=lambda network: perceptron.unrolled(network, casadi.tanh),
     )

@@ -1,0 +1,184 @@
+"""Vector registers in compiled code: several numbers that one instruction works on.
+
+The compiler makes vectors of plain loops only where it can prove that nothing overlaps, which it mostly can't. Here the
+code says what it means; a register wider than the machine's becomes several of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic, models, register_model
+
+FUSED = ("contract",)
+"""A product and a sum may become one operation: it rounds once instead of twice."""
+
+ROUNDER = 1.5 * 2.0**52
+"""Added to a number and taken away again, it rounds to a whole number; the sum's low bits are that number."""
+
+LOG2_HIGH, LOG2_LOW = 0.6931471803691238, 1.9082149292705877e-10
+"""log 2 in two parts, the first short enough for exact products (Cody & Waite 1980)."""
+
+
+class Register(types.Type):  # type: ignore[misc]
+    """The compiler's type of so many numbers side by side."""
+
+    def __init__(self, lanes: int) -> None:
+        self.lanes = lanes
+        super().__init__(name=f"{type(self).__name__}({lanes})")
+
+
+@register_model(Register)
+class RegisterModel(models.PrimitiveModel):  # type: ignore[misc]
+    """A register is what LLVM calls a vector."""
+
+    def __init__(self, manager: Any, register: Register) -> None:
+        super().__init__(manager, register, vector(register.lanes))
+
+
+def vector(lanes: int) -> ir.VectorType:
+    """LLVM's type of a register."""
+    return ir.VectorType(ir.DoubleType(), lanes)
+
+
+def constant(value: float, lanes: int) -> ir.Constant:
+    """A register with one number in every lane, known beforehand."""
+    return ir.Constant(vector(lanes), [value] * lanes)
+
+
+def splat(builder: Any, value: Any, lanes: int) -> Any:
+    """One number in every lane."""
+    one = builder.insert_element(ir.Constant(vector(lanes), ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    lane = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes)
+    return builder.shuffle_vector(one, ir.Constant(vector(lanes), ir.Undefined), lane)
+
+
+def fused(builder: Any, a: Any, b: Any, c: Any) -> Any:
+    """Return a b + c."""
+    return builder.fadd(builder.fmul(a, b, flags=FUSED), c, flags=FUSED)
+
+
+def _place(context: Any, builder: Any, kind: Any, memory: Any, at: Any, lanes: int) -> Any:
+    data = memory if isinstance(kind, types.CPointer) else context.make_array(kind)(context, builder, memory).data
+    return builder.bitcast(builder.gep(data, [at]), vector(lanes).as_pointer())
+
+
+@intrinsic
+def scratch(typingctx, numbers):  # type: ignore[no-untyped-def]
+    """Memory for a literal number of numbers, gone when the function returns."""
+    if not isinstance(numbers, types.IntegerLiteral):
+        return None
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        size = ir.Constant(ir.IntType(64), numbers.literal_value)
+        return cgutils.alloca_once(builder, ir.DoubleType(), size=size)
+
+    return types.CPointer(types.float64)(numbers), build
+
+
+@intrinsic
+def load(typingctx, memory, at, lanes):  # type: ignore[no-untyped-def]
+    """The numbers of an array or a scratch from ``at`` on; lanes: a literal."""
+    if not isinstance(lanes, types.IntegerLiteral):
+        return None
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = _place(context, builder, signature.args[0], arguments[0], arguments[1], lanes.literal_value)
+        return builder.load(place, align=8)
+
+    return Register(lanes.literal_value)(memory, types.intp, lanes), build
+
+
+@intrinsic
+def store(typingctx, memory, at, register):  # type: ignore[no-untyped-def]
+    """Write a register to an array or a scratch from ``at`` on."""
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = _place(context, builder, signature.args[0], arguments[0], arguments[1], register.lanes)
+        builder.store(arguments[2], place, align=8)
+        return context.get_dummy_value()
+
+    return types.void(memory, types.intp, register), build
+
+
+def _elementwise(build: Callable[..., Any]) -> Any:
+    """An intrinsic from registers to a register; ``build`` gets the builder and the registers."""
+
+    @intrinsic
+    def one(typingctx, a):  # type: ignore[no-untyped-def]
+        return a(a), lambda context, builder, signature, arguments: build(builder, *arguments)
+
+    @intrinsic
+    def two(typingctx, a, b):  # type: ignore[no-untyped-def]
+        return a(a, b), lambda context, builder, signature, arguments: build(builder, *arguments)
+
+    return one if build.__code__.co_argcount == 2 else two
+
+
+added = _elementwise(lambda builder, a, b: builder.fadd(a, b, flags=FUSED))
+"""a + b, lane by lane."""
+multiplied = _elementwise(lambda builder, a, b: builder.fmul(a, b, flags=FUSED))
+"""a b, lane by lane."""
+tanh_slope = _elementwise(
+    lambda builder, h: builder.fsub(constant(1.0, h.type.count), builder.fmul(h, h, flags=FUSED), flags=FUSED)
+)
+"""1 - h^2: the derivative of h = tanh z."""
+
+
+@intrinsic
+def zero(typingctx, lanes):  # type: ignore[no-untyped-def]
+    """Zeros; lanes: a literal."""
+    if not isinstance(lanes, types.IntegerLiteral):
+        return None
+    count = lanes.literal_value
+    return Register(count)(lanes), lambda context, builder, signature, arguments: constant(0.0, count)
+
+
+@intrinsic
+def plus_scaled(typingctx, total, register, factor):  # type: ignore[no-untyped-def]
+    """Total + register * factor, factor a number."""
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        total, register, factor = arguments
+        return fused(builder, register, splat(builder, factor, total.type.count), total)
+
+    return total(total, register, types.float64), build
+
+
+@intrinsic
+def summed(typingctx, register):  # type: ignore[no-untyped-def]
+    """The sum of the lanes."""
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind = ir.FunctionType(ir.DoubleType(), [ir.DoubleType(), arguments[0].type])
+        name = f"llvm.vector.reduce.fadd.v{register.lanes}f64"
+        reduce = cgutils.get_or_insert_function(builder.module, kind, name)
+        return builder.call(reduce, [ir.Constant(ir.DoubleType(), 0.0), arguments[0]], fastmath=("reassoc",))
+
+    return types.float64(register), build
+
+
+@_elementwise
+def tanh(builder: Any, x: Any) -> Any:
+    """1 - 2 / (exp(2 x) + 1) to 4e-16, half a nanosecond a lane; exp(y) = 2^n exp(r), |r| <= log(2) / 2, by Taylor."""
+    lanes = x.type.count
+    limit = constant(20.0, lanes)
+    x = builder.select(builder.fcmp_ordered(">", x, limit), limit, x)
+    x = builder.select(builder.fcmp_ordered("<", x, constant(-20.0, lanes)), constant(-20.0, lanes), x)
+    y = builder.fadd(x, x)
+    shifted = fused(builder, y, constant(1.0 / math.log(2.0), lanes), constant(ROUNDER, lanes))
+    n = builder.fsub(shifted, constant(ROUNDER, lanes))
+    r = fused(builder, n, constant(-LOG2_HIGH, lanes), y)
+    r = fused(builder, n, constant(-LOG2_LOW, lanes), r)
+    power = constant(1.0 / math.factorial(12), lanes)
+    for order in range(11, -1, -1):
+        power = fused(builder, power, r, constant(1.0 / math.factorial(order), lanes))
+    bits = ir.VectorType(ir.IntType(64), lanes)
+    exponent = builder.shl(builder.bitcast(shifted, bits), ir.Constant(bits, [52] * lanes))
+    scale = builder.bitcast(builder.add(exponent, ir.Constant(bits, [1023 << 52] * lanes)), x.type)
+    one = constant(1.0, lanes)
+    return builder.fsub(one, builder.fdiv(constant(2.0, lanes), fused(builder, power, scale, one)))

@@ -1,0 +1,131 @@
+"""Compiled derivatives: those of CasADi, for every structure, operation and network."""
+
+from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
+
+import casadi
+import numpy as np
+import pytest
+
+from benchmarks.network_plant import NETWORK, WEIGHTS, NetworkPlant, layers
+from hybrid_sysid_ros.equations import Equation, kernels, symbolic_step
+from hybrid_sysid_ros.equations.linearisation import linearisation, workspace
+from hybrid_sysid_ros.equations.perceptron import Perceptron, compiled, passes, unrolled
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.models.narx import Narx
+from hybrid_sysid_ros.models.recurrent import Recurrent
+from tests.test_equations import MOTIONS, RANGE, structure
+
+SUBSTEPS, STEP = 3, 0.005
+
+
+def recurrent():
+    equation = Recurrent(units=5, position_scale=0.05, rate_scale=0.2, drive_scale=4.0)
+    return equation.with_weights(np.random.default_rng(0).normal(size=len(equation.weights)))
+
+
+def polynomial():
+    return Narx(
+        exponents=((0, 0, 0, 0), (1, 0, 0, 0), (0, 1, 1, 0), (2, 0, 0, 1), (0, 0, 1, 2)),
+        coefficients=(0.1, 0.9, -0.2, 0.3, 0.1),
+        output_lags=2,
+        input_lags=2,
+        output_range=(-0.2, 0.2),
+        input_range=(-10.0, 10.0),
+        output_scale=0.1,
+        input_scale=5.0,
+    )
+
+
+EQUATIONS: dict[str, Callable[[], Equation]] = {
+    **{name: partial(structure, name) for name in MOTIONS},
+    "narx": polynomial,
+    "recurrent": recurrent,
+    "network": NetworkPlant,
+}
+
+
+@pytest.mark.parametrize("smoothing", [0.0, 0.005])
+@pytest.mark.parametrize("name", EQUATIONS)
+def test_the_jacobian_of_several_steps_is_that_of_the_casadi_form(name, smoothing):
+    equation = EQUATIONS[name]()
+    states, inputs = len(equation.states), len(equation.inputs)
+    step = symbolic_step(equation, step=STEP, substeps=SUBSTEPS, smoothing=smoothing)
+    x, u = casadi.SX.sym("x", states), casadi.SX.sym("u", inputs)
+    following = step(x, u)
+    expected = casadi.Function("j", [x, u], [following, casadi.jacobian(following, x), casadi.jacobian(following, u)])
+    linearise, rows = linearisation(equation, smoothing=smoothing), workspace(equation)
+    end, by_state, by_input = np.zeros(states), np.zeros((states, states)), np.zeros((states, inputs))
+    random = np.random.default_rng(3)
+    for _ in range(20):
+        state = random.uniform(-1, 1, states) * np.append(RANGE[:2], np.full(states - 2, 0.005))
+        drive = random.uniform(-1, 1, inputs) * RANGE[2]
+        linearise(state, drive, equation.named, equation.weights, STEP, SUBSTEPS, rows, end, by_state, by_input)
+        for found, wanted in zip((end, by_state, by_input), expected(state, drive), strict=True):
+            np.testing.assert_allclose(found, np.array(wanted).reshape(found.shape), rtol=1e-9, atol=1e-12)
+
+
+def test_without_rounding_the_linearised_step_is_the_simulated_one():
+    equation = structure("hybrid")
+    linearise, rows = linearisation(equation, smoothing=0.0), workspace(equation)
+    state, drive, end = np.array([0.02, -0.3]), np.array([4.0]), np.zeros(2)
+    linearise(state, drive, equation.named, equation.weights, STEP, 1, rows, end, np.zeros((2, 2)), np.zeros((2, 1)))
+    following = np.zeros(2)
+    kernels(equation).step(state, drive, equation.named, equation.weights, STEP, following)
+    np.testing.assert_allclose(end, following, rtol=1e-13)
+
+
+def by_hand(weights, z):
+    """A network as it is written: W tanh(...) + b."""
+    *hidden, (matrix, bias) = weights
+    for rows, biases in hidden:
+        z = np.tanh(rows @ z + biases)
+    return matrix @ z + bias
+
+
+@pytest.mark.parametrize("widths", [(3, 32, 32, 1), (2, 5, 1), (4, 8, 16, 24, 2), (1, 40, 1)])
+def test_a_network_in_registers_is_the_one_that_is_written(widths):
+    random = np.random.default_rng(0)
+    weights = [(random.normal(size=(b, a)), random.normal(size=b)) for a, b in pairwise(widths)]
+    network = Perceptron.of(weights)
+    packed = network.packed(weights)
+    assert len(packed) == network.size
+    run, features = passes(network), widths[0]
+    for _ in range(20):
+        z = 3.0 * random.normal(size=features)
+        values, slopes = np.zeros(run.values), np.zeros(features)
+        values[:features] = z
+        run.forward(packed, values)
+        answers = [run.output(packed, values, k) for k in range(widths[-1])]
+        np.testing.assert_allclose(answers, by_hand(weights, z), rtol=1e-12, atol=1e-12)
+        for k in range(widths[-1]):
+            run.gradient(packed, values, k, slopes)
+            moved = [(by_hand(weights, z + e)[k] - by_hand(weights, z - e)[k]) / 2e-6 for e in 1e-6 * np.eye(features)]
+            np.testing.assert_allclose(slopes, moved, rtol=1e-5, atol=1e-7)
+        assert compiled(network)(tuple(z), packed) == answers[0]
+        assert unrolled(network, np.tanh)(tuple(z), packed) == pytest.approx(answers[0], rel=1e-12)
+
+
+def test_tanh_in_registers_is_that_of_the_library():
+    """One unit without bias: y = tanh(z)."""
+    weights = [(np.ones((1, 1)), np.zeros(1)), (np.ones((1, 1)), np.zeros(1))]
+    network = Perceptron.of(weights)
+    run = compiled(network)
+    for z in [0.0, -0.0, 1e-300, 1e-9, 0.3, -0.7, 5.0, -18.9, 19.5, 40.0, -1e300]:
+        assert run((float(z),), network.packed(weights)) == pytest.approx(np.tanh(z), rel=1e-9, abs=5e-16)
+    assert np.isnan(run((np.nan,), network.packed(weights)))
+
+
+def test_the_reference_network_is_drawn_as_it_is_stated():
+    z = np.array([0.5, -0.2, 0.1])
+    assert compiled(NETWORK)(tuple(z), WEIGHTS) == pytest.approx(by_hand(layers(), z)[0], rel=1e-12)
+
+
+def test_layers_that_do_not_fit_are_refused():
+    with pytest.raises(UserError, match="a layer of 4 units is followed by one for 5"):
+        Perceptron.of([(np.zeros((4, 3)), np.zeros(4)), (np.zeros((1, 5)), np.zeros(1))])
+    with pytest.raises(UserError, match=r"biases of shape \(3,\)"):
+        Perceptron.of([(np.zeros((4, 3)), np.zeros(3)), (np.zeros((1, 4)), np.zeros(1))])
+    with pytest.raises(UserError, match="each above 0"):
+        Perceptron(widths=(3, 0, 1))
