@@ -37,6 +37,10 @@ class Timed:
         """Forget the past."""
         self.controller.reset()
 
+    def prepare(self, elapsed: float) -> None:
+        """Not measured: it is done when the input is out."""
+        self.controller.prepare(elapsed)
+
     def control(self, state: Any, disturbance: Any, previous_input: Any, preview: Any) -> Plan:
         """Measure one call."""
         began = perf_counter()

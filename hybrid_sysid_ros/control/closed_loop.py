@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Controller, Status
-from hybrid_sysid_ros.control.mpc import Problem
+from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.estimation import Estimator
 from hybrid_sysid_ros.rigs.excitation import Reference
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -71,6 +71,7 @@ def run_loop(
         u = float(plan.input[0])
         statuses[plan.status] += 1
         rows.append((time, plant.state[output], estimate.state[output], scale * float(reference(time)), u))
+        controller.prepare(period)
         for _ in range(steps):
             plant.advance(u)
     time, position, estimated, wanted, inputs = np.array(rows).T

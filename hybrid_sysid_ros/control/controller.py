@@ -17,10 +17,14 @@ class Status(Enum):
 
     SOLVED = "solved"
     """The optimum, to tolerance."""
+    ITERATED = "iterated"
+    """One real-time iteration towards the optimum."""
     NOT_CONVERGED = "not converged"
     """The solver's last iterate: within the bounds, maybe not optimal."""
+    LATE = "late"
+    """Out of time: the rest of the last plan."""
     FAILED = "failed"
-    """No solution: the shifted last plan."""
+    """No solution: the rest of the last plan."""
     POLICY = "policy"
     """The network's answer."""
     HELD = "held"
@@ -54,6 +58,12 @@ class Controller(Protocol):
         state (states,): the one that the input will meet, a delay ahead. disturbance (inputs,): estimated offset of the
         input. previous_input (inputs,): the one applied last. preview (horizon,): reference of the output, at period,
         2 period, ... after the state's time. The input of the plan is within the bounds and finite, always.
+        """
+        ...
+
+    def prepare(self, elapsed: float) -> None:
+        """What can be done before the next state is known, ``elapsed`` [s] after this one; call it after the input is
+        out.
         """
         ...
 
