@@ -70,17 +70,18 @@ class Record:
             digest.update(array.tobytes())
         return digest.hexdigest()[:16]
 
-    def part(self, start: float, stop: float) -> Record:
+    def part(self, start: float, stop: float, *, every: int = 1) -> Record:
         """The samples from fraction `start` to fraction `stop` of the record (0 to 1); its time starts at 0 again.
 
-        Parts that share a fraction share no sample: part(0, .5) and part(.5, 1) together are the whole record.
+        Parts that share a fraction share no sample: part(0, .5) and part(.5, 1) together are the whole record. Cuts are
+        at multiples of `every` samples.
 
         Raises:
             UserError: the fractions are not 0 <= start < stop <= 1, or fewer than two samples are left.
         """
         if not 0.0 <= start < stop <= 1.0:
             raise UserError(f"record {self.name}: a part needs 0 <= start < stop <= 1, not {start:g} to {stop:g}")
-        chosen = slice(round(start * self.samples), round(stop * self.samples))
+        chosen = slice(self.cut(start, every), self.cut(stop, every))
         if chosen.stop - chosen.start < 2:
             raise UserError(f"record {self.name}: no samples from {start:g} to {stop:g} of {self.samples} samples")
         changes: dict[str, Any] = {
@@ -90,6 +91,10 @@ class Record:
             "channels": {key: value[chosen] for key, value in self.channels.items()},
         }
         return replace(self, **changes)
+
+    def cut(self, fraction: float, every: int = 1) -> int:
+        """The sample at a fraction of the record, a multiple of `every`, or the number of samples for 1."""
+        return self.samples if fraction == 1.0 else every * round(fraction * self.samples / every)
 
     def _check_shapes(self) -> None:
         if self.time.ndim != 1 or len(self.time) < 2:

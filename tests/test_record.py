@@ -36,6 +36,13 @@ def test_two_halves_make_the_whole():
     assert second.name == "ms_05"
 
 
+def test_parts_are_cut_at_multiples_of_a_number_of_samples():
+    assert [record().cut(fraction, 7) for fraction in (0, 0.5, 0.7, 1)] == [0, 49, 70, 101]
+    first, second = record().part(0, 0.5, every=7), record().part(0.5, 1, every=7)
+    assert first.samples == 49
+    assert np.array_equal(np.vstack([first.output, second.output]), record().output)
+
+
 @pytest.mark.parametrize(("start", "stop"), [(0.5, 0.5), (-0.1, 1), (0, 1.1), (0.7, 0.2), (float("nan"), 1), (0, 0.01)])
 def test_a_part_that_is_none_is_refused(start, stop):
     with pytest.raises(UserError, match="record ms_05"):

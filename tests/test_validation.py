@@ -24,7 +24,7 @@ def records(linear_records):
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_blocks_share_no_sample_and_leave_none_out(records, count):
-    blocks = blocks_of(records[:count])
+    blocks = blocks_of(records[:count], Sampling())
     assert len(blocks) == BLOCKS
     samples = np.concatenate([block.input[:, 0] for block in blocks])
     expected = np.concatenate([record.input[:, 0] for record in records[:count]])
@@ -34,15 +34,17 @@ def test_blocks_share_no_sample_and_leave_none_out(records, count):
 
 
 def test_blocks_are_sorted_from_calm_to_wide(records):
-    deviations = [np.std(block.output) for block in blocks_of(records)]
+    deviations = [np.std(block.output) for block in blocks_of(records, Sampling())]
     assert deviations == sorted(deviations)
     assert deviations[-1] > 3 * deviations[0]
 
 
 def test_blocks_are_named_by_their_record_and_place(records):
-    assert {block.name for block in blocks_of(records[:1])} == {f"linear_6V {i}/6" for i in range(1, 7)}
+    assert {block.name for block in blocks_of(records[:1], Sampling())} == {f"linear_6V {i}/6" for i in range(1, 7)}
     many = [replace(records[i % 3], name=f"record {i}") for i in range(7)]
-    assert sorted(block.name for block in blocks_of(many)) == [f"record {i}" for i in range(7)]  # enough as they are
+    assert sorted(block.name for block in blocks_of(many, Sampling())) == [
+        f"record {i}" for i in range(7)
+    ]  # enough as they are
 
 
 @pytest.fixture
@@ -62,7 +64,7 @@ def watched(monkeypatch):
 @pytest.mark.parametrize("folds", [2, 3, 6])
 def test_no_fit_sees_what_it_is_scored_on(linear_records, rig, watched, folds):
     found = cross_validate(linear_records, rig, "linear", sampling=Sampling(), folds=folds)
-    blocks = blocks_of(linear_records)
+    blocks = blocks_of(linear_records, Sampling())
     names = {block.name for block in blocks}
     assert len(watched) == folds
     held = [names - {block.name for block in given} for given in watched]
@@ -78,7 +80,7 @@ def test_no_fit_sees_what_it_is_scored_on(linear_records, rig, watched, folds):
 
 def test_the_groups_go_from_the_calmest_to_the_widest(linear_records, rig, watched):
     cross_validate(linear_records, rig, "linear", sampling=Sampling(), folds=3)
-    order = [block.name for block in blocks_of(linear_records)]
+    order = [block.name for block in blocks_of(linear_records, Sampling())]
     for i, given in enumerate(watched):
         assert [block.name for block in given] == order[: 2 * i] + order[2 * i + 2 :]
 
@@ -144,3 +146,12 @@ def test_records_that_can_not_be_cross_validated_are_refused(linear_records, rig
         cross_validate([still, *linear_records[1:]], rig, "linear", sampling=Sampling())
     with pytest.raises(UserError, match="structure 'magic' is unknown"):
         cross_validate(linear_records, rig, "magic", sampling=Sampling())
+
+
+def test_blocks_are_cut_at_scored_samples(linear_records):
+    """A grid that begins elsewhere reads a sampled input at other instants: a jump then comes a period earlier."""
+    numbered = [replace(record, output=np.arange(record.samples, dtype=float)[:, None]) for record in linear_records]
+    for period, every in ((0.05, 10), (0.035, 7)):
+        blocks = blocks_of(numbered[:1], Sampling(period=period))
+        assert len(blocks) == BLOCKS
+        assert all(block.output[0, 0] % every == 0 for block in blocks)

@@ -43,7 +43,7 @@ def identify(
         rig=rig, structure=structure, sampling=sampling, options=options or {}, seed=seed, progress=progress
     )
     chosen = recipe.chosen
-    used = [record.part(part.start, part.stop) for record in records]
+    used = [part.of(record, sampling) for record in records]
     for record in used:
         check_excitation(record, rig)
     fitted, holds = recipe.fit(used)
@@ -98,7 +98,7 @@ def evaluate(model: Model, record: Record, *, part: Part = Part()) -> Scores:
 
 def experiment_of(model: Model, record: Record, *, part: Part = Part()) -> Experiment:
     """A record made ready for a model, at the sampling that the model was identified at."""
-    return prepare(record.part(part.start, part.stop), model.equation, model.sampling)
+    return prepare(part.of(record, model.sampling), model.equation, model.sampling)
 
 
 def _scores(equation: Equation, experiment: Experiment) -> Scores:

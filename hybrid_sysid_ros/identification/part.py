@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.record import Record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -13,6 +15,18 @@ class Part:
 
     start: float = 0.0
     stop: float = 1.0
+
+    def of(self, record: Record, sampling: Sampling) -> Record:
+        """This part of a record, cut at its scored samples: all parts are then sampled at the same instants, wherever
+        they begin. An input that is read once a period tells of a jump beside the grid at once, or a period late.
+
+        Raises UserError where fewer than two samples are left.
+        """
+        return record.part(self.start, self.stop, every=scored_every(record, sampling))
+
+    def first(self, record: Record, sampling: Sampling) -> int:
+        """The sample of a record where this part of it begins."""
+        return record.cut(self.start, scored_every(record, sampling))
 
     @classmethod
     def parse(cls, text: str) -> Part:
@@ -24,3 +38,8 @@ class Part:
         if not 0.0 <= start < stop <= 1.0:
             raise UserError(f"part {text!r}: needs 0 <= START < STOP <= 1")
         return cls(start=start, stop=stop)
+
+
+def scored_every(record: Record, sampling: Sampling) -> int:
+    """Samples of a record from one scored sample to the next."""
+    return max(1, round(sampling.period / record.sampling_time))

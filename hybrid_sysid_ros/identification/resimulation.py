@@ -74,7 +74,7 @@ def resimulate(equation: Equation, record: Record, rig: Rig, *, sampling: Sampli
         raise UserError(
             f"re-simulation: rig {rig.name} has a controller of one input and one output; the model has more"
         )
-    used = record.part(part.start, part.stop)
+    used = part.of(record, sampling)
     grid = Sampling(step=sampling.step, period=max(sampling.step, used.sampling_time), input="averaged")
     experiment = prepare(used, equation, grid)
     steps = len(experiment.inputs)
@@ -94,7 +94,7 @@ def resimulate(equation: Equation, record: Record, rig: Rig, *, sampling: Sampli
         low_pass.transition,
         low_pass.gain,
         low_pass.reading,
-        _filter_state(record, rig, part, low_pass),
+        _filter_state(record, rig, part.first(record, sampling), low_pass),
         rig.feedback_gain / rig.sensor.radians_per_volt,
         rig.input_limit,
         equation.outputs[0],
@@ -133,9 +133,8 @@ def _reference(record: Record, rig: Rig, ticks: int) -> Array:
     return np.asarray(np.interp(rig.step * np.arange(ticks), record.time, reference))
 
 
-def _filter_state(record: Record, rig: Rig, part: Part, low_pass: Filter) -> Array:
-    """Where the filter begins."""
-    first = round(part.start * record.samples)
+def _filter_state(record: Record, rig: Rig, first: int, low_pass: Filter) -> Array:
+    """Where the filter begins, at a sample of the record."""
     ticks = min(round(first * record.sampling_time / rig.step), round(WARM_UP / rig.step))
     times = record.sampling_time * first - rig.step * np.arange(ticks, 0, -1)
     before = np.interp(times, record.time, record.output[:, 0])

@@ -44,13 +44,15 @@ class Validation:
         return float(np.std(values, ddof=1) / np.sqrt(len(values)))
 
 
-def blocks_of(records: Sequence[Record]) -> list[Record]:
-    """Records, each cut into as many equal parts as make BLOCKS in all; calmest first, by the outputs' deviation."""
+def blocks_of(records: Sequence[Record], sampling: Sampling) -> list[Record]:
+    """Records, each cut at scored samples into as many equal parts as make BLOCKS in all; calmest first, by the
+    outputs' deviation.
+    """
     each = max(1, -(-BLOCKS // len(records)))
     blocks = []
     for record in records:
         for i in range(each):
-            block = record.part(i / each, (i + 1) / each)
+            block = Part(start=i / each, stop=(i + 1) / each).of(record, sampling)
             name = f"{record.name} {i + 1}/{each}" if each > 1 else record.name
             blocks.append(replace(block, name=name))
     return sorted(blocks, key=lambda block: float(np.std(block.output)))
@@ -76,11 +78,11 @@ def cross_validate(
     """
     if not records:
         raise UserError("cross-validation: no record")
-    used = [record.part(part.start, part.stop) for record in records]
+    used = [part.of(record, sampling) for record in records]
     for record in used:
         check_excitation(record, rig)
     # Against an output that stands still nothing can be scored.
-    blocks = [block for block in blocks_of(used) if np.all(np.ptp(block.output, axis=0) > 0.0)]
+    blocks = [block for block in blocks_of(used, sampling) if np.all(np.ptp(block.output, axis=0) > 0.0)]
     if not 2 <= folds <= len(blocks):
         raise UserError(f"cross-validation: {folds} folds; choose 2 to {len(blocks)}, the number of blocks")
     recipe = Recipe(rig=rig, structure=structure, sampling=sampling, options=options or {}, seed=seed)

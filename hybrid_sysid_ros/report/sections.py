@@ -135,7 +135,7 @@ def free_run_of(model: Model, record: Record, part: Part) -> FreeRun:
         UserError: the record does not fit the model's sampling.
     """
     experiment = experiment_of(model, record, part=part)
-    sampling, used = model.sampling, record.part(part.start, part.stop)
+    sampling, used = model.sampling, part.of(record, model.sampling)
     states = simulate(model.equation, experiment.states[0], experiment.inputs, step=sampling.step)
     simulated = states[:, model.equation.outputs[0]]
     residuals = experiment.outputs[:, 0] - simulated[:: sampling.every]
