@@ -63,6 +63,7 @@ _OPTIONS: Mapping[str, Mapping[str, Option]] = {
         "scale": _SCALE,
         "members": Option(default=1, low=1, high=10, kind="int", description="networks of other seeds in the mean"),
         **_NETWORK,
+        "ridge": replace(_RIDGE, default=10.0),
     },
 }
 
