@@ -14,11 +14,13 @@ from typing import Any
 from hybrid_sysid_ros.control import Problem
 from hybrid_sysid_ros.control.sampling import Spread
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.estimation import Tuning
+from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.signals import configuration_of, load_configuration
 
 DEFAULT_RIG = "cam_beam"
+CAMERA = "camera"
+"""Channel of an estimator for a second sensor of the rig's position."""
 TRAINED = Path(__file__).parent / "trained"
 RELIABILITIES = ("reliable", "best_effort")
 DURABILITIES = ("volatile", "transient_local")
@@ -156,8 +158,13 @@ def qualities(rig: str) -> dict[str, Quality]:
 
 
 def estimator_tuning(values: Mapping[str, Any], rig: Rig) -> Tuning:
-    """Tuning of the Kalman filter from the parameters of the node `estimator`; the sensor's volts become radians."""
+    """Tuning of the estimators from the parameters of the node `estimator`; the sensor's volts become radians.
+
+    Raises:
+        UserError: `followed` is no list of NAME=DRIFT.
+    """
     scale = rig.sensor.radians_per_volt
+    camera = scale * values["camera_noise_volts"]
     return Tuning(
         measurement_noise=scale * values["measurement_noise_volts"],
         process_noise=(scale * values["position_process_noise_volts"], values["velocity_process_noise"]),
@@ -168,7 +175,24 @@ def estimator_tuning(values: Mapping[str, Any], rig: Rig) -> Tuning:
         hum_noise=scale * values["hum_noise_volts"],
         gate=values["gate"],
         patience=values["patience"],
+        input_noise=values["input_noise"],
+        followed=_drifts(values["followed"]),
+        channels={CAMERA: Channel(state=rig.equation.outputs[0], noise=camera)} if camera else {},
+        window=values["window"],
+        horizon=values["horizon"],
     )
+
+
+def _drifts(text: str) -> dict[str, float]:
+    """NAME=DRIFT NAME=DRIFT... by name."""
+    found = {}
+    for item in text.split():
+        name, _, drift = item.partition("=")
+        try:
+            found[name] = float(drift)
+        except ValueError as error:
+            raise UserError(f"parameter followed: {item!r} is no NAME=DRIFT, as in coulomb=0.1") from error
+    return found
 
 
 def mpc_problem(values: Mapping[str, Any], rig: Rig) -> Problem:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from time import perf_counter
 from typing import Any
 
@@ -13,9 +12,10 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
-from hybrid_sysid_ros.configuration import estimator_tuning
+from hybrid_sysid_ros.configuration import CAMERA, estimator_tuning
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.estimation import Estimate, ExtendedKalmanFilter
+from hybrid_sysid_ros.estimation import METHODS, Estimate
+from hybrid_sysid_ros.estimation.consistency import Window, band
 from hybrid_sysid_ros.nodes.base import OK, WARN, RigNode, run
 from hybrid_sysid_ros.nodes.messages import SECOND, entry, fill, joint_state, nanoseconds
 from hybrid_sysid_ros.nodes.model import model_of
@@ -23,7 +23,7 @@ from hybrid_sysid_ros.nodes.timing import Timing
 
 RESTART = SECOND  # a stamp so far before the last one is a new experiment
 SHOW_PERIOD = SECOND // 20  # ns, between two covariances
-BAND = 1.96  # standard deviations about the mean: 95 %
+WINDOW = 10.0  # s of innovations whose mean square is told
 
 
 class EstimatorNode(RigNode):
@@ -31,7 +31,8 @@ class EstimatorNode(RigNode):
 
     state_estimate has the joint at that stamp and, as NAME_ahead, the joint when the command that answers will act:
     position, velocity, and as effort the input disturbance. It is advertised once there is a measurement to expect,
-    so that who sees it knows that measurements come this far.
+    so that who sees it knows that measurements come this far. A joint_states of NAME_camera alone is of a second
+    sensor: it corrects the estimate at its own stamp and is not answered.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -39,10 +40,11 @@ class EstimatorNode(RigNode):
         self.equation = model_of(self.rig, self.settings["model"]).equation
         joint = self.rig.joint
         self.message = joint_state([joint, f"{joint}_ahead"])
-        self.covariance_message = _labelled(self.equation.states)
+        self.camera = f"{joint}_{CAMERA}"
         self.estimates: Publisher | None = None
         self.covariances = self.open("state_covariance")
         self.begin()
+        self.covariance_message = _labelled(self.equation.states, self.filter.tuning.followed)
         for k in range(1, 4):  # compiles, and has seen it all once before it matters
             self.on_measurement(fill(joint_state([joint]), k * SECOND // 100, position=(0.0,), effort=(0.0,)))
         self.begin()
@@ -52,17 +54,17 @@ class EstimatorNode(RigNode):
     def begin(self) -> None:
         """Begin anew, nothing estimated and nothing counted."""
         settings = self.settings
-        self.filter = ExtendedKalmanFilter(
+        self.filter = METHODS[settings["method"]](
             self.equation,
             estimator_tuning(settings, self.rig),
             period=1.0 / settings["rate"],
             latency=settings["latency"],
         )
         self.stamp = self.shown = 0
-        self.malformed = self.unusable = self.repeated = self.restarts = 0
+        self.malformed = self.unusable = self.repeated = self.restarts = self.seen = 0
         self.execution = Timing()
-        self.innovations = 0
-        self.innovation_sum = 0.0
+        self.innovations = Window(round(WINDOW * settings["rate"]))
+        self.parameters: Mapping[str, float] = {}
         self.troubles: tuple[int, ...] = ()
 
     def advertise(self) -> None:
@@ -72,7 +74,10 @@ class EstimatorNode(RigNode):
     def on_measurement(self, message: JointState) -> None:
         """Answer a measurement."""
         began = perf_counter()
-        stamp = nanoseconds(message.header.stamp)
+        stamp, joint = nanoseconds(message.header.stamp), self.rig.joint
+        if self.camera in message.name and joint not in message.name:
+            self.on_camera(message, stamp)
+            return
         if self.stamp and stamp == self.stamp:
             self.repeated += 1
             self.publish()
@@ -83,7 +88,6 @@ class EstimatorNode(RigNode):
             self.restarts += 1
         if not self.stamp:
             self.zero = stamp
-        joint = self.rig.joint
         position, applied = entry(message.name, message.position, joint), entry(message.name, message.effort, joint)
         self.malformed += joint not in message.name
         try:
@@ -99,6 +103,16 @@ class EstimatorNode(RigNode):
         self.execution.add(perf_counter() - began)
         self.publish()
         self.afterwards(estimate)
+
+    def on_camera(self, message: JointState, stamp: int) -> None:
+        """Use a measurement of the second sensor, in its place by its stamp."""
+        position = entry(message.name, message.position, self.camera)
+        try:
+            self.filter.correct((stamp - self.zero) / SECOND if self.stamp else 0.0, position, CAMERA)
+            self.seen += 1
+        except UserError as error:  # no such sensor in the parameters, or nothing to correct yet
+            self.unusable += 1
+            self.get_logger().warning(str(error), once=True)
 
     def fill(self, estimate: Estimate) -> None:
         """Write an estimate into the message."""
@@ -118,9 +132,8 @@ class EstimatorNode(RigNode):
 
     def afterwards(self, estimate: Estimate) -> None:
         """What need not be done before the answer."""
-        if math.isfinite(estimate.normalised_innovation):
-            self.innovations += 1
-            self.innovation_sum += estimate.normalised_innovation
+        self.innovations.add(estimate.normalised_innovation)
+        self.parameters = dict(zip(self.filter.tuning.followed, estimate.parameters, strict=True))
         if self.estimates is None or self.stamp - self.shown < SHOW_PERIOD:
             return
         self.shown = self.stamp
@@ -130,12 +143,10 @@ class EstimatorNode(RigNode):
 
     def health(self) -> tuple[bytes, str, Mapping[str, object]]:
         counters = self.filter.counters
-        count, self.innovations = self.innovations, 0
-        mean, self.innovation_sum = self.innovation_sum / max(count, 1), 0.0
-        # The sum of n normalised squares is chi-square distributed with n degrees of freedom, nearly normal here.
-        half_width = BAND * math.sqrt(2.0 / max(count, 1))
+        low, high = band(max(len(self.innovations), 1))
         values = {
             "updates": counters.updates,
+            "delayed_measurements": counters.delayed,
             "late_measurements": counters.late,
             "missing_measurements": counters.missing,
             "invalid_entries": counters.invalid,
@@ -145,9 +156,11 @@ class EstimatorNode(RigNode):
             "unusable_measurements": self.unusable,
             "repeated_measurements": self.repeated,
             "restarts": self.restarts,
-            "innovation_mean_square": mean if count else math.nan,
-            "innovation_band_low": max(1.0 - half_width, 0.0),
-            "innovation_band_high": 1.0 + half_width,
+            "camera_measurements": self.seen,
+            "innovation_mean_square": self.innovations.mean,
+            "innovation_band_low": low,
+            "innovation_band_high": high,
+            **{f"parameter_{name}": value for name, value in self.parameters.items()},
             **self.execution.report("execution"),
         }
         troubles = (counters.late, counters.missing, counters.invalid, counters.gated, self.malformed, self.unusable)
@@ -157,9 +170,9 @@ class EstimatorNode(RigNode):
         return OK, "running" if self.stamp else "waiting for measurements", values
 
 
-def _labelled(states: Any) -> Float64MultiArray:
+def _labelled(states: Any, followed: Iterable[str]) -> Float64MultiArray:
     """A covariance message, whose rows and columns are named by their label."""
-    names = [*(f"{state.name} [{state.unit}]" for state in states), "disturbance", "hum", "hum_quadrature"]
+    names = [*(f"{state.name} [{state.unit}]" for state in states), "disturbance", "hum", "hum_quadrature", *followed]
     size = len(names)
     rows = MultiArrayDimension(label=f"covariance of {', '.join(names)}", size=size, stride=size * size)
     columns = MultiArrayDimension(label="the same", size=size, stride=size)

@@ -1,9 +1,9 @@
 """The model with what else is unknown beside it: z = [x, d, s, c, theta], compiled.
 
-    x+ = step(x, u + d; theta),  d+ = d,  (s, c)+ = rotation(w h) (s, c),  theta+ = theta
+    x+ = step(x, u + d + w; theta),  d+ = d,  (s, c)+ = rotation(w h) (s, c),  theta+ = theta
 
-x is the model's state, d a disturbance of the input, s the hum in the sensor with its quadrature c, theta the followed
-parameters. Everything but x moves by itself; the process noise makes it drift.
+x is the model's state, d a disturbance of the input and w its white noise, s the hum in the sensor with its quadrature
+c, theta the followed parameters. Everything but x moves by itself; the process noise makes it drift.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from hybrid_sysid_ros.estimation.tuning import Tuning
 
 Array = NDArray[np.float64]
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
-DIFFERENCE = 1e-6
-"""Of a state or a parameter, for derivatives; of the input ten times as much."""
+SMALLEST = 1e-6
+"""Difference of what has no deviation."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,11 @@ class Augmented:
 
     move(core, z, drive, h, following): one step of h [s] under the input ``drive``; ``following`` (size,) receives the
     new state, another array than z.
-    linearise(core, z, drive, h, following, jacobian): the same, and its Jacobian (size, size) by forward differences.
+    linearise(core, z, covariance, drive, h, following, jacobian): the same, and its Jacobian (size, size) by
+    differences over a standard deviation of ``covariance`` (size, size) to either side; of the input, over that of the
+    disturbance and the input's noise together. Dry friction has corners that are narrower than what is uncertain: a
+    derivative sees the beam stick or slip, a difference what lies between. Source: the divided-difference filter of
+    Norgaard, Poulsen, Ravn (2000), Automatica 36(11), first order.
     """
 
     move: Callable[..., None]
@@ -72,23 +76,26 @@ def _compile(equation: Equation) -> Augmented:
 
     compiled_move = numba.njit(move, **OPTIONS)
 
-    def linearise(core: Any, z: Array, drive: float, h: float, following: Array, jacobian: Array) -> None:
-        moved = core.direction
+    def linearise(
+        core: Any, z: Array, covariance: Array, drive: float, h: float, following: Array, jacobian: Array
+    ) -> None:
+        above, below = core.points[0], core.points[1]
         compiled_move(core, z, drive, h, following)
         for i in range(z.shape[0]):
             for j in range(z.shape[0]):
                 jacobian[j, i] = 1.0 if i == j else 0.0
             if states < i < states + 3:
                 continue
-            value = z[i]
-            difference = 10 * DIFFERENCE if i == states else DIFFERENCE
-            if value + difference > core.high[i]:
-                difference = -difference
-            z[i] = value + difference
-            compiled_move(core, z, drive, h, moved)
+            variance = covariance[i, i] + core.input_noise / h if i == states else covariance[i, i]
+            value, reach = z[i], max(math.sqrt(max(variance, 0.0)), SMALLEST)
+            upper, lower = min(value + reach, core.high[i]), max(value - reach, core.low[i])
+            z[i] = upper
+            compiled_move(core, z, drive, h, above)
+            z[i] = lower
+            compiled_move(core, z, drive, h, below)
             z[i] = value
             for j in range(states):
-                jacobian[j, i] = (moved[j] - following[j]) / difference
+                jacobian[j, i] = (above[j] - below[j]) / (upper - lower)
         cosine, sine = math.cos(core.turning * h), math.sin(core.turning * h)
         s, c = states + 1, states + 2
         jacobian[s, s], jacobian[s, c] = cosine, sine
@@ -117,8 +124,8 @@ def offset_gains(equation: Equation, tuning: Tuning) -> Array | None:
     for k, name in enumerate(tuning.followed):
         index = names.index(name)
         other = numbers.copy()
-        other[index] += DIFFERENCE
-        by_input = [moved(numbers, x, u + DIFFERENCE) - moved(numbers, x, u) for x, u in samples]
+        other[index] += SMALLEST
+        by_input = [moved(numbers, x, u + SMALLEST) - moved(numbers, x, u) for x, u in samples]
         by_parameter = [moved(other, x, u) - moved(numbers, x, u) for x, u in samples]
         ratios = [b @ a / (a @ a) for a, b in zip(by_input, by_parameter, strict=True) if a @ a > 0.0]
         ratio = float(np.median(ratios)) if ratios else 0.0

@@ -17,9 +17,9 @@ Array = NDArray[np.float64]
 
 
 class ExtendedKalmanFilter(Filter):
-    """The covariance goes through the Jacobian F of the augmented step (see :class:`~.filter.Filter` for the rest).
+    """The covariance goes through the Jacobian F of the augmented step; see :class:`~.filter.Filter` for the rest.
 
-        prediction   z+ = f(z, u);  P+ = F P F' + Q dt
+        prediction   z+ = f(z, u);  P+ = F P F' + B B' U / dt + Q dt,  B the column of the input in F
         correction   K = P H' / S,  S = H P H' + R;  z += K (y - H z)
         Joseph form  P = (I - K H) P (I - K H)' + K R K', which stays symmetric and positive
 
@@ -34,12 +34,13 @@ class ExtendedKalmanFilter(Filter):
 def covariance_belief(equation: Equation, parts: Augmented) -> Belief:
     """A belief whose root is the covariance itself."""
     linearise = parts.linearise
-    hum_state = len(equation.states) + 1
+    states = len(equation.states)
+    hum_state = states + 1
 
     def predict(core: Any, mean: Array, covariance: Array, drive: float, h: float) -> None:
-        linearise(core, mean, drive, h, core.column, core.jacobian)
+        linearise(core, mean, covariance, drive, h, core.column, core.jacobian)
         copy(core.column, mean)
-        propagate(covariance, core.jacobian, core.process, h, core.product)
+        propagate(core, covariance, core.jacobian, h, states)
 
     def observe(core: Any, covariance: Array, row: int, hum: float) -> float:
         column = core.column
@@ -70,8 +71,9 @@ def covariance_belief(equation: Equation, parts: Augmented) -> Belief:
 
 
 @numba.njit(error_model="numpy", nogil=True)
-def propagate(covariance: Array, jacobian: Array, process: Array, h: float, product: Array) -> None:
-    """P+ = F P F' + Q h, in place; symmetric to the last bit."""
+def propagate(core: Any, covariance: Array, jacobian: Array, h: float, states: int) -> None:
+    """P+ = F P F' + B B' U / h + Q h in place, symmetric to the last bit; B is the disturbance's column of F."""
+    product, forced = core.product, core.input_noise / h if h > 0.0 else 0.0
     size = covariance.shape[0]
     for i in range(size):
         for j in range(size):
@@ -81,7 +83,9 @@ def propagate(covariance: Array, jacobian: Array, process: Array, h: float, prod
             product[i, j] = total
     for i in range(size):
         for j in range(i + 1):
-            total = process[i] * h if i == j else 0.0
+            total = core.process[i] * h if i == j else 0.0
+            if i < states:
+                total += forced * jacobian[i, states] * jacobian[j, states]
             for k in range(size):
                 total += product[i, k] * jacobian[j, k]
             covariance[i, j] = covariance[j, i] = total

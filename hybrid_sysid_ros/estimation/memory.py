@@ -58,13 +58,13 @@ def node_type(size: int, *, window: bool = False) -> np.dtype[np.void]:
 
     mean (size,), root (size, size): the belief behind it, root the covariance or a square root of it. outliers: in a
     row up to here. With a window, what its optimisation keeps: predicted (size,), predicted_covariance (size, size)
-    before the measurement, filtered (size,), smoothed (size,), transition (size, size) from the node before.
+    before the measurement, filtered (size,) behind it, transition (size, size) from the node before.
     """
     numbers = [(name, "f8") for name in ("time", "value", "innovation", "normalised")]
     counts = [(name, "i8") for name in ("channel", "fate", "outliers")]
     vectors, matrices = ["mean"], ["root"]
     if window:
-        vectors += ["predicted", "filtered", "smoothed"]
+        vectors += ["predicted", "filtered"]
         matrices += ["predicted_covariance", "transition"]
     return np.dtype(
         [
@@ -83,13 +83,14 @@ def core_type(size: int, parameters: int, weights: int) -> np.dtype[np.void]:
     followed: indices of the followed parameters, given: their values in the equation. low, high (size,): bounds of z;
     process (size,): growth of the variance in a second; start (size,): variances at the start. delay [s]: of the
     input. step [s]: longest one of a prediction, an interval becoming ceil(interval / step - slack) steps. span [s]:
-    how far back a window reaches. turning: of the hum [rad/s]. gate, patience: of outliers. keep: how many nodes stay
+    how far back a window reaches. turning: of the hum [rad/s]. input_noise: its
+    power [unit^2 s]. gate, patience: of outliers. keep: how many nodes stay
     when there is no room.
     """
     followed = max(size, 1)  # no fields without entries
     return np.dtype(
         [
-            *((name, "f8") for name in ("delay", "step", "slack", "span", "turning", "gate")),
+            *((name, "f8") for name in ("delay", "step", "slack", "span", "turning", "gate", "input_noise")),
             *((name, "i8") for name in ("patience", "keep", "count")),
             ("numbers", "f8", (max(parameters, 1),)),
             ("weights", "f8", (max(weights, 1),)),
@@ -97,7 +98,7 @@ def core_type(size: int, parameters: int, weights: int) -> np.dtype[np.void]:
             ("given", "f8", (followed,)),
             *((name, "f8", (size,)) for name in ("low", "high", "process", "start", "column", "direction")),
             *((name, "f8", (size, size)) for name in ("jacobian", "product")),
-            ("points", "f8", (3 * size + 1, size)),
+            ("points", "f8", (3 * size + 3, size)),
             ("drive", "f8", (1,)),
         ]
     )
@@ -123,6 +124,7 @@ def memory_of(equation: Equation, tuning: Tuning, *, period: float, span: float,
     step = core["step"] = equation.period if isinstance(equation, Recurrence) else LONGEST_STEP
     core["slack"] = 0.5 if recurrent else 1e-6
     core["span"] = span
+    core["input_noise"] = tuning.input_noise**2
     core["turning"] = 2 * np.pi * tuning.hum_hertz if hum else 0.0
     core["numbers"][0, : len(names)] = equation.values
     core["weights"][0, : len(equation.weights)] = equation.weights
@@ -135,7 +137,7 @@ def memory_of(equation: Equation, tuning: Tuning, *, period: float, span: float,
     high[states + 3 :] = [equation.parameters[index].high for index in chosen]
     hum_drift = tuning.hum_noise if hum else 0.0
     process[:] = np.array([*tuning.process_noise, tuning.disturbance_noise, hum_drift, hum_drift, *drift]) ** 2
-    start[:] = np.array([*tuning.process_noise, 10 * tuning.disturbance_noise, 0.0, 0.0, *(10 * drift)]) ** 2
+    start[:] = 100 * process
     start[output] = tuning.measurement_noise**2 + hum_variance
     start[states + 1 : states + 3] = hum_variance if hum else 0.0
 

@@ -22,14 +22,8 @@ from hybrid_sysid_ros.estimation.tuning import Tuning
 
 Array = NDArray[np.float64]
 
-ITERATIONS = 3
-"""Gauss-Newton steps for a measurement at most; the window before is the start, so that one is nearly enough."""
-
-HALVINGS = 4
-"""Of a step that does not lower the cost."""
-
-ENOUGH = 1e-4
-"""Relative fall of the cost that is not worth another step."""
+ITERATIONS = 2
+"""Gauss-Newton steps for a measurement: the window before is the start, and a third changes nothing."""
 
 
 class MovingHorizonEstimator(Filter):
@@ -37,11 +31,11 @@ class MovingHorizonEstimator(Filter):
 
         |z_0 - prior|^2_P0 + sum |z_k+1 - f(z_k, u_k)|^2_(Q dt) + sum |y_k - H z_k|^2_R,   |e|^2_M = e' M^-1 e
 
-    See :class:`~.filter.Filter` for the rest. Each Gauss-Newton step is one pass of a Kalman filter forwards and one
-    of a smoother backwards over the problem linearised about the trajectory, so that it costs as much as N updates; a
-    step that does not lower the cost is halved. The arrival cost (prior, P0) of a node is what the filter's pass
-    predicted there, from measurements that have left the window. Disturbance and parameters are held in their bounds by
-    projection. A measurement out of order is put in its place within the window.
+    See :class:`~.filter.Filter` for the rest. Each Gauss-Newton step is one pass of a Kalman filter forwards and one of
+    a smoother backwards over the problem linearised about the trajectory, so that it costs as much as N updates. Steps
+    are taken whole: their slopes are differences over what is uncertain, which the cost's own corners would stall. The
+    arrival cost (prior, P0) of a node is what the filter's pass predicted there, from measurements that have left the
+    window. A measurement out of order is put in its place within the window.
 
     Source: Rao, Rawlings, Mayne (2003), IEEE TAC 48(2), with the filtering update of the arrival cost; the passes: Bell
     (1994), SIAM J. Optim. 4(3), and Rauch, Tung, Striebel (1965).
@@ -69,7 +63,7 @@ def _compile(equation: Equation) -> Kernels:
     parts = augmented(equation)
     move, ahead_of = parts.move, looking_ahead(equation, parts.move)
     begin_at = beginning(equation, diagonal)
-    cost_of, forward = _cost(equation, move), _forward(equation)
+    forward = _forward(equation)
 
     def begin(
         cores: Any, channels: Channels, nodes: Nodes, inputs: Inputs, time: float, value: float, applied: float
@@ -79,27 +73,11 @@ def _compile(equation: Equation) -> Kernels:
 
     def solve(core: Any, channels: Channels, nodes: Nodes, inputs: Inputs, first: int) -> None:
         """Gauss-Newton over the nodes from ``first`` on; their means are where it starts, and what it finds."""
-        cost = math.inf
         for iteration in range(ITERATIONS):
             forward(core, channels, nodes, inputs, first, iteration == 0)
             if nodes[core.count - 1].fate == RESET:
                 return
-            if iteration == 0:
-                cost = cost_of(core, channels, nodes, inputs, first, 0.0)
             _backward(core, nodes, first)
-            share = 1.0
-            lower = cost_of(core, channels, nodes, inputs, first, share)
-            halvings = 0
-            while not lower <= cost and halvings < HALVINGS:
-                share, halvings = 0.5 * share, halvings + 1
-                lower = cost_of(core, channels, nodes, inputs, first, share)
-            if not lower <= cost:
-                return
-            for k in range(first, core.count):
-                _between(core, nodes[k], share, nodes[k].mean)
-            if not cost - lower > ENOUGH * cost:
-                return
-            cost = lower
 
     compiled_solve = numba.njit(solve, **OPTIONS)
 
@@ -169,22 +147,14 @@ def _as_prior(node: Any) -> None:
 
 
 @numba.njit(error_model="numpy", nogil=True)
-def _between(core: Any, node: Any, share: float, out: Array) -> None:
-    """A trajectory's state some way from the old to the smoothed one, in its bounds."""
-    for i in range(out.shape[0]):
-        out[i] = node.mean[i] + share * (node.smoothed[i] - node.mean[i])
-    clip(core, out)
-
-
-@numba.njit(error_model="numpy", nogil=True)
 def _backward(core: Any, nodes: Nodes, first: int) -> None:
     """The smoother's means: s_k = z_k + P_k F' M^-1 (s_k+1 - m); z_k, P_k filtered, m, M predicted for k + 1."""
     last, difference, pulled = core.count - 1, core.column, core.direction
-    copy(nodes[last].filtered, nodes[last].smoothed)
+    copy(nodes[last].filtered, nodes[last].mean)
     for k in range(last - 1, first - 1, -1):
         node, following = nodes[k], nodes[k + 1]
         for i in range(difference.shape[0]):
-            difference[i] = following.smoothed[i] - following.predicted[i]
+            difference[i] = following.mean[i] - following.predicted[i]
         copied(following.predicted_covariance, core.product)
         factorise(core.product)
         solve_factorised(core.product, difference)
@@ -193,10 +163,11 @@ def _backward(core: Any, nodes: Nodes, first: int) -> None:
             for j in range(difference.shape[0]):
                 pulled[i] += following.transition[j, i] * difference[j]
         for i in range(difference.shape[0]):
-            total = node.filtered[i]
+            node.mean[i] = node.filtered[i]
             for j in range(difference.shape[0]):
-                total += node.root[i, j] * pulled[j]
-            node.smoothed[i] = total
+                node.mean[i] += node.root[i, j] * pulled[j]
+    for k in range(first, core.count):
+        clip(core, nodes[k].mean)
 
 
 @numba.njit(error_model="numpy", nogil=True)
@@ -277,7 +248,7 @@ def _forward(equation: Equation) -> Callable[..., None]:
                 h = node.time - before.time
                 if h > 0.0:
                     drive = _drive(core, inputs, before, node)
-                    linearise(core, before.mean, drive, h, node.predicted, node.transition)
+                    linearise(core, before.mean, before.root, drive, h, node.predicted, node.transition)
                 else:
                     copy(before.mean, node.predicted)
                     for i in range(node.mean.shape[0]):
@@ -287,7 +258,7 @@ def _forward(equation: Equation) -> Callable[..., None]:
                     for j in range(node.mean.shape[0]):
                         node.predicted[i] += node.transition[i, j] * (before.filtered[j] - before.mean[j])
                 copied(before.root, node.predicted_covariance)
-                propagate(node.predicted_covariance, node.transition, core.process, h, core.product)
+                propagate(core, node.predicted_covariance, node.transition, h, states)
                 if judge:
                     node.outliers = before.outliers
             copy(node.predicted, node.filtered)
@@ -305,37 +276,3 @@ def _forward(equation: Equation) -> Callable[..., None]:
             node.outliers, node.fate = 0, RESET
 
     return numba.njit(forward, **OPTIONS)  # type: ignore[no-any-return]
-
-
-def _cost(equation: Equation, move: Callable[..., None]) -> Callable[..., float]:
-    """What is minimised, some way from the trajectory to the smoothed one."""
-    states = len(equation.states)
-
-    def cost(core: Any, channels: Channels, nodes: Nodes, inputs: Inputs, first: int, share: float) -> float:
-        z, following, residual = core.points[0], core.points[1], core.direction
-        _between(core, nodes[first], share, z)
-        for i in range(z.shape[0]):
-            residual[i] = core.points[2, i] = z[i] - nodes[first].predicted[i]
-        copied(nodes[first].predicted_covariance, core.product)
-        factorise(core.product)
-        solve_factorised(core.product, residual)
-        total = 0.0
-        for i in range(z.shape[0]):
-            total += residual[i] * core.points[2, i]
-        for k in range(first, core.count):
-            node = nodes[k]
-            if k > first:
-                before = nodes[k - 1]
-                h = node.time - before.time
-                if h > 0.0:
-                    move(core, z, _drive(core, inputs, before, node), h, following)
-                    _between(core, node, share, z)
-                    for i in range(z.shape[0]):
-                        if core.process[i] > 0.0:
-                            total += (z[i] - following[i]) ** 2 / (core.process[i] * h)
-            if node.fate == USED:
-                channel = channels[node.channel]
-                total += (node.value - z[channel.row] - channel.hum * z[states + 1]) ** 2 / channel.noise
-        return total
-
-    return numba.njit(cost, **OPTIONS)  # type: ignore[no-any-return]

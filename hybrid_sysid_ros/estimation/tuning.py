@@ -26,9 +26,11 @@ class Tuning:
     sensor [Hz, output unit], 0 for none; hum_noise: its drift [output unit / sqrt(s)]. gate: largest normalised squared
     innovation of a measurement that is believed. patience: outliers in a row after which the measurement wins.
 
-    followed: parameters of the equation that change slowly, name -> deviation after one second [its unit / sqrt(s)];
-    each stays within its bounds. channels: further sensors by name. window: age [s] up to which a measurement that
-    comes after newer ones is still used. horizon: measurements that a moving-horizon estimator looks back over.
+    input_noise: white noise of the input [drive unit sqrt(s)]: what the model does not know about forces, and friction
+    swallows at rest. followed: parameters of the equation that change slowly, name -> deviation after one second [its
+    unit / sqrt(s)]; each stays within its bounds. channels: further sensors by name. window: age [s] up to which a
+    measurement that comes after newer ones is still used. horizon: measurements that a moving-horizon estimator looks
+    back over, in place of the window.
     """
 
     measurement_noise: float
@@ -40,6 +42,7 @@ class Tuning:
     hum_noise: float
     gate: float
     patience: int
+    input_noise: float = 0.0
     followed: Mapping[str, float] = field(default_factory=dict)
     channels: Mapping[str, Channel] = field(default_factory=dict)
     window: float = 0.2
@@ -54,6 +57,8 @@ class Tuning:
             raise UserError(f"process_noise has {len(self.process_noise)} entries; the model has {states} states")
         if not (math.isfinite(self.measurement_noise) and self.measurement_noise > 0.0):
             raise UserError(f"measurement_noise is {self.measurement_noise:g}: it must be above 0")
+        if not (math.isfinite(self.input_noise) and self.input_noise >= 0.0):
+            raise UserError(f"input_noise is {self.input_noise:g}: it must be 0 at least")
         if self.horizon < 1 or not 0.0 <= self.window < math.inf:
             raise UserError(f"horizon is {self.horizon}, window {self.window:g} s: one measurement, 0 s at least")
         known = {item.name: item for item in equation.parameters}

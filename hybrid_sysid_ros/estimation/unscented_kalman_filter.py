@@ -21,16 +21,15 @@ CENTRE_WEIGHT = 2.0
 
 
 class UnscentedKalmanFilter(Filter):
-    """A root S of the covariance, P = S S', goes through the exact step (see :class:`~.filter.Filter` for the rest).
+    """A root S of the covariance, P = S S', goes through the exact step; see :class:`~.filter.Filter` for the rest.
 
-        sigma points  z_0 = z,  z_i = z +- sqrt(L) S_i,  L = size of z
+        sigma points  z_0 = z,  z_i = z +- sqrt(L) S_i,  and u +- sqrt(L U / dt),  L = 1 + size of z
         prediction    z+ = sum f(z_i, u) / 2 L  over i > 0
                       S+' = triangle of [(f(z_i, u) - z+) / sqrt(2 L); sqrt(2) (f(z_0, u) - z+); sqrt(Q dt)]
         correction    K = P H' / V,  V = H P H' + R;  z += K (y - H z);  S (I - g a a' / V),  a = S' H'
                       with g = 1 / (1 + sqrt(R / V))
 
-    Points two deviations away (L = 5) see the stick and the slip on either side of a corner of friction, where a
-    derivative sees one of them. All weights are positive, so no root is ever taken down below zero. Source: van der
+    All weights are positive, so no root is ever taken down below zero. Source: van der
     Merwe & Wan (2001), ICASSP 6, algorithm 3.1, with alpha = 1, kappa = 0; as a measurement is linear, its square-root
     correction is exact, and Potter's: Kaminski, Bryson, Schmidt (1971), IEEE TAC 16(6), eq. (19).
     """
@@ -46,25 +45,25 @@ def square_root_belief(equation: Equation, parts: Augmented) -> Belief:
 
     def predict(core: Any, mean: Array, root: Array, drive: float, h: float) -> None:
         points, z, middle, size = core.points, core.column, core.direction, core.column.shape[0]
-        spread, weight = math.sqrt(size), 1.0 / math.sqrt(2.0 * size)
-        for i in range(size):
+        count = size + 1  # the input's noise is a dimension of its own, as it goes through the friction
+        spread, weight = math.sqrt(count), 1.0 / math.sqrt(2.0 * count)
+        for i in range(2 * count):
+            sign, k = (spread, i // 2) if i % 2 else (-spread, i // 2)
             for j in range(size):
-                z[j] = mean[j] + spread * root[j, i]
-            move(core, z, drive, h, points[2 * i])
-            for j in range(size):
-                z[j] = mean[j] - spread * root[j, i]
-            move(core, z, drive, h, points[2 * i + 1])
+                z[j] = mean[j] + (sign * root[j, k] if k < size else 0.0)
+            force = sign * math.sqrt(core.input_noise / h) if k == size else 0.0
+            move(core, z, drive + force, h, points[i])
         move(core, mean, drive, h, middle)
         for j in range(size):
             total = 0.0
-            for i in range(2 * size):
+            for i in range(2 * count):
                 total += points[i, j]
-            mean[j] = total / (2 * size)
-            for i in range(2 * size):
+            mean[j] = total / (2 * count)
+            for i in range(2 * count):
                 points[i, j] = weight * (points[i, j] - mean[j])
-            points[2 * size, j] = math.sqrt(CENTRE_WEIGHT) * (middle[j] - mean[j])
+            points[2 * count, j] = math.sqrt(CENTRE_WEIGHT) * (middle[j] - mean[j])
             for i in range(size):
-                points[2 * size + 1 + i, j] = math.sqrt(core.process[j] * h) if i == j else 0.0
+                points[2 * count + 1 + i, j] = math.sqrt(core.process[j] * h) if i == j else 0.0
         triangle(points, root)
 
     def observe(core: Any, root: Array, row: int, hum: float) -> float:
