@@ -27,7 +27,7 @@ RESTART = SECOND  # a stamp so far before the last one is a new experiment
 WATCH_PERIOD = 0.05  # s, between two looks whether estimates still come
 SHOW_PERIOD = 0.1  # s, between two predicted trajectories
 NO_REFERENCE, HELD, ZEROED = "no reference", "held", "zeroed"  # layers of safety, beside the plan's own status
-SOUND = {"solved", "policy"}
+SOUND = {"solved", "iterated", "policy"}
 
 
 class ControllerNode(RigNode):
@@ -78,7 +78,7 @@ class ControllerNode(RigNode):
     def forget(self) -> None:
         """Begin a new experiment."""
         self.controller.reset()
-        self.stamp = self.sound = self.shown = 0
+        self.stamp = self.sound = self.shown = self.answered = 0
         self.home = math.nan
         self.input = 0.0
         self.preview: Preview | None = None
@@ -155,6 +155,8 @@ class ControllerNode(RigNode):
         self.layers[plan.status.value] += 1
         self.execution.add(perf_counter() - began)
         self.send(float(plan.input[0]))
+        self.controller.prepare((stamp - self.answered) / SECOND if self.answered else 0.0)
+        self.answered = stamp
         return plan
 
     def reference(self, stamp: int) -> np.ndarray[Any, np.dtype[np.float64]]:

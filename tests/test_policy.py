@@ -230,9 +230,9 @@ def test_samples_are_answers_of_the_exact_mpc():
         assert again.input[0] == pytest.approx(samples.inputs[k], abs=2e-3)
 
 
-def test_a_solver_that_never_converges_gives_no_samples():
+def test_a_solver_that_never_converges_gives_no_samples(rig):
     hopeless = dataclasses.replace(PROBLEM, max_iterations=1)
-    samples = sample(model_of().equation, hopeless, SPREAD, 7)
+    samples = sample(rig.equation, hopeless, SPREAD, 7)
     assert len(samples.inputs) + samples.dropped == round(8.0 / PROBLEM.period)
     assert samples.dropped > 100
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Plan, Status
-from hybrid_sysid_ros.control.mpc import Problem
+from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import Model, storage
 
@@ -81,6 +81,9 @@ class Policy:
 
     def reset(self) -> None:
         """A policy remembers nothing."""
+
+    def prepare(self, elapsed: float) -> None:
+        """A policy has nothing to prepare."""
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`. An input that is not a number gives HELD: the

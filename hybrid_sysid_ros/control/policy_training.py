@@ -17,8 +17,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.mpc import Problem
 from hybrid_sysid_ros.control.policy import Policy
+from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.sample_store import SampleStore
 from hybrid_sysid_ros.control.sampling import Samples, Spread, sample
 from hybrid_sysid_ros.errors import UserError

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hybrid_sysid_ros.control.controller import Controller, Status
-from hybrid_sysid_ros.control.mpc import ExactMpc, Problem
+from hybrid_sysid_ros.control.mpc import ExactMpc
+from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.equations import Equation, kernels
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps, swept_sine
 
@@ -109,6 +110,7 @@ def sample(
             rows.append((state.copy(), disturbance[0], previous[0], preview, answer.input[0]))
         else:
             dropped += 1
+        expert.prepare(problem.period)
         if driver is None:
             u = float(answer.input[0])
         else:
