@@ -16,6 +16,7 @@ from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.files import check_place
 from hybrid_sysid_ros.identification import Part, evaluate, identify
 from hybrid_sysid_ros.identification.identifiability import doubts
+from hybrid_sysid_ros.identification.resimulation import resimulations
 from hybrid_sysid_ros.models import STRUCTURES, Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.options import parse
@@ -28,6 +29,7 @@ from hybrid_sysid_ros.terminal import (
     InputHandling,
     PartText,
     Period,
+    ReadPeriod,
     Recover,
     RigName,
     Seed,
@@ -88,12 +90,13 @@ def identify_command(
     seed: Seed = 0,
     signals: SignalsFile = None,
     recover: Recover = False,
+    read_period: ReadPeriod = 0.0,
 ) -> None:
     """Identify a model from bags."""
     check_place(out, marker="model.yaml")
     sampling = sampling_of(step, period, input_handling)
     described = load_rig(rig)
-    records = read_records(bag, rig, signals, recover)
+    records = read_records(bag, rig, signals, recover, read_period, sampling)
     with status.status("compiling") as spinner:
 
         def progress(stage: str, evaluations: int, error: float) -> None:
@@ -127,12 +130,22 @@ def evaluate_command(
     report: Annotated[Path | None, typer.Option(help="Write an HTML report with plots.")] = None,
     signals: SignalsFile = None,
     recover: Recover = False,
+    read_period: ReadPeriod = 0.0,
 ) -> None:
-    """Score a model by strict free run: one initial state, never corrected."""
+    """Score a model by strict free run: one initial state, never corrected. Where a bag has the reference, the whole
+    closed loop is simulated again from it as well.
+    """
     loaded = load_model(model)
+    described = load_rig(loaded.rig)
     chosen = Part.parse(part)
-    records = read_records(bag, loaded.rig, signals, recover)
+    records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling)
     scores = {record.name: asdict(evaluate(loaded, record, part=chosen)) for record in records}
+    again, skipped = resimulations(
+        loaded.equation, [(record, chosen) for record in records], described, sampling=loaded.sampling
+    )
+    loops = {name: asdict(item.output) for name, item in again.items()}
+    for reason in skipped.values():
+        status.print(f"no closed loop: {reason}")
     if report is not None:
         from hybrid_sysid_ros import report as reports
 
@@ -140,9 +153,10 @@ def evaluate_command(
         reports.write(report, section, None, reports.provenance(loaded, " ".join(sys.argv)))
         status.print(str(report))
     if as_json:
-        console.print_json(json.dumps({"model": str(model), "part": part, "records": scores}))
+        content = {name: {**values, "closed_loop": loops.get(name)} for name, values in scores.items()}
+        console.print_json(json.dumps({"model": str(model), "part": part, "records": content}))
     else:
-        console.print(score_table(scores, load_rig(loaded.rig), "free run"))
+        console.print(score_table(scores, described, "free run", loops))
 
 
 app.command("protocol")(protocol_command)
@@ -248,13 +262,23 @@ def parameter_table(model: Model) -> Table:
     return table
 
 
-def score_table(scores: dict[str, dict[str, float]], rig: Rig, title: str) -> Table:
-    """Scores of records, errors in volts of the rig's sensor."""
+def score_table(
+    scores: dict[str, dict[str, float]], rig: Rig, title: str, loops: dict[str, dict[str, float]] | None = None
+) -> Table:
+    """Scores of records, errors in volts of the rig's sensor; beside them those of their re-simulated loops."""
     table = Table("record", "R2", "RMSE [V]", "fit [%]", title=title, title_justify="left")
+    for heading in ("closed loop R2", "RMSE [V]") if loops else ():
+        table.add_column(heading)
     for name, values in scores.items():
-        rmse = values["rmse"] / rig.sensor.radians_per_volt
-        table.add_row(name, f"{values['r2']:.4f}", f"{rmse:.3f}", f"{values['fit_percent']:.1f}")
+        cells = [f"{values['r2']:.4f}", _volts(values, rig), f"{values['fit_percent']:.1f}"]
+        if loops:
+            cells += [f"{loops[name]['r2']:.4f}", _volts(loops[name], rig)] if name in loops else ["", ""]
+        table.add_row(name, *cells)
     return table
+
+
+def _volts(scores: dict[str, float], rig: Rig) -> str:
+    return f"{scores['rmse'] / rig.sensor.radians_per_volt:.3f}"
 
 
 def main() -> None:

@@ -20,6 +20,7 @@ from hybrid_sysid_ros.terminal import (
     InputHandling,
     PartText,
     Period,
+    ReadPeriod,
     Recover,
     RigName,
     Seed,
@@ -58,6 +59,7 @@ def search_command(
     seed: Seed = 0,
     signals: SignalsFile = None,
     recover: Recover = False,
+    read_period: ReadPeriod = 0.0,
 ) -> None:
     """Search the options of a structure for the best free run over data held out (needs the extra [search]).
 
@@ -65,11 +67,12 @@ def search_command(
     """
     if out is not None:
         check_place(out, marker="model.yaml")
+    sampling = sampling_of(step, period, input_handling)
     objective = CrossValidation(
-        records=read_records(bag, rig, signals, recover),
+        records=read_records(bag, rig, signals, recover, read_period, sampling),
         rig=load_rig(rig),
         structure=structure,
-        sampling=sampling_of(step, period, input_handling),
+        sampling=sampling,
         part=Part.parse(part),
         seed=seed,
         folds=folds,

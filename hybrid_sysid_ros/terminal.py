@@ -20,6 +20,15 @@ status = Console(stderr=True, soft_wrap=True)
 RigName = Annotated[str, typer.Option("--rig", help="Rig, by the name of its configuration.")]
 SignalsFile = Annotated[Path | None, typer.Option("--signals", help="YAML with the topics and fields of your own bag.")]
 Recover = Annotated[bool, typer.Option("--recover", help="Read what can be read of a truncated bag.")]
+ReadPeriod = Annotated[
+    float,
+    typer.Option(
+        "--read-period",
+        help="Of a bag larger than the memory: keep one sample in so many seconds, the input's mean between them; "
+        "0 keeps all.",
+        min=0.0,
+    ),
+]
 PartText = Annotated[str, typer.Option("--part", help="START:STOP, the part of each bag that is used, as fractions.")]
 Seed = Annotated[int, typer.Option("--seed", help="Of everything random.", min=0)]
 InputHandling = Annotated[
@@ -34,10 +43,18 @@ def sampling_of(step: float, period: float, handling: str) -> Sampling:
     return Sampling(step=step, period=period, input=cast(Any, handling))
 
 
-def read_records(paths: list[Path], rig: str, signals: Path | None, recover: bool) -> list[Record]:
-    """The records of bags, by a rig's signals or a file of the user's. Raises UserError for two bags of one name."""
+def read_records(
+    paths: list[Path], rig: str, signals: Path | None, recover: bool, period: float, sampling: Sampling
+) -> list[Record]:
+    """The records of bags, by a rig's signals or a file of the user's.
+
+    period: of the samples that are kept [s], 0 for all. Raises UserError for two bags of one name, and where the
+    sampling wants an input as it was at the samples, but the period leaves means only.
+    """
+    if period and sampling.input == "sampled":
+        raise UserError("--read-period keeps means of the input, but the model reads it sampled; leave one out")
     names = [path.resolve().stem for path in paths]
     if twins := {name for name in names if names.count(name) > 1}:
         raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
     chosen = Signals.load(signals) if signals is not None else Signals.of_rig(rig)
-    return [bags.read(path, chosen, recover=recover) for path in paths]
+    return [bags.read(path, chosen, period=period or None, recover=recover) for path in paths]

@@ -72,6 +72,43 @@ def test_a_gray_box_of_the_shipped_bags_predicts_a_bag_that_it_has_not_seen(comm
     assert json.loads(out)["records"]["beam_swept_sine"]["r2"] > 0.99
 
 
+def test_a_closed_loop_is_scored_beside_the_free_run(command, linear_model):
+    """Where feedback acts on it the error of a poor model stays small; without a reference there is no loop."""
+    status, out, error = command("evaluate", linear_model, BAGS / "beam_random_steps", "--json")
+    assert status == 0, error
+    scores = json.loads(out)["records"]["beam_random_steps"]
+    assert scores["closed_loop"]["rmse"] < 0.5 * scores["rmse"]
+    status, out, _ = command("evaluate", linear_model, BAGS / "beam_random_steps")
+    assert "closed loop R2" in out
+    assert f"{scores['closed_loop']['r2']:.4f}" in out
+
+
+def test_a_record_without_reference_has_no_closed_loop(command, linear_model, tmp_path):
+    signals = yaml.safe_load((BAGS.parent / "msgs_config" / "cam_beam.yaml").read_text())
+    signals["signals"].pop("channels")
+    plain = tmp_path / "plain.yaml"
+    plain.write_text(yaml.safe_dump({key: signals[key] for key in ("namespace", "signals")}))
+    status, out, error = command("evaluate", linear_model, MULTISINE, "--signals", plain)
+    assert status == 0, error
+    assert "no closed loop: beam_multisine: has no channel reference" in " ".join(error.split())
+    assert "closed loop" not in out
+    _, out, _ = command("evaluate", linear_model, MULTISINE, "--signals", plain, "--json")
+    assert json.loads(out)["records"]["beam_multisine"]["closed_loop"] is None
+
+
+def test_a_bag_can_be_read_at_a_longer_period(command, tmp_path):
+    """The same model comes of it as of the means of all samples, which the steps of 50 ms are either way."""
+    models = [tmp_path / name for name in ("all", "kept")]
+    arguments = ["identify", MULTISINE, "--structure", "linear", "--step", "0.05"]
+    for model, more in zip(models, ([], ["--read-period", "0.05"]), strict=True):
+        status, _, error = command(*arguments, *more, "--out", model)
+        assert status == 0, error
+    one, two = (load(model).equation for model in models)
+    assert two.values == pytest.approx(one.values, rel=0.02)
+    refused(command(*arguments, "--read-period", "0.05", "--input", "sampled", "--out", tmp_path / "m"), "sampled")
+    refused(command(*arguments, "--read-period", "0.0333", "--out", tmp_path / "m"), "multiple")
+
+
 def test_a_model_tells_where_it_comes_from(linear_model):
     content = yaml.safe_load((linear_model / "model.yaml").read_text())
     assert content["records"][0]["name"] == "beam_multisine"
