@@ -508,7 +508,7 @@ def respond(horizon: Horizon, program: Program, question: Question) -> bool:
     False where the program has no solution; the trajectory then stays.
     """
     _evaluate(horizon, program, question)
-    if not quadratic.solve(program, GRADIENT | BOUNDS):
+    if not quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES):
         return False
     quadratic.remember(program)
     _expand(horizon, program, question)

@@ -1,0 +1,190 @@
+"""The exact MPC against IPOPT on the same problems in the same run: time of a call, inputs and cost of the loop.
+
+Three problems, each a noisy closed loop: a plant with a 2x32 network (N = 20, Runge-Kutta steps, a square wave with
+preview), the lecture's polynomial NARX with its cost (N = 10, its hardware reference), and the shipped model of the
+beam. Times are those around the Python call. IPOPT is asked at every STRIDE-th sample of the converged loop, so that
+both answer the same questions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks import result
+from benchmarks.network_plant import NetworkPlant
+from hybrid_sysid_ros import configuration
+from hybrid_sysid_ros.control import ExactMpc, InteriorPointMpc, Problem, Status
+from hybrid_sysid_ros.equations import Equation, simulate
+from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.models.narx import Narx
+from hybrid_sysid_ros.rigs.excitation import hardware_reference
+from hybrid_sysid_ros.rigs.rig import load
+
+NAME = "mpc_speed"
+SEEDS = (0, 1, 2)
+STRIDE = 5
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A closed loop: its model is the plant, noise (states,) is added to the state at each of the samples."""
+
+    equation: Equation
+    problem: Problem
+    reference: Callable[[Array], Array]
+    samples: int
+    noise: tuple[float, ...]
+
+
+def cases() -> dict[str, Case]:
+    """The problems by name."""
+    rig = load("cam_beam")
+    scale = rig.sensor.radians_per_volt
+    plain: dict[str, Any] = {"output_scale": 1.0, "smoothing": 0.0, "input_limit": 10.0, "max_iterations": 100}
+    network = Problem(
+        horizon=20, period=0.05, substeps=2, output_weight=1e2, rate_weight=1e-1, input_weight=1e-2, **plain
+    )
+    lecture = Problem(
+        horizon=10, period=0.05, substeps=1, output_weight=1e3, rate_weight=0.0, input_weight=1.0, **plain
+    )
+    return {
+        "network": Case(
+            equation=NetworkPlant(),
+            problem=network,
+            reference=lambda t: np.where((0.2 * t) % 1.0 < 0.5, 2.0, -2.0),
+            samples=150,
+            noise=(0.02, 0.3),
+        ),
+        "lecture": Case(
+            equation=lecture_model(), problem=lecture, reference=hardware_reference, samples=1000, noise=(0.02,)
+        ),
+        "beam": Case(
+            equation=load_model(configuration.shipped("cam_beam", "model")).equation,
+            problem=configuration.mpc_problem(configuration.defaults("cam_beam", "controller"), rig),
+            reference=lambda t: scale * hardware_reference(t),
+            samples=2500,
+            noise=(0.0, 0.02),
+        ),
+    }
+
+
+def lecture_model() -> Narx:
+    """The author's polynomial of the beam in volts: y(k+1) from y(k..k-2) and u(k..k-2)."""
+    terms = {
+        (1, 0, 0, 0, 0, 0): 1.1440,
+        (0, 1, 0, 0, 0, 0): -0.0171,
+        (0, 0, 1, 0, 0, 0): -0.1534,
+        (0, 0, 0, 1, 0, 0): 0.2197,
+        (0, 0, 0, 0, 0, 0): -0.1618,
+        (0, 0, 0, 2, 1, 0): 0.0015,
+        (0, 1, 0, 0, 1, 0): 0.0124,
+        (1, 1, 1, 0, 0, 0): 0.0022,
+        (0, 0, 0, 0, 0, 1): -0.0452,
+        (0, 1, 0, 0, 2, 0): -0.0019,
+    }
+    return Narx(
+        exponents=tuple(terms),
+        coefficients=tuple(terms.values()),
+        output_lags=3,
+        input_lags=3,
+        output_range=(-20.0, 20.0),
+        input_range=(-10.0, 10.0),
+    )
+
+
+def loop(case: Case, seed: int, controller: Any, other: Any = None) -> dict[str, Any]:
+    """One closed loop; ``other`` answers some of the same questions."""
+    random = np.random.default_rng(seed)
+    problem, equation = case.problem, case.equation
+    states, output = len(equation.states), equation.outputs[0]
+    noise = np.zeros(states)
+    noise[: len(case.noise)] = case.noise
+    x, u = np.zeros(states), np.zeros(1)
+    times: dict[str, list[float]] = {"call": [], "prepare": [], "other": []}
+    statuses, apart, cost = [], [], 0.0
+    controller.reset()
+    for k in range(case.samples):
+        preview = case.reference(problem.period * np.arange(k + 1.0, k + 1.0 + problem.horizon))
+        began = perf_counter()
+        plan = controller.control(x, np.zeros(1), u, preview)
+        times["call"].append(perf_counter() - began)
+        statuses.append(plan.status)
+        if other is not None and k % STRIDE == 0:
+            other.reset()
+            began = perf_counter()
+            answer = other.control(x, np.zeros(1), u, preview)
+            times["other"].append(perf_counter() - began)
+            if answer.status is Status.SOLVED and plan.status is Status.SOLVED:
+                apart.append(abs(float(answer.input[0] - plan.input[0])))
+        change = float(plan.input[0] - u[0])
+        u = plan.input
+        began = perf_counter()
+        controller.prepare(problem.period)
+        times["prepare"].append(perf_counter() - began)
+        held = np.tile(u, (problem.substeps, 1))
+        x = simulate(equation, x, held, step=problem.period / problem.substeps)[-1] + noise * random.normal(size=states)
+        error = (x[output] - preview[0]) / problem.output_scale
+        cost += problem.output_weight * error**2 + problem.rate_weight * change**2
+        cost += problem.input_weight * float(u[0]) ** 2
+    return {"times": times, "statuses": statuses, "apart": apart, "cost": cost}
+
+
+def main() -> int:
+    """Run, print a table, write the results."""
+    machine = result.machine()
+    results: dict[str, Any] = {}
+    shown = Table(
+        "problem", "solver", "p50", "p99", "max", "solved", "first input off IPOPT", "cost", title="one call [ms]"
+    )
+    for name, case in cases().items():
+        yardstick = InteriorPointMpc(case.equation, case.problem, tolerance=1e-9)
+        exact = ExactMpc(case.equation, case.problem)
+        quick = ExactMpc(case.equation, case.problem, real_time=True)
+        for controller in (exact, quick):  # the first loop compiles
+            loop(case, SEEDS[0], controller)
+        converged = [loop(case, seed, exact, yardstick) for seed in SEEDS]
+        iterated = [loop(case, seed, quick) for seed in SEEDS]
+        ratio = np.array([b["cost"] / a["cost"] for a, b in zip(converged, iterated, strict=True)])
+        apart = np.concatenate([run["apart"] for run in converged])
+        statuses = [status for run in converged for status in run["statuses"]]
+        solved = sum(status is Status.SOLVED for status in statuses) / len(statuses)
+        measured = {
+            "converged": _times(converged, "call"),
+            "ipopt": _times(converged, "other"),
+            "real_time_feedback": _times(iterated, "call"),
+            "real_time_preparation": _times(iterated, "prepare"),
+        }
+        results[name] = {
+            "milliseconds": measured,
+            "share_solved": solved,
+            "first_input_apart": result.percentiles(apart),
+            "compared": len(apart),
+            "cost_ratio_real_time": {"mean": ratio.mean(), "min": ratio.min(), "max": ratio.max()},
+        }
+        more = {
+            "converged": (f"{solved:.2%}", f"p50 {np.median(apart):.1e}, max {apart.max():.1e}", "1"),
+            "real_time_feedback": ("", "", f"{ratio.mean():.4f} ({ratio.min():.4f}-{ratio.max():.4f})"),
+        }
+        for solver, times in measured.items():
+            cells = (f"{times[key]:.3f}" for key in ("p50", "p99", "max"))
+            shown.add_row(name, solver.replace("_", " "), *cells, *more.get(solver, ("", "", "")))
+    Console(width=160).print(shown)
+    print(result.write(NAME, results, on=machine))
+    return 0
+
+
+def _times(runs: list[dict[str, Any]], what: str) -> dict[str, float]:
+    return result.percentiles(1e3 * np.concatenate([run["times"][what] for run in runs]))
+
+
+if __name__ == "__main__":
+    result.run(main)
