@@ -113,7 +113,8 @@ def loop(case: Case, seed: int, controller: Any, other: Any = None) -> dict[str,
     statuses, apart, cost = [], [], 0.0
     controller.reset()
     for k in range(case.samples):
-        preview = case.reference(problem.period * np.arange(k + 1.0, k + 1.0 + problem.horizon))
+        ahead: Array = problem.period * np.arange(k + 1, k + 1 + problem.horizon, dtype=np.float64)
+        preview = case.reference(ahead)
         began = perf_counter()
         plan = controller.control(x, np.zeros(1), u, preview)
         times["call"].append(perf_counter() - began)
