@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import warnings
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -98,6 +99,8 @@ class Processes(Workers):
     def _process() -> Executor:
         with extra("search"):
             from joblib.externals.loky import ProcessPoolExecutor
+        # A worker that compiled much code is replaced between two trials: nothing that a user could act on.
+        warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
         # Ctrl-C goes to the whole group of processes, and the parent is the one that answers it.
         ignore = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN)}
         executor: Executor = ProcessPoolExecutor(1, timeout=IDLE, env=ONE_THREAD, **ignore)
