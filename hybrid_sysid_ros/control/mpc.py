@@ -9,8 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Plan, Status
+from hybrid_sysid_ros.control.horizon import Question, respond
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.control.shooting import Question, respond, shooting
+from hybrid_sysid_ros.control.quadratic_program import factorise
+from hybrid_sysid_ros.control.sensitivity import sensitivity
+from hybrid_sysid_ros.control.shooting import shooting
 from hybrid_sysid_ros.equations import Equation
 
 Array = NDArray[np.float64]
@@ -70,8 +73,8 @@ class ExactMpc:
         mpc = self._shooting
         mpc.shift(mpc.model, mpc.horizon, min(elapsed / self.period, 1.0))
         if self.real_time:
-            mpc.prepare(mpc.model, mpc.horizon, mpc.program)
-            self._prepared = True
+            mpc.prepare(mpc.model, mpc.horizon, mpc.program, False)
+            self._prepared = factorise(mpc.program)
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`.
@@ -102,6 +105,12 @@ class ExactMpc:
             return self._rest(status if status is Status.LATE else Status.FAILED)
         self._cold = False
         return self._planned(status)
+
+    def sensitivity(self) -> Array:
+        """Derivatives of the first input by [x, d, u_previous, q_1..q_N], (states + 2 + horizon,), at the answer that
+        :meth:`control` just gave with SOLVED; NaN where it has none. See :mod:`~.sensitivity`.
+        """
+        return sensitivity(self._shooting, self._question)[0]
 
     def _solve(self) -> Status:
         """Iterate until solved, out of iterations or out of time."""

@@ -177,6 +177,13 @@ def solve(program, changed):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(error_model="numpy", nogil=True)
+def factorise(program: Program) -> bool:
+    """Take in new matrices ahead of the next solution, which then has only vectors to take in."""
+    problem, workspace, _ = program.addresses
+    return bool(_update(MATRICES, workspace, problem) >= 0)
+
+
+@numba.njit(error_model="numpy", nogil=True)
 def remember(program: Program) -> None:
     """Let the next search begin at the working set of this solution."""
     for i in range(program.states.shape[0]):

@@ -1,0 +1,115 @@
+"""Derivatives of the exact MPC's answers: those of the closed form, and differences of solutions."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.control import ExactMpc, Problem, Status
+from hybrid_sysid_ros.models.linear import Linear
+
+LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
+PROBLEM = Problem(
+    horizon=6,
+    period=0.05,
+    substeps=8,
+    output_weight=100.0,
+    rate_weight=1.0,
+    input_limit=10.0,
+    output_scale=0.0227,
+    smoothing=0.005,
+    max_iterations=200,
+)
+
+
+def asked(random, size=1.0):
+    state = size * np.array([0.05, 0.3]) * random.normal(size=2)
+    preview = state[0] + size * 0.03 * np.cumsum(random.normal(size=PROBLEM.horizon)) / 3
+    return np.concatenate([state, 0.3 * random.normal(size=1), np.clip(3 * random.normal(size=1), -9, 9), preview])
+
+
+def answered(mpc, p):
+    return mpc.control(p[:2], p[2:3], p[3:4], p[4:])
+
+
+def differences(mpc, p, step):
+    """Derivatives of the first input by differences of solutions."""
+    slopes = np.empty(len(p))
+    for j in range(len(p)):
+        sides = []
+        for side in (step[j], -step[j]):
+            q = p.copy()
+            q[j] += side
+            plan = answered(mpc, q)
+            if plan.status is not Status.SOLVED:
+                return None
+            sides.append(plan.input[0])
+        slopes[j] = (sides[0] - sides[1]) / (2 * step[j])
+    return slopes
+
+
+STEPS = np.array([1e-4, 1e-3, 1e-2, 1e-2, *[1e-4] * PROBLEM.horizon])
+
+
+def test_of_a_linear_problem_they_are_its_feedback():
+    """The answer is linear where no bound is active, so differences of any size are its derivatives."""
+    mpc = ExactMpc(LINEAR, dataclasses.replace(PROBLEM, input_limit=1e3), tolerance=1e-10)
+    random = np.random.default_rng(0)
+    for _ in range(5):
+        p = asked(random)
+        assert answered(mpc, p).status is Status.SOLVED
+        found = mpc.sensitivity()
+        np.testing.assert_allclose(found, differences(mpc, p, STEPS), rtol=1e-4, atol=1e-5 * np.max(np.abs(found)))
+
+
+OPTIONS = {
+    "bounds": {"input_limit": 4.0},
+    "rate limit": {"rate_limit": 1.5},
+    "soft state bounds": {"state_bounds": ((-0.05, 0.05), (-0.6, 0.6))},
+    "priced state bounds": {"state_bounds": ((-0.05, 0.05), (-0.6, 0.6)), "soft_linear": 50.0},
+    "literal": {"literal": True, "input_weight": 0.1},
+}
+
+
+@pytest.mark.parametrize("option", OPTIONS)
+def test_on_the_beam_they_are_what_solutions_differ_by(rig, option):
+    """Where neighbouring solutions keep the same active constraints; at their borders a derivative has two sides."""
+    problem = dataclasses.replace(PROBLEM, **OPTIONS[option])
+    mpc = ExactMpc(rig.equation, problem, tolerance=1e-9)
+    random = np.random.default_rng(1)
+    alike = bounded = compared = 0
+    for _ in range(60):
+        p = asked(random, size=1.5)
+        plan = answered(mpc, p)
+        if plan.status is not Status.SOLVED:
+            continue
+        found = mpc.sensitivity()
+        coarse, fine = differences(mpc, p, STEPS * 1e-2), differences(mpc, p, STEPS * 1e-3)
+        if coarse is None or fine is None or not np.allclose(coarse, fine, rtol=0.02, atol=0.01 * np.max(np.abs(fine))):
+            continue
+        compared += 1
+        bounded += bool(np.any(np.abs(np.abs(plan.inputs) - problem.input_limit) < 1e-9))
+        alike += bool(np.allclose(found, fine, rtol=0.03, atol=0.01 * np.max(np.abs(fine)) + 1e-6))
+    assert compared > 15
+    assert alike >= 0.9 * compared
+    assert bounded > 5 or option != "bounds"
+
+
+def test_at_a_bound_the_first_input_does_not_move():
+    mpc = ExactMpc(LINEAR, PROBLEM)
+    p = np.array([0.0, 0.0, 0.0, 9.5, *[0.5] * PROBLEM.horizon])
+    plan = answered(mpc, p)
+    assert plan.input[0] == pytest.approx(10.0)
+    np.testing.assert_array_equal(mpc.sensitivity(), 0.0)
+
+
+def test_taking_them_changes_no_later_answer(rig):
+    random = np.random.default_rng(3)
+    questions = [asked(random) for _ in range(10)]
+    plain, other = ExactMpc(rig.equation, PROBLEM), ExactMpc(rig.equation, PROBLEM)
+    for p in questions:
+        first, second = answered(plain, p), answered(other, p)
+        np.testing.assert_array_equal(first.inputs, second.inputs)
+        other.sensitivity()
+        plain.prepare(PROBLEM.period)
+        other.prepare(PROBLEM.period)
