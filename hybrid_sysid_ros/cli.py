@@ -20,6 +20,7 @@ from hybrid_sysid_ros.identification.resimulation import resimulations
 from hybrid_sysid_ros.models import STRUCTURES, Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.options import parse
+from hybrid_sysid_ros.policy_command import policy_commands
 from hybrid_sysid_ros.progress import progress_bars
 from hybrid_sysid_ros.protocol_command import protocol_command
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -40,11 +41,9 @@ from hybrid_sysid_ros.terminal import (
     sampling_of,
     status,
 )
-from hybrid_sysid_ros.training import EPISODES, EPOCHS, ROUNDS, train_policy
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
-policy_app = typer.Typer(no_args_is_help=True, help="Approximate MPC.")
-app.add_typer(policy_app, name="policy")
+app.add_typer(policy_commands, name="policy")
 
 
 @app.command("import-bab")
@@ -161,38 +160,6 @@ def evaluate_command(
 
 app.command("protocol")(protocol_command)
 app.command("search")(search_command)
-
-
-@policy_app.command("train")
-def policy_train(
-    model: Annotated[Path, typer.Argument(help="Model folder.")],
-    out: Annotated[Path, typer.Option("--out", help="Folder for the policy.")],
-    seed: Seed = 0,
-    episodes: Annotated[int, typer.Option(help="Closed loops of 8 s in each round.", min=2)] = EPISODES,
-    rounds: Annotated[int, typer.Option(help="Rounds; from the second on the policy drives (DAgger).", min=1)] = ROUNDS,
-    epochs: Annotated[int, typer.Option(help="Epochs of training in each round.", min=1)] = EPOCHS,
-) -> None:
-    """Sample the exact MPC in closed loop and train a network that imitates it (needs the extra [train]).
-
-    An interrupted training goes on from the closed loops in OUT.samples when it is started again.
-    """
-    check_place(out, marker="policy.yaml")
-    loaded = load_model(model)
-    with progress_bars(status) as update:
-        policy = train_policy(
-            loaded,
-            seed=seed,
-            episodes=episodes,
-            rounds=rounds,
-            epochs=epochs,
-            samples=out.with_name(f"{out.name}.samples"),
-            progress=update,
-        )
-    policy.save(out)
-    table = Table("quantity", "value", title=f"policy {out}", title_justify="left")
-    for key, value in policy.training.items():
-        table.add_row(key.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))
-    console.print(table)
 
 
 @app.command("run")

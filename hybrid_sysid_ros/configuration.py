@@ -226,7 +226,8 @@ def sampling_spread(rig: Rig) -> Spread:
         content = {**section, "kick": tuple(rig.sensor.radians_per_volt * value for value in section["kick"])}
         return Spread(**content)
     except (KeyError, TypeError) as error:
-        raise UserError(f"{path}: policy_training: needs amplitude, disturbance, input_jitter and kick") from error
+        needs = "amplitude, disturbance, input_jitter and kick; it may have parameters"
+        raise UserError(f"{path}: policy_training: needs {needs}") from error
 
 
 def _section(content: Mapping[str, Any], key: str, path: Path, *, within: str = "") -> dict[str, Any]:

@@ -8,22 +8,18 @@ from pathlib import Path
 from hybrid_sysid_ros import configuration
 from hybrid_sysid_ros.control.policy import Policy
 from hybrid_sysid_ros.control.sample_store import SampleStore
+from hybrid_sysid_ros.control.training_settings import Settings
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.extras import extra
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import load
 
-EPISODES, ROUNDS, EPOCHS = 70, 3, 300
-"""Closed loops in each round, rounds, epochs of training in each: some five minutes on two cores."""
-
 
 def train_policy(
     model: Model,
+    settings: Settings | None = None,
     *,
     seed: int = 0,
-    episodes: int = EPISODES,
-    rounds: int = ROUNDS,
-    epochs: int = EPOCHS,
     samples: Path | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Policy:
@@ -33,12 +29,12 @@ def train_policy(
     progress: gets the stage, how much of it is done, and how much there is. Raises UserError where torch is missing.
     """
     with extra("train"):
-        from hybrid_sysid_ros.control.policy_training import Settings, train
+        from hybrid_sysid_ros.control.policy_training import train
     if not model.seal:
         raise UserError("policy: the model was never saved; save it first, for the policy belongs to what is on disk")
     rig = load(model.rig)
     problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig)
-    settings = Settings(episodes=(episodes,) * rounds, epochs=epochs)
+    settings = settings or Settings()
     spread = configuration.sampling_spread(rig)
     store = SampleStore(samples, f"{model.seal} {problem} {spread} {settings}") if samples is not None else None
     policy = train(model, problem, spread, settings, seed=seed, store=store, progress=progress)

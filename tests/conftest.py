@@ -17,6 +17,7 @@ import pytest
 
 from hybrid_sysid_ros import bab, configuration
 from hybrid_sysid_ros.control.policy import Policy
+from hybrid_sysid_ros.control.training_range import TrainingRange
 from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, parameter, simulate
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.models.linear import Linear
@@ -191,22 +192,25 @@ def model_folder(rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def policy_folder(rig: Rig, model_folder: Path) -> Path:
-    """A policy of one straight layer, which makes it the rig's own P controller: u = 1 + 3 (q_1 - y) V."""
+    """The rig's own P controller as a policy: u = 1 + 3 (q_1 - y) V, through a tiny, so straight, hidden unit."""
     problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig)
     features = 2 + 2 + problem.horizon  # position and velocity, disturbance, previous input, preview
+    small = 1e-5
     weights = np.zeros((1, features))
-    weights[0, 4] = rig.feedback_gain / rig.sensor.radians_per_volt / rig.input_limit
+    weights[0, 4] = small * rig.feedback_gain / rig.sensor.radians_per_volt / rig.input_limit
+    examples = np.random.default_rng(0).normal(scale=0.01, size=(3, features))
+    centre, scale = np.zeros(features), np.ones(features)
     policy = Policy(
         problem=problem,
         model=load(model_folder).seal,
         rig=rig.name,
         states=2,
         output=0,
-        centre=np.zeros(features),
-        scale=np.ones(features),
-        layers=((weights, np.array([1.0 / rig.input_limit])),),
+        centre=centre,
+        scale=scale,
+        layers=((weights, np.zeros(1)), (np.array([[1.0 / small]]), np.array([1.0 / rig.input_limit]))),
+        training_range=TrainingRange.of(10.0 * examples, centre, scale),
     )
-    examples = np.random.default_rng(0).normal(scale=0.01, size=(3, features))
     folder = model_folder.with_name("policy")
     replace(policy, check=(examples, policy.evaluate(examples))).save(folder)
     return folder

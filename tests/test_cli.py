@@ -278,6 +278,14 @@ def test_a_policy_needs_a_model(command, tmp_path):
     refused(command("policy", "train", tmp_path / "nowhere", "--out", tmp_path / "policy"), "nowhere")
 
 
+def test_wrong_settings_of_a_policy_get_one_line(command, linear_model, tmp_path):
+    train = ("policy", "train", linear_model, "--out", tmp_path / "policy")
+    refused(command(*train, "--hidden", "64;64"), "--hidden", "64,64")
+    refused(command(*train, "--follow", "coulomb"), "NAME=NUMBER")
+    refused(command(*train, "--follow", "gain=-1"), "spread above 0")
+    refused(command(*train, "--follow", "mass=1"), "no parameter mass")
+
+
 def test_a_policy_of_another_model_is_refused(linear_model):
     from hybrid_sysid_ros import configuration
     from hybrid_sysid_ros.control import policy

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.control import policy_kernels
+from hybrid_sysid_ros.control.adaptation import Correction
 from hybrid_sysid_ros.control.controller import Plan, Status
+from hybrid_sysid_ros.control.policy_kernels import Form, Kernels
 from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.training_range import TrainingRange
+from hybrid_sysid_ros.equations.perceptron import Layers, Perceptron
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import Model, storage
 
 Array = NDArray[np.float64]
 
-FORMAT = 1
+FORMAT = 2
 
 SELF_CHECK_TOLERANCE = 1e-9
 """Largest difference [drive unit] of the self-check vectors on loading."""
@@ -26,14 +31,17 @@ SELF_CHECK_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Policy:
-    """u = NN(x, d, u_previous, q_1..q_N), the imitation of an exact MPC, kept within the input's bounds.
+    """u_0..u_{K-1} = NN(x, d, u_previous, q_1..q_N), the imitation of an exact MPC, kept within its bounds.
 
     The features are [x, d, u_previous, q_1 - y, ..., q_N - y], shifted by ``centre`` and divided by ``scale``
     (features,); tanh layers with weights W and biases b follow and a straight output in units of the input limit.
+    K is 1, or the horizon: the whole sequence, which can be checked by simulating it (Hose, Köhler, Zeilinger,
+    Trimpe 2025, Approximate nonlinear MPC with safety-augmented neural networks, IEEE TCST 33(6)).
 
     problem: the MPC it imitates. model: seal of that MPC's model. output: the state that is measured. layers: W (out,
-    in) and b (out,) in turn. training: how it was made and how near it comes. check: features and inputs that the
-    network must reproduce when it is loaded.
+    in) and b (out,) in turn. training_range: of the features. correction: for parameters that are estimated online, if
+    any. training: how it was made and how near it comes. check: features (samples, features) and inputs (samples, K)
+    that the network must reproduce when it is loaded.
     """
 
     problem: Problem
@@ -44,32 +52,65 @@ class Policy:
     centre: Array
     scale: Array
     layers: tuple[tuple[Array, Array], ...]
+    training_range: TrainingRange
+    correction: Correction | None = None
     training: Mapping[str, Any] = field(default_factory=dict)
-    check: tuple[Array, Array] = (np.zeros((0, 0)), np.zeros(0))
-    # What an answer needs, made once: nothing is allocated in the loop.
-    _packed: Array = field(init=False, repr=False)
-    _widths: NDArray[np.int64] = field(init=False, repr=False)
-    _buffers: Array = field(init=False, repr=False)
-    _features: Array = field(init=False, repr=False)
-    _inverse: Array = field(init=False, repr=False)
+    check: tuple[Array, Array] = (np.zeros((0, 0)), np.zeros((0, 1)))
+    # What an answer needs, made once.
+    kernels: Kernels = field(init=False, repr=False)
+    memory: Array = field(init=False, repr=False)
+    _range: Array = field(init=False, repr=False)
+    _question: Array = field(init=False, repr=False)
+    _state: Array = field(init=False, repr=False)
+    _preview: Array = field(init=False, repr=False)
+    _no_states: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        widths = [len(self.centre), *(len(bias) for _, bias in self.layers)]
-        for (matrix, _), before, after in zip(self.layers, widths[:-1], widths[1:], strict=True):
-            if matrix.shape != (after, before):
-                raise UserError(f"policy: a layer has shape {matrix.shape}; {(after, before)} is needed")
-        if widths[0] != self.states + 2 + self.problem.horizon or widths[-1] != 1:
-            raise UserError(f"policy: {widths[0]} features don't fit a horizon of {self.problem.horizon}")
+        features = self.states + 2 + self.problem.horizon
+        network = _perceptron(self.layers, features)
+        if network.widths[-1] not in (1, self.problem.horizon):
+            raise UserError(f"policy: {network.widths[-1]} outputs are neither 1 nor the horizon")
         if not 0 <= self.output < self.states:
             raise UserError(f"policy: output {self.output} is none of its {self.states} states")
-        if self.scale.shape != self.centre.shape or not np.all(self.scale > 0):
-            raise UserError("policy: scale needs a number above 0 for every feature")
-        packed = np.concatenate([np.concatenate([matrix.ravel(), bias]) for matrix, bias in self.layers])
-        object.__setattr__(self, "_packed", packed)
-        object.__setattr__(self, "_widths", np.array(widths))
-        object.__setattr__(self, "_buffers", np.zeros((2, max(widths))))
-        object.__setattr__(self, "_features", np.zeros(widths[0]))
-        object.__setattr__(self, "_inverse", 1.0 / self.scale)
+        if self.centre.shape != (features,) or self.scale.shape != (features,) or not np.all(self.scale > 0):
+            raise UserError(f"policy: centre and scale need {features} numbers, the scale above 0")
+        if self.training_range.low.shape != (features,):
+            raise UserError(f"policy: the training range does not fit its {features} features")
+        corrector: Perceptron | None = None
+        names: tuple[str, ...] = ()
+        if self.correction is not None:
+            corrector, names = _perceptron(self.correction.layers, features), self.correction.names
+            if corrector.widths[-1] != len(names) * network.widths[-1]:
+                raise UserError(
+                    f"policy: the correction has {corrector.widths[-1]} outputs for {len(names)} parameters"
+                )
+        form = Form(
+            network=network, states=self.states, output=self.output, correction=corrector, parameters=len(names)
+        )
+        corrections = np.zeros(0)
+        if corrector is not None and self.correction is not None:
+            corrections = corrector.packed(self.correction.layers)
+        memory = policy_kernels.memory(
+            input_limit=self.problem.input_limit,
+            rate_limit=self.problem.rate_limit,
+            centre=self.centre,
+            scale=self.scale,
+            weights=network.packed(self.layers),
+            correction=corrections,
+            deviation=np.zeros(len(names)),
+        )
+        question = np.zeros(features)
+        made = {
+            "kernels": policy_kernels.kernels(form),
+            "memory": memory,
+            "_range": self.training_range.packed,
+            "_question": question,
+            "_state": question[: self.states],
+            "_preview": question[self.states + 2 :],
+            "_no_states": np.zeros((0, self.states)),
+        }
+        for name, value in made.items():
+            object.__setattr__(self, name, value)
 
     @property
     def horizon(self) -> int:
@@ -79,58 +120,72 @@ class Policy:
     def period(self) -> float:
         return self.problem.period
 
+    @property
+    def outputs(self) -> int:
+        """How many inputs it answers with: 1 or the horizon."""
+        return len(self.layers[-1][1])
+
     def reset(self) -> None:
-        """A policy remembers nothing."""
+        """A policy remembers nothing but the parameters it is adapted to."""
 
     def prepare(self, elapsed: float) -> None:
         """A policy has nothing to prepare."""
+
+    def adapt(self, parameters: Mapping[str, float]) -> None:
+        """Follow the plant's parameters as they are estimated, by name [their unit]; a policy without a correction
+        leaves them unread.
+        """
+        if self.correction is not None:
+            deviation = self.memory[len(self.memory) - len(self.correction.names) :]
+            deviation[:] = self.correction.deviation(parameters, deviation)
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`. An input that is not a number gives HELD: the
         previous input within its bounds, or zero.
         """
-        features = self._features
-        states, limit = self.states, self.problem.input_limit
-        features[:states] = state
-        features[states] = disturbance[0]
-        features[states + 1] = previous_input[0]
-        features[states + 2 :] = preview
-        features[states + 2 :] -= state[self.output]
-        u = self._evaluate(features)
-        if not np.isfinite(u):
-            last = float(previous_input[0])
-            held = np.array([min(max(last, -limit), limit) if np.isfinite(last) else 0.0])
-            return Plan(input=held, inputs=held[None], states=np.zeros((0, states)), status=Status.HELD)
-        value = np.array([min(max(u, -limit), limit)])
-        return Plan(input=value, inputs=value[None], states=np.zeros((0, states)), status=Status.POLICY)
+        self._ask(state, disturbance, previous_input, preview)
+        inputs = np.empty((self.outputs, 1))
+        if self.kernels.answer(self._question, self.memory, inputs):
+            return Plan(input=inputs[0], inputs=inputs, states=self._no_states, status=Status.POLICY)
+        last, limit = float(previous_input[0]), self.problem.input_limit
+        inputs[:] = min(max(last, -limit), limit) if math.isfinite(last) else 0.0
+        return Plan(input=inputs[0], inputs=inputs, states=self._no_states, status=Status.HELD)
 
-    def _evaluate(self, features: Array) -> float:
-        """Unbounded answer to raw features (features,)."""
-        return self.problem.input_limit * float(
-            _forward(
-                features,
-                self.centre,
-                self._inverse,
-                self._packed,
-                self._widths,
-                self._buffers,
-            )
-        )
+    def inside(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> bool:
+        """Whether a question is one like those of the training; never where something is not a number."""
+        self._ask(state, disturbance, previous_input, preview)
+        return bool(self.kernels.inside(self._question, self.memory, self._range))
 
     def evaluate(self, features: Array) -> Array:
-        """Unbounded answers (samples,) to raw features (samples, features)."""
-        return np.array([self._evaluate(row) for row in np.ascontiguousarray(features)])
+        """Unbounded answers (samples, K) to raw features (samples, features)."""
+        rows = np.ascontiguousarray(features, dtype=float)
+        answers = np.empty((len(rows), self.outputs))
+        self.kernels.raw(rows, self.memory, answers)
+        return answers
+
+    def _ask(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> None:
+        """The question in compiled code's memory, whatever kind of array it came in."""
+        self._state[:] = state
+        self._question[self.states] = disturbance[0]
+        self._question[self.states + 1] = previous_input[0]
+        self._preview[:] = preview
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Compiled functions don't travel to other processes; they are made there."""
+        return _remade, ({item.name: getattr(self, item.name) for item in fields(self) if item.init},)
 
     def save(self, folder: Path | str) -> None:
         """Write the policy folder; see :mod:`~hybrid_sysid_ros.models.storage`."""
         arrays = {
             "centre": self.centre,
             "scale": self.scale,
+            "range_low": self.training_range.low,
+            "range_high": self.training_range.high,
+            "range_whitening": self.training_range.whitening,
             "check_features": self.check[0],
             "check_inputs": self.check[1],
+            **_named("", self.layers),
         }
-        for index, (matrix, bias) in enumerate(self.layers):
-            arrays[f"W{index}"], arrays[f"b{index}"] = matrix, bias
         content = {
             "rig": self.rig,
             "model": self.model,
@@ -138,16 +193,22 @@ class Policy:
             "output": self.output,
             "layers": len(self.layers),
             "problem": asdict(self.problem),
+            "range_reach": self.training_range.reach,
+            "correction": None,
             "training": dict(self.training),
         }
+        if self.correction is not None:
+            arrays |= {"nominal": self.correction.nominal, "spread": self.correction.spread}
+            arrays |= _named("S", self.correction.layers)
+            content["correction"] = {"names": self.correction.names, "layers": len(self.correction.layers)}
         storage.save(folder, kind="policy", version=FORMAT, content=content, arrays=arrays)
 
 
 def load(folder: Path | str, *, model: Model | None = None) -> Policy:
     """Read a policy folder and let it check itself.
 
-    model: the one that it is to be used with. Raises UserError where a file is missing, altered or newer, where the
-    policy was made for another model, and where its self-check vectors are not reproduced.
+    model: the one that it is to be used with. Raises UserError where a file is missing, altered, newer or older, where
+    the policy was made for another model, and where its self-check vectors are not reproduced.
     """
     content, arrays = storage.load(folder, kind="policy", version=FORMAT)
     path = Path(folder) / "policy.yaml"
@@ -160,42 +221,58 @@ def load(folder: Path | str, *, model: Model | None = None) -> Policy:
             output=content["output"],
             centre=arrays["centre"],
             scale=arrays["scale"],
-            layers=tuple((arrays[f"W{i}"], arrays[f"b{i}"]) for i in range(content["layers"])),
+            layers=_layers("", content["layers"], arrays),
+            training_range=TrainingRange(
+                low=arrays["range_low"],
+                high=arrays["range_high"],
+                whitening=arrays["range_whitening"],
+                reach=float(content["range_reach"]),
+            ),
+            correction=_correction(content["correction"], arrays),
             training=content["training"],
             check=(arrays["check_features"], arrays["check_inputs"]),
         )
     except UserError as error:
         raise UserError(f"{path}: {error}; train it again") from error
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise UserError(f"{path}: {error!r} is missing or malformed; train it again") from error
     if model is not None and policy.model != model.seal:
         raise UserError(f"{path}: was trained for another model; train it for this one (hybrid-sysid policy train)")
     features, inputs = policy.check
-    if not len(inputs) or features.shape != (len(inputs), len(policy.centre)):
+    if not len(inputs) or features.shape != (len(inputs), len(policy.centre)) or inputs.ndim != 2:
         raise UserError(f"{path}: has no self-check vectors that fit the network; train it again")
-    if not np.allclose(policy.evaluate(features), inputs, rtol=0.0, atol=SELF_CHECK_TOLERANCE):
+    answers = policy.evaluate(features)
+    if answers.shape != inputs.shape or not np.allclose(answers, inputs, rtol=0.0, atol=SELF_CHECK_TOLERANCE):
         raise UserError(f"{path}: does not reproduce its self-check vectors; train it again")
     return policy
 
 
-@numba.njit(error_model="numpy")
-def _forward(features: Array, centre: Array, inverse: Array, packed: Array, widths: Array, buffers: Array) -> float:
-    """The network, without allocation: buffers (2, widest layer). NaN if a feature is not a number or infinite."""
-    inside, outside = 0, 1
-    for j in range(widths[0]):
-        if not np.isfinite(features[j]):
-            return np.nan
-        buffers[inside, j] = (features[j] - centre[j]) * inverse[j]
-    at = 0
-    last = widths.shape[0] - 2
-    for layer in range(last + 1):
-        columns, rows = widths[layer], widths[layer + 1]
-        biases = at + rows * columns
-        for i in range(rows):
-            total = packed[biases + i]
-            for j in range(columns):
-                total += packed[at + i * columns + j] * buffers[inside, j]
-            buffers[outside, i] = total if layer == last else np.tanh(total)
-        at = biases + rows
-        inside, outside = outside, inside
-    return buffers[inside, 0]
+def _remade(given: dict[str, Any]) -> Policy:
+    return Policy(**given)
+
+
+def _perceptron(layers: Layers, features: int) -> Perceptron:
+    network = Perceptron.of(layers)
+    if network.widths[0] != features:
+        raise UserError(f"policy: a network of {network.widths[0]} features does not fit the {features} of its problem")
+    return network
+
+
+def _named(prefix: str, layers: Layers) -> dict[str, Array]:
+    """W0, b0, W1, ... with a prefix."""
+    return {f"{prefix}{kind}{i}": part for i, pair in enumerate(layers) for kind, part in zip("Wb", pair, strict=True)}
+
+
+def _layers(prefix: str, count: int, arrays: Mapping[str, Array]) -> tuple[tuple[Array, Array], ...]:
+    return tuple((arrays[f"{prefix}W{i}"], arrays[f"{prefix}b{i}"]) for i in range(count))
+
+
+def _correction(content: Mapping[str, Any] | None, arrays: Mapping[str, Array]) -> Correction | None:
+    if content is None:
+        return None
+    return Correction(
+        names=tuple(content["names"]),
+        nominal=arrays["nominal"],
+        spread=arrays["spread"],
+        layers=_layers("S", content["layers"], arrays),
+    )

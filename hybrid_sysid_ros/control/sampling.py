@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hybrid_sysid_ros.control.adaptation import Adaptation
 from hybrid_sysid_ros.control.controller import Controller, Status
 from hybrid_sysid_ros.control.mpc import ExactMpc
 from hybrid_sysid_ros.control.problem import Problem
@@ -16,26 +17,33 @@ from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps,
 Array = NDArray[np.float64]
 
 EPISODE_SECONDS = 8.0
+KICKS, CHANGES, UNMOVED = 0.05, 0.02, 0.3
+"""Shares of the periods that begin with a push of the state, with another input offset, and with the previous input as
+it was."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
     """What the loops are made of. amplitude: of the references [output_scale units]. disturbance: deviation of the
-    constant input offset [drive unit]. input_jitter: deviation by which the previous input is moved before the MPC is
-    asked [drive unit], so that the policy learns its effect apart from the state's. kick: deviation of each state's
-    occasional push (states,).
+    input offset, which jumps now and then [drive unit]. input_jitter: deviation by which the previous input is moved
+    before the MPC is asked [drive unit], so that the policy learns its effect apart from the state's. kick: deviation
+    of each state's occasional push (states,). parameters: relative deviation of each physical parameter of the plant
+    from the model that the MPC has.
     """
 
     amplitude: float
     disturbance: float
     input_jitter: float
     kick: tuple[float, ...]
+    parameters: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Samples:
     """states (samples, states), disturbances (samples,), previous (samples,), previews (samples, horizon), inputs
-    (samples,): the MPC's answers. Only converged answers are kept; ``dropped`` counts the others.
+    (samples, horizon): the MPC's plans. slopes (samples, states + 2 + horizon): derivatives of the first input by
+    [x, d, u_previous, q], NaN where they were not taken. shifts (samples, parameters, horizon): derivatives of the plan
+    by the followed parameters, per spread. Only converged answers are kept; ``dropped`` counts the others.
     """
 
     states: Array
@@ -43,14 +51,30 @@ class Samples:
     previous: Array
     previews: Array
     inputs: Array
+    slopes: Array
+    shifts: Array
     dropped: int
 
     @classmethod
     def joined(cls, parts: list[Samples]) -> Samples:
         """All samples of several sets."""
-        names = ("states", "disturbances", "previous", "previews", "inputs")
+        names = [item.name for item in fields(cls) if item.name != "dropped"]
         arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
         return cls(**arrays, dropped=sum(part.dropped for part in parts))
+
+    def features(self, output: int) -> Array:
+        """Raw features (samples, features) of the policy: [x, d, u_previous, q - y]; output: the state that is y."""
+        errors = self.previews - self.states[:, output : output + 1]
+        return np.column_stack([self.states, self.disturbances, self.previous, errors])
+
+    def feature_slopes(self, output: int) -> Array:
+        """Derivatives (samples, features) of the first input by the features.
+
+        With the errors e = q - y held, y takes the reference along: d/dy = du/dy + sum_i du/dq_i.
+        """
+        slopes = self.slopes.copy()
+        slopes[:, output] += self.slopes[:, self.states.shape[1] + 2 :].sum(axis=1)
+        return slopes
 
 
 def reference(random: np.random.Generator, amplitude: float) -> Reference:
@@ -72,6 +96,15 @@ def reference(random: np.random.Generator, amplitude: float) -> Reference:
     return ramp
 
 
+def drawn(equation: Equation, deviation: float, random: np.random.Generator) -> Equation:
+    """A plant near the model: each free physical parameter moved by a relative deviation, within its bounds."""
+    values = [
+        value if item.fixed else min(max(value * (1.0 + deviation * random.normal()), item.low), item.high)
+        for item, value in zip(equation.parameters, equation.values, strict=True)
+    ]
+    return equation.with_values(np.array(values, dtype=float))
+
+
 def sample(
     equation: Equation,
     problem: Problem,
@@ -79,51 +112,73 @@ def sample(
     seed: int,
     *,
     driver: Controller | None = None,
+    slope_share: float = 0.0,
+    adaptation: Adaptation | None = None,
 ) -> Samples:
     """One closed loop of 8 s from a random state; the exact MPC answers at each period.
 
-    driver: who drives the loop, the MPC itself by default (DAgger: Ross, Gordon, Bagnell 2011, AISTATS). The loop is
-    simulated in the exact form, at the steps of the MPC's own prediction.
+    driver: who drives the loop, the MPC itself by default (DAgger: Ross, Gordon, Bagnell 2011, AISTATS). slope_share:
+    share of the answers whose derivatives are taken. adaptation: parameters by which plans are differentiated, by
+    central differences over half their spread. The plant is simulated in the exact form, at the steps of the MPC's own
+    prediction; its parameters are spread, the MPC's are not.
     """
     random = np.random.default_rng(seed)
     expert = ExactMpc(equation, problem)
+    followed = adaptation or Adaptation()
+    shifted = [
+        [ExactMpc(followed.shifted(equation, index, side), problem) for side in (-0.5, 0.5)]
+        for index in range(len(followed.names))
+    ]
     target = reference(random, spread.amplitude)
-    scale, horizon = problem.output_scale, problem.horizon
+    plant = drawn(equation, spread.parameters, random)
+    scale, horizon, limit, states = problem.output_scale, problem.horizon, problem.input_limit, len(equation.states)
+    periods = round(EPISODE_SECONDS / problem.period)
+    wanted = scale * target(problem.period * np.arange(1, periods + horizon + 1))
     disturbance = np.array([random.normal() * spread.disturbance])
     output = equation.outputs[0]
-    state = np.zeros(len(equation.states))
+    state = np.zeros(states)
     state[output] = scale * (float(target(0.0)) if random.uniform() < 0.5 else random.uniform(-1, 1) * spread.amplitude)
     following = np.empty_like(state)
-    advance, parameters, weights = kernels(equation).step, equation.named, equation.weights
+    advance, parameters, weights = kernels(plant).step, plant.named, plant.weights
     step = problem.period / problem.substeps
-    u = random.uniform(-1.0, 1.0) * problem.input_limit
-    rows: list[tuple[Array, float, float, Array, float]] = []
-    dropped = 0
-    for k in range(round(EPISODE_SECONDS / problem.period)):
-        preview = scale * target(problem.period * (k + np.arange(1, horizon + 1)))
-        if random.uniform() < 0.05:
-            state = state + random.normal(size=len(state)) * np.array(spread.kick)
-        moved = u if random.uniform() < 0.3 else u + random.normal() * spread.input_jitter
-        previous = np.array([np.clip(moved, -problem.input_limit, problem.input_limit)])
-        answer = expert.control(state, disturbance, previous, preview)
-        if answer.status is Status.SOLVED:
-            rows.append((state.copy(), disturbance[0], previous[0], preview, answer.input[0]))
-        else:
-            dropped += 1
+    u = random.uniform(-1.0, 1.0) * limit
+    kept = np.zeros(periods, dtype=bool)
+    found = Samples(
+        states=np.empty((periods, states)),
+        disturbances=np.empty(periods),
+        previous=np.empty(periods),
+        previews=np.empty((periods, horizon)),
+        inputs=np.empty((periods, horizon)),
+        slopes=np.full((periods, states + 2 + horizon), np.nan),
+        shifts=np.empty((periods, len(shifted), horizon)),
+        dropped=0,
+    )
+    for k in range(periods):
+        preview = wanted[k : k + horizon]
+        if random.uniform() < KICKS:
+            state = state + random.normal(size=states) * np.array(spread.kick)
+        if random.uniform() < CHANGES:
+            disturbance[0] = random.normal() * spread.disturbance
+        moved = u if random.uniform() < UNMOVED else u + random.normal() * spread.input_jitter
+        question = (state, disturbance, np.array([min(max(moved, -limit), limit)]), preview)
+        answer = expert.control(*question)
+        kept[k] = answer.status is Status.SOLVED
+        found.states[k], found.disturbances[k], found.previous[k] = state, disturbance[0], question[2][0]
+        found.previews[k] = preview
+        found.inputs[k] = answer.inputs[:, 0]
+        if random.uniform() < slope_share and kept[k]:
+            found.slopes[k] = expert.sensitivity()
         expert.prepare(problem.period)
-        if driver is None:
-            u = float(answer.input[0])
-        else:
-            u = float(driver.control(state, disturbance, np.array([u]), preview).input[0])
+        for index, pair in enumerate(shifted):
+            low, high = (mpc.control(*question) for mpc in pair)
+            kept[k] &= low.status is Status.SOLVED and high.status is Status.SOLVED
+            found.shifts[k, index] = (high.inputs - low.inputs)[:, 0]
+            for mpc in pair:
+                mpc.prepare(problem.period)
+        given = answer if driver is None else driver.control(state, disturbance, np.array([u]), preview)
+        u = float(given.input[0])
         for _ in range(problem.substeps):
             advance(state, np.array([u]) + disturbance, parameters, weights, step, following)
             state = following.copy()
-    states, disturbances, lasts, previews, inputs = zip(*rows, strict=True) if rows else ((), (), (), (), ())
-    return Samples(
-        states=np.reshape(states, (len(rows), len(equation.states))),
-        disturbances=np.array(disturbances, dtype=float),
-        previous=np.array(lasts, dtype=float),
-        previews=np.reshape(previews, (len(rows), horizon)),
-        inputs=np.array(inputs, dtype=float),
-        dropped=dropped,
-    )
+    arrays = {item.name: getattr(found, item.name)[kept] for item in fields(found) if item.name != "dropped"}
+    return Samples(**arrays, dropped=int(np.sum(~kept)))

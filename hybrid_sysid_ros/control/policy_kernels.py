@@ -1,0 +1,157 @@
+"""A policy in compiled code: from a question to bounded inputs, some hundred nanoseconds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.equations import registers
+from hybrid_sysid_ros.equations.perceptron import Perceptron, passes
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Form:
+    """What decides the compiled code: the network, the number of states and which of them is tracked; the network of
+    the correction and the number of its parameters, where there is one.
+    """
+
+    network: Perceptron
+    states: int
+    output: int
+    correction: Perceptron | None = None
+    parameters: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kernels:
+    """Compiled functions; a question is [x, d, u_previous, q_1..q_N], (states + 2 + horizon,).
+
+    answer(question, memory, inputs): writes bounded inputs (outputs, 1); False where something is not a finite number,
+    and ``inputs`` then mean nothing. memory: see :func:`memory`.
+    inside(question, memory, training_range): whether the question is one like those of the training;
+    training_range: :attr:`TrainingRange.packed`.
+    raw(features, memory, out): unbounded answers (samples, outputs) to features (samples, features).
+    """
+
+    answer: Callable[..., bool]
+    inside: Callable[..., bool]
+    raw: Callable[..., None]
+
+
+def memory(
+    *,
+    input_limit: float,
+    rate_limit: float,
+    centre: Array,
+    scale: Array,
+    weights: Array,
+    correction: Array,
+    deviation: Array,
+) -> Array:
+    """All the numbers of a policy in one array, for each array is some 60 ns to a compiled function called from Python.
+
+    deviation (parameters,): of the corrected parameters from their nominal values, in units of their spread; it is at
+    the end and may be written to while the policy is used.
+    """
+    return np.concatenate([[input_limit, rate_limit], centre, 1.0 / scale, weights, correction, deviation])
+
+
+@cache
+def kernels(form: Form) -> Kernels:
+    """The kernels of a form, compiled once in a process (about a second)."""
+    network, states, tracked = passes(form.network), form.states, form.output
+    features, outputs = form.network.widths[0], form.network.widths[-1]
+    previous, first = states + 1, states + 2
+    begin = 2 + 2 * features
+    end = begin + form.network.size
+    forward, output, scratch, room = network.forward, network.output, registers.scratch, network.values
+    parameters = form.parameters
+    corrected = form.correction is not None
+    # Without a correction its passes are those of the network: the branch is not compiled, but has to have types.
+    other = passes(form.correction or form.network)
+    correct, corrector, other_room = other.forward, other.output, other.values
+    deviation = end + (form.correction.size if form.correction is not None else 0)
+    options: dict[str, Any] = {"error_model": "numpy", "nogil": True}
+
+    @numba.njit(**options)
+    def standardise(features_or_question: Array, memory: Array, moved: float, values: Any) -> bool:
+        """(z - centre) / scale, the preview less ``moved``."""
+        for j in range(features):
+            value = features_or_question[j] - (moved if j >= first else 0.0)
+            if not np.isfinite(value):
+                return False
+            values[j] = (value - memory[2 + j]) * memory[2 + features + j]
+        return True
+
+    @numba.njit(**options)
+    def evaluate(values: Any, memory: Array, out: Array) -> None:
+        """Unbounded inputs (outputs,)."""
+        weights = memory[begin:end]
+        if corrected:
+            others = scratch(other_room)
+            for j in range(features):
+                others[j] = values[j]
+            correct(memory[end:deviation], others)
+        forward(weights, values)
+        for k in range(outputs):
+            total = output(weights, values, k)
+            if corrected:
+                for i in range(parameters):
+                    total += corrector(memory[end:deviation], others, i * outputs + k) * memory[deviation + i]
+            out[k] = memory[0] * total
+
+    @numba.njit("boolean(float64[::1], float64[::1], float64[:, ::1])", **options)
+    def answer(question: Array, memory: Array, inputs: Array) -> bool:
+        values = scratch(room)
+        if not standardise(question, memory, question[tracked], values):
+            return False
+        evaluate(values, memory, inputs[:, 0])
+        limit, rate = memory[0], memory[1]
+        last = min(max(question[previous], -limit), limit)
+        for k in range(outputs):
+            u = inputs[k, 0]
+            if not np.isfinite(u):
+                return False
+            u = min(max(u, last - rate), last + rate)
+            last = min(max(u, -limit), limit)
+            inputs[k, 0] = last
+        return True
+
+    @numba.njit("boolean(float64[::1], float64[::1], float64[::1])", **options)
+    def inside(question: Array, memory: Array, training_range: Array) -> bool:
+        values = scratch(features)
+        moved = question[tracked]
+        if not standardise(question, memory, moved, values):
+            return False
+        for j in range(features):
+            value = question[j] - (moved if j >= first else 0.0)
+            if value < training_range[j] or value > training_range[features + j]:
+                return False
+        reach, row = training_range[2 * features], 2 * features + 1
+        total = 0.0
+        for i in range(features):
+            distance = 0.0
+            for j in range(i + 1):
+                distance += training_range[row + j] * values[j]
+            total += distance * distance
+            row += features
+        return bool(total <= reach * reach)
+
+    @numba.njit("void(float64[:, ::1], float64[::1], float64[:, ::1])", **options)
+    def raw(rows: Array, memory: Array, out: Array) -> None:
+        values = scratch(room)
+        for i in range(rows.shape[0]):
+            if standardise(rows[i], memory, 0.0, values):
+                evaluate(values, memory, out[i])
+            else:
+                out[i, :] = np.nan
+
+    return Kernels(answer=answer, inside=inside, raw=raw)

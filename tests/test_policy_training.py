@@ -1,0 +1,76 @@
+"""A training: what it learns, what it tells about itself, and that a seed decides it."""
+
+import os
+
+import numpy as np
+import pytest
+from small_policies import PROBLEM, SEAL, SPREAD, by_hand, model_of  # type: ignore[import-not-found]
+from test_sampling import some_samples  # type: ignore[import-not-found]
+
+from hybrid_sysid_ros.control import policy as policies
+from hybrid_sysid_ros.control.sample_store import SampleStore
+from hybrid_sysid_ros.control.sampling import Samples, sample
+from hybrid_sysid_ros.control.training_settings import Settings
+from hybrid_sysid_ros.errors import UserError
+
+
+def nothing_solved():
+    none = {name: getattr(some_samples(0), name)[:0] for name in Samples.__dataclass_fields__ if name != "dropped"}
+    return Samples(**none, dropped=160)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """A tiny training: a linear beam, nine closed loops in two rounds; twice, by different ways to the same samples."""
+    training = pytest.importorskip("hybrid_sysid_ros.control.policy_training", exc_type=ImportError)
+    settings = Settings(episodes=(6, 3), hidden=(16,), epochs=60, batch=128, workers=min(2, os.cpu_count() or 1))
+    model = model_of(SEAL)
+    store = SampleStore(tmp_path_factory.mktemp("store") / "samples", "tiny")
+    first = training.train(model, PROBLEM, SPREAD, settings, seed=1, store=store)
+    again = training.train(model, PROBLEM, SPREAD, settings, seed=1, store=store)
+    return first, again
+
+
+def test_a_tiny_training_imitates_better_than_a_constant(trained):
+    policy, _ = trained
+    fresh = sample(model_of().equation, PROBLEM, SPREAD, 424242)
+    rows = zip(fresh.states, fresh.disturbances, fresh.previous, fresh.previews, strict=True)
+    answers = [policy.control(x, np.array([d]), np.array([u]), q).input[0] for x, d, u, q in rows]
+    assert np.mean((np.array(answers) - fresh.inputs[:, 0]) ** 2) < 0.3 * np.var(fresh.inputs[:, 0])
+
+
+def test_a_training_tells_how_it_was_made(trained):
+    record = trained[0].training
+    assert record["rounds"] == [6, 3]
+    assert record["samples"] + record["validation_samples"] + record["dropped"] == 9 * 160
+    assert 0 < record["train_mse"] < 100
+    assert record["validation_mse"] > 0
+    assert trained[0].model == SEAL
+
+
+def test_a_seed_decides_a_training(trained):
+    first, again = trained
+    for (w, b), (w_again, b_again) in zip(first.layers, again.layers, strict=True):
+        np.testing.assert_array_equal(w, w_again)
+        np.testing.assert_array_equal(b, b_again)
+
+
+def test_the_network_of_torch_answers_the_same_without_torch(trained, tmp_path):
+    policy, _ = trained
+    assert len(policy.check[1]) > 30  # of torch itself
+    np.testing.assert_allclose(by_hand(policy, policy.check[0]), policy.check[1], atol=1e-9)
+    policy.save(tmp_path / "policy")
+    policies.load(tmp_path / "policy", model=model_of(SEAL))
+
+
+def test_a_training_without_loops_to_hold_out_or_without_answers_is_refused(tmp_path):
+    training = pytest.importorskip("hybrid_sysid_ros.control.policy_training", exc_type=ImportError)
+    store = SampleStore(tmp_path / "samples", "hopeless")
+    settings = Settings(episodes=(2,), epochs=1, workers=1)
+    for seed in (0, 1):
+        store.keep(seed, nothing_solved())
+    with pytest.raises(UserError, match="the exact MPC found no solution"):
+        training.train(model_of(SEAL), PROBLEM, SPREAD, settings, seed=0, store=store)
+    for episodes in ((), (1,), (5, 0)):
+        with pytest.raises(UserError, match="at least 2 closed loops in every round"):
+            Settings(episodes=episodes)

@@ -1,0 +1,116 @@
+"""Samples of the exact MPC: closed loops of it, and where they are kept."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from small_policies import PROBLEM, SPREAD, model_of  # type: ignore[import-not-found]
+
+from hybrid_sysid_ros.control import ExactMpc
+from hybrid_sysid_ros.control.adaptation import Adaptation
+from hybrid_sysid_ros.control.sample_store import SampleStore
+from hybrid_sysid_ros.control.sampling import Samples, drawn, sample
+
+
+def test_samples_are_answers_of_the_exact_mpc():
+    model = model_of()
+    samples = sample(model.equation, PROBLEM, SPREAD, 7)
+    assert len(samples.inputs) + samples.dropped == round(8.0 / PROBLEM.period)
+    assert np.all(np.abs(samples.inputs) <= 10.0)
+    assert np.max(np.abs(samples.previews)) <= 4.0 * PROBLEM.output_scale * (1 + 1e-9)
+    assert len(np.unique(samples.disturbances)) < 15  # it jumps now and then
+    expert = ExactMpc(model.equation, PROBLEM)
+    for k in range(0, len(samples.inputs), 10):
+        expert.reset()
+        again = expert.control(
+            samples.states[k], samples.disturbances[k : k + 1], samples.previous[k : k + 1], samples.previews[k]
+        )
+        np.testing.assert_allclose(again.inputs[:, 0], samples.inputs[k], atol=2e-3)
+
+
+def test_what_a_solver_does_not_solve_gives_no_samples(rig):
+    hopeless = dataclasses.replace(PROBLEM, max_iterations=1)
+    samples = sample(rig.equation, hopeless, SPREAD, 7)
+    assert len(samples.inputs) + samples.dropped == round(8.0 / PROBLEM.period)
+    assert samples.dropped > 100
+
+
+def test_plants_are_drawn_about_the_model_within_bounds():
+    equation, random = model_of().equation, np.random.default_rng(0)
+    values = np.array([drawn(equation, 0.1, random).values for _ in range(2000)])
+    for item, nominal, column in zip(equation.parameters, equation.values, values.T, strict=True):
+        assert np.all((column >= item.low) & (column <= item.high))
+        assert np.std(column) == pytest.approx(0.1 * abs(nominal), rel=0.1)
+        assert np.mean(column) == pytest.approx(nominal, abs=0.01 * abs(nominal))
+    np.testing.assert_array_equal(drawn(equation, 0.0, random).values, equation.values)
+
+
+def test_other_plants_make_other_loops_for_the_same_mpc():
+    equation = model_of().equation
+    same, other = (sample(equation, PROBLEM, dataclasses.replace(SPREAD, parameters=p), 7) for p in (0.0, 0.2))
+    assert np.max(np.abs(same.previews[0] - other.previews[0])) < 1e-12
+    assert np.max(np.abs(same.states[20] - other.states[20])) > 1e-4
+
+
+def test_shifts_are_derivatives_of_the_plan_by_the_followed_parameters():
+    """Against differences over a tenth of the step, of plans that are solved afresh."""
+    equation = model_of().equation
+    adaptation = Adaptation(names=("gain", "centre"), spread=(0.5, 0.2))
+    samples = sample(equation, PROBLEM, SPREAD, 7, adaptation=adaptation)
+    assert samples.shifts.shape == (len(samples.inputs), 2, 4)
+    inside = np.flatnonzero(np.all(np.abs(samples.inputs) < 9.0, axis=1))[::8]
+    assert len(inside) > 5
+    for index in range(2):
+        pair = [ExactMpc(adaptation.shifted(equation, index, side), PROBLEM, tolerance=1e-9) for side in (-0.05, 0.05)]
+        for k in inside:
+            question = (
+                samples.states[k],
+                samples.disturbances[k : k + 1],
+                samples.previous[k : k + 1],
+                samples.previews[k],
+            )
+            for mpc in pair:
+                mpc.reset()
+            low, high = (mpc.control(*question).inputs[:, 0] for mpc in pair)
+            np.testing.assert_allclose(samples.shifts[k, index], (high - low) / 0.1, rtol=0.05, atol=0.02)
+
+
+def test_the_offset_of_the_input_shifts_the_first_plan_one_to_one():
+    """A beam's centre acts as an offset of its input: plans of low weight on changes move with it."""
+    equation = model_of().equation
+    problem = dataclasses.replace(PROBLEM, rate_weight=0.0, input_limit=1e3)
+    adaptation = Adaptation(names=("centre",), spread=(0.2,))
+    samples = sample(equation, problem, SPREAD, 3, adaptation=adaptation)
+    np.testing.assert_allclose(samples.shifts[:, 0], 0.2, atol=1e-3)
+
+
+def some_samples(seed):
+    random = np.random.default_rng(seed)
+    return Samples(
+        states=random.normal(size=(5, 2)),
+        disturbances=random.normal(size=5),
+        previous=random.normal(size=5),
+        previews=random.normal(size=(5, 4)),
+        inputs=random.normal(size=(5, 4)),
+        slopes=random.normal(size=(5, 8)),
+        shifts=random.normal(size=(5, 0, 4)),
+        dropped=3,
+    )
+
+
+def test_stored_samples_are_found_again_if_their_purpose_is_the_same(tmp_path):
+    store = SampleStore(tmp_path / "samples", "a model")
+    assert store.find(1) is None
+    store.keep(1, some_samples(1))
+    found = SampleStore(tmp_path / "samples", "a model").find(1)
+    assert found is not None
+    for name in ("states", "disturbances", "previous", "previews", "inputs", "slopes", "shifts"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(some_samples(1), name))
+    assert found.dropped == 3
+    assert SampleStore(tmp_path / "samples", "another model").find(1) is None
+    assert store.find(2) is None
+    (file,) = (tmp_path / "samples").iterdir()
+    file.write_bytes(file.read_bytes()[:100])
+    assert store.find(1) is None
+    store.remove()
+    assert not (tmp_path / "samples").exists()

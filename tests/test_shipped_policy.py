@@ -1,0 +1,52 @@
+"""The policy that ships with the package: it imitates, and it tracks on the noisy plant."""
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros import configuration, models
+from hybrid_sysid_ros.control import ExactMpc, Status
+from hybrid_sysid_ros.control import policy as policies
+from hybrid_sysid_ros.control.closed_loop import run_loop
+from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
+from hybrid_sysid_ros.rigs.excitation import hardware_reference
+from hybrid_sysid_ros.rigs.plant import Plant
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    model = models.load(configuration.shipped("cam_beam", "model"))
+    return model, policies.load(configuration.shipped("cam_beam", "policy"), model=model)
+
+
+def test_the_shipped_policy_imitates_the_exact_mpc_of_the_shipped_model(shipped):
+    model, policy = shipped
+    expert = ExactMpc(model.equation, policy.problem)
+    errors = []
+    for row in policy.check[0][::4]:
+        state, d, previous, preview = row[:2], row[2:3], row[3:4], row[4:] + row[0]
+        expert.reset()
+        exact = expert.control(state, d, previous, preview)
+        errors.append(policy.control(state, d, previous, preview).input[0] - exact.input[0])
+    assert np.sqrt(np.mean(np.square(errors))) < 0.5
+
+
+def test_the_shipped_policy_tracks_the_author_s_reference(shipped, rig):
+    """On the noisy plant at 200 Hz: at most .50 V on the steps and .10 V on the sine; the rig: 1.080 and .500."""
+    model, policy = shipped
+    tuning = configuration.estimator_tuning(configuration.defaults("cam_beam", "estimator"), rig)
+    latency = 0.001
+    loop = run_loop(
+        Plant(rig, seed=5, bias=0.03),
+        ExtendedKalmanFilter(model.equation, tuning, period=0.005, latency=latency),
+        policy,
+        hardware_reference,
+        duration=51.0,
+        period=0.005,
+        lead=model.equation.delay + latency,
+    )
+    scale = rig.sensor.radians_per_volt
+    assert loop.tracking_rmse(0.0, 29.0) / scale <= 0.50
+    assert loop.tracking_rmse(30.0, 50.0) / scale <= 0.10
+    at_rest = np.mean(loop.position[loop.time > 50.7]) / scale
+    assert at_rest == pytest.approx(0.0, abs=0.05)
+    assert loop.statuses == {Status.POLICY: 10_200}
