@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.equations import Equation
 from hybrid_sysid_ros.estimation.augmented import OPTIONS, Augmented
 from hybrid_sysid_ros.estimation.filter import Filter
-from hybrid_sysid_ros.estimation.kernels import Belief, Kernels, copy, recursive
+from hybrid_sysid_ros.estimation.kernels import Kernels, copy
+from hybrid_sysid_ros.estimation.recursive import Belief, recursive
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.equations import Equation, Recurrence
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.estimation.augmented import offset_gains
 from hybrid_sysid_ros.estimation.estimate import Counters, Estimate
-from hybrid_sysid_ros.estimation.kernels import Kernels
+from hybrid_sysid_ros.estimation.kernels import LATE, LOST, Kernels
 from hybrid_sysid_ros.estimation.memory import GATED, LONGEST_GAP, MAIN, NONE, RESET, USED, memory_of
 from hybrid_sysid_ros.estimation.tuning import Tuning
 
@@ -149,11 +149,11 @@ class Filter(ABC):
         answer = self._answer()
         index = self._kernels.absorb(*self._memory, time, value, channel, since, applied, self._lead, *answer)
         self._newest = max(self._newest, time)
-        if index < 0:
+        if index == LOST:
+            return self._recover(time)
+        if index == LATE:
             self.counters.late += 1
             return self._estimate(answer)
-        if not np.isfinite(answer[1].sum() + answer[0].sum()):
-            return self._recover(time)
         node = self._memory.nodes[index]
         fate = node["fate"]
         if fate == USED:

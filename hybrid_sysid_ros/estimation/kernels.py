@@ -1,4 +1,4 @@
-"""The compiled code that recursive filters share: replay over the nodes, the innovation test, and what is answered."""
+"""The compiled code that estimators share: how they begin, put a measurement in its place, and answer."""
 
 from __future__ import annotations
 
@@ -12,32 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.estimation.augmented import OPTIONS, Augmented, augmented
+from hybrid_sysid_ros.estimation.augmented import OPTIONS
 from hybrid_sysid_ros.estimation.history import Inputs, begin_history, mean_input, remember
-from hybrid_sysid_ros.estimation.memory import GATED, MAIN, NONE, RESET, UNUSED, USED
-from hybrid_sysid_ros.estimation.nodes import Nodes, after, place
+from hybrid_sysid_ros.estimation.memory import MAIN, RESET
+from hybrid_sysid_ros.estimation.nodes import Nodes
 
 Array = NDArray[np.float64]
 Channels = NDArray[np.void]
 
-
-@dataclass(frozen=True, kw_only=True)
-class Belief:
-    """How a method carries a mean and its covariance from node to node; compiled functions, all in place.
-
-    ``root`` (size, size) is what the method keeps in place of the covariance: itself, or a square root of it.
-
-    predict(core, mean, root, drive, h): one step. observe(core, root, row, hum): for a measurement of state ``row``
-    (and of the hum, where ``hum`` is 1) write P h' into core.column and return h P h'. condense(core, root, row, hum,
-    variance, noise): the root behind that measurement, ``variance`` being that of its innovation. spread(root,
-    variances): the root of a diagonal covariance. covariance(root, out).
-    """
-
-    predict: Callable[..., None]
-    observe: Callable[..., float]
-    condense: Callable[..., None]
-    spread: Callable[..., None]
-    covariance: Callable[..., None]
+LATE, LOST = -1, -2
+"""In place of a node: the measurement came too late; the numbers of the answer are not finite."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +31,7 @@ class Kernels:
     begin(..., time, value, applied): one node, at a measurement, nothing else known.
     absorb(..., time, value, channel, since, applied, lead, ahead, covariance): put a measurement in its place and
     replay from ``since`` [s] on; ``applied``: mean input from ``since`` to ``time``, NaN where the measurement tells
-    none. Returns its node or -1, and writes as answer() does.
+    none. Returns its node, LATE or LOST, and writes as answer() does.
     answer(..., lead, ahead, covariance): the state ``lead`` [s] after the newest node, and the covariance there.
     """
 
@@ -68,6 +52,24 @@ def clip(core: Any, mean: Array) -> None:
     """Hold a state within its bounds."""
     for i in range(mean.shape[0]):
         mean[i] = min(max(mean[i], core.low[i]), core.high[i])
+
+
+@numba.njit(error_model="numpy", nogil=True)
+def drive_between(core: Any, inputs: Inputs, before: Any, node: Any) -> float:
+    """Mean of the input that acts between two nodes, a delay after it was given."""
+    start, stop = before.time - core.delay, node.time - core.delay
+    return mean_input(inputs, start, stop) if stop > start else 0.0  # type: ignore[no-any-return]
+
+
+@numba.njit(error_model="numpy", nogil=True)
+def restart(core: Any, channels: Channels, node: Any, states: int, spread: Any) -> None:
+    """After a run of outliers the measurement wins; what is slow is believed still."""
+    for i in range(states):
+        node.mean[i] = 0.0
+    node.mean[states + 1] = node.mean[states + 2] = 0.0
+    node.mean[channels[MAIN].row] = node.value
+    spread(node.root, core.start)
+    node.outliers, node.fate = 0, RESET
 
 
 def beginning(equation: Equation, spread: Callable[..., None]) -> Callable[..., None]:
@@ -91,7 +93,7 @@ def beginning(equation: Equation, spread: Callable[..., None]) -> Callable[..., 
     return numba.njit(begin, **OPTIONS)  # type: ignore[no-any-return]
 
 
-def looking_ahead(equation: Equation, move: Callable[..., None]) -> Callable[..., None]:
+def _looking_ahead(equation: Equation, move: Callable[..., None]) -> Callable[..., None]:
     """ahead(core, nodes, inputs, lead, out): the state later; every input that acts until then is known already."""
     states = len(equation.states)
 
@@ -111,74 +113,28 @@ def looking_ahead(equation: Equation, move: Callable[..., None]) -> Callable[...
     return numba.njit(ahead, **OPTIONS)  # type: ignore[no-any-return]
 
 
-_COMPILED: dict[tuple[Any, ...], Kernels] = {}
+def assemble(
+    equation: Equation,
+    *,
+    move: Callable[..., None],
+    begin: Callable[..., None],
+    put: Callable[..., int],
+    covariance: Callable[..., None],
+) -> Kernels:
+    """The kernels of a method from its compiled parts.
 
-
-def recursive(equation: Equation, method: str, carry: Callable[[Equation, Augmented], Belief]) -> Kernels:
-    """The kernels of a recursive method and an equation's form, compiled once in a process."""
-    key = (method, *equation.form)
-    if key not in _COMPILED:
-        parts = augmented(equation)
-        _COMPILED[key] = _compile(equation, parts, carry(equation, parts))
-    return _COMPILED[key]
-
-
-def _compile(equation: Equation, parts: Augmented, belief: Belief) -> Kernels:
-    states = len(equation.states)
-    predict, observe, condense, spread = belief.predict, belief.observe, belief.condense, belief.spread
-    covariance_of = belief.covariance
-    ahead_of = looking_ahead(equation, parts.move)
-
-    def weigh(core: Any, channels: Channels, node: Any) -> None:
-        """Use a node's measurement, or don't."""
-        channel = channels[node.channel]
-        variance = observe(core, node.root, channel.row, channel.hum) + channel.noise
-        mean = node.mean
-        node.innovation = node.value - mean[channel.row] - channel.hum * mean[states + 1]
-        node.normalised = node.innovation * node.innovation / variance
-        if not node.normalised <= core.gate:
-            node.fate = GATED
-            if node.channel == MAIN:
-                node.outliers += 1
-                if node.outliers > core.patience:  # the measurement wins; what is slow is believed still
-                    for i in range(states):
-                        mean[i] = 0.0
-                    mean[states + 1] = mean[states + 2] = 0.0
-                    mean[channel.row] = node.value
-                    spread(node.root, core.start)
-                    node.outliers, node.fate = 0, RESET
-            return
-        if node.channel == MAIN:
-            node.outliers = 0
-        node.fate = USED
-        for i in range(mean.shape[0]):
-            mean[i] += core.column[i] / variance * node.innovation
-        clip(core, mean)
-        condense(core, node.root, channel.row, channel.hum, variance, channel.noise)
-
-    compiled_weigh = numba.njit(weigh, **OPTIONS)
-
-    def advance(core: Any, channels: Channels, inputs: Inputs, before: Any, node: Any) -> None:
-        """The belief at a node from that at the one before."""
-        copy(before.mean, node.mean)
-        for i in range(node.mean.shape[0]):
-            copy(before.root[i], node.root[i])
-        node.outliers, node.fate = before.outliers, UNUSED
-        h = node.time - before.time
-        if h > 0.0:
-            start = before.time - core.delay
-            predict(core, node.mean, node.root, mean_input(inputs, start, start + h), h)
-        if node.channel != NONE:
-            compiled_weigh(core, channels, node)
-
-    compiled_advance = numba.njit(advance, **OPTIONS)
+    move: of :class:`~.augmented.Augmented`. begin: of :class:`Kernels`. put(core, channels, nodes, inputs, time, value,
+    channel, since): put a measurement in its place and bring the beliefs up to date; its node or LATE.
+    covariance(root, out): the covariance of a belief.
+    """
+    ahead_of = _looking_ahead(equation, move)
 
     def answer(
-        cores: Any, channels: Channels, nodes: Nodes, inputs: Inputs, lead: float, ahead: Array, covariance: Array
+        cores: Any, channels: Channels, nodes: Nodes, inputs: Inputs, lead: float, ahead: Array, out: Array
     ) -> None:
         core = cores[0]
         ahead_of(core, nodes, inputs, lead, ahead)
-        covariance_of(nodes[core.count - 1].root, covariance)
+        covariance(nodes[core.count - 1].root, out)
 
     compiled_answer = numba.njit(answer, **OPTIONS)
 
@@ -194,20 +150,20 @@ def _compile(equation: Equation, parts: Augmented, belief: Belief) -> Kernels:
         applied: float,
         lead: float,
         ahead: Array,
-        covariance: Array,
+        out: Array,
     ) -> int:
-        core = cores[0]
-        node = place(core, nodes, time, value, channel)
         if applied == applied:
             remember(inputs, time, applied)
-        if node >= 0:
-            for k in range(min(after(core, nodes, since), node), core.count):
-                compiled_advance(core, channels, inputs, nodes[k - 1], nodes[k])
-        compiled_answer(cores, channels, nodes, inputs, lead, ahead, covariance)
-        return node
+        node = put(cores[0], channels, nodes, inputs, time, value, channel, since)
+        compiled_answer(cores, channels, nodes, inputs, lead, ahead, out)
+        return node if _finite(ahead) and _finite(out.ravel()) else LOST
 
-    return Kernels(
-        begin=beginning(equation, spread),
-        absorb=numba.njit(absorb, **OPTIONS),
-        answer=compiled_answer,
-    )
+    return Kernels(begin=begin, absorb=numba.njit(absorb, **OPTIONS), answer=compiled_answer)
+
+
+@numba.njit(error_model="numpy", nogil=True)
+def _finite(values: Array) -> bool:
+    total = 0.0
+    for value in values:
+        total += 0.0 * value  # no zero where the value is infinite or no number
+    return total == 0.0

@@ -11,11 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.estimation.augmented import OPTIONS, augmented
+from hybrid_sysid_ros.estimation.augmented import OPTIONS, Augmented, augmented
 from hybrid_sysid_ros.estimation.extended_kalman_filter import copied, covariance_belief, diagonal, propagate
 from hybrid_sysid_ros.estimation.filter import Filter
-from hybrid_sysid_ros.estimation.history import Inputs, mean_input, remember
-from hybrid_sysid_ros.estimation.kernels import Channels, Kernels, beginning, clip, copy, looking_ahead
+from hybrid_sysid_ros.estimation.history import Inputs
+from hybrid_sysid_ros.estimation.kernels import (
+    LATE,
+    Channels,
+    Kernels,
+    assemble,
+    beginning,
+    clip,
+    copy,
+    drive_between,
+    restart,
+)
 from hybrid_sysid_ros.estimation.memory import GATED, MAIN, NONE, RESET, USED
 from hybrid_sysid_ros.estimation.nodes import SAME, Nodes, place
 from hybrid_sysid_ros.estimation.tuning import Tuning
@@ -50,20 +60,20 @@ class MovingHorizonEstimator(Filter):
         return tuning.horizon * period
 
 
-_COMPILED: dict[tuple[Any, ...], Kernels] = {}
+_COMPILED: dict[Augmented, Kernels] = {}
 
 
 def _kernels(equation: Equation) -> Kernels:
-    if equation.form not in _COMPILED:
-        _COMPILED[equation.form] = _compile(equation)
-    return _COMPILED[equation.form]
-
-
-def _compile(equation: Equation) -> Kernels:
     parts = augmented(equation)
-    move, ahead_of = parts.move, looking_ahead(equation, parts.move)
+    if parts not in _COMPILED:
+        _COMPILED[parts] = _compile(equation, parts)
+    return _COMPILED[parts]
+
+
+def _compile(equation: Equation, parts: Augmented) -> Kernels:
+    move = parts.move
     begin_at = beginning(equation, diagonal)
-    forward = _forward(equation)
+    forward = _forward(equation, parts)
 
     def begin(
         cores: Any, channels: Channels, nodes: Nodes, inputs: Inputs, time: float, value: float, applied: float
@@ -81,17 +91,8 @@ def _compile(equation: Equation) -> Kernels:
 
     compiled_solve = numba.njit(solve, **OPTIONS)
 
-    def answer(
-        cores: Any, channels: Channels, nodes: Nodes, inputs: Inputs, lead: float, ahead: Array, covariance: Array
-    ) -> None:
-        core = cores[0]
-        ahead_of(core, nodes, inputs, lead, ahead)
-        copied(nodes[core.count - 1].root, covariance)
-
-    compiled_answer = numba.njit(answer, **OPTIONS)
-
-    def absorb(
-        cores: Any,
+    def put(
+        core: Any,
         channels: Channels,
         nodes: Nodes,
         inputs: Inputs,
@@ -99,35 +100,30 @@ def _compile(equation: Equation) -> Kernels:
         value: float,
         channel: int,
         since: float,
-        applied: float,
-        lead: float,
-        ahead: Array,
-        covariance: Array,
     ) -> int:
-        core = cores[0]
         newest = nodes[core.count - 1].time
         oldest = nodes[_since(core, nodes, newest - core.span)].time
-        node = -1
-        if time > oldest + SAME:
-            node = place(core, nodes, time, value, channel)
-        if applied == applied:
-            remember(inputs, time, applied)
-        if node >= 0:
-            new = node
-            while new > 1 and nodes[new - 1].time > newest:  # an interval of several steps
-                new -= 1
-            for k in range(new, node + 1):
-                _guess(core, inputs, nodes[k - 1], nodes[k], move)
-            compiled_solve(core, channels, nodes, inputs, _since(core, nodes, oldest))
-            last = core.count - 1
-            if nodes[last].fate == RESET and last > 0:
-                _as_prior(nodes[last])
-                nodes[0] = nodes[last]
-                core.count, node = 1, 0
-        compiled_answer(cores, channels, nodes, inputs, lead, ahead, covariance)
-        return node
+        if time <= oldest + SAME:
+            return LATE
+        node = place(core, nodes, time, value, channel)
+        if node < 0:
+            return LATE
+        new = node
+        while new > 1 and nodes[new - 1].time > newest:  # an interval of several steps
+            new -= 1
+        for k in range(new, node + 1):
+            _guess(core, inputs, nodes[k - 1], nodes[k], move)
+        compiled_solve(core, channels, nodes, inputs, _since(core, nodes, oldest))
+        last = core.count - 1
+        if nodes[last].fate == RESET and last > 0:
+            _as_prior(nodes[last])
+            nodes[0] = nodes[last]
+            core.count, node = 1, 0
+        return node  # type: ignore[no-any-return]
 
-    return Kernels(begin=numba.njit(begin, **OPTIONS), absorb=numba.njit(absorb, **OPTIONS), answer=compiled_answer)
+    return assemble(
+        equation, move=move, begin=numba.njit(begin, **OPTIONS), put=numba.njit(put, **OPTIONS), covariance=copied
+    )
 
 
 @numba.njit(error_model="numpy", nogil=True)
@@ -201,23 +197,16 @@ def solve_factorised(factor: Array, x: Array) -> None:
 
 
 @numba.njit(error_model="numpy", nogil=True)
-def _drive(core: Any, inputs: Inputs, before: Any, node: Any) -> float:
-    start, stop = before.time - core.delay, node.time - core.delay
-    return mean_input(inputs, start, stop) if stop > start else 0.0
-
-
-@numba.njit(error_model="numpy", nogil=True)
 def _guess(core: Any, inputs: Inputs, before: Any, node: Any, move: Any) -> None:
     """A new node's first trajectory: where the model leads to."""
     if node.time > before.time:
-        move(core, before.mean, _drive(core, inputs, before, node), node.time - before.time, node.mean)
+        move(core, before.mean, drive_between(core, inputs, before, node), node.time - before.time, node.mean)
     else:
         copy(before.mean, node.mean)
 
 
-def _forward(equation: Equation) -> Callable[..., None]:
+def _forward(equation: Equation, parts: Augmented) -> Callable[..., None]:
     """A Kalman filter over the problem linearised about the trajectory, from the first node's prior on."""
-    parts = augmented(equation)
     linearise, belief = parts.linearise, covariance_belief(equation, parts)
     observe, condense = belief.observe, belief.condense
     states = len(equation.states)
@@ -247,7 +236,7 @@ def _forward(equation: Equation) -> Callable[..., None]:
                 before = nodes[k - 1]
                 h = node.time - before.time
                 if h > 0.0:
-                    drive = _drive(core, inputs, before, node)
+                    drive = drive_between(core, inputs, before, node)
                     linearise(core, before.mean, before.root, drive, h, node.predicted, node.transition)
                 else:
                     copy(before.mean, node.predicted)
@@ -267,12 +256,8 @@ def _forward(equation: Equation) -> Callable[..., None]:
                 compiled_weigh(core, channels, node, judge and k > first)
         node = nodes[core.count - 1]
         if node.outliers > core.patience and node.channel == MAIN and core.count - 1 > first:
-            for i in range(node.mean.shape[0]):  # the measurement wins; what is slow is believed still
-                fast = i < states or states < i < states + 3
-                node.mean[i] = 0.0 if fast else node.filtered[i]
-            node.mean[channels[MAIN].row] = node.value
+            copy(node.filtered, node.mean)
+            restart(core, channels, node, states, diagonal)
             clip(core, node.mean)
-            diagonal(node.root, core.start)
-            node.outliers, node.fate = 0, RESET
 
     return numba.njit(forward, **OPTIONS)  # type: ignore[no-any-return]
