@@ -18,7 +18,7 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation, kernels
+from hybrid_sysid_ros.equations import Equation, Recurrence, kernels
 from hybrid_sysid_ros.equations.equation import parameter_tuple
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.estimation.memory import LONGEST_STEP
@@ -29,6 +29,9 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 SMALLEST = 1e-6
 """Difference of what has no deviation."""
 
+MEAN_SQUARE = 0.75
+"""Of what a second difference over a deviation leaves out: E (f'' e^2 / 2)^2 = 3/4 (f'' s^2)^2 for a normal e."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Augmented:
@@ -38,9 +41,10 @@ class Augmented:
     new state, another array than z.
     linearise(core, z, covariance, drive, h, following, jacobian): the same, and its Jacobian (size, size) by
     differences over a standard deviation of ``covariance`` (size, size) to either side; of the input, over that of the
-    disturbance and the input's noise together. Dry friction has corners that are narrower than what is uncertain: a
-    derivative sees the beam stick or slip, a difference what lies between. Source: the divided-difference filter of
-    Norgaard, Poulsen, Ravn (2000), Automatica 36(11), first order.
+    disturbance and the input's noise together. core.remainder (states, states) receives the mean square of what these
+    slopes leave out. Dry friction has corners that are narrower than what is uncertain: a derivative sees the beam
+    stick or slip, a difference what lies between. Source: the divided-difference filter of Norgaard, Poulsen, Ravn
+    (2000), Automatica 36(11), whose second differences shift the mean; here they widen the covariance.
     """
 
     move: Callable[..., None]
@@ -51,24 +55,40 @@ _COMPILED: dict[tuple[Any, ...], Augmented] = {}
 
 
 def augmented(equation: Equation) -> Augmented:
-    """The functions of an equation's form, compiled once in a process."""
-    if equation.form not in _COMPILED:
-        _COMPILED[equation.form] = _compile(equation)
-    return _COMPILED[equation.form]
+    """The functions of an equation's form, compiled once in a process.
+
+    A recurrence has no parameters to follow: what its step reads is data, which the compiled code holds.
+    """
+    key = equation.form
+    if isinstance(equation, Recurrence):
+        key = (*key, *(np.asarray(value).tobytes() for value in equation.named))
+    if key not in _COMPILED:
+        _COMPILED[key] = _compile(equation)
+    return _COMPILED[key]
 
 
 def _compile(equation: Equation) -> Augmented:
     step = kernels(equation).step
     states, parameters, weights = len(equation.states), len(equation.parameters), len(equation.weights)
     named = parameter_tuple(tuple(item.name for item in equation.parameters))
+    data = equation.named
+
+    @numba.njit(**OPTIONS)  # type: ignore[untyped-decorator]
+    def read(numbers: Array) -> Any:
+        return named(*to_fixed_tuple(numbers, parameters))
+
+    @numba.njit(**OPTIONS)  # type: ignore[untyped-decorator]
+    def held(numbers: Array) -> Any:
+        return data
+
+    parameters_of = held if isinstance(equation, Recurrence) else read
 
     def move(core: Any, z: Array, drive: float, h: float, following: Array) -> None:
         for i in range(states + 3, z.shape[0]):
             core.numbers[core.followed[i - states - 3]] = min(max(z[i], core.low[i]), core.high[i])
             following[i] = z[i]
         core.drive[0] = drive + z[states]
-        p = named(*to_fixed_tuple(core.numbers, parameters))
-        step(z[:states], core.drive, p, core.weights[:weights], h, following[:states])
+        step(z[:states], core.drive, parameters_of(core.numbers), core.weights[:weights], h, following[:states])
         following[states] = z[states]
         cosine, sine = math.cos(core.turning * h), math.sin(core.turning * h)
         following[states + 1] = cosine * z[states + 1] + sine * z[states + 2]
@@ -79,7 +99,10 @@ def _compile(equation: Equation) -> Augmented:
     def linearise(
         core: Any, z: Array, covariance: Array, drive: float, h: float, following: Array, jacobian: Array
     ) -> None:
-        above, below = core.points[0], core.points[1]
+        above, below, second, remainder = core.points[0], core.points[1], core.points[2], core.remainder
+        for i in range(states):
+            for j in range(states):
+                remainder[i, j] = 0.0
         compiled_move(core, z, drive, h, following)
         for i in range(z.shape[0]):
             for j in range(z.shape[0]):
@@ -96,6 +119,12 @@ def _compile(equation: Equation) -> Augmented:
             z[i] = value
             for j in range(states):
                 jacobian[j, i] = (above[j] - below[j]) / (upper - lower)
+                second[j] = above[j] + below[j] - 2.0 * following[j]
+            if upper - value < 0.99 * reach or value - lower < 0.99 * reach:
+                continue  # at a bound the second difference is not one
+            for j in range(states):
+                for k in range(states):
+                    remainder[j, k] += MEAN_SQUARE * second[j] * second[k]
         cosine, sine = math.cos(core.turning * h), math.sin(core.turning * h)
         s, c = states + 1, states + 2
         jacobian[s, s], jacobian[s, c] = cosine, sine

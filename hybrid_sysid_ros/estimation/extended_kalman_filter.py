@@ -20,12 +20,13 @@ Array = NDArray[np.float64]
 class ExtendedKalmanFilter(Filter):
     """The covariance goes through the Jacobian F of the augmented step; see :class:`~.filter.Filter` for the rest.
 
-        prediction   z+ = f(z, u);  P+ = F P F' + B B' U / dt + Q dt,  B the column of the input in F
+        prediction   z+ = f(z, u);  P+ = F P F' + B B' U / dt + R_f + Q dt,  B the column of the input in F
         correction   K = P H' / S,  S = H P H' + R;  z += K (y - H z)
         Joseph form  P = (I - K H) P (I - K H)' + K R K', which stays symmetric and positive
 
-    Source: Sarkka (2013), Bayesian Filtering and Smoothing, algorithm 5.4; the Joseph form: Bar-Shalom, Li, Kirubarajan
-    (2001), eq. (5.2.3-18).
+    F and the remainder R_f are of differences over what is uncertain, not of derivatives: see
+    :class:`~.augmented.Augmented`. Source: Sarkka (2013), Bayesian Filtering and Smoothing, algorithm 5.4; the Joseph
+    form: Bar-Shalom, Li, Kirubarajan (2001), eq. (5.2.3-18).
     """
 
     def kernels(self, equation: Equation) -> Kernels:
@@ -73,7 +74,7 @@ def covariance_belief(equation: Equation, parts: Augmented) -> Belief:
 
 @numba.njit(error_model="numpy", nogil=True)
 def propagate(core: Any, covariance: Array, jacobian: Array, h: float, states: int) -> None:
-    """P+ = F P F' + B B' U / h + Q h in place, symmetric to the last bit; B is the disturbance's column of F."""
+    """P+ = F P F' + B B' U / h + remainder + Q h in place, symmetric to the last bit; B is F's column of the input."""
     product, forced = core.product, core.input_noise / h if h > 0.0 else 0.0
     size = covariance.shape[0]
     for i in range(size):
@@ -85,8 +86,8 @@ def propagate(core: Any, covariance: Array, jacobian: Array, h: float, states: i
     for i in range(size):
         for j in range(i + 1):
             total = core.process[i] * h if i == j else 0.0
-            if i < states:
-                total += forced * jacobian[i, states] * jacobian[j, states]
+            if i < states and h > 0.0:
+                total += core.remainder[i, j] + forced * jacobian[i, states] * jacobian[j, states]
             for k in range(size):
                 total += product[i, k] * jacobian[j, k]
             covariance[i, j] = covariance[j, i] = total
