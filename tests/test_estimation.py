@@ -1,4 +1,4 @@
-"""The extended Kalman filter: a textbook filter on linear models, and what it makes of the beam's sensor."""
+"""Every estimator: the textbook filter on linear models, what it makes of the beam's sensor, and what goes wrong."""
 
 import dataclasses
 from typing import Any, ClassVar
@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from hybrid_sysid_ros import configuration
 from hybrid_sysid_ros.equations import Variable, simulate
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, Tuning
+from hybrid_sysid_ros.estimation import METHODS, Tuning
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.rigs.excitation import multisine
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -38,6 +38,11 @@ def matrices(equation, h):
     return transition, h * equation.gain / (1 + half) * np.array([h, 1.0, 0.0])
 
 
+@pytest.fixture(scope="module", params=METHODS.values(), ids=METHODS)
+def kind(request):
+    return request.param
+
+
 class TextbookFilter:
     """Kalman (1960): predict and correct, the covariance in its plain form."""
 
@@ -61,9 +66,9 @@ class TextbookFilter:
         return innovation, innovation**2 / s
 
 
-def test_on_a_linear_model_it_is_the_textbook_filter():
+def test_on_a_linear_model_it_is_the_textbook_filter(kind):
     random = np.random.default_rng(0)
-    ours = ExtendedKalmanFilter(LINEAR, QUIET, period=PERIOD)
+    ours = kind(LINEAR, QUIET, period=PERIOD)
     first = ours.update(0.0, np.array([0.01]), np.zeros(1))
     textbook = TextbookFilter(LINEAR, QUIET, np.array([0.01, 0.0, 0.0]), first.covariance[:3, :3], PERIOD)
     for k in range(1, 600):
@@ -81,8 +86,8 @@ def test_on_a_linear_model_it_is_the_textbook_filter():
         np.testing.assert_allclose(estimate.covariance[:3, :3], textbook.p, rtol=1e-6, atol=1e-14)
 
 
-def test_a_gap_is_predicted_over_in_steps_of_the_model():
-    ours = ExtendedKalmanFilter(LINEAR, QUIET, period=PERIOD)
+def test_a_gap_is_predicted_over_in_steps_of_the_model(kind):
+    ours = kind(LINEAR, QUIET, period=PERIOD)
     first = ours.update(0.0, np.array([0.0]), np.zeros(1))
     textbook = TextbookFilter(LINEAR, QUIET, np.zeros(3), first.covariance[:3, :3], PERIOD)
     for _ in range(8):
@@ -98,12 +103,12 @@ HUM = dataclasses.replace(QUIET, hum_hertz=60.0, hum_amplitude=2e-3, hum_noise=1
 
 
 @pytest.mark.parametrize("tuning", [QUIET, HUM], ids=["plain", "hum"])
-def test_innovations_of_a_rig_as_noisy_as_it_is_told_are_white_with_their_variance(tuning):
+def test_innovations_of_a_rig_as_noisy_as_it_is_told_are_white_with_their_variance(kind, tuning):
     """Sum of N normalised squares within the chi-square band of N degrees of freedom, lag-one correlation about 0."""
     samples, rejected = 4000, 0
     for seed in range(4):
         random = np.random.default_rng(seed)
-        ours = ExtendedKalmanFilter(LINEAR, tuning, period=PERIOD)
+        ours = kind(LINEAR, tuning, period=PERIOD)
         f, b = matrices(LINEAR, PERIOD)
         deviations = np.sqrt(PERIOD) * np.array([*tuning.process_noise, tuning.disturbance_noise])
         turn = 2 * np.pi * tuning.hum_hertz * PERIOD
@@ -125,10 +130,10 @@ def test_innovations_of_a_rig_as_noisy_as_it_is_told_are_white_with_their_varian
     assert rejected == 0
 
 
-def loop(rig, *, seconds=20.0, period=PERIOD, seed=0, bias=0.0, noisy=True, latency=0.0):
+def loop(kind, rig, *, seconds=20.0, period=PERIOD, seed=0, bias=0.0, noisy=True, latency=0.0):
     """The beam on a multisine under its P controller, watched by the filter as it is shipped."""
     tuning = configuration.estimator_tuning(configuration.defaults("cam_beam", "estimator"), rig)
-    ours = ExtendedKalmanFilter(rig.equation, tuning, period=period, latency=latency)
+    ours = kind(rig.equation, tuning, period=period, latency=latency)
     plant = Plant(rig, seed=seed, bias=bias, noisy=noisy)
     reference = multisine(1, amplitude=4.0, low=0.1, high=1.5, lines=15, period=10.0)
     scale, u = rig.sensor.radians_per_volt, 0.0
@@ -145,8 +150,8 @@ def loop(rig, *, seconds=20.0, period=PERIOD, seed=0, bias=0.0, noisy=True, late
 
 
 @pytest.fixture(scope="module")
-def watched(rig):
-    return loop(rig, bias=0.3)
+def watched(kind, rig):
+    return loop(kind, rig, bias=0.3)
 
 
 def test_the_hum_is_taken_out_of_the_position(watched, rig):
@@ -171,21 +176,32 @@ def test_on_the_beam_it_is_not_more_certain_than_it_may_be(watched):
     assert 0.5 < np.mean(squares) < chi2.ppf(0.995, len(squares)) / len(squares)
 
 
-def test_the_covariance_stays_symmetric_and_positive(rig):
-    ours, estimates, _, _ = loop(rig, seconds=60.0, seed=2)
-    assert ours.counters.updates == 12_000
-    for estimate in estimates[::500]:
+def test_numbers_that_no_rig_has_leave_a_finite_estimate(kind, rig):
+    tuning = configuration.estimator_tuning(configuration.defaults("cam_beam", "estimator"), rig)
+    ours = kind(rig.equation, tuning, period=PERIOD, latency=0.001)
+    for k, u in enumerate([0.0, 1.0, 1e300, -1e308, 1e200, 1.0, 1.0, 1.0]):
+        estimate = ours.update(k * PERIOD, np.array([0.01]), np.array([u]))
+        for value in (estimate.state, estimate.ahead, estimate.disturbance, estimate.covariance):
+            assert np.all(np.isfinite(value))
+    with pytest.raises(UserError, match="stamped nan"):
+        ours.update(np.nan, np.array([0.01]), np.ones(1))
+
+
+def test_the_covariance_stays_symmetric_and_positive(kind, rig):
+    ours, estimates, _, _ = loop(kind, rig, seed=2)
+    assert ours.counters.updates == 4_000
+    for estimate in estimates[::100]:
         p = estimate.covariance
         np.testing.assert_allclose(p, p.T, atol=1e-15)
         assert np.all(np.linalg.eigvalsh((p + p.T) / 2) > 0)
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.004])
-def test_ahead_is_where_the_beam_will_be_when_the_command_acts(rig, latency):
+def test_ahead_is_where_the_beam_will_be_when_the_command_acts(kind, rig, latency):
     """The command of the last sample holds over the latency here, so the plant may be asked a delay later."""
     equation = dataclasses.replace(rig.equation, input_delay=0.008)
     slow = dataclasses.replace(rig, equation=equation)
-    _, estimates, _, fine = loop(slow, noisy=False, latency=latency, seconds=10.0)
+    _, estimates, _, fine = loop(kind, slow, noisy=False, latency=latency, seconds=10.0)
     per_sample = round(PERIOD / rig.step)
     later = round((equation.delay + latency) / rig.step)
     ahead, now = [], []
@@ -197,16 +213,16 @@ def test_ahead_is_where_the_beam_will_be_when_the_command_acts(rig, latency):
     assert np.all(errors < uncompensated / 3)
 
 
-def test_without_any_delay_ahead_is_now():
-    ours = ExtendedKalmanFilter(LINEAR, QUIET, period=PERIOD)
+def test_without_any_delay_ahead_is_now(kind):
+    ours = kind(LINEAR, QUIET, period=PERIOD)
     ours.update(0.0, np.array([0.01]), np.zeros(1))
     estimate = ours.update(PERIOD, np.array([0.02]), np.ones(1))
     np.testing.assert_array_equal(estimate.ahead, estimate.state)
 
 
-def test_ahead_on_a_linear_model_is_its_simulation():
+def test_ahead_on_a_linear_model_is_its_simulation(kind):
     equation = dataclasses.replace(LINEAR, input_delay=0.010)
-    ours = ExtendedKalmanFilter(equation, QUIET, period=PERIOD)
+    ours = kind(equation, QUIET, period=PERIOD)
     inputs = np.random.default_rng(0).uniform(-5, 5, 50)
     ours.update(0.0, np.array([0.0]), inputs[:1])
     for k, u in enumerate(inputs, start=1):
@@ -220,9 +236,9 @@ def test_ahead_on_a_linear_model_is_its_simulation():
 
 
 @pytest.fixture
-def running():
+def running(kind):
     """A filter after a second of a steady beam, and its time."""
-    ours = ExtendedKalmanFilter(LINEAR, dataclasses.replace(QUIET, gate=25.0), period=PERIOD)
+    ours = kind(LINEAR, dataclasses.replace(QUIET, gate=25.0), period=PERIOD)
     rest = np.array([LINEAR.centre])
     for k in range(201):
         estimate = ours.update(k * PERIOD, np.array([0.0]), rest)
@@ -235,8 +251,8 @@ def unchanged(a, b):
     np.testing.assert_array_equal(a.disturbance, b.disturbance)
 
 
-def test_the_first_measurement_must_be_a_number():
-    ours = ExtendedKalmanFilter(LINEAR, QUIET, period=PERIOD)
+def test_the_first_measurement_must_be_a_number(kind):
+    ours = kind(LINEAR, QUIET, period=PERIOD)
     with pytest.raises(UserError, match=r"the first measurement .* is not a number"):
         ours.update(0.0, np.array([np.nan]), np.zeros(1))
     assert ours.counters.invalid == 1
@@ -319,10 +335,10 @@ def test_a_stamp_in_the_far_future_without_a_number_does_not_hold_the_filter_up(
     assert following.time == 1.7e9 + PERIOD
 
 
-def test_rubbish_in_any_order_leaves_a_working_filter(rig):
+def test_rubbish_in_any_order_leaves_a_working_filter(kind, rig):
     """NaN, outliers, gaps, repeats and steps back, at random, and then the truth."""
     tuning = configuration.estimator_tuning(configuration.defaults("cam_beam", "estimator"), rig)
-    ours = ExtendedKalmanFilter(rig.equation, tuning, period=PERIOD, latency=0.001)
+    ours = kind(rig.equation, tuning, period=PERIOD, latency=0.001)
     random = np.random.default_rng(0)
     ours.update(0.0, np.zeros(1), np.ones(1))
     t = 0.0
@@ -341,8 +357,8 @@ def test_rubbish_in_any_order_leaves_a_working_filter(rig):
     assert min(counters.late, counters.missing, counters.invalid, counters.gated, counters.resets) > 0
 
 
-def test_a_disturbance_is_bounded():
-    ours = ExtendedKalmanFilter(LINEAR, dataclasses.replace(QUIET, disturbance_limit=0.5), period=PERIOD)
+def test_a_disturbance_is_bounded(kind):
+    ours = kind(LINEAR, dataclasses.replace(QUIET, disturbance_limit=0.5), period=PERIOD)
     for k in range(2000):
         estimate = ours.update(k * PERIOD, np.array([0.3 * k * PERIOD]), np.array([LINEAR.centre]))
     assert estimate.disturbance[0] == pytest.approx(0.5)
@@ -365,10 +381,10 @@ def test_reset_forgets_everything(running):
     assert estimate.time == 0.0
 
 
-def test_hum_that_looks_like_a_position_counts_as_noise(rig):
+def test_hum_that_looks_like_a_position_counts_as_noise(kind, rig):
     """60 Hz sampled at 20 Hz stands still: no filter can tell it from the beam's angle."""
     tuning = dataclasses.replace(HUM, measurement_noise=1e-4)
-    ours = ExtendedKalmanFilter(LINEAR, tuning, period=0.05)
+    ours = kind(LINEAR, tuning, period=0.05)
     for k in range(200):
         estimate = ours.update(k * 0.05, np.array([2e-3]), np.array([LINEAR.centre]))
     innovation_variance = estimate.innovation[0] ** 2 / estimate.normalised_innovation
@@ -382,7 +398,7 @@ def test_hum_that_looks_like_a_position_counts_as_noise(rig):
 def test_a_motor_of_three_states_shows_its_current(motor):
     """Current and load come out of the angle alone."""
     tuning = dataclasses.replace(QUIET, process_noise=(1e-4, 0.02, 0.02), disturbance_noise=0.5)
-    ours = ExtendedKalmanFilter(motor, tuning, period=PERIOD)
+    ours = METHODS["ukf"](motor, tuning, period=PERIOD)
     random = np.random.default_rng(0)
     x = np.zeros(3)
     u = 0.0
@@ -399,7 +415,7 @@ def test_a_motor_of_three_states_shows_its_current(motor):
 
 def test_two_joints_are_told_from_the_link_alone(flexible_joint):
     tuning = dataclasses.replace(QUIET, process_noise=(1e-4, 1e-4, 0.5, 0.1), disturbance_noise=0.01)
-    ours = ExtendedKalmanFilter(flexible_joint, tuning, period=PERIOD)
+    ours = METHODS["mhe"](flexible_joint, tuning, period=PERIOD)
     random = np.random.default_rng(0)
     x, u, errors = np.zeros(4), 0.0, []
     for k in range(3000):
@@ -417,8 +433,8 @@ class TwoInputs(Linear):
     inputs: ClassVar[Any] = (Variable(name="left", unit="V"), Variable(name="right", unit="V"))
 
 
-def test_what_the_filter_is_not_for_is_refused():
+def test_what_the_filter_is_not_for_is_refused(kind):
     with pytest.raises(UserError, match="TwoInputs: the filter takes one input and one output"):
-        ExtendedKalmanFilter(TwoInputs(), QUIET, period=PERIOD)
+        kind(TwoInputs(), QUIET, period=PERIOD)
     with pytest.raises(UserError, match="process_noise has 3 entries; the model has 2 states"):
-        ExtendedKalmanFilter(LINEAR, dataclasses.replace(QUIET, process_noise=(1.0, 1.0, 1.0)), period=PERIOD)
+        kind(LINEAR, dataclasses.replace(QUIET, process_noise=(1.0, 1.0, 1.0)), period=PERIOD)

@@ -1,0 +1,158 @@
+"""Whether the estimators are as sure as they may be, and whether their mathematics is what their sources say."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.stats import chi2
+
+from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, kernels, parameter
+from hybrid_sysid_ros.estimation import METHODS, Tuning
+from hybrid_sysid_ros.estimation.consistency import Window, band, normalised_errors
+from hybrid_sysid_ros.estimation.moving_horizon_estimator import factorise, solve_factorised
+from hybrid_sysid_ros.estimation.unscented_kalman_filter import triangle
+
+PERIOD = 0.005
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pull(Motion):
+    """A mass on a spring that gives way: v' = u - 8 tanh(3 q) - v. Smooth, and far from linear."""
+
+    states = (Variable(name="position", unit="m"), Variable(name="velocity", unit="m/s"))
+    inputs = (Variable(name="push", unit="m/s^2"),)
+    kinematics: ClassVar[Mapping[int, int]] = {0: 1}
+
+    spring: float = parameter(8.0, 0.0, 100.0, unit="m/s^2", description="largest pull")
+
+    def law(self, operations: Operations) -> Law:
+        tanh = operations.tanh
+
+        def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
+            return (x[1], u[0] - p.spring * tanh(3.0 * x[0]) - x[1]), (0.0, 0.0, 0.0)
+
+        return law
+
+
+PULL = Pull()
+TUNING = Tuning(
+    measurement_noise=0.02,
+    process_noise=(1e-3, 0.3),
+    disturbance_noise=0.2,
+    disturbance_limit=1e3,
+    hum_hertz=0.0,
+    hum_amplitude=0.0,
+    hum_noise=0.0,
+    gate=1e9,
+    patience=5,
+)
+FORCED = dataclasses.replace(TUNING, process_noise=(1e-3, 0.05), input_noise=0.3)
+
+
+def advanced(z, u):
+    """The equation's own step with a disturbance, z = [q, v, d]."""
+    following = np.empty(2)
+    kernels(PULL).step(np.array(z[:2]), np.array([u + z[2]]), PULL.named, PULL.weights, PERIOD, following)
+    return np.array([*following, z[2]])
+
+
+def drawn(tuning, seed, samples):
+    """A run of a plant drawn from what the tuning says, the start included: measurements, inputs and states."""
+    random = np.random.default_rng(seed)
+    steps = np.sqrt(PERIOD) * np.array([*tuning.process_noise, tuning.disturbance_noise])
+    z = 10 * steps / np.sqrt(PERIOD) * random.normal(size=3)
+    z[0] = 0.0
+    inputs = np.repeat(random.uniform(-12.0, 12.0, samples // 50 + 1), 50)[:samples]
+    measured, states = [], []
+    for u in inputs:
+        measured.append(z[0] + tuning.measurement_noise * random.normal())
+        states.append(z)
+        force = tuning.input_noise / np.sqrt(PERIOD) * random.normal()
+        push = np.array([0.0, 0.0, force])
+        z = advanced(z + push, u) - push + steps * random.normal(size=3)
+    return np.array(measured), np.roll(inputs, 1), np.array(states)
+
+
+@pytest.mark.parametrize("tuning", [TUNING, FORCED], ids=["plain", "forced"])
+@pytest.mark.parametrize("method", METHODS)
+def test_squared_errors_of_a_plant_as_the_filter_believes_it_to_be_are_in_their_band(method, tuning):
+    """Mean of 40 independent runs at some moments, chi-square of 120 degrees of freedom; NIS over all."""
+    moments, squares, errors, covariances = [50, 100, 200, 300, 399], [], [], []
+    for seed in range(40):
+        measured, inputs, states = drawn(tuning, seed, 400)
+        ours = METHODS[method](PULL, tuning, period=PERIOD)
+        estimates = [ours.update(k * PERIOD, measured[k : k + 1], inputs[k : k + 1]) for k in range(len(measured))]
+        errors.append([np.array([*estimates[k].state, *estimates[k].disturbance]) - states[k] for k in moments])
+        covariances.append([estimates[k].covariance[:3, :3] for k in moments])
+        squares += [estimate.normalised_innovation for estimate in estimates[50:]]
+    mean = normalised_errors(np.array(errors), np.array(covariances)).mean(axis=0)
+    low, high = chi2.ppf([0.005, 0.995], 120) / 40
+    assert np.all((low < mean) & (mean < high))
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_horizon_that_holds_all_measurements_gives_the_trajectory_of_least_cost():
+    """Against a general solver on the cost as it is written, with nothing linearised."""
+    samples = 30
+    measured, inputs, _ = drawn(TUNING, 5, samples)
+    ours = METHODS["mhe"](PULL, dataclasses.replace(TUNING, horizon=100), period=PERIOD)
+    first = ours.update(0.0, measured[:1], inputs[:1])
+    for k in range(1, samples):
+        estimate = ours.update(k * PERIOD, measured[k : k + 1], inputs[k : k + 1])
+    spread = np.sqrt(np.diag(first.covariance)[:3])
+    steps = np.sqrt(PERIOD) * np.array([*TUNING.process_noise, TUNING.disturbance_noise])
+
+    def residuals(unknown):
+        z = unknown.reshape(samples, 3)
+        rows = [(z[0] - [measured[0], 0.0, 0.0]) / spread]
+        for k in range(1, samples):
+            rows.append((z[k] - advanced(z[k - 1], inputs[k])) / steps)
+            rows.append(np.array([(measured[k] - z[k, 0]) / TUNING.measurement_noise]))
+        return np.concatenate(rows)
+
+    solution = least_squares(residuals, np.zeros(3 * samples), x_scale=np.tile(spread, samples), xtol=1e-12)
+    best = solution.x.reshape(samples, 3)[-1]
+    deviations = np.sqrt(np.diag(estimate.covariance)[:3])
+    assert np.all(np.abs(np.array([*estimate.state, *estimate.disturbance]) - best) < 0.05 * deviations)
+    # And the covariance is the inverse of the curvature.
+    curvature = np.linalg.inv(solution.jac.T @ solution.jac)[-3:, -3:]
+    np.testing.assert_allclose(estimate.covariance[:3, :3], curvature, rtol=0.05, atol=0.02 * curvature.max())
+
+
+def test_the_triangle_is_a_square_root():
+    rows = np.random.default_rng(0).normal(size=(13, 4))
+    rows[:, 2] = 0.0
+    root = np.empty((4, 4))
+    triangle(rows.copy(), root)
+    np.testing.assert_allclose(root @ root.T, rows.T @ rows, atol=1e-12)
+    assert np.all(np.triu(root, 1) == 0.0)
+
+
+def test_equations_are_solved_where_something_has_no_variance():
+    half = np.random.default_rng(1).normal(size=(4, 6))
+    half[2] = 0.0
+    matrix, x = half @ half.T, np.array([1.0, 2.0, 0.0, -1.0])
+    factor = matrix.copy()
+    factorise(factor)
+    solve_factorised(factor, x)
+    rest = [0, 1, 3]
+    np.testing.assert_allclose(x[rest], np.linalg.solve(matrix[np.ix_(rest, rest)], [1.0, 2.0, -1.0]))
+    assert x[2] == 0.0
+
+
+@pytest.mark.parametrize(("samples", "degrees"), [(10, 1), (50, 2), (200, 1), (2000, 1), (40, 5)])
+def test_a_band_is_the_chi_square_one(samples, degrees):
+    exact = chi2.ppf([0.025, 0.975], samples * degrees) / samples
+    np.testing.assert_allclose(band(samples, degrees), exact, rtol=1e-2 if samples * degrees < 100 else 1e-3)
+
+
+def test_a_window_forgets():
+    window = Window(3)
+    assert np.isnan(window.mean)
+    for value in (9.0, 1.0, np.nan, 2.0, 3.0):
+        window.add(value)
+    assert (len(window), window.mean) == (3, 2.0)

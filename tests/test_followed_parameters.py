@@ -1,0 +1,96 @@
+"""Parameters of the equation that an estimator follows: friction, the drive's centre, and what can't be told apart."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros import configuration
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.estimation import METHODS
+from hybrid_sysid_ros.rigs.excitation import multisine
+from hybrid_sysid_ros.rigs.plant import Plant
+
+PERIOD = 0.005
+
+
+@pytest.fixture(scope="module", params=METHODS.values(), ids=METHODS)
+def kind(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def changed(rig):
+    """Measurements and inputs of a beam with 30 % more friction and its centre .3 V lower, under its P controller."""
+    beam = dataclasses.replace(rig.equation, coulomb=1.3 * rig.equation.coulomb, centre=rig.equation.centre - 0.3)
+    plant = Plant(dataclasses.replace(rig, equation=beam), seed=4)
+    reference = multisine(2, amplitude=4.0, low=0.1, high=1.5, lines=15, period=10.0)
+    u, rows = 0.0, []
+    for _ in range(6000):
+        measured = plant.measure()
+        rows.append((measured.time, measured.position, u))
+        u = float(np.clip(3 * (reference(measured.time) - rig.sensor.volts(measured.filtered)), -10, 10))
+        for _ in range(5):
+            plant.advance(u)
+    return beam, rows
+
+
+def tuning(rig, followed, **changes):
+    values = configuration.defaults("cam_beam", "estimator") | {"followed": followed} | changes
+    return configuration.estimator_tuning(values, rig)
+
+
+def test_friction_and_centre_are_found_while_the_beam_moves(kind, rig, changed):
+    beam, rows = changed
+    ours = kind(rig.equation, tuning(rig, "coulomb=0.2 centre=0.05", disturbance_noise=0.0), period=PERIOD)
+    estimates = [ours.update(t, np.array([y]), np.array([u])) for t, y, u in rows]
+    coulomb, centre = np.mean([e.parameters for e in estimates[-2000:]], axis=0)
+    assert coulomb == pytest.approx(beam.coulomb, rel=0.1)
+    assert centre == pytest.approx(beam.centre, abs=0.05)
+    # To whoever has the equation as it was, a centre .3 V lower is an input .3 V higher.
+    offsets = [e.disturbance[0] for e in estimates[-2000:]]
+    assert np.mean(offsets) == pytest.approx(rig.equation.centre - centre, abs=1e-6)
+    assert estimates[-1].covariance.shape == (7, 7)
+    deviations = np.sqrt(np.diag(estimates[-1].covariance))[5:]
+    assert np.all((deviations > 0) & (deviations < [0.6, 0.3]))
+
+
+def test_a_followed_parameter_makes_the_innovations_as_small_as_they_are_said_to_be(rig, changed):
+    """The model that is right but for its friction: following it brings the squares back to one."""
+    _, rows = changed
+    means = []
+    for followed in ("", "coulomb=0.2"):
+        ours = METHODS["ekf"](rig.equation, tuning(rig, followed), period=PERIOD)
+        squares = [ours.update(t, np.array([y]), np.array([u])).normalised_innovation for t, y, u in rows]
+        means.append(np.mean(squares[2000:]))
+    assert means[1] < means[0]
+
+
+def test_a_followed_parameter_stays_within_its_bounds(kind, rig):
+    """The beam is said to be stuck under full drive: no friction of the equation explains it."""
+    ours = kind(rig.equation, tuning(rig, "coulomb=20.0", disturbance_noise=0.0, gate=1e6), period=PERIOD)
+    for k in range(1000):
+        estimate = ours.update(k * PERIOD, np.zeros(1), np.array([10.0 if k % 200 < 150 else -10.0]))
+        assert 0.0 <= estimate.parameters[0] <= 40.0
+        assert np.all(np.isfinite(estimate.covariance))
+
+
+def test_the_centre_and_the_disturbance_are_one(kind, rig):
+    with pytest.raises(UserError, match="parameter centre can't be told from the input disturbance: set disturbance"):
+        kind(rig.equation, tuning(rig, "centre=0.02"), period=PERIOD)
+
+
+@pytest.mark.parametrize(
+    ("followed", "reason"),
+    [
+        ("friction=0.1", "CamBeam has no parameter friction to follow: it has gain, centre"),
+        ("input_delay=0.001", "parameter input_delay can't be followed"),
+        ("range_low=0.1", "parameter range_low can't be followed"),
+        ("coulomb=0.0", "parameter coulomb is to drift by 0 a root of a second"),
+        ("coulomb", "'coulomb' is no NAME=DRIFT"),
+        ("coulomb=much", "'coulomb=much' is no NAME=DRIFT"),
+    ],
+)
+def test_what_can_t_be_followed_is_told(rig, followed, reason):
+    with pytest.raises(UserError, match=reason):
+        METHODS["ekf"](rig.equation, tuning(rig, followed), period=PERIOD)
