@@ -1,9 +1,10 @@
-"""The exact MPC against IPOPT on the same problems in the same run: time of a call, inputs and cost of the loop.
+"""The exact MPC against IPOPT and acados on the same problems in the same run: time of a call, inputs, cost.
 
 Three problems, each a noisy closed loop: a plant with a 2x32 network (N = 20, Runge-Kutta steps, a square wave with
 preview), the lecture's polynomial NARX with its cost (N = 10, its hardware reference), and the shipped model of the
 beam. Times are those around the Python call. IPOPT is asked at every STRIDE-th sample of the converged loop, so that
-both answer the same questions.
+both answer the same questions. acados, where it is installed, drives a loop of its own with the same noise; its times
+are those of its solver's own calls.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import result
+from benchmarks import acados_peer, result
 from benchmarks.network_plant import NetworkPlant
 from hybrid_sysid_ros import configuration
 from hybrid_sysid_ros.control import ExactMpc, InteriorPointMpc, Problem, Status
@@ -169,18 +170,39 @@ def main() -> int:
             "share_solved": solved,
             "first_input_apart": result.percentiles(apart),
             "compared": len(apart),
-            "cost_ratio_real_time": {"mean": ratio.mean(), "min": ratio.min(), "max": ratio.max()},
+            "cost_ratio_real_time": _spread(ratio),
         }
         more = {
             "converged": (f"{solved:.2%}", f"p50 {np.median(apart):.1e}, max {apart.max():.1e}", "1"),
-            "real_time_feedback": ("", "", f"{ratio.mean():.4f} ({ratio.min():.4f}-{ratio.max():.4f})"),
+            "real_time_feedback": ("", "", _words(ratio)),
         }
+        if acados_peer.installed():
+            for mode in ("converged", "real_time"):
+                peer = acados_peer.AcadosMpc(case.equation, case.problem, real_time=mode == "real_time")
+                runs = [loop(case, seed, peer) for seed in SEEDS]
+                ratio = np.array([b["cost"] / a["cost"] for a, b in zip(converged, runs, strict=True)])
+                share = np.mean([status is Status.SOLVED for run in runs for status in run["statuses"]])
+                results[name][f"acados_{mode}_cost_ratio"] = _spread(ratio)
+                results[name][f"acados_{mode}_share_solved"] = share
+                for what, taken in peer.times.items():
+                    if taken:
+                        solver = f"acados_{mode}_{what}"
+                        measured[solver] = result.percentiles(1e3 * np.array(taken))
+                        more[solver] = (f"{share:.2%}", "", _words(ratio)) if what == "call" else ("", "", "")
         for solver, times in measured.items():
             cells = (f"{times[key]:.3f}" for key in ("p50", "p99", "max"))
             shown.add_row(name, solver.replace("_", " "), *cells, *more.get(solver, ("", "", "")))
     Console(width=160).print(shown)
     print(result.write(NAME, results, on=machine))
     return 0
+
+
+def _spread(values: Array) -> dict[str, float]:
+    return {"mean": values.mean(), "min": values.min(), "max": values.max()}
+
+
+def _words(ratio: Array) -> str:
+    return f"{ratio.mean():.4f} ({ratio.min():.4f}-{ratio.max():.4f})"
 
 
 def _times(runs: list[dict[str, Any]], what: str) -> dict[str, float]:
