@@ -21,6 +21,7 @@ from hybrid_sysid_ros.models import STRUCTURES, Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.options import parse
 from hybrid_sysid_ros.policy_command import policy_commands
+from hybrid_sysid_ros.policy_export_command import policy_export_command
 from hybrid_sysid_ros.progress import progress_bars
 from hybrid_sysid_ros.protocol_command import protocol_command
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -158,6 +159,7 @@ def evaluate_command(
         console.print(score_table(scores, described, "free run", loops))
 
 
+policy_commands.command("export")(policy_export_command)
 app.command("protocol")(protocol_command)
 app.command("search")(search_command)
 

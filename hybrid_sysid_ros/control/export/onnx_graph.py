@@ -1,0 +1,180 @@
+"""A policy as an ONNX graph in double precision."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.control.adaptation import FARTHEST
+from hybrid_sysid_ros.control.export.vectors import NAMES, Vectors, parts
+from hybrid_sysid_ros.control.policy import Policy
+from hybrid_sysid_ros.equations.perceptron import Layers
+from hybrid_sysid_ros.extras import extra
+
+OPERATORS, INTERMEDIATE = 13, 8
+"""Versions of ONNX's operator set and file format: what runtimes of 2021 and later read."""
+
+LARGEST = float(np.finfo(float).max)
+BATCH = "questions"
+
+
+class Graph:
+    """Nodes and constants as they are added; each method returns the name of its result.
+
+    Values are (questions, size) or, where told, (questions, 1).
+    """
+
+    def __init__(self) -> None:
+        self.nodes: list[Any] = []
+        self.constants: list[Any] = []
+
+    def constant(self, values: Any, kind: Any = np.float64) -> str:
+        from onnx import numpy_helper
+
+        name = f"c{len(self.constants)}"
+        self.constants.append(numpy_helper.from_array(np.asarray(values, dtype=kind), name))
+        return name
+
+    def add(self, operator: str, *inputs: str, **attributes: Any) -> str:
+        from onnx import helper
+
+        name = attributes.pop("name", f"v{len(self.nodes)}")
+        self.nodes.append(helper.make_node(operator, list(inputs), [name], **attributes))
+        return str(name)
+
+    def column(self, value: str, index: int) -> str:
+        """One column (questions, 1)."""
+        return self.add("Gather", value, self.constant([index], np.int64), axis=1)
+
+    def clipped(self, value: str, low: str, high: str) -> str:
+        return self.add("Min", self.add("Max", value, low), high)
+
+    def finite(self, value: str) -> str:
+        """Truths (questions, size): comparisons with what is not a number are false."""
+        return self.add("LessOrEqual", self.add("Abs", value), self.constant(LARGEST))
+
+    def all_of(self, truths: Sequence[str], **attributes: Any) -> str:
+        """Truth (questions, 1) of truths (questions, sizes)."""
+        joined = self.add("Concat", *truths, axis=1)
+        least = self.add("ReduceMin", self.add("Cast", joined, to=_type("DOUBLE")), axes=[1], keepdims=1)
+        return self.add("Greater", least, self.constant(0.5), **attributes)
+
+    def network(self, value: str, layers: Layers) -> str:
+        for index, (matrix, bias) in enumerate(layers):
+            value = self.add("Gemm", value, self.constant(matrix), self.constant(bias), transB=1)
+            if index < len(layers) - 1:
+                value = self.add("Tanh", value)
+        return value
+
+
+def model(policy: Policy, *, name: str, about: Mapping[str, str]) -> Any:
+    """The graph, checked by ONNX.
+
+    Inputs, in SI units, over any number of questions: x (questions, states), d and u_previous (questions, 1), preview
+    (questions, horizon), and parameters (questions, followed parameters) where the policy has a correction. Outputs:
+    inputs (questions, outputs); answered and inside (questions, 1), as in C. Raises UserError where onnx is missing.
+    """
+    with extra("export"):
+        import onnx
+        from onnx import helper
+    graph = Graph()
+    tracked = graph.column("x", policy.output)
+    features = graph.add("Concat", "x", "d", "u_previous", graph.add("Sub", "preview", tracked), axis=1)
+    shifted = graph.add("Sub", features, graph.constant(policy.centre))
+    z = graph.add("Div", shifted, graph.constant(policy.scale))
+    answers = graph.network(z, policy.layers)
+    if policy.correction is not None:
+        answers = graph.add("Add", answers, _correction(graph, policy, z))
+    answers = graph.add("Mul", answers, graph.constant(policy.problem.input_limit))
+    answered = graph.all_of([graph.finite(z), graph.finite(answers)], name="answered")
+    low, high = (graph.constant(sign * policy.problem.input_limit) for sign in (-1.0, 1.0))
+    last = graph.clipped("u_previous", low, high)
+    held = graph.add("Where", graph.finite("u_previous"), last, graph.constant(0.0))
+    graph.add("Where", answered, _bounded(graph, policy, answers, last, (low, high)), held, name="inputs")
+    _inside(graph, policy, features, z)
+    sizes = {"x": policy.states, "d": 1, "u_previous": 1, "preview": policy.horizon}
+    if policy.correction is not None:
+        sizes["parameters"] = len(policy.correction.names)
+    given = [helper.make_tensor_value_info(key, _type("DOUBLE"), [BATCH, size]) for key, size in sizes.items()]
+    made = [helper.make_tensor_value_info("inputs", _type("DOUBLE"), [BATCH, policy.outputs])]
+    made += [helper.make_tensor_value_info(key, _type("BOOL"), [BATCH, 1]) for key in ("answered", "inside")]
+    whole = helper.make_model(
+        helper.make_graph(graph.nodes, name, given, made, initializer=graph.constants),
+        opset_imports=[helper.make_opsetid("", OPERATORS)],
+        ir_version=INTERMEDIATE,
+        producer_name="hybrid_sysid_ros",
+    )
+    helper.set_model_props(whole, dict(about))
+    onnx.checker.check_model(whole, full_check=True)
+    return whole
+
+
+def evaluator() -> str:
+    """What :func:`largest_difference` evaluates with."""
+    with extra("export"):
+        import onnx
+    return f"reference evaluator of onnx {onnx.__version__}"
+
+
+def largest_difference(path: Path, policy: Policy, vectors: Vectors) -> float:
+    """Of a written graph's answers from those expected [drive unit], by ONNX's own evaluator in numpy."""
+    with extra("export"):
+        from onnx.reference import ReferenceEvaluator
+    with np.errstate(all="ignore"):  # of the questions that are no numbers
+        inputs, answered, inside = ReferenceEvaluator(str(path)).run(None, feed(policy, vectors.questions))
+    return vectors.difference(inputs, answered, inside)
+
+
+def feed(policy: Policy, questions: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """The graph's inputs by name."""
+    given = dict(zip(NAMES, parts(policy, questions), strict=True))
+    return given if policy.correction is not None else {name: given[name] for name in NAMES[:-1]}
+
+
+def _correction(graph: Graph, policy: Policy, z: str) -> str:
+    """sum_p slope_pk (theta_p - theta_0p) / spread_p, (questions, outputs)."""
+    correction = policy.correction
+    assert correction is not None
+    count = len(correction.names)
+    moved = graph.add("Sub", "parameters", graph.constant(correction.nominal))
+    spreads = graph.add("Div", moved, graph.constant(correction.spread))
+    near = graph.clipped(spreads, graph.constant(-FARTHEST), graph.constant(FARTHEST))
+    deviation = graph.add("Where", graph.finite("parameters"), near, graph.constant(0.0))
+    slopes = graph.add(
+        "Reshape", graph.network(z, correction.layers), graph.constant([-1, count, policy.outputs], np.int64)
+    )
+    factors = graph.add("Unsqueeze", deviation, graph.constant([2], np.int64))
+    return graph.add("ReduceSum", graph.add("Mul", slopes, factors), graph.constant([1], np.int64), keepdims=0)
+
+
+def _bounded(graph: Graph, policy: Policy, answers: str, last: str, bounds: tuple[str, str]) -> str:
+    """Each input within its bounds, and within the rate's about the one before."""
+    if np.isinf(policy.problem.rate_limit):
+        return graph.clipped(answers, *bounds)
+    rate = graph.constant(policy.problem.rate_limit)
+    inputs = []
+    for k in range(policy.outputs):
+        near = graph.clipped(graph.column(answers, k), graph.add("Sub", last, rate), graph.add("Add", last, rate))
+        last = graph.clipped(near, *bounds)
+        inputs.append(last)
+    return graph.add("Concat", *inputs, axis=1)
+
+
+def _inside(graph: Graph, policy: Policy, features: str, z: str) -> None:
+    inside = policy.training_range
+    above = graph.add("GreaterOrEqual", features, graph.constant(inside.low))
+    below = graph.add("LessOrEqual", features, graph.constant(inside.high))
+    rotated = graph.add("Gemm", z, graph.constant(inside.whitening), transB=1)
+    squared = graph.add("ReduceSumSquare", rotated, axes=[1], keepdims=1)
+    near = graph.add("LessOrEqual", squared, graph.constant(inside.reach**2))
+    graph.all_of([above, below, near], name="inside")
+
+
+def _type(name: str) -> Any:
+    from onnx import TensorProto
+
+    return getattr(TensorProto, name)
