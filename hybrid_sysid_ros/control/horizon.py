@@ -286,3 +286,9 @@ def respond(horizon: Horizon, program: Program, question: Question) -> bool:
     move(horizon, 1.0)
     horizon.disturbance[:] = question.disturbance
     return True
+
+
+@numba.njit("boolean(float64[::1])", cache=True, nogil=True)
+def finite(values: Array) -> bool:
+    """Whether all are numbers."""
+    return bool(np.isfinite(values).all())

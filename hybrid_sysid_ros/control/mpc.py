@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Plan, Status
-from hybrid_sysid_ros.control.horizon import Question, respond
+from hybrid_sysid_ros.control.horizon import Question, finite, respond
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.quadratic_program import factorise
 from hybrid_sysid_ros.control.sensitivity import sensitivity
@@ -87,7 +87,7 @@ class ExactMpc:
         question.disturbance[:] = disturbance
         question.previous[:] = previous_input
         question.reference[:] = preview
-        if not (_finite(state) and _finite(disturbance) and _finite(previous_input) and _finite(preview)):
+        if not all(map(finite, question)):
             return self._rest(Status.FAILED)
         mpc = self._shooting
         cold = self._cold
@@ -100,7 +100,7 @@ class ExactMpc:
             status = Status.ITERATED if respond(mpc.horizon, mpc.program, question) else Status.FAILED
         else:
             status = self._solve()
-        if status is Status.FAILED or status is Status.LATE or not _finite(mpc.horizon.inputs):
+        if status is Status.FAILED or status is Status.LATE or not finite(mpc.horizon.inputs):
             mpc.horizon.states[:], mpc.horizon.inputs[:] = self._last
             return self._rest(status if status is Status.LATE else Status.FAILED)
         self._cold = False
@@ -146,7 +146,3 @@ class ExactMpc:
         horizon, limit = self._shooting.horizon, self.problem.input_limit
         inputs = np.minimum(np.maximum(horizon.inputs, -limit), limit)[:, None]
         return Plan(input=inputs[0].copy(), inputs=inputs, states=horizon.states[1:].copy(), status=status)
-
-
-def _finite(values: Array) -> bool:
-    return bool(np.isfinite(values).all())
