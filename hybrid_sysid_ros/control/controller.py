@@ -25,6 +25,8 @@ class Status(Enum):
     """Out of time: the rest of the last plan."""
     FAILED = "failed"
     """No solution: the rest of the last plan."""
+    FEEDBACK = "feedback"
+    """The answer of a fixed law."""
     POLICY = "policy"
     """The network's answer."""
     HELD = "held"
