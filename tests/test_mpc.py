@@ -365,40 +365,6 @@ def test_changes_of_the_input_stay_within_their_limit(rig):
         assert np.max(np.abs(changes)) == pytest.approx(0.7)
 
 
-def test_a_real_time_iteration_follows_the_optimum(rig):
-    """One step a call on a slowly moving reference stays near the converged solution."""
-    problem = dataclasses.replace(PROBLEM, output_scale=rig.sensor.radians_per_volt)
-    converged, iterated = ExactMpc(rig.equation, problem), ExactMpc(rig.equation, problem, real_time=True)
-    x, u, apart = np.zeros(2), np.array([rig.equation.centre]), []
-    for k in range(150):
-        preview = 0.05 * np.sin(2 * np.pi * 0.5 * problem.period * (k + np.arange(1, 11)))
-        exact, quick = (each.control(x, np.zeros(1), u, preview) for each in (converged, iterated))
-        apart.append(abs(exact.input[0] - quick.input[0]))
-        assert quick.status is (Status.ITERATED if k else Status.SOLVED)
-        u = quick.input
-        for each in (converged, iterated):
-            each.prepare(problem.period)
-        x = simulate(rig.equation, x, np.tile(u, (4, 1)), step=0.005)[-1]
-    assert np.median(apart) < 0.001  # but for the moments when the beam turns round
-
-
-def test_out_of_time_the_rest_of_the_last_plan_stands_in(rig):
-    seconds = iter(np.arange(0.0, 1e6, 1.0))  # every look at this clock is a second later
-    problem = dataclasses.replace(PROBLEM, output_scale=rig.sensor.radians_per_volt)
-    controller = ExactMpc(rig.equation, problem, tolerance=0.0, time_limit=0.5, clock=lambda: next(seconds))
-    state, d, previous, preview = question(0)
-    assert controller.control(state, d, previous, preview).status is Status.LATE  # no plan yet: the input before
-    assert controller.control(state, d, previous, preview).input[0] == previous[0]
-    patient = ExactMpc(rig.equation, problem, time_limit=1e9, clock=lambda: 0.0)
-    plan = patient.control(state, d, previous, preview)
-    assert plan.status is Status.SOLVED
-    patient._tolerance, patient._time_limit, patient._clock = 0.0, 0.5, lambda: next(seconds)
-    patient.prepare(problem.period)
-    late = patient.control(state, d, previous, -preview)
-    assert late.status is Status.LATE
-    np.testing.assert_array_equal(late.inputs[:-1], plan.inputs[1:])
-
-
 def test_a_model_of_several_inputs_is_refused():
     class TwoInputs(Linear):
         inputs = (*Linear.inputs, *Linear.inputs)  # type: ignore[assignment]

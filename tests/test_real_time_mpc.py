@@ -1,0 +1,61 @@
+"""The exact MPC when time counts: one iteration a call, and a limit of time."""
+
+import dataclasses
+
+import numpy as np
+
+from benchmarks.mpc_speed import cases, loop
+from hybrid_sysid_ros.control import ExactMpc, Problem, Status
+from hybrid_sysid_ros.equations import simulate
+
+PROBLEM = Problem(
+    horizon=10,
+    period=0.02,
+    substeps=4,
+    output_weight=100.0,
+    rate_weight=1.0,
+    input_limit=10.0,
+    output_scale=0.0227,
+    smoothing=0.005,
+    max_iterations=100,
+)
+
+
+def test_a_real_time_iteration_follows_the_optimum(rig):
+    """One step a call on a slowly moving reference stays near the converged solution."""
+    converged, iterated = ExactMpc(rig.equation, PROBLEM), ExactMpc(rig.equation, PROBLEM, real_time=True)
+    x, u, apart = np.zeros(2), np.array([rig.equation.centre]), []
+    for k in range(150):
+        preview = 0.05 * np.sin(2 * np.pi * 0.5 * PROBLEM.period * (k + np.arange(1, 11)))
+        exact, quick = (each.control(x, np.zeros(1), u, preview) for each in (converged, iterated))
+        apart.append(abs(exact.input[0] - quick.input[0]))
+        assert quick.status is (Status.ITERATED if k else Status.SOLVED)
+        u = quick.input
+        for each in (converged, iterated):
+            each.prepare(PROBLEM.period)
+        x = simulate(rig.equation, x, np.tile(u, (4, 1)), step=0.005)[-1]
+    assert np.median(apart) < 0.001  # but for the moments when the beam turns round
+
+
+def test_on_the_lecture_s_polynomial_one_iteration_a_call_costs_little():
+    """Its gain changes sign within the inputs' range: a step by the curvature of another moment runs away."""
+    case = dataclasses.replace(cases()["lecture"], samples=100)
+    converged, iterated = (ExactMpc(case.equation, case.problem, real_time=quick) for quick in (False, True))
+    assert loop(case, 0, iterated)["cost"] < 1.02 * loop(case, 0, converged)["cost"]
+
+
+def test_out_of_time_the_rest_of_the_last_plan_stands_in(rig):
+    seconds = iter(np.arange(0.0, 1e6, 1.0))  # every look at this clock is a second later
+    controller = ExactMpc(rig.equation, PROBLEM, tolerance=0.0, time_limit=0.5, clock=lambda: next(seconds))
+    state, d, previous = np.array([0.03, -0.1]), np.array([0.2]), np.array([2.0])
+    preview = 0.05 * np.linspace(-1.0, 1.0, 10)
+    assert controller.control(state, d, previous, preview).status is Status.LATE  # no plan yet: the input before
+    assert controller.control(state, d, previous, preview).input[0] == previous[0]
+    patient = ExactMpc(rig.equation, PROBLEM, time_limit=1e9, clock=lambda: 0.0)
+    plan = patient.control(state, d, previous, preview)
+    assert plan.status is Status.SOLVED
+    patient._tolerance, patient._time_limit, patient._clock = 0.0, 0.5, lambda: next(seconds)
+    patient.prepare(PROBLEM.period)
+    late = patient.control(state, d, previous, -preview)
+    assert late.status is Status.LATE
+    np.testing.assert_array_equal(late.inputs[:-1], plan.inputs[1:])
