@@ -94,3 +94,18 @@ def test_the_centre_and_the_disturbance_are_one(kind, rig):
 def test_what_can_t_be_followed_is_told(rig, followed, reason):
     with pytest.raises(UserError, match=reason):
         METHODS["ekf"](rig.equation, tuning(rig, followed), period=PERIOD)
+
+
+def test_a_plant_that_changes_goes_on_as_the_other_one(rig):
+    """Noise-free: from where it is, it moves as a plant that always had the new friction."""
+    other = Plant(dataclasses.replace(rig, equation=dataclasses.replace(rig.equation, coulomb=4.0)), seed=0, noisy=False)
+    plant = Plant(rig, seed=0, noisy=False)
+    for _ in range(200):
+        plant.advance(5.0)
+    other.reset(plant.state, drive=5.0)
+    plant.change(coulomb=4.0)
+    for _ in range(200):
+        plant.advance(5.0)
+        other.advance(5.0)
+    np.testing.assert_array_equal(plant.state, other.state)
+    assert rig.equation.coulomb != 4.0

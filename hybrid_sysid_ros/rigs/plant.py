@@ -52,6 +52,10 @@ class Plant:
         self._filter.reset(float(self.state[0]))
         self._read()
 
+    def change(self, **parameters: float) -> None:
+        """From here on parameters of the equation have other values, as friction when it warms up; the delay stays."""
+        self._parameters = self._parameters._replace(**parameters)
+
     @property
     def time(self) -> float:
         return self._ticks * self.rig.step

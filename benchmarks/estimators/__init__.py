@@ -1,0 +1,1 @@
+"""This project's estimators beside others on the simulated beam, in one run."""
