@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-HELPERS = {"__main__", "acados_peer", "network_plant", "result"}
+HELPERS = {"__main__", "acados_peer", "network_plant", "picture", "result"}
 
 
 def main(names: list[str]) -> int:

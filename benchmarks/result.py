@@ -53,6 +53,12 @@ def percentiles(values: ArrayLike) -> dict[str, float]:
     return {"p50": float(np.percentile(array, 50)), "p99": float(np.percentile(array, 99)), "max": float(array.max())}
 
 
+def spread(values: ArrayLike) -> dict[str, float]:
+    """Mean, min and max of values, one of each seed."""
+    array = np.asarray(values, dtype=float)
+    return {"mean": float(array.mean()), "min": float(array.min()), "max": float(array.max())}
+
+
 def write(name: str, results: Mapping[str, Any], *, on: Mapping[str, Any] | None = None) -> Path:
     """Write benchmarks/results/NAME.json; on: machine() as it was before the benchmark."""
     content = {"benchmark": name, "machine": dict(on or machine()), "versions": versions(), "results": results}

@@ -23,7 +23,13 @@ from hybrid_sysid_ros.loop import LoopRecord
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.progress import progress_bars
-from hybrid_sysid_ros.rigs.excitation import HARDWARE_DURATION, HARDWARE_SINE, HARDWARE_STEPS, hardware_reference
+from hybrid_sysid_ros.rigs.excitation import (
+    HARDWARE_DURATION,
+    HARDWARE_SINE,
+    HARDWARE_STEPS,
+    Reference,
+    hardware_reference,
+)
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -116,8 +122,16 @@ def find_records(out: Path, console: Console) -> Protocol:
     return lecture.arrange(read, 2)
 
 
-def simulated_loop(rig: Rig, model: Model, controller: Controller, *, seed: int = 0) -> Loop:
-    """The hardware reference under a controller at its own period, in one process, without delays of computation."""
+def simulated_loop(
+    rig: Rig,
+    model: Model,
+    controller: Controller,
+    *,
+    seed: int = 0,
+    reference: Reference = hardware_reference,
+    duration: float = HARDWARE_DURATION,
+) -> Loop:
+    """A reference under a controller at its own period, in one process, without delays of computation."""
     values = configuration.defaults(rig.name, "estimator")
     estimator = ExtendedKalmanFilter(
         model.equation, configuration.estimator_tuning(values, rig), period=controller.period, latency=0.0
@@ -128,8 +142,8 @@ def simulated_loop(rig: Rig, model: Model, controller: Controller, *, seed: int 
         plant,
         estimator,
         controller,
-        hardware_reference,
-        duration=HARDWARE_DURATION,
+        reference,
+        duration=duration,
         period=controller.period,
         lead=model.equation.delay,
     )
