@@ -78,6 +78,13 @@ class Horizon(NamedTuple):
 
 
 @numba.njit(cache=True, **OPTIONS)
+def assign(target: Array, values: Array) -> None:
+    """target[:] = values; the compiler takes some seconds over that notation, for the message of its error."""
+    for i in range(target.shape[0]):
+        target[i] = values[i]
+
+
+@numba.njit(cache=True, **OPTIONS)
 def condense(horizon: Horizon, program: Program) -> None:
     """States as functions of the inputs, and with them the Hessian and the rows of the bounded states."""
     count, states = horizon.reached.shape
@@ -240,7 +247,7 @@ def steepest(horizon: Horizon, question: Question) -> float:
             for a in range(states):
                 total += horizon.A[i, a, b] * adjoint[a]
             before[b] = total
-        adjoint[:] = before
+        assign(adjoint, before)
     return largest
 
 
@@ -249,7 +256,7 @@ def expand(horizon: Horizon, program: Program, question: Question) -> None:
     """The step of inputs and states that a solution means."""
     count, states = horizon.reached.shape
     shifted = question.disturbance[0] - horizon.disturbance[0]
-    horizon.step[:] = program.solution
+    assign(horizon.step, program.solution)
     for a in range(states):
         horizon.moved[0, a] = question.state[a] - horizon.states[0, a]
     for i in range(count):
@@ -284,7 +291,7 @@ def respond(horizon: Horizon, program: Program, question: Question) -> bool:
     quadratic.remember(program)
     expand(horizon, program, question)
     move(horizon, 1.0)
-    horizon.disturbance[:] = question.disturbance
+    assign(horizon.disturbance, question.disturbance)
     return True
 
 

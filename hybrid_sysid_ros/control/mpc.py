@@ -13,7 +13,7 @@ from hybrid_sysid_ros.control.horizon import Question, finite, respond
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.quadratic_program import factorise
 from hybrid_sysid_ros.control.sensitivity import sensitivity
-from hybrid_sysid_ros.control.shooting import shooting
+from hybrid_sysid_ros.control.shooting import Shooting, shooting
 from hybrid_sysid_ros.equations import Equation
 
 Array = NDArray[np.float64]
@@ -66,6 +66,24 @@ class ExactMpc:
         self._cold = True
         self._prepared = False
 
+    @property
+    def cold(self) -> bool:
+        """Whether there is no last plan."""
+        return self._cold
+
+    @property
+    def shooting(self) -> Shooting:
+        """Its memory; the inputs of its horizon are the last plan, as far as :meth:`prepare` moved it on."""
+        return self._shooting
+
+    def adopt(self, disturbance: Array, inputs: Array, states: Array) -> None:
+        """Take another controller's plan as the last one: inputs (horizon,) and the states (horizon + 1, states) that
+        they lead to, under an input disturbance (1,).
+        """
+        horizon = self._shooting.horizon
+        horizon.disturbance[:], horizon.inputs[:], horizon.states[:] = disturbance, inputs, states
+        self._cold = self._prepared = False
+
     def prepare(self, elapsed: float) -> None:
         """Move the plan on by the time until the next call [s], and in real time linearise there."""
         if self._cold:
@@ -73,7 +91,7 @@ class ExactMpc:
         mpc = self._shooting
         mpc.shift(mpc.model, mpc.horizon, min(elapsed / self.period, 1.0))
         if self.real_time:
-            mpc.prepare(mpc.model, mpc.horizon, mpc.program, False)
+            mpc.prepare(mpc.model, mpc.horizon, mpc.program)
             self._prepared = factorise(mpc.program)
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:

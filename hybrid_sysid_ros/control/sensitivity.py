@@ -27,13 +27,13 @@ def sensitivity(shooting: Shooting, question: Question) -> Array:
     not positive on the directions that are left free. Source: Fiacco (1983), Introduction to sensitivity and stability
     analysis in nonlinear programming, theorem 3.2.2.
     """
-    horizon, program = shooting.horizon, shooting.program
+    horizon, program, model = shooting.horizon, shooting.program, shooting.model._replace(single=True)
     count, states = horizon.reached.shape
     kept = horizon.inputs.copy(), horizon.states.copy()
     hessian, slopes = np.empty((count, count)), np.zeros((count, states + 2 + count))
-    _differentiate(shooting.prepare, shooting.model, horizon, program, question, hessian, slopes)
+    _differentiate(shooting.prepare, model, horizon, program, question, hessian, slopes)
     horizon.inputs[:] = kept[0]
-    shooting.prepare(shooting.model, horizon, program, True)
+    shooting.prepare(model, horizon, program)
     slopes[0, states + 1] = -2.0 * horizon.weights[1, 0]
     slopes[:, states + 2 :] = -2.0 * (horizon.weights[0, :, None] * horizon.driven[:, horizon.output]).T
 
@@ -86,12 +86,12 @@ def _differentiate(
                 question.state[variable - count] = begun[variable - count] + side * h
             else:
                 question.disturbance[0] = offset + side * h
-            horizon.states[0] = question.state
+            hz.assign(horizon.states[0], question.state)
             horizon.disturbance[0] = question.disturbance[0]
-            prepare(model, horizon, program, True)
+            prepare(model, horizon, program)
             _gradient(horizon, program, question, above if side > 0.0 else below)
-            horizon.inputs[:] = inputs
-            question.state[:] = begun
+            hz.assign(horizon.inputs, inputs)
+            hz.assign(question.state, begun)
             question.disturbance[0] = offset
         for j in range(count):
             slope = (above[j] - below[j]) / (2.0 * h)
@@ -102,7 +102,7 @@ def _differentiate(
     for j in range(count):
         for k in range(j):
             hessian[j, k] = hessian[k, j] = 0.5 * (hessian[j, k] + hessian[k, j])
-    horizon.states[0] = begun
+    hz.assign(horizon.states[0], begun)
     horizon.disturbance[0] = offset
 
 
@@ -111,7 +111,7 @@ def _gradient(horizon: Any, program: Any, question: Any, out: Array) -> None:
     """Gradient (horizon,) of the Lagrangian by the inputs, but for what is constant in it."""
     count = horizon.inputs.shape[0]
     hz.evaluate(horizon, program, question)
-    out[:] = program.gradient
+    hz.assign(out, program.gradient)
     first = program.rows.shape[0] - count * horizon.bounded.shape[0]
     for position in range(horizon.bounded.shape[0]):
         a = horizon.bounded[position]

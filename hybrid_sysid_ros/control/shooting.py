@@ -37,13 +37,14 @@ SLOW = 0.2
 
 class Prediction(NamedTuple):
     """The model as compiled functions take it: parameters (named), network (weights,), step [s] and substeps of an
-    interval.
+    interval. single: shooting once, each state being moved to where the interval before it ends.
     """
 
     parameters: Any
     network: Array
     step: float
     substeps: int
+    single: bool
 
 
 class Answer(NamedTuple):
@@ -60,8 +61,7 @@ class Answer(NamedTuple):
 class Shooting:
     """The memory of one horizon and its compiled functions, which take it as their first arguments.
 
-    prepare(model, horizon, program, closed): linearise and condense about the trajectory; closed: after its gaps are
-    closed by the states that the inputs lead to.
+    prepare(model, horizon, program): linearise and condense about the trajectory.
     solve(model, horizon, program, question, iterations, tolerance, anew): prepare and step until solved; an
     :class:`Answer`. anew: forget what the Hessian learnt about the question before.
     begin(model, horizon, question): the input before, held, from the question's state.
@@ -122,6 +122,7 @@ def shooting(equation: Equation, problem: Problem) -> Shooting:
         network=equation.weights,
         step=problem.period / problem.substeps,
         substeps=problem.substeps,
+        single=False,
     )
     functions = _compiled(equation, problem.smoothing)
     return Shooting(model=model, horizon=horizon, program=memory.program, memory=memory, **functions)
@@ -150,7 +151,7 @@ def _compiled(equation: Equation, smoothing: float) -> dict[str, Any]:
 
     interval = numba.njit(interval, **hz.OPTIONS)
 
-    def prepare(model: Any, horizon: Any, program: Any, closed: bool) -> None:
+    def prepare(model: Any, horizon: Any, program: Any) -> None:
         drive = np.empty(1)
         for i in range(horizon.inputs.shape[0]):
             drive[0] = horizon.inputs[i] + horizon.disturbance[0]
@@ -166,8 +167,8 @@ def _compiled(equation: Equation, smoothing: float) -> dict[str, Any]:
                 horizon.A[i],
                 horizon.B[i],
             )
-            if closed:
-                horizon.states[i + 1] = horizon.reached[i]
+            if model.single:
+                hz.assign(horizon.states[i + 1], horizon.reached[i])
         hz.condense(horizon, program)
 
     def begin(model: Any, horizon: Any, question: Any) -> None:
@@ -201,13 +202,13 @@ def _compiled(equation: Equation, smoothing: float) -> dict[str, Any]:
     ) -> Answer:
         """Full steps, halved where the merit rises above that of the last few (Grippo et al. 1986)."""
         before = np.zeros(horizon.inputs.shape[0])
-        horizon.states[0] = question.state
-        horizon.disturbance[:] = question.disturbance
+        hz.assign(horizon.states[0], question.state)
+        hz.assign(horizon.disturbance, question.disturbance)
         merits = np.full(MEMORY, np.inf)
         penalty, residual, last, length, halvings, done = 0.0, np.inf, np.inf, 0.0, 0, 0
         learnt = 0 if anew else horizon.learnt[0]
         while True:
-            prepare(model, horizon, program, False)
+            prepare(model, horizon, program)
             cost, gap = hz.evaluate(horizon, program, question)
             residual = hz.residual(horizon, program, question)
             if done > 0 and residual <= tolerance:
@@ -230,7 +231,7 @@ def _compiled(equation: Equation, smoothing: float) -> dict[str, Any]:
                 horizon.learnt[0] = learnt
             for k in range(max(learnt - SECANTS, 0), learnt):
                 hz.learn(program.hessian, horizon.secants[0, k % SECANTS], horizon.secants[1, k % SECANTS])
-            before[:] = program.gradient
+            hz.assign(before, program.gradient)
             last = residual
             if not quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES):
                 if learnt == 0:
