@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterable, Mapping
 from time import perf_counter
@@ -30,21 +31,25 @@ class EstimatorNode(RigNode):
     """joint_states in; state_estimate out with the stamp of the measurement.
 
     state_estimate has the joint at that stamp and, as NAME_ahead, the joint when the command that answers will act:
-    position, velocity, and as effort the input disturbance. It is advertised once there is a measurement to expect,
-    so that who sees it knows that measurements come this far. A joint_states of NAME_camera alone is of a second
-    sensor: it corrects the estimate at its own stamp and is not answered.
+    position, velocity, and as effort the input disturbance. Each followed parameter is beside them as NAME_PARAMETER,
+    its value as position: they travel with the estimate that they belong to, and a controller that adapts answers the
+    same in every run in lockstep. state_estimate is advertised once there is a measurement to expect, so that who sees
+    it knows that measurements come this far. A joint_states of NAME_camera alone is of a second sensor: it corrects the
+    estimate at its own stamp and is not answered.
     """
 
     def __init__(self, **options: Any) -> None:
         super().__init__("estimator", **options)
         self.equation = model_of(self.rig, self.settings["model"]).equation
         joint = self.rig.joint
-        self.message = joint_state([joint, f"{joint}_ahead"])
         self.camera = f"{joint}_{CAMERA}"
         self.estimates: Publisher | None = None
         self.covariances = self.open("state_covariance")
         self.begin()
-        self.covariance_message = _labelled(self.equation.states, self.filter.tuning.followed)
+        followed = tuple(self.filter.tuning.followed)
+        self.message = joint_state([joint, f"{joint}_ahead", *(f"{joint}_{name}" for name in followed)])
+        self.unknown = (math.nan,) * len(followed)  # a parameter has no velocity and no effort
+        self.covariance_message = _labelled(self.equation.states, followed)
         for k in range(1, 4):  # compiles, and has seen it all once before it matters
             self.on_measurement(fill(joint_state([joint]), k * SECOND // 100, position=(0.0,), effort=(0.0,)))
         self.begin()
@@ -120,9 +125,9 @@ class EstimatorNode(RigNode):
         fill(
             self.message,
             self.stamp,
-            position=(estimate.state[0], estimate.ahead[0]),
-            velocity=(estimate.state[1], estimate.ahead[1]),
-            effort=(disturbance, disturbance),
+            position=(estimate.state[0], estimate.ahead[0], *estimate.parameters),
+            velocity=(estimate.state[1], estimate.ahead[1], *self.unknown),
+            effort=(disturbance, disturbance, *self.unknown),
         )
 
     def publish(self) -> None:

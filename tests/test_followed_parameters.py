@@ -98,7 +98,8 @@ def test_what_can_t_be_followed_is_told(rig, followed, reason):
 
 def test_a_plant_that_changes_goes_on_as_the_other_one(rig):
     """Noise-free: from where it is, it moves as a plant that always had the new friction."""
-    other = Plant(dataclasses.replace(rig, equation=dataclasses.replace(rig.equation, coulomb=4.0)), seed=0, noisy=False)
+    beam = dataclasses.replace(rig.equation, coulomb=4.0)
+    other = Plant(dataclasses.replace(rig, equation=beam), seed=0, noisy=False)
     plant = Plant(rig, seed=0, noisy=False)
     for _ in range(200):
         plant.advance(5.0)

@@ -16,6 +16,8 @@ import pytest
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.estimation import METHODS
+from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.signals import Signals
 
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
@@ -250,6 +252,44 @@ def test_every_measurement_is_answered_under_its_stamp(bench: Bench, model_folde
     assert answer.position[0] == pytest.approx(0.01, abs=1e-3)
     assert answer.velocity[1] == pytest.approx(0.0, abs=1e-2)
     assert answer.effort[0] == answer.effort[1]
+
+
+def test_followed_parameters_travel_with_the_estimate(bench: Bench, model_folder: Path, rig: Rig) -> None:
+    """At rest nothing moves them far from the model's own."""
+    desk = Desk(bench, model_folder, followed="coulomb=0.2 centre=0.05", disturbance_noise=0.0)
+    for _ in range(100):
+        answer = desk.estimate(0.0)
+    assert list(answer.name) == ["beam", "beam_ahead", "beam_coulomb", "beam_centre"]
+    known = rig.equation.named._asdict()
+    coulomb, centre = answer.position[2:]
+    assert coulomb != known["coulomb"]
+    assert coulomb == desk.estimator.parameters["coulomb"] == pytest.approx(known["coulomb"], rel=0.2)
+    assert centre == desk.estimator.parameters["centre"] == pytest.approx(known["centre"], abs=0.2)
+    assert all(math.isnan(value) for value in [*answer.velocity[2:], *answer.effort[2:]])
+    # To whoever has the equation as it was, a moved centre is an input offset.
+    assert answer.effort[0] == pytest.approx(known["centre"] - centre)
+
+
+@pytest.mark.parametrize("method", ["ukf", "mhe"])
+def test_every_method_answers(bench: Bench, model_folder: Path, method: str) -> None:
+    desk = Desk(bench, model_folder, method=method)
+    for _ in range(30):
+        answer = desk.estimate(0.01)
+    assert answer.position[0] == pytest.approx(0.01, abs=1e-3)
+    assert type(desk.estimator.filter) is METHODS[method]
+
+
+def test_frames_of_a_camera_correct_the_estimate_and_are_not_answered(bench: Bench, model_folder: Path) -> None:
+    desk = Desk(bench, model_folder, camera_noise_volts=0.01)
+    for _ in range(30):
+        desk.estimate(0.0)
+    for late in (4, 2):  # in any order
+        frame = joint(desk.stamp - late * desk.period, name=["beam_camera"], position=[0.0])
+        desk.measurements.publish(frame)
+    bench.until(lambda: desk.estimator.seen == 2)
+    desk.estimate(0.0)
+    assert len(desk.estimates) == 31
+    assert desk.estimator.filter.counters.delayed == 2
 
 
 def test_a_measurement_that_is_no_number_is_predicted_over(bench: Bench, model_folder: Path) -> None:
