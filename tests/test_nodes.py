@@ -255,18 +255,17 @@ def test_every_measurement_is_answered_under_its_stamp(bench: Bench, model_folde
 
 
 def test_followed_parameters_travel_with_the_estimate(bench: Bench, model_folder: Path, rig: Rig) -> None:
-    """At rest nothing moves them far from the model's own."""
-    desk = Desk(bench, model_folder, followed="coulomb=0.2 centre=0.05", disturbance_noise=0.0)
-    for _ in range(100):
-        answer = desk.estimate(0.0)
-    assert list(answer.name) == ["beam", "beam_ahead", "beam_coulomb", "beam_centre"]
+    """A beam that rises evenly under a volt has less friction than the model, or its centre lower."""
+    desk = Desk(bench, model_folder, followed="coulomb=0.5 centre=0.1", disturbance_noise=0.0)
+    for k in range(100):
+        answer = desk.estimate(2e-4 * k)
     known = rig.equation.named._asdict()
+    assert list(answer.name) == ["beam", "beam_ahead", "beam_coulomb", "beam_centre"]
     coulomb, centre = answer.position[2:]
-    assert coulomb != known["coulomb"]
-    assert coulomb == desk.estimator.parameters["coulomb"] == pytest.approx(known["coulomb"], rel=0.2)
-    assert centre == desk.estimator.parameters["centre"] == pytest.approx(known["centre"], abs=0.2)
+    assert 0.0 <= coulomb == desk.estimator.parameters["coulomb"] < known["coulomb"]
+    assert centre == desk.estimator.parameters["centre"] < known["centre"]
     assert all(math.isnan(value) for value in [*answer.velocity[2:], *answer.effort[2:]])
-    # To whoever has the equation as it was, a moved centre is an input offset.
+    # To whoever has the equation as it was, a lower centre is an input offset upwards.
     assert answer.effort[0] == pytest.approx(known["centre"] - centre)
 
 
