@@ -26,6 +26,17 @@ def recurrent():
 
 
 def polynomial():
+    """Compiled after one of more lags, with which it shares the step and not the size of its dual numbers."""
+    lag = Narx(
+        exponents=((1, 0, 0, 0, 0, 0, 0, 0, 0), (0, 0, 0, 0, 1, 0, 0, 0, 0)),
+        coefficients=(0.9, 0.1),
+        output_lags=4,
+        input_lags=5,
+        output_range=(-0.2, 0.2),
+        input_range=(-10.0, 10.0),
+    )
+    for smoothing in (0.0, 0.005):
+        linearisation(lag, smoothing=smoothing)
     return Narx(
         exponents=((0, 0, 0, 0), (1, 0, 0, 0), (0, 1, 1, 0), (2, 0, 0, 1), (0, 0, 1, 2)),
         coefficients=(0.1, 0.9, -0.2, 0.3, 0.1),

@@ -128,15 +128,14 @@ def shooting(equation: Equation, problem: Problem) -> Shooting:
     return Shooting(model=model, horizon=horizon, program=memory.program, memory=memory, **functions)
 
 
-_COMPILED: dict[tuple[Any, ...], dict[str, Any]] = {}
+_COMPILED: dict[Any, dict[str, Any]] = {}
 
 
 def _compiled(equation: Equation, smoothing: float) -> dict[str, Any]:
     """The functions that depend on the equation."""
-    key = (*equation.form, smoothing)
-    if key in _COMPILED:
-        return _COMPILED[key]
     linearise = linearisation(equation, smoothing=smoothing)
+    if linearise in _COMPILED:
+        return _COMPILED[linearise]
     advance = kernels(equation).step
 
     def interval(model: Any, horizon: Any, i: int, drive: Array, x: Array, following: Array) -> None:
@@ -245,10 +244,10 @@ def _compiled(equation: Equation, smoothing: float) -> dict[str, Any]:
             length, halvings = 1.0, 0
             hz.move(horizon, 1.0)
 
-    _COMPILED[key] = {
+    _COMPILED[linearise] = {
         "prepare": prepare,
         "begin": numba.njit(begin, **hz.OPTIONS),
         "shift": numba.njit(shift, **hz.OPTIONS),
         "solve": numba.njit(solve, **hz.OPTIONS),
     }
-    return _COMPILED[key]
+    return _COMPILED[linearise]

@@ -246,6 +246,36 @@ def dual_rows(typingctx, array, lanes):  # type: ignore[no-untyped-def]
     return rows(array, lanes), build
 
 
+def lanes_for(derivatives: int) -> int:
+    """Lanes of a dual number with so many derivatives: a power of two, as the machine's registers are."""
+    return int(2 ** math.ceil(math.log2(1 + derivatives)))
+
+
+def seeding(lanes: int, slots: tuple[int, ...]) -> Callable[[Any], Any]:
+    """A compiled function from a named tuple of numbers to the same of dual numbers: entry i has its derivative, 1, in
+    lane slots[i]; where that is 0 it stays a plain number.
+    """
+
+    @intrinsic
+    def seeded(typingctx, numbers):  # type: ignore[no-untyped-def]
+        members = [Dual(lanes) if slot else types.float64 for slot in slots]
+        kind = types.BaseTuple.from_types(members, numbers.instance_class)
+
+        def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            entries = []
+            for index, slot in enumerate(slots):
+                value = builder.extract_value(arguments[0], index)
+                if slot:
+                    unit = ir.Constant(vector(lanes), [float(lane == slot) for lane in range(lanes)])
+                    value = _with_first(builder, unit, value)
+                entries.append(value)
+            return context.make_tuple(builder, kind, entries)
+
+        return kind(numbers), build
+
+    return seeded  # type: ignore[no-any-return]
+
+
 def _place(context: Any, builder: Any, rows: DualRows, value: Any, index: Any) -> Any:
     view = cgutils.create_struct_proxy(rows)(context, builder, value=value)
     at = builder.gep(view.data, [builder.mul(index, ir.Constant(index.type, rows.lanes))])

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations.dual import dual_rows, linearised
+from hybrid_sysid_ros.equations.dual import dual_rows, lanes_for, linearised
 from hybrid_sysid_ros.equations.equation import Equation
 
 Array = NDArray[np.float64]
@@ -20,8 +20,8 @@ _COMPILED: dict[tuple[Any, ...], Linearisation] = {}
 
 
 def lanes_of(equation: Equation) -> int:
-    """Lanes of the equation's dual numbers: a value and a derivative for each state and input, a power of two."""
-    return int(2 ** np.ceil(np.log2(1 + len(equation.states) + len(equation.inputs))))
+    """Lanes of the equation's dual numbers: a value and a derivative for each state and input."""
+    return lanes_for(len(equation.states) + len(equation.inputs))
 
 
 def workspace(equation: Equation) -> Array:
@@ -37,7 +37,7 @@ def linearisation(equation: Equation, *, smoothing: float) -> Linearisation:
     new state, A (states, states) and B (states, inputs) its derivatives. smoothing: as in
     :func:`~hybrid_sysid_ros.equations.casadi_form.symbolic_step`.
     """
-    key = (*equation.form, smoothing)
+    key = (*equation.form, len(equation.states), len(equation.inputs), smoothing)
     if key not in _COMPILED:
         _COMPILED[key] = _compile(equation, smoothing)
     return _COMPILED[key]
