@@ -235,7 +235,7 @@ def _compiled(equation: Equation, smoothing: float) -> dict[str, Any]:
             if not quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES):
                 if learnt == 0:
                     return Answer(False, 0, residual)
-                learnt = 0
+                learnt, last = 0, np.inf  # once more with nothing learnt, and this step is not to learn from either
                 continue
             quadratic.remember(program)
             merits[done % MEMORY] = merit
