@@ -37,7 +37,7 @@ stopped early simulates unseen records as well, in half the time."""
 
 
 _threads = ContextVar("threads", default=2)
-"""Simulations of one Jacobian that run side by side."""
+"""Simulations that run side by side."""
 
 
 @contextmanager
@@ -57,7 +57,7 @@ class Fit:
     names: the free parameters, physical ones first, then weights. spreads (free,): deviations by the cost alone, what
     another fit is anchored with. nuisances (kinds, records): what was found beside the parameters, see
     :class:`~hybrid_sysid_ros.identification.problem.Problem`. seconds: time of the optimisation, without compilation.
-    evaluations: calls of the residuals, those of finite differences included.
+    evaluations: simulations of all records, with or without derivatives.
     """
 
     equation: Equation
@@ -88,8 +88,8 @@ def fit(
     anchor: an earlier fit of the same physics, about which its parameters then stay (within a few deviations): what the
     physics can't explain is left to a network. ridge, bias, hold: see
     :class:`~hybrid_sysid_ros.identification.problem.Problem`. starts: points where the first stage begins, all but the
-    first random by ``seed``; the best one goes on. Trust-region least squares with bounds; forward-difference Jacobian,
-    its columns simulated in parallel threads.
+    first random by ``seed``; the best one goes on. Trust-region least squares with bounds; the Jacobian is exact in the physics
+    and of forward differences in weights, simulated in parallel threads.
 
     Raises UserError for records without excitation or of values that the equation forbids, and where every simulation
     diverges.
@@ -106,7 +106,9 @@ def fit(
         free = [i for i, item in enumerate(equation.parameters) if item.name in anchor.names]
         centres, spreads = anchor.equation.values[free], ANCHOR * anchor.spreads[: len(free)]
     problem = Problem(equation, experiments, centres=centres, spreads=spreads, ridge=ridge, bias=bias, hold=hold)
-    problem.residuals(STAGES[0])(problem.start)  # compile outside the measured time
+    first = problem.residuals(STAGES[0])
+    first(problem.start)  # compile outside the measured time
+    problem.jacobian(STAGES[0], first, map)(problem.start)
     problem.evaluations = 0
     began = time.perf_counter()
     points = problem.starts(starts, seed)

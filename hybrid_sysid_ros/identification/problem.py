@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations import Equation, kernels
+from hybrid_sysid_ros.equations.forward_sensitivity import forward_sensitivity
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.identification.experiment import Experiment
 
 Array = NDArray[np.float64]
 Residuals = Callable[[Array], Array]
-Map = Callable[[Residuals, Iterable[Array]], Iterable[Array]]
+Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 RELATIVE_ERROR = 0.05
 """Expected free-run error, as part of the output's deviation: it weighs the data against the priors."""
@@ -25,7 +27,10 @@ INITIAL_SPREAD = 0.1
 """Prior deviation of a record's initial state about the measured one, as part of the state's deviation."""
 
 DIFFERENCE = 1e-5
-"""Step of the forward differences, in units of a parameter's scale."""
+"""Step of the forward differences by weights."""
+
+SHARES = 4
+"""Parts of one simulation with derivatives that may run side by side."""
 
 
 class Problem:
@@ -148,26 +153,36 @@ class Problem:
             edges.append(offset)
         return np.array(starts, dtype=np.int64), np.array(states), np.concatenate(outputs), np.array(edges)
 
+    def weight(self, outputs: Array) -> Array:
+        """Weight of each error of the outputs (samples, outputs), as :data:`CORRELATION_SECONDS` has it; (outputs,)."""
+        seconds = len(outputs) * self.sampling.period
+        scale = np.sqrt(max(seconds / CORRELATION_SECONDS, 1.0) / outputs.size)
+        return np.asarray(scale / (RELATIVE_ERROR * self.deviation))
+
+    def placed(
+        self, point: Array, starts: NDArray[np.int64], states: Array, edges: NDArray[np.int64]
+    ) -> tuple[Equation, Array, Array]:
+        """Equation, initial states (windows, states) and inputs (steps, inputs) at a point."""
+        nuisances, moved = self.nuisances(point), len(self.moved_states)
+        inputs = self.inputs
+        if np.any(nuisances[:moved]):
+            begins = np.flatnonzero(np.isin(starts[:, 3], edges[:-1]))
+            states = states.copy()
+            states[begins[:, None], self.moved_states] += nuisances[:moved].T
+        if np.any(nuisances[moved:]):
+            lengths = [len(experiment.inputs) for experiment in self.experiments]
+            inputs = inputs + np.repeat(nuisances[moved:].T, lengths, axis=0)
+        return self.with_point(point), states, inputs
+
     def residuals(self, horizon: int | None) -> Residuals:
         """Weighted output errors of all rollouts, followed by the priors."""
         starts, states, outputs, edges = self.windows(horizon)
         measured = list(self.equation.outputs)
-        seconds = len(outputs) * self.sampling.period
-        weight = np.sqrt(max(seconds / CORRELATION_SECONDS, 1.0) / outputs.size) / (RELATIVE_ERROR * self.deviation)
+        weight = self.weight(outputs)
         step = self.sampling.step
-        begins = np.flatnonzero(np.isin(starts[:, 3], edges[:-1]))
-        lengths = [len(experiment.inputs) for experiment in self.experiments]
-        moved = len(self.moved_states)
 
         def evaluate(point: Array) -> Array:
-            equation = self.with_point(point)
-            nuisances = self.nuisances(point)
-            initial, inputs = states, self.inputs
-            if np.any(nuisances[:moved]):
-                initial = states.copy()
-                initial[begins[:, None], self.moved_states] += nuisances[:moved].T
-            if np.any(nuisances[moved:]):
-                inputs = inputs + np.repeat(nuisances[moved:].T, lengths, axis=0)
+            equation, initial, inputs = self.placed(point, starts, states, edges)
             out = np.empty((len(outputs), len(equation.states)))
             self.kernels.windows(
                 starts,
@@ -189,33 +204,66 @@ class Problem:
         return evaluate
 
     def jacobian(self, horizon: int | None, residuals: Residuals, run: Map) -> Residuals:
-        """Forward differences (rows, point); ``run`` maps the simulations, in parallel or not.
-
-        A nuisance of one record moves only that record's rows: one simulation serves all records.
+        """Derivatives (rows, point): those by physical parameters and nuisances exact, from one simulation that carries
+        them along; those by weights by forward differences. ``run`` maps the simulations, in parallel or not.
         """
-        records = len(self.experiments)
-        edges = self.edges(horizon)
-        upper = self.bounds[1]
+        physical, records, moved = len(self.free), len(self.experiments), len(self.moved_states)
+        starts, states, outputs, edges = self.windows(horizon)
+        rows, count = outputs.size, len(self.equation.outputs)
+        weight = self.weight(outputs)
+        names = self.names[:physical]
+        sensitivity = forward_sensitivity(self.equation, names)
+        shares = np.array_split(starts, min(SHARES, len(starts)))
+        first = 1 + physical
+        lanes = [first + i for i in self.moved_states]
+        lanes += range(first + len(self.equation.states), first + len(self.equation.states) + self.inputs.shape[1])
+        begins = np.isin(starts[:, 3], edges[:-1])
+        inside = np.repeat(begins, starts[:, 2])
+
+        def tangent(at: Array) -> Array:
+            """Weighted derivatives (samples, outputs, lanes)."""
+            equation, initial, inputs = self.placed(at, starts, states, edges)
+            out = np.empty((len(outputs), count, sensitivity.lanes))
+
+            def simulate(share: NDArray[np.int64]) -> None:
+                at = np.searchsorted(starts[:, 3], share[:, 3])
+                sensitivity.windows(
+                    share,
+                    initial[at],
+                    inputs,
+                    equation.delay / self.sampling.step,
+                    self.sampling.every,
+                    equation.named,
+                    equation.weights,
+                    self.sampling.step,
+                    sensitivity.workspace,
+                    out,
+                )
+
+            list(run(simulate, shares))
+            self.evaluations += 1
+            return np.nan_to_num(np.clip(out * weight[:, None], -1e6, 1e6))
 
         def evaluate(at: Array) -> Array:
-            base = residuals(at)
-            steps = np.where(at + DIFFERENCE > upper, -DIFFERENCE, DIFFERENCE)
-            moved = [at + steps[i] * _unit(i, len(at)) for i in range(self.shared)]
-            for kind in range(len(self.nuisance_units)):
-                together = at.copy()
-                together[self.shared + kind * records : self.shared + (kind + 1) * records] += DIFFERENCE
-                moved.append(together)
-            columns = list(run(residuals, moved))
-            result = np.zeros((len(base), len(at)))
-            for i in range(self.shared):
-                result[:, i] = (columns[i] - base) / steps[i]
-            for kind in range(len(self.nuisance_units)):
-                change = (columns[self.shared + kind] - base) / DIFFERENCE
-                for record in range(records):
-                    column = self.shared + kind * records + record
-                    rows = slice(edges[record], edges[record + 1])
-                    result[rows, column] = change[rows]
-                    result[len(base) - len(at) + column, column] = 1.0
+            result = np.zeros((rows + len(at), len(at)))
+            if physical or len(self.nuisance_units):
+                out = tangent(at)
+                result[:rows, :physical] = (out[:, :, 1:first] * self.scales[:physical]).reshape(rows, physical)
+                for kind, (lane, unit) in enumerate(zip(lanes, self.nuisance_units, strict=False)):
+                    change = unit * out[:, :, lane] * (inside[:, None] if kind < moved else 1.0)
+                    for record in range(records):
+                        part = slice(edges[record], edges[record + 1])
+                        column = self.shared + kind * records + record
+                        result[part.start * count : part.stop * count, column] = change[part].ravel()
+            if self.shared > physical:
+                base = residuals(at)[:rows]
+                points = [at + DIFFERENCE * _unit(i, len(at)) for i in range(physical, self.shared)]
+                for i, column in zip(range(physical, self.shared), run(residuals, points), strict=True):
+                    result[:rows, i] = (column[:rows] - base) / DIFFERENCE
+            priors = np.ones(len(at))
+            priors[:physical] = self.scales[:physical] / self.spreads
+            priors[physical : self.shared] = np.sqrt(self.ridge)
+            result[rows + np.arange(len(at)), np.arange(len(at))] = priors
             return result
 
         return evaluate
