@@ -88,8 +88,8 @@ def fit(
     anchor: an earlier fit of the same physics, about which its parameters then stay (within a few deviations): what the
     physics can't explain is left to a network. ridge, bias, hold: see
     :class:`~hybrid_sysid_ros.identification.problem.Problem`. starts: points where the first stage begins, all but the
-    first random by ``seed``; the best one goes on. Trust-region least squares with bounds; the Jacobian is exact in the physics
-    and of forward differences in weights, simulated in parallel threads.
+    first random by ``seed``; the best one goes on. Trust-region least squares with bounds; the Jacobian is exact
+    in the physics and of forward differences in weights, simulated in parallel threads.
 
     Raises UserError for records without excitation or of values that the equation forbids, and where every simulation
     diverges.
