@@ -20,6 +20,7 @@ from hybrid_sysid_ros.identification.resimulation import resimulations
 from hybrid_sysid_ros.models import STRUCTURES, Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.options import parse
+from hybrid_sysid_ros.policy_certify_command import policy_certify_command
 from hybrid_sysid_ros.policy_command import policy_commands
 from hybrid_sysid_ros.policy_export_command import policy_export_command
 from hybrid_sysid_ros.progress import progress_bars
@@ -159,6 +160,7 @@ def evaluate_command(
         console.print(score_table(scores, described, "free run", loops))
 
 
+policy_commands.command("certify")(policy_certify_command)
 policy_commands.command("export")(policy_export_command)
 app.command("protocol")(protocol_command)
 app.command("search")(search_command)

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.control import certificate as certificates
 from hybrid_sysid_ros.control import policy_kernels
 from hybrid_sysid_ros.control.adaptation import Correction
+from hybrid_sysid_ros.control.certificate import Certificate
 from hybrid_sysid_ros.control.controller import Plan, Status
 from hybrid_sysid_ros.control.policy_kernels import Form, Kernels
 from hybrid_sysid_ros.control.problem import Problem
@@ -41,7 +43,7 @@ class Policy:
     problem: the MPC it imitates. model: seal of that MPC's model. output: the state that is measured. layers: W (out,
     in) and b (out,) in turn. training_range: of the features. correction: for parameters that are estimated online, if
     any. training: how it was made and how near it comes. check: features (samples, features) and inputs (samples, K)
-    that the network must reproduce when it is loaded.
+    that the network must reproduce when it is loaded. certificate: what closed loops say about it, where it has one.
     """
 
     problem: Problem
@@ -56,6 +58,7 @@ class Policy:
     correction: Correction | None = None
     training: Mapping[str, Any] = field(default_factory=dict)
     check: tuple[Array, Array] = (np.zeros((0, 0)), np.zeros((0, 1)))
+    certificate: Certificate | None = None
     # What an answer needs, made once.
     kernels: Kernels = field(init=False, repr=False)
     memory: Array = field(init=False, repr=False)
@@ -204,14 +207,18 @@ class Policy:
         storage.save(folder, kind="policy", version=FORMAT, content=content, arrays=arrays)
 
 
-def load(folder: Path | str, *, model: Model | None = None) -> Policy:
+def load(folder: Path | str, *, model: Model | None = None, certified: bool = True) -> Policy:
     """Read a policy folder and let it check itself.
 
-    model: the one that it is to be used with. Raises UserError where a file is missing, altered, newer or older, where
-    the policy was made for another model, and where its self-check vectors are not reproduced.
+    model: the one that it is to be used with. certified: read its certificate, where there is one. Raises UserError
+    where a file is missing, altered, newer or older, where the policy was made for another model, where its self-check
+    vectors are not reproduced, and where the certificate is not this policy's.
     """
     content, arrays = storage.load(folder, kind="policy", version=FORMAT)
     path = Path(folder) / "policy.yaml"
+    certificate = None
+    if certified and "model" in content:
+        certificate = certificates.find(folder, policy=content["seal"], model=content["model"])
     try:
         policy = Policy(
             problem=Problem(**content["problem"]),
@@ -231,6 +238,7 @@ def load(folder: Path | str, *, model: Model | None = None) -> Policy:
             correction=_correction(content["correction"], arrays),
             training=content["training"],
             check=(arrays["check_features"], arrays["check_inputs"]),
+            certificate=certificate,
         )
     except UserError as error:
         raise UserError(f"{path}: {error}; train it again") from error

@@ -14,7 +14,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.files import sha256, written_folder
+from hybrid_sysid_ros.files import sha256, written_file, written_folder
 
 ARRAYS = "weights.safetensors"
 Arrays = dict[str, NDArray[np.float64]]
@@ -27,10 +27,14 @@ def save(folder: Path | str, *, kind: str, version: int, content: dict[str, Any]
     """
     with written_folder(folder, marker=f"{kind}.yaml") as partial:
         save_file({name: np.ascontiguousarray(value) for name, value in arrays.items()}, partial / ARRAYS)
-        body = {"format": version, **_plain(content), "arrays": {"file": ARRAYS, "sha256": sha256(partial / ARRAYS)}}
-        body["seal"] = _seal(body)
-        text = yaml.safe_dump(body, sort_keys=False, allow_unicode=True, width=120)
-        (partial / f"{kind}.yaml").write_text(text, encoding="utf-8")
+        body = {**content, "arrays": {"file": ARRAYS, "sha256": sha256(partial / ARRAYS)}}
+        (partial / f"{kind}.yaml").write_text(_text(version, body), encoding="utf-8")
+
+
+def save_sheet(path: Path | str, *, version: int, content: dict[str, Any]) -> None:
+    """Write one sealed YAML file, beside its place, then rename. Raises UserError where it can't be written."""
+    with written_file(path) as partial:
+        partial.write_text(_text(version, content), encoding="utf-8")
 
 
 def load(folder: Path | str, *, kind: str, version: int) -> tuple[dict[str, Any], Arrays]:
@@ -44,6 +48,23 @@ def load(folder: Path | str, *, kind: str, version: int) -> tuple[dict[str, Any]
         raise UserError(f"{folder}: no such {kind} folder")
     if not path.is_file():
         raise UserError(f"{path}: is missing, so {folder} is no {kind} folder")
+    content = load_sheet(path, kind=kind, version=version)
+    arrays_path = Path(folder) / ARRAYS
+    if not arrays_path.is_file():
+        raise UserError(f"{arrays_path}: is missing; restore it or make the {kind} again")
+    if content.get("arrays") != {"file": ARRAYS, "sha256": sha256(arrays_path)}:
+        raise UserError(f"{arrays_path}: was altered since it was saved; restore it or make the {kind} again")
+    try:
+        return content, load_file(arrays_path)
+    except (SafetensorError, OSError) as error:
+        raise UserError(f"{arrays_path}: can't be read; restore it or make the {kind} again") from error
+
+
+def load_sheet(path: Path, *, kind: str, version: int) -> dict[str, Any]:
+    """Read one sealed YAML file, what a ``kind`` is told by.
+
+    Raises UserError, naming the file, where it is unreadable, altered since it was saved, or of another format.
+    """
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
@@ -59,15 +80,7 @@ def load(folder: Path | str, *, kind: str, version: int) -> tuple[dict[str, Any]
         raise UserError(f"{path}: format {content['format']} is older than {version}; make the {kind} again")
     if not _sealed(content):
         raise UserError(f"{path}: was altered since it was saved; restore it or make the {kind} again")
-    arrays_path = Path(folder) / ARRAYS
-    if not arrays_path.is_file():
-        raise UserError(f"{arrays_path}: is missing; restore it or make the {kind} again")
-    if content.get("arrays") != {"file": ARRAYS, "sha256": sha256(arrays_path)}:
-        raise UserError(f"{arrays_path}: was altered since it was saved; restore it or make the {kind} again")
-    try:
-        return content, load_file(arrays_path)
-    except (SafetensorError, OSError) as error:
-        raise UserError(f"{arrays_path}: can't be read; restore it or make the {kind} again") from error
+    return content
 
 
 def digest(folder: Path | str, *, kind: str) -> str:
@@ -84,6 +97,13 @@ def _sealed(content: dict[Any, Any]) -> bool:
         return bool(content.get("seal") == _seal({key: value for key, value in content.items() if key != "seal"}))
     except (TypeError, ValueError, RecursionError):  # what YAML knows and we never write: dates, keys of several types
         return False
+
+
+def _text(version: int, content: dict[str, Any]) -> str:
+    """The content as YAML, its format first and its seal last."""
+    body = {"format": version, **_plain(content)}
+    body["seal"] = _seal(body)
+    return str(yaml.safe_dump(body, sort_keys=False, allow_unicode=True, width=120))
 
 
 def _seal(body: dict[str, Any]) -> str:

@@ -1,0 +1,159 @@
+"""The command that certifies a policy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from hybrid_sysid_ros import configuration
+from hybrid_sysid_ros.control import policy as policies
+from hybrid_sysid_ros.control.certificate import FILE, LEAST_LOOPS, Certificate
+from hybrid_sysid_ros.control.certification import certify
+from hybrid_sysid_ros.control.certified_policy import JUDGED, Subject
+from hybrid_sysid_ros.control.online_check import REASONS
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.models import storage
+from hybrid_sysid_ros.progress import progress_bars
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.terminal import Seed, console, status
+
+LOOPS = 30_000
+CRITERIA = {
+    "input": "input within {eta:g} of the exact MPC's, at every period",
+    "bounds": "bounds kept",
+    "cost": "cost within {share:.0%} of the exact MPC's loop",
+    "all": "all of these",
+}
+
+
+def policy_certify_command(
+    policy: Annotated[Path, typer.Argument(help="Policy folder; the certificate is written into it.")],
+    model: Annotated[
+        Path | None, typer.Option(help="Folder of the model it imitates; the shipped one by default.")
+    ] = None,
+    loops: Annotated[
+        int, typer.Option(help=f"Independent closed loops; {LEAST_LOOPS} for a margin of .01.", min=1)
+    ] = LOOPS,
+    seed: Seed = 0,
+    seconds: Annotated[float | None, typer.Option(help="Length of a loop [s].", min=0.02, max=8.0)] = None,
+    delta: Annotated[float, typer.Option(help="Probability with which a bound may be wrong.")] = 0.01,
+    workers: Annotated[int, typer.Option(help="Threads; 0 for one per core.", min=0)] = 0,
+    again: Annotated[
+        int | None,
+        typer.Option("--again", help="Run this loop again and print how it went; nothing is written.", min=0),
+    ] = None,
+    driver: Annotated[
+        str, typer.Option(help="Who drives the loop of --again: network, supervised or exact.")
+    ] = "network",
+) -> None:
+    """Run random closed loops of a policy beside the exact MPC and state how it does, with how much confidence.
+
+    Ctrl-C keeps what is done; the same command goes on from there.
+    """
+    subject = subject_of(policy, model, seed=seed, seconds=seconds)
+    if again is not None:
+        if driver not in (*JUDGED, "exact"):
+            raise UserError(f"--driver {driver!r} is unknown; choose one of network, supervised, exact")
+        console.print(track_table(subject, again, driver))
+        return
+    store = policy.with_name(f"{policy.name}.certificate.part")
+    with progress_bars(status) as update:
+        certificate = certify(subject, loops=loops, delta=delta, workers=workers, store=store, progress=update)
+    certificate.save(policy)
+    for table in tables(certificate):
+        console.print(table)
+    console.print(summary(certificate))
+    console.print(str(policy / FILE))
+
+
+def subject_of(policy: Path, model: Path | None, *, seed: int, seconds: float | None) -> Subject:
+    """A policy on its rig's plant, by the rig's configuration. Raises UserError where policy and model don't fit."""
+    seal = storage.digest(policy, kind="policy")
+    rig_name = policies.load(policy, certified=False).rig
+    rig = load_rig(rig_name)
+    loaded = load_model(model or configuration.shipped(rig_name, "model"))
+    imitation = policies.load(policy, model=loaded, certified=False)
+    alike = [item.name for item in rig.equation.states] == [item.name for item in loaded.equation.states]
+    plant, words = (rig.equation, f"the rig {rig_name}") if alike else (loaded.equation, "the model")
+    distribution, criteria = configuration.certification(
+        rig, imitation.problem, plant=f"{words}, its parameters spread"
+    )
+    if seconds is not None:
+        distribution = replace(distribution, seconds=seconds)
+    values = configuration.defaults(rig_name, "controller")
+    return Subject(
+        policy=imitation,
+        seal=seal,
+        plant=plant,
+        model=loaded.equation,
+        distribution=distribution,
+        criteria=criteria,
+        tolerances=configuration.check_tolerances(values, rig, imitation.problem),
+        seed=seed,
+    )
+
+
+def tables(certificate: Certificate) -> list[Table]:
+    """What was counted, and the worst cases."""
+    criteria, rates = certificate.criteria, certificate.rates
+    counted = Table("share of the loops", title="certificate", title_justify="left")
+    for name in JUDGED:
+        for heading in (name, "failed", "mu >="):
+            counted.add_column(heading, justify="right")
+    for key, text in CRITERIA.items():
+        cells = []
+        for name in JUDGED:
+            rate = rates[name][key]
+            failed = round((1.0 - rate) * certificate.loops)
+            cells += [f"{rate:.4f}", str(failed), f"{certificate.bound(name, key):.4f}"]
+        counted.add_row(text.format(eta=criteria["input_error"], share=criteria["cost_share"]), *cells)
+    checked = Table("the online check", "share", title="supervised", title_justify="left")
+    for reason in REASONS:
+        checked.add_row(reason, f"{certificate.check[reason]:.4f}")
+    worst = Table("worst loops of", "by", "--again", "input error", "in period", "cost / exact", title_justify="left")
+    for case in certificate.worst:
+        ratio = case["cost"] / case["exact_cost"] if case["exact_cost"] else np.inf
+        worst.add_row(
+            case["driver"],
+            case["by"],
+            str(case["loop"]),
+            f"{case['input_error']:.3f}",
+            str(case["period"]),
+            f"{ratio:.3f}",
+        )
+    return [counted, checked, worst]
+
+
+def summary(certificate: Certificate) -> str:
+    """The certificate in two lines."""
+    return (
+        f"{certificate.loops} loops of {certificate.distribution['seconds']:g} s, margin {certificate.margin:.4f} with "
+        f"delta {certificate.delta:g}, seed {certificate.seed}, {certificate.made['seconds']:.0f} s; "
+        f"the exact MPC did not converge in {certificate.exact['not_converged']:.2%} of the periods"
+    )
+
+
+def track_table(subject: Subject, loop: int, driver: str) -> Table:
+    """One loop, period by period."""
+    draw, track = subject.again(loop, driver)
+    rig: Rig = load_rig(subject.policy.rig)
+    output, scale, period = subject.policy.output, rig.sensor.radians_per_volt, subject.policy.problem.period
+    table = Table("time [s]", "reference [V]", "position [V]", "input", "exact", "check", title_justify="left")
+    table.title = f"loop {loop} of seed {subject.seed}, driven by {driver}"
+    for k, (given, exact, reason) in enumerate(zip(track.inputs, track.exact, track.reasons, strict=True)):
+        table.add_row(
+            f"{(k + 1) * period:.3f}",
+            f"{draw.wanted[k] / scale:.3f}",
+            f"{track.states[k + 1, output] / scale:.3f}",
+            f"{given:.3f}",
+            f"{exact:.3f}",
+            REASONS[reason] if reason >= 0 else "",
+        )
+    return table
