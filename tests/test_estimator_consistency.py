@@ -12,8 +12,8 @@ from scipy.stats import chi2
 
 from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, kernels, parameter
 from hybrid_sysid_ros.estimation import METHODS, Tuning
+from hybrid_sysid_ros.estimation.cholesky import factorise, solve_factorised
 from hybrid_sysid_ros.estimation.consistency import Window, band, normalised_errors
-from hybrid_sysid_ros.estimation.moving_horizon_estimator import factorise, solve_factorised
 from hybrid_sysid_ros.estimation.unscented_kalman_filter import triangle
 
 PERIOD = 0.005
@@ -53,14 +53,14 @@ TUNING = Tuning(
 FORCED = dataclasses.replace(TUNING, process_noise=(1e-3, 0.05), input_noise=0.3)
 
 
-def advanced(z, u):
+def advanced(z, u, equation=PULL):
     """The equation's own step with a disturbance, z = [q, v, d]."""
     following = np.empty(2)
-    kernels(PULL).step(np.array(z[:2]), np.array([u + z[2]]), PULL.named, PULL.weights, PERIOD, following)
+    kernels(equation).step(np.array(z[:2]), np.array([u + z[2]]), equation.named, equation.weights, PERIOD, following)
     return np.array([*following, z[2]])
 
 
-def drawn(tuning, seed, samples):
+def drawn(tuning, seed, samples, equation=PULL):
     """A run of a plant drawn from what the tuning says, the start included: measurements, inputs and states."""
     random = np.random.default_rng(seed)
     steps = np.sqrt(PERIOD) * np.array([*tuning.process_noise, tuning.disturbance_noise])
@@ -73,18 +73,20 @@ def drawn(tuning, seed, samples):
         states.append(z)
         force = tuning.input_noise / np.sqrt(PERIOD) * random.normal()
         push = np.array([0.0, 0.0, force])
-        z = advanced(z + push, u) - push + steps * random.normal(size=3)
+        z = advanced(z + push, u, equation) - push + steps * random.normal(size=3)
     return np.array(measured), np.roll(inputs, 1), np.array(states)
 
 
-@pytest.mark.parametrize("tuning", [TUNING, FORCED], ids=["plain", "forced"])
+@pytest.mark.parametrize("plant", ["plain", "forced", "sticking"])
 @pytest.mark.parametrize("method", METHODS)
-def test_squared_errors_of_a_plant_as_the_filter_believes_it_to_be_are_in_their_band(method, tuning):
+def test_squared_errors_of_a_plant_as_the_filter_believes_it_to_be_are_in_their_band(method, plant, slider):
     """Mean of 40 independent runs at some moments, chi-square of 120 degrees of freedom; NIS over all."""
+    tuning = TUNING if plant == "plain" else FORCED
+    equation = dataclasses.replace(slider, friction=3.0) if plant == "sticking" else PULL
     moments, squares, errors, covariances = [50, 100, 200, 300, 399], [], [], []
     for seed in range(40):
-        measured, inputs, states = drawn(tuning, seed, 400)
-        ours = METHODS[method](PULL, tuning, period=PERIOD)
+        measured, inputs, states = drawn(tuning, seed, 400, equation)
+        ours = METHODS[method](equation, tuning, period=PERIOD)
         estimates = [ours.update(k * PERIOD, measured[k : k + 1], inputs[k : k + 1]) for k in range(len(measured))]
         errors.append([np.array([*estimates[k].state, *estimates[k].disturbance]) - states[k] for k in moments])
         covariances.append([estimates[k].covariance[:3, :3] for k in moments])

@@ -21,16 +21,15 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.equations import Equation, Recurrence, kernels
 from hybrid_sysid_ros.equations.equation import parameter_tuple
 from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.estimation.cholesky import factorise
 from hybrid_sysid_ros.estimation.memory import LONGEST_STEP
 from hybrid_sysid_ros.estimation.tuning import Tuning
 
 Array = NDArray[np.float64]
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
-SMALLEST = 1e-6
-"""Difference of what has no deviation."""
 
-MEAN_SQUARE = 0.75
-"""Of what a second difference over a deviation leaves out: E (f'' e^2 / 2)^2 = 3/4 (f'' s^2)^2 for a normal e."""
+SMALLEST = 1e-6
+"""Change of a parameter or an input over which its effect is seen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,12 +38,18 @@ class Augmented:
 
     move(core, z, drive, h, following): one step of h [s] under the input ``drive``; ``following`` (size,) receives the
     new state, another array than z.
-    linearise(core, z, covariance, drive, h, following, jacobian): the same, and its Jacobian (size, size) by
-    differences over a standard deviation of ``covariance`` (size, size) to either side; of the input, over that of the
-    disturbance and the input's noise together. core.remainder (states, states) receives the mean square of what these
-    slopes leave out. Dry friction has corners that are narrower than what is uncertain: a derivative sees the beam
-    stick or slip, a difference what lies between. Source: the divided-difference filter of Norgaard, Poulsen, Ravn
-    (2000), Automatica 36(11), whose second differences shift the mean; here they widen the covariance.
+    linearise(core, z, covariance, drive, h, following, jacobian): the same for what lies about z as ``covariance``
+    (size, size) says. ``following`` is the mean of that, ``jacobian`` (size, size) its slopes; core.push (size,)
+    receives what a deviation of the input's noise adds, core.remainder (states, states) the covariance of what slopes
+    leave out. Dry friction has corners that are narrower than what is uncertain: a derivative sees the beam stick or
+    slip, a difference what lies between. So these are differences over the columns s of the covariance's root,
+
+        slope = (f(z + r s) - f(z - r s)) / 2 r,  bend = (f(z + r s) - 2 f(z) + f(z - r s)) / r^2
+        mean = f(z) + sum bend / 2,  covariance = sum slope slope' + sum bend bend' / 2
+
+    where a normal e has E e^2 = 1 and var e^2 = 2. Source: the second-order divided-difference filter of Norgaard,
+    Poulsen, Ravn (2000), Automatica 36(11), with the reach r of the unscented filter's points in place of sqrt(3): it
+    sees the break-away of a beam that sticks.
     """
 
     move: Callable[..., None]
@@ -99,32 +104,47 @@ def _compile(equation: Equation) -> Augmented:
     def linearise(
         core: Any, z: Array, covariance: Array, drive: float, h: float, following: Array, jacobian: Array
     ) -> None:
-        above, below, second, remainder = core.points[0], core.points[1], core.points[2], core.remainder
-        for i in range(states):
-            for j in range(states):
+        above, below, point, shift = core.points[0], core.points[1], core.points[2], core.points[3]
+        factor, remainder, size = core.product, core.remainder, z.shape[0]
+        reach = math.sqrt(1.0 + size)
+        for i in range(size):
+            shift[i] = 0.0
+            for j in range(size):
+                factor[i, j] = covariance[i, j]
+                jacobian[i, j] = 1.0 if i == j else 0.0
                 remainder[i, j] = 0.0
+        factorise(factor)
         compiled_move(core, z, drive, h, following)
-        for i in range(z.shape[0]):
-            for j in range(z.shape[0]):
-                jacobian[j, i] = 1.0 if i == j else 0.0
-            if states < i < states + 3:
-                continue
-            variance = covariance[i, i] + core.input_noise / h if i == states else covariance[i, i]
-            value, reach = z[i], max(math.sqrt(max(variance, 0.0)), SMALLEST)
-            upper, lower = min(value + reach, core.high[i]), max(value - reach, core.low[i])
-            z[i] = upper
-            compiled_move(core, z, drive, h, above)
-            z[i] = lower
-            compiled_move(core, z, drive, h, below)
-            z[i] = value
+        for i in range(size + 1):  # the last one is the input's noise
+            if i < size:
+                for j in range(size):
+                    point[j] = z[j] + reach * factor[j, i] if j >= i else z[j]
+                compiled_move(core, point, drive, h, above)
+                for j in range(i, size):
+                    point[j] = z[j] - reach * factor[j, i]
+                compiled_move(core, point, drive, h, below)
+            else:
+                force = reach * math.sqrt(core.input_noise / h)
+                compiled_move(core, z, drive + force, h, above)
+                compiled_move(core, z, drive - force, h, below)
             for j in range(states):
-                jacobian[j, i] = (above[j] - below[j]) / (upper - lower)
-                second[j] = above[j] + below[j] - 2.0 * following[j]
-            if upper - value < 0.99 * reach or value - lower < 0.99 * reach:
-                continue  # at a bound the second difference is not one
+                slope, bend = (above[j] - below[j]) / (2.0 * reach), above[j] + below[j] - 2.0 * following[j]
+                if i < size:
+                    jacobian[j, i] = slope
+                else:
+                    core.push[j] = slope
+                above[j] = bend / (reach * reach)
+                shift[j] += 0.5 * above[j]
             for j in range(states):
                 for k in range(states):
-                    remainder[j, k] += MEAN_SQUARE * second[j] * second[k]
+                    remainder[j, k] += 0.5 * above[j] * above[k]
+        for j in range(states):
+            following[j] += shift[j]
+        for i in range(size - 1, -1, -1):  # from slopes over the columns of the factor to those over z
+            for j in range(states):
+                for k in range(i + 1, size):
+                    jacobian[j, i] -= jacobian[j, k] * factor[k, i]
+                jacobian[j, i] = jacobian[j, i] / factor[i, i] if factor[i, i] > 0.0 else 0.0
         cosine, sine = math.cos(core.turning * h), math.sin(core.turning * h)
         s, c = states + 1, states + 2
         jacobian[s, s], jacobian[s, c] = cosine, sine

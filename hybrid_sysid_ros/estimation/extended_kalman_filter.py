@@ -18,15 +18,15 @@ Array = NDArray[np.float64]
 
 
 class ExtendedKalmanFilter(Filter):
-    """The covariance goes through the Jacobian F of the augmented step; see :class:`~.filter.Filter` for the rest.
+    """The covariance goes through the slopes F of the augmented step; see :class:`~.filter.Filter` for the rest.
 
-        prediction   z+ = f(z, u);  P+ = F P F' + B B' U / dt + R_f + Q dt,  B the column of the input in F
+        prediction   z+ = mean of f(z, u);  P+ = F P F' + b b' + R_f + Q dt,  b of the input's noise
         correction   K = P H' / S,  S = H P H' + R;  z += K (y - H z)
         Joseph form  P = (I - K H) P (I - K H)' + K R K', which stays symmetric and positive
 
-    F and the remainder R_f are of differences over what is uncertain, not of derivatives: see
-    :class:`~.augmented.Augmented`. Source: Sarkka (2013), Bayesian Filtering and Smoothing, algorithm 5.4; the Joseph
-    form: Bar-Shalom, Li, Kirubarajan (2001), eq. (5.2.3-18).
+    The mean, F, b and the remainder R_f are of differences over what is uncertain, not of derivatives, which know
+    nothing of friction's corners: see :class:`~.augmented.Augmented`. Source: Sarkka (2013), Bayesian Filtering and
+    Smoothing, algorithm 5.4; the Joseph form: Bar-Shalom, Li, Kirubarajan (2001), eq. (5.2.3-18).
     """
 
     def kernels(self, equation: Equation) -> Kernels:
@@ -74,9 +74,8 @@ def covariance_belief(equation: Equation, parts: Augmented) -> Belief:
 
 @numba.njit(error_model="numpy", nogil=True)
 def propagate(core: Any, covariance: Array, jacobian: Array, h: float, states: int) -> None:
-    """P+ = F P F' + B B' U / h + remainder + Q h in place, symmetric to the last bit; B is F's column of the input."""
-    product, forced = core.product, core.input_noise / h if h > 0.0 else 0.0
-    size = covariance.shape[0]
+    """P+ = F P F' + b b' + R_f + Q h in place, symmetric to the last bit; core.push is b, core.remainder R_f."""
+    product, size = core.product, covariance.shape[0]
     for i in range(size):
         for j in range(size):
             total = 0.0
@@ -87,7 +86,7 @@ def propagate(core: Any, covariance: Array, jacobian: Array, h: float, states: i
         for j in range(i + 1):
             total = core.process[i] * h if i == j else 0.0
             if i < states and h > 0.0:
-                total += core.remainder[i, j] + forced * jacobian[i, states] * jacobian[j, states]
+                total += core.remainder[i, j] + core.push[i] * core.push[j]
             for k in range(size):
                 total += product[i, k] * jacobian[j, k]
             covariance[i, j] = covariance[j, i] = total

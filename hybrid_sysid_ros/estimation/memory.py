@@ -96,7 +96,7 @@ def core_type(size: int, parameters: int, weights: int) -> np.dtype[np.void]:
             ("weights", "f8", (max(weights, 1),)),
             ("followed", "i8", (followed,)),
             ("given", "f8", (followed,)),
-            *((name, "f8", (size,)) for name in ("low", "high", "process", "start", "column", "direction")),
+            *((name, "f8", (size,)) for name in ("low", "high", "process", "start", "column", "direction", "push")),
             *((name, "f8", (size, size)) for name in ("jacobian", "product", "remainder")),
             ("points", "f8", (3 * size + 3, size)),
             ("drive", "f8", (1,)),
