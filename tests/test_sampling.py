@@ -84,6 +84,35 @@ def test_the_offset_of_the_input_shifts_the_first_plan_one_to_one():
     np.testing.assert_allclose(samples.shifts[:, 0], 0.2, atol=1e-3)
 
 
+def test_slopes_by_features_say_of_a_linear_answer_what_those_by_questions_say():
+    """u = s [x, d, u_previous, q] = (slopes by features) [x, d, u_previous, q - y], for any s."""
+    samples = some_samples(3)
+    questions = np.column_stack([samples.states, samples.disturbances, samples.previous, samples.previews])
+    by_questions = np.sum(samples.slopes * questions, axis=1)
+    for output in (0, 1):
+        by_features = np.sum(samples.feature_slopes(output) * samples.features(output), axis=1)
+        np.testing.assert_allclose(by_features, by_questions, rtol=1e-9)
+
+
+def test_slopes_are_taken_of_a_share_of_the_answers():
+    samples = sample(model_of().equation, PROBLEM, SPREAD, 7, slope_share=0.5)
+    known = np.isfinite(samples.slopes).all(axis=1)
+    assert 0.3 < np.mean(known) < 0.7
+    # Further up it is pulled down, with a reference further up it is driven there.
+    inside = known & (np.abs(samples.inputs[:, 0]) < 9.0)
+    assert np.all(samples.slopes[inside, 0] < 0)
+    assert np.all(samples.slopes[inside, -PROBLEM.horizon :].sum(axis=1) > 0)
+
+
+def test_a_loop_has_one_cost_and_lively_loops_have_more():
+    found = [sample(model_of().equation, PROBLEM, SPREAD, seed) for seed in range(6)]
+    for samples in found:
+        assert len(np.unique(samples.costs)) == 1
+        assert samples.costs[0] > 0
+    effort = [np.mean(np.diff(samples.inputs[:, 0]) ** 2) for samples in found]
+    assert np.argmax([samples.costs[0] for samples in found]) == np.argmax(effort)
+
+
 def some_samples(seed):
     random = np.random.default_rng(seed)
     return Samples(
@@ -94,6 +123,7 @@ def some_samples(seed):
         inputs=random.normal(size=(5, 4)),
         slopes=random.normal(size=(5, 8)),
         shifts=random.normal(size=(5, 0, 4)),
+        costs=random.uniform(size=5),
         dropped=3,
     )
 
@@ -104,7 +134,7 @@ def test_stored_samples_are_found_again_if_their_purpose_is_the_same(tmp_path):
     store.keep(1, some_samples(1))
     found = SampleStore(tmp_path / "samples", "a model").find(1)
     assert found is not None
-    for name in ("states", "disturbances", "previous", "previews", "inputs", "slopes", "shifts"):
+    for name in ("states", "disturbances", "previous", "previews", "inputs", "slopes", "shifts", "costs"):
         np.testing.assert_array_equal(getattr(found, name), getattr(some_samples(1), name))
     assert found.dropped == 3
     assert SampleStore(tmp_path / "samples", "another model").find(1) is None

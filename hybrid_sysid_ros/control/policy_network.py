@@ -10,9 +10,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.control.soap import Soap
 from hybrid_sysid_ros.control.training_settings import Settings
 
 Array = NDArray[np.float64]
+
+AT_BOUND = 1 - 1e-4
+"""From here on an input, in its limit, is at its bound."""
+
+WARM_UP = 200
+"""Steps in which the rate of learning rises to its full value."""
 
 
 def descend(
@@ -24,17 +31,19 @@ def descend(
     seed: int,
     progress: Callable[[int, int], None],
 ) -> None:
-    """Adam over shuffled batches of ``count`` samples, its rate falling along a cosine from batch to batch."""
-    optimiser = torch.optim.Adam(network.parameters(), lr=settings.rate)
-    steps = epochs * math.ceil(count / settings.batch)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
+    """SOAP over shuffled batches of ``count`` samples, its rate falling along a cosine from batch to batch."""
+    optimiser = Soap(network.parameters(), rate=settings.rate)
+    steps, done = epochs * math.ceil(count / settings.batch), 0
     generator = torch.Generator().manual_seed(seed)
     for epoch in range(epochs):
         for rows in _batches(count, settings.batch, generator):
+            optimiser.rate = (
+                settings.rate * min(1.0, (done + 1) / WARM_UP) * math.cos(0.5 * math.pi * done / steps) ** 2
+            )
             optimiser.zero_grad()
             loss(network, rows).backward()
             optimiser.step()
-            schedule.step()
+            done += 1
         progress(epoch + 1, epochs)
 
 
@@ -48,28 +57,19 @@ def passed(network: torch.nn.Module, inputs: torch.Tensor) -> tuple[torch.Tensor
     return last(inputs), values
 
 
-def slope_error(
-    network: torch.nn.Module, hidden: list[torch.Tensor], slopes: torch.Tensor, targets: torch.Tensor
-) -> torch.Tensor:
-    """Mean squared error of the first answer's derivatives, over the samples that have them and are not at a bound.
-
-    There the derivative is zero, and so is that of the answer, which is cut; a network made flat up to the bound would
-    be wrong on its near side.
-    """
-    known = torch.isfinite(slopes[:, 0]) & (targets.abs() < 1 - 1e-4)
-    if not known.any():
-        return slopes.new_zeros(())
+def slope_errors(network: torch.nn.Module, hidden: list[torch.Tensor], slopes: torch.Tensor) -> torch.Tensor:
+    """Squared errors (samples,) of the first answer's derivatives by the features, ``hidden`` from :func:`passed`."""
     *layers, last = _linear(network)
-    rows = last.weight[0] * (1 - hidden[-1][known] ** 2)
+    rows = last.weight[0] * (1 - hidden[-1] ** 2)
     for layer, below in zip(layers[:0:-1], hidden[-2::-1], strict=True):
-        rows = (rows @ layer.weight) * (1 - below[known] ** 2)
-    return torch.mean(torch.sum((rows @ layers[0].weight - slopes[known]) ** 2, dim=1))
+        rows = (rows @ layer.weight) * (1 - below**2)
+    return torch.sum((rows @ layers[0].weight - slopes) ** 2, dim=1)
 
 
 def beyond_bounds(answers: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
     """Errors, where an answer beyond the bound counts as the bound: it is cut there anyway."""
     errors = answers - targets
-    beyond = ((targets >= 1 - 1e-4) & (errors > 0)) | ((targets <= -1 + 1e-4) & (errors < 0))
+    beyond = ((targets >= AT_BOUND) & (errors > 0)) | ((targets <= -AT_BOUND) & (errors < 0))
     return torch.where(beyond, torch.zeros_like(errors), errors)
 
 

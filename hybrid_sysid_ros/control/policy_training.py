@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.adaptation import Correction
 from hybrid_sysid_ros.control.policy import Policy
 from hybrid_sysid_ros.control.policy_network import (
+    AT_BOUND,
     beyond_bounds,
     descend,
     in_double,
@@ -21,7 +22,7 @@ from hybrid_sysid_ros.control.policy_network import (
     new_network,
     passed,
     single,
-    slope_error,
+    slope_errors,
 )
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.sample_store import SampleStore
@@ -42,6 +43,9 @@ VALIDATION_SHARE = 0.1
 
 CHECKS = 64
 """Self-check vectors."""
+
+LEAST_COST = 0.01
+"""Of a loop, in the mean of all: below it no loop's samples count for more."""
 
 LEAST_DEVIATION = 1e-6
 """A feature that varies less [its unit] says nothing and is not blown up."""
@@ -136,14 +140,19 @@ def _fit(
     targets = single(samples.inputs[:, :outputs] / limit)
     weights = torch.full((outputs,), settings.plan_weight / max(outputs - 1, 1))
     weights[0] = 1.0
+    counts = (samples.costs + LEAST_COST * samples.costs.mean()) ** -settings.levelling
+    shares = single(counts / counts.mean())
     slopes = single(samples.feature_slopes(output) * scale / limit) if settings.slope_weight else None
 
     def loss(network: torch.nn.Module, rows: torch.Tensor) -> torch.Tensor:
         answers, hidden = passed(network, inputs[rows])
-        total = torch.mean((beyond_bounds(answers, targets[rows]) ** 2) @ weights)
+        errors = (beyond_bounds(answers, targets[rows]) ** 2) @ weights
         if slopes is not None:
-            total = total + settings.slope_weight * slope_error(network, hidden, slopes[rows], targets[rows, 0])
-        return total
+            # At a bound the answer is cut, and flat: a network made flat up to there would be wrong on the near side.
+            known = torch.isfinite(slopes[rows, 0]) & (targets[rows, 0].abs() < AT_BOUND)
+            off = slope_errors(network, [values[known] for values in hidden], slopes[rows[known]])
+            errors = errors.index_add(0, torch.nonzero(known)[:, 0], settings.slope_weight * off)
+        return torch.mean(shares[rows] * errors)
 
     network = new_network([raw.shape[1], *settings.hidden, outputs], seed)
     if start is not None:

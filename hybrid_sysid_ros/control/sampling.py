@@ -18,8 +18,16 @@ Array = NDArray[np.float64]
 
 EPISODE_SECONDS = 8.0
 KICKS, CHANGES, UNMOVED = 0.05, 0.02, 0.3
-"""Shares of the periods that begin with a push of the state, with another input offset, and with the previous input as
-it was."""
+"""Shares of the periods that begin with a push of the state, with another input offset, and with state and previous
+input as they are."""
+
+LIVELINESS = 0.01
+"""Of the quietest loops, in that of the liveliest: sizes of pushes are spread evenly in their magnitude, for as much is
+asked of a policy near rest as at full swing."""
+
+JITTER = 0.2
+"""By which a state is moved before the MPC is asked, in pushes: an estimate is not the state, and a beam that rests has
+an estimated speed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +51,8 @@ class Samples:
     """states (samples, states), disturbances (samples,), previous (samples,), previews (samples, horizon), inputs
     (samples, horizon): the MPC's plans. slopes (samples, states + 2 + horizon): derivatives of the first input by
     [x, d, u_previous, q], NaN where they were not taken. shifts (samples, parameters, horizon): derivatives of the plan
-    by the followed parameters, per spread. Only converged answers are kept; ``dropped`` counts the others.
+    by the followed parameters, per spread. costs (samples,): mean stage cost of its loop. Only
+    converged answers are kept; ``dropped`` counts the others.
     """
 
     states: Array
@@ -53,6 +62,7 @@ class Samples:
     inputs: Array
     slopes: Array
     shifts: Array
+    costs: Array
     dropped: int
 
     @classmethod
@@ -80,20 +90,25 @@ class Samples:
 def reference(random: np.random.Generator, amplitude: float) -> Reference:
     """A reference of a random kind within +-amplitude, in the unit of the amplitude."""
     kind, seed = random.integers(4), int(random.integers(2**31))
-    size = amplitude * random.uniform(0.2, 1.0)
+    size = amplitude * _magnitude(random, 0.2)
     if kind == 0:
-        return random_steps(seed, amplitude=amplitude, hold=random.uniform(0.3, 2.0), duration=EPISODE_SECONDS + 2)
+        return random_steps(seed, amplitude=size, hold=random.uniform(0.3, 2.0), duration=EPISODE_SECONDS + 2)
     if kind == 1:
         high = random.uniform(0.5, 3.0)
         return multisine(seed, amplitude=size, low=0.1, high=high, lines=12, period=10.0)
     if kind == 2:
         return swept_sine(amplitude=size, low=0.1, high=random.uniform(0.3, 2.0), duration=EPISODE_SECONDS)
-    offset, slope = random.uniform(-amplitude, amplitude), random.normal() * 0.3 * amplitude
+    offset, slope = random.uniform(-amplitude, amplitude), random.normal() * 0.5 * size
 
     def ramp(t: ArrayLike) -> Array:
         return np.clip(offset + slope * (np.asarray(t) - EPISODE_SECONDS / 2), -amplitude, amplitude)
 
     return ramp
+
+
+def _magnitude(random: np.random.Generator, least: float) -> float:
+    """A number within ``least`` and 1, all magnitudes alike."""
+    return float(least ** random.uniform())
 
 
 def drawn(equation: Equation, deviation: float, random: np.random.Generator) -> Equation:
@@ -130,6 +145,7 @@ def sample(
         for index in range(len(followed.names))
     ]
     target = reference(random, spread.amplitude)
+    liveliness = _magnitude(random, LIVELINESS)
     plant = drawn(equation, spread.parameters, random)
     scale, horizon, limit, states = problem.output_scale, problem.horizon, problem.input_limit, len(equation.states)
     periods = round(EPISODE_SECONDS / problem.period)
@@ -151,19 +167,23 @@ def sample(
         inputs=np.empty((periods, horizon)),
         slopes=np.full((periods, states + 2 + horizon), np.nan),
         shifts=np.empty((periods, len(shifted), horizon)),
+        costs=np.zeros(periods),
         dropped=0,
     )
     for k in range(periods):
         preview = wanted[k : k + horizon]
         if random.uniform() < KICKS:
-            state = state + random.normal(size=states) * np.array(spread.kick)
+            state = state + liveliness * random.normal(size=states) * np.array(spread.kick)
         if random.uniform() < CHANGES:
             disturbance[0] = random.normal() * spread.disturbance
-        moved = u if random.uniform() < UNMOVED else u + random.normal() * spread.input_jitter
-        question = (state, disturbance, np.array([min(max(moved, -limit), limit)]), preview)
+        asked, last = state, u
+        if random.uniform() > UNMOVED:
+            asked = state + JITTER * liveliness * random.normal(size=states) * np.array(spread.kick)
+            last = u + liveliness * random.normal() * spread.input_jitter
+        question = (asked, disturbance, np.array([min(max(last, -limit), limit)]), preview)
         answer = expert.control(*question)
         kept[k] = answer.status is Status.SOLVED
-        found.states[k], found.disturbances[k], found.previous[k] = state, disturbance[0], question[2][0]
+        found.states[k], found.disturbances[k], found.previous[k] = asked, disturbance[0], question[2][0]
         found.previews[k] = preview
         found.inputs[k] = answer.inputs[:, 0]
         if random.uniform() < slope_share and kept[k]:
@@ -175,10 +195,14 @@ def sample(
             found.shifts[k, index] = (high.inputs - low.inputs)[:, 0]
             for mpc in pair:
                 mpc.prepare(problem.period)
-        given = answer if driver is None else driver.control(state, disturbance, np.array([u]), preview)
+        given = answer if driver is None else driver.control(asked, disturbance, np.array([u]), preview)
+        found.costs[k] = problem.rate_weight * (float(given.input[0]) - u) ** 2
         u = float(given.input[0])
         for _ in range(problem.substeps):
             advance(state, np.array([u]) + disturbance, parameters, weights, step, following)
             state = following.copy()
+        found.costs[k] += problem.output_weight * ((state[output] - preview[0]) / scale) ** 2
+        found.costs[k] += problem.input_weight * u**2
+    found.costs[:] = found.costs.mean()
     arrays = {item.name: getattr(found, item.name)[kept] for item in fields(found) if item.name != "dropped"}
     return Samples(**arrays, dropped=int(np.sum(~kept)))

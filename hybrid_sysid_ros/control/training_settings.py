@@ -11,8 +11,11 @@ from hybrid_sysid_ros.errors import UserError
 @dataclass(frozen=True, kw_only=True)
 class Settings:
     """episodes: closed loops of each round; the first is driven by the MPC, later ones by the policy so far (DAgger).
-    hidden: widths of the tanh layers. epochs, batch, rate: of Adam, the rate falling along a cosine; earlier rounds
+    hidden: widths of the tanh layers. epochs, batch, rate: of SOAP, the rate falling along a cosine; earlier rounds
     train for a third of the epochs. workers: processes that sample, 0 for one per core.
+
+    levelling: samples count by the mean stage cost of their loop to the power of -levelling. At 0 an error counts the
+    same everywhere, at 1 in the share that it adds to its loop's cost, so that little is left for the lively ones.
 
     sequence: the network gives the whole plan and not its first input alone. plan_weight: of all inputs after the first
     together, which has weight 1. slope_weight: of the first input's derivatives by the standardised features, in input
@@ -20,13 +23,14 @@ class Settings:
     adaptation: parameters for whose estimates the policy learns a correction.
     """
 
-    episodes: tuple[int, ...] = (300, 300, 300)
-    hidden: tuple[int, ...] = (64, 64, 64)
-    epochs: int = 60
+    episodes: tuple[int, ...] = (1000, 1000, 1000)
+    hidden: tuple[int, ...] = (96, 96, 96)
+    epochs: int = 30
     batch: int = 512
-    rate: float = 5e-3
+    rate: float = 3e-3
     workers: int = 0
     sequence: bool = True
+    levelling: float = 0.5
     plan_weight: float = 0.3
     slope_weight: float = 0.0
     slope_share: float = 0.2
@@ -37,5 +41,5 @@ class Settings:
             raise UserError(f"policy: episodes {self.episodes}: needs at least 2 closed loops in every round")
         if not self.hidden or min((self.epochs, self.batch, *self.hidden)) < 1:
             raise UserError("policy: epochs, batch and the widths of the layers must be above 0")
-        if not (min(self.plan_weight, self.slope_weight) >= 0 and 0 <= self.slope_share <= 1):
+        if not (min(self.levelling, self.plan_weight, self.slope_weight) >= 0 and 0 <= self.slope_share <= 1):
             raise UserError("policy: weights must not be negative, and shares must be within 0 and 1")
