@@ -13,6 +13,7 @@ from small_policies import PROBLEM, layers_of, policy_of  # type: ignore[import-
 
 from hybrid_sysid_ros import cli, configuration
 from hybrid_sysid_ros.control.adaptation import Correction
+from hybrid_sysid_ros.control.certificate import Certificate
 from hybrid_sysid_ros.control.controller import Status
 from hybrid_sysid_ros.control.export import compiler, folder, onnx_graph
 from hybrid_sysid_ros.control.export.vectors import bounded, vectors
@@ -182,6 +183,28 @@ def test_the_graph_says_where_it_comes_from(tmp_path):
     assert (told["rig"], told["period"], told["rate_limit"]) == ("cam_beam", "0.05 s", "0.7 V a period")
     assert told["state"] == "position [rad], velocity [rad/s]"
     assert [item.name for item in whole.graph.input] == ["x", "d", "u_previous", "preview", "parameters"]
+
+
+def test_what_is_exported_carries_the_certificate_of_the_network(tmp_path):
+    policy = POLICIES["a plan"]
+    assert folder.about(policy, SEAL)["certificate"] == "none"
+    certificate = Certificate(
+        policy=SEAL,
+        model=policy.model,
+        loops=26492,
+        seed=0,
+        delta=0.01,
+        distribution={},
+        criteria={},
+        rates={"network": {"input": 0.9975, "bounds": 1.0}, "supervised": {"input": 1.0, "bounds": 1.0}},
+        check={},
+        exact={},
+        worst=[],
+        made={},
+    )
+    folder.write(replace(policy, certificate=certificate), tmp_path / "out", name="policy", seal=SEAL, form="c")
+    said = "certificate: 26492 loops; rates at least (delta 0.01): input 0.9875, bounds 0.9900"
+    assert said in (tmp_path / "out" / "policy.h").read_text()
 
 
 def test_without_onnx_it_says_what_to_install(tmp_path, monkeypatch):

@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 from hybrid_sysid_ros.control import policy as policies
+from hybrid_sysid_ros.control.certificate import Certificate
 from hybrid_sysid_ros.control.export import c_source, compiler, onnx_graph
 from hybrid_sysid_ros.control.export.vectors import NAMES, Vectors, parts, vectors
 from hybrid_sysid_ros.control.policy import SELF_CHECK_TOLERANCE, Policy
@@ -91,6 +92,7 @@ def about(policy: Policy, seal: str) -> dict[str, str]:
         "rig": policy.rig,
         "policy": seal,
         "model": policy.model,
+        "certificate": _certified(policy.certificate),
         "period": f"{problem.period:g} s",
         "horizon": str(problem.horizon),
         "state": ", ".join(states) if len(states) == policy.states else f"{policy.states} states of the model",
@@ -103,6 +105,14 @@ def about(policy: Policy, seal: str) -> dict[str, str]:
         units = {item.name: item.unit for item in rig.equation.parameters}
         told["parameters"] = ", ".join(f"{key} [{units.get(key, '')}]" for key in policy.correction.names)
     return told
+
+
+def _certified(certificate: Certificate | None) -> str:
+    """What the certificate says of the network alone, for that is what is exported."""
+    if certificate is None:
+        return "none"
+    bounds = ", ".join(f"{name} {certificate.bound('network', name):.4f}" for name in certificate.rates["network"])
+    return f"{certificate.loops} loops; rates at least (delta {certificate.delta:g}): {bounds}"
 
 
 def _write_onnx(policy: Policy, known: Vectors, folder: Path, name: str, told: dict[str, str]) -> Check:
