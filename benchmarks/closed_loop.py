@@ -1,10 +1,10 @@
 """Controllers on the same noisy plant, which is not their model, under the same references: docs/comparison.md.
 
 The rig's own P law on its filtered position, that law about the input that balances the beam, a linear quadratic
-regulator, the exact MPC and its imitation by a network. All but the P laws get the Kalman filter's estimate at the
-MPC's period; the P laws run at the rig's 1 kHz. References: the author's hardware run, random steps and a multisine;
-the seed makes the noise and the last two. The rig itself reached 1.080 V on the steps of the hardware run and .500 V on
-its sine.
+regulator, the exact MPC, its imitation by a network, and that network under its supervisor. All but the P laws get the
+Kalman filter's estimate at the MPC's period; the P laws run at the rig's 1 kHz. References: the author's hardware run,
+random steps and a multisine; the seed makes the noise and the last two. The rig itself reached 1.080 V on the steps of
+the hardware run and .500 V on its sine.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Status, policy
 from hybrid_sysid_ros.control.closed_loop import Loop
 from hybrid_sysid_ros.control.linear_quadratic_regulator import LinearQuadraticRegulator
 from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.supervisor import Supervisor
 from hybrid_sysid_ros.demo import RIG, simulated_loop
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
@@ -51,8 +52,8 @@ PICTURE = Path(__file__).parents[1] / "docs" / "comparison.svg"
 SHOWN = (12.5, 16.5)
 """Seconds of the hardware reference in the picture."""
 
-ITERATED = "exact MPC, one iteration"
-"""Not in the picture: it can't be told from the exact MPC there."""
+ITERATED, SUPERVISED = "exact MPC, one iteration", "supervised policy"
+"""Not in the picture: they can't be told from the exact MPC there."""
 
 BALANCE = 1.0
 """Input that balances the beam in the records, .9 to 1.2 V: what the P law lacks [V]."""
@@ -142,6 +143,7 @@ def competitors(rig: Rig, model: Model) -> tuple[Problem, dict[str, Timed], dict
     """The problem of the MPC, the controllers, and how each controller or law drives a loop, by name."""
     imitation = policy.load(configuration.shipped(RIG, "policy"), model=model)
     problem, equation = imitation.problem, model.equation
+    tolerances = configuration.check_tolerances(configuration.defaults(RIG, "controller"), rig, problem)
     timed = {
         "LQR": Timed(
             LinearQuadraticRegulator(equation, problem, smoothing=REGULATOR_SMOOTHING, preview=False),
@@ -150,6 +152,7 @@ def competitors(rig: Rig, model: Model) -> tuple[Problem, dict[str, Timed], dict
         "exact MPC": Timed(ExactMpc(equation, problem)),
         ITERATED: Timed(ExactMpc(equation, problem, real_time=True)),
         "policy": Timed(imitation),
+        SUPERVISED: Timed(Supervisor(imitation, ExactMpc(equation, problem), tolerances)),
     }
 
     def proportional(balance: float) -> Drive:
@@ -221,7 +224,7 @@ def main() -> int:
     for table in tables(results):
         Console(width=170).print(table)
     print(result.write(NAME, results, on=machine))
-    print(draw(rig, {name: loops["hardware"][0] for name, loops in runs.items() if name != ITERATED}))
+    print(draw(rig, {name: loops["hardware"][0] for name, loops in runs.items() if name not in (ITERATED, SUPERVISED)}))
     return 0
 
 
