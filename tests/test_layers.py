@@ -26,11 +26,25 @@ LAYERS = [  # from the bottom up; a room (file or folder of the package) imports
     {"configuration", "experiments", "lecture", "search", "terminal"},
     {"report", "session", "training"},
     {"demo"},
-    {"cli", "nodes", "policy_command", "policy_export_command", "protocol_command", "search_command"},
+    {
+        "cli",
+        "nodes",
+        "policy_certify_command",
+        "policy_command",
+        "policy_export_command",
+        "protocol_command",
+        "search_command",
+    },
 ]
 NEIGHBOURS = {  # and from these of its own layer
     "control": {"estimation"},
-    "cli": {"policy_command", "policy_export_command", "protocol_command", "search_command"},
+    "cli": {
+        "policy_certify_command",
+        "policy_command",
+        "policy_export_command",
+        "protocol_command",
+        "search_command",
+    },
 }
 ROS = re.compile(r"(rcl\w*|ros2\w*|rosbag2\w*|rosidl\w*|ament_\w+|tf2_\w+|\w+_msgs|\w+_interfaces|std_srvs)")
 LAUNCH = re.compile(r"launch\w*")
