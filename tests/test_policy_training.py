@@ -1,5 +1,6 @@
 """A training: what it learns, what it tells about itself, and that a seed decides it."""
 
+import dataclasses
 import os
 
 import numpy as np
@@ -8,6 +9,7 @@ from small_policies import PROBLEM, SEAL, SPREAD, by_hand, model_of  # type: ign
 from test_sampling import some_samples  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.control import policy as policies
+from hybrid_sysid_ros.control.adaptation import Adaptation
 from hybrid_sysid_ros.control.sample_store import SampleStore
 from hybrid_sysid_ros.control.sampling import Samples, sample
 from hybrid_sysid_ros.control.training_settings import Settings
@@ -74,3 +76,35 @@ def test_a_training_without_loops_to_hold_out_or_without_answers_is_refused(tmp_
     for episodes in ((), (1,), (5, 0)):
         with pytest.raises(UserError, match="at least 2 closed loops in every round"):
             Settings(episodes=episodes)
+
+
+@pytest.fixture(scope="module")
+def rich():
+    """A tiny training with derivatives of the answers and a parameter to follow."""
+    training = pytest.importorskip("hybrid_sysid_ros.control.policy_training", exc_type=ImportError)
+    settings = Settings(
+        episodes=(8,),
+        hidden=(24,),
+        epochs=60,
+        batch=128,
+        workers=1,
+        slope_weight=0.1,
+        slope_share=0.5,
+        adaptation=Adaptation(names=("centre",), spread=(0.5,)),
+    )
+    return training.train(model_of(SEAL), PROBLEM, SPREAD, settings, seed=1)
+
+
+def test_a_training_with_derivatives_and_a_followed_parameter_imitates_the_mpc_of_another_plant(rich):
+    """Told of another centre, the policy is nearer to the MPC that knows it than a policy that is not told."""
+    equation = model_of().equation
+    other = dataclasses.replace(equation, centre=equation.centre + 0.5)
+    fresh = sample(other, PROBLEM, dataclasses.replace(SPREAD, kick=(0.0, 0.0)), 424242)
+    rows = list(zip(fresh.states, fresh.disturbances, fresh.previous, fresh.previews, strict=True))
+    errors = []
+    for centre in (equation.centre, other.centre):
+        rich.adapt({"centre": centre})
+        answers = [rich.control(x, np.array([d]), np.array([u]), q).input[0] for x, d, u, q in rows]
+        errors.append(np.sqrt(np.mean((np.array(answers) - fresh.inputs[:, 0]) ** 2)))
+    rich.adapt({"centre": equation.centre})
+    assert errors[1] < 0.7 * errors[0]
