@@ -170,7 +170,7 @@ def main() -> int:
             "share_solved": solved,
             "first_input_apart": result.percentiles(apart),
             "compared": len(apart),
-            "cost_ratio_real_time": _spread(ratio),
+            "cost_ratio_real_time": result.spread(ratio),
         }
         more = {
             "converged": (f"{solved:.2%}", f"p50 {np.median(apart):.1e}, max {apart.max():.1e}", "1"),
@@ -182,7 +182,7 @@ def main() -> int:
                 runs = [loop(case, seed, peer) for seed in SEEDS]
                 ratio = np.array([b["cost"] / a["cost"] for a, b in zip(converged, runs, strict=True)])
                 share = np.mean([status is Status.SOLVED for run in runs for status in run["statuses"]])
-                results[name][f"acados_{mode}_cost_ratio"] = _spread(ratio)
+                results[name][f"acados_{mode}_cost_ratio"] = result.spread(ratio)
                 results[name][f"acados_{mode}_share_solved"] = share
                 for what, taken in peer.times.items():
                     if taken:
@@ -195,10 +195,6 @@ def main() -> int:
     Console(width=160).print(shown)
     print(result.write(NAME, results, on=machine))
     return 0
-
-
-def _spread(values: Array) -> dict[str, float]:
-    return {"mean": values.mean(), "min": values.min(), "max": values.max()}
 
 
 def _words(ratio: Array) -> str:

@@ -38,7 +38,7 @@ def matrices(equation, h):
     return transition, h * equation.gain / (1 + half) * np.array([h, 1.0, 0.0])
 
 
-@pytest.fixture(scope="module", params=METHODS.values(), ids=METHODS)
+@pytest.fixture(scope="module", params=METHODS.values(), ids=list(METHODS))
 def kind(request):
     return request.param
 

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.rigs.plant import Plant
 PERIOD = 0.005
 
 
-@pytest.fixture(scope="module", params=METHODS.values(), ids=METHODS)
+@pytest.fixture(scope="module", params=METHODS.values(), ids=list(METHODS))
 def kind(request):
     return request.param
 

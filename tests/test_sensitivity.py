@@ -1,6 +1,7 @@
 """Derivatives of the exact MPC's answers: those of the closed form, and differences of solutions."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -62,7 +63,7 @@ def test_of_a_linear_problem_they_are_its_feedback():
         np.testing.assert_allclose(found, differences(mpc, p, STEPS), rtol=1e-4, atol=1e-5 * np.max(np.abs(found)))
 
 
-OPTIONS = {
+OPTIONS: dict[str, dict[str, Any]] = {
     "bounds": {"input_limit": 4.0},
     "rate limit": {"rate_limit": 1.5},
     "soft state bounds": {"state_bounds": ((-0.05, 0.05), (-0.6, 0.6))},
