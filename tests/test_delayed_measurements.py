@@ -28,7 +28,7 @@ TUNING = Tuning(
 )
 
 
-@pytest.fixture(scope="module", params=METHODS.values(), ids=METHODS)
+@pytest.fixture(scope="module", params=METHODS.values(), ids=list(METHODS))
 def kind(request):
     return request.param
 
@@ -92,9 +92,9 @@ def test_a_frame_between_two_measurements_counts_at_its_own_time(kind):
     for k in range(400):
         t = k * PERIOD
         u = balance + LINEAR.stiffness * 0.5 * (t - 0.004) / LINEAR.gain
-        ours.update(t, np.array([0.5 * t]), np.array([u]))
-        estimate = ours.correct(t - 0.0123, 0.5 * (t - 0.0123), "camera") if k > 10 else None
-        estimate = ours.correct(t + 0.002, 0.5 * (t + 0.002), "camera") if k > 10 else estimate
+        estimate = ours.update(t, np.array([0.5 * t]), np.array([u]))
+        for seen in (t - 0.0123, t + 0.002) if k > 10 else ():
+            estimate = ours.correct(seen, 0.5 * seen, "camera")
     assert estimate.time == pytest.approx(399 * PERIOD + 0.002)
     assert estimate.state[0] == pytest.approx(0.5 * estimate.time, abs=1e-4)
     assert estimate.state[1] == pytest.approx(0.5, abs=5e-3)
