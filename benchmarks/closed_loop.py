@@ -23,6 +23,7 @@ from rich.table import Table
 
 from benchmarks import picture, result
 from hybrid_sysid_ros import configuration
+from hybrid_sysid_ros.checking import check_tolerances
 from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Status, policy
 from hybrid_sysid_ros.control.closed_loop import Loop
 from hybrid_sysid_ros.control.linear_quadratic_regulator import LinearQuadraticRegulator
@@ -143,7 +144,7 @@ def competitors(rig: Rig, model: Model) -> tuple[Problem, dict[str, Timed], dict
     """The problem of the MPC, the controllers, and how each controller or law drives a loop, by name."""
     imitation = policy.load(configuration.shipped(RIG, "policy"), model=model)
     problem, equation = imitation.problem, model.equation
-    tolerances = configuration.check_tolerances(configuration.defaults(RIG, "controller"), rig, problem)
+    tolerances = check_tolerances(configuration.defaults(RIG, "controller"), rig, problem)
     timed = {
         "LQR": Timed(
             LinearQuadraticRegulator(equation, problem, smoothing=REGULATOR_SMOOTHING, preview=False),

@@ -169,7 +169,7 @@ app.command("search")(search_command)
 @app.command("run")
 def run_command(
     rig: RigName = "cam_beam",
-    policy: Annotated[str, typer.Option(help="approximate or exact.")] = "approximate",
+    policy: Annotated[str, typer.Option(help="supervised, network or exact.")] = "supervised",
     model: Annotated[Path | None, typer.Option(help="Model folder; the shipped one by default.")] = None,
     policy_path: Annotated[Path | None, typer.Option(help="Policy folder; the shipped one by default.")] = None,
     rate: Annotated[float, typer.Option(help="Measurements per second.")] = 200.0,

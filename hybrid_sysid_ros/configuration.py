@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.control import Problem
-from hybrid_sysid_ros.control.certified_policy import Criteria, Distribution
-from hybrid_sysid_ros.control.online_check import Tolerances
 from hybrid_sysid_ros.control.sampling import Spread
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.estimation import Channel, Tuning
@@ -213,7 +211,26 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig) -> Problem:
         output_scale=rig.sensor.radians_per_volt,
         smoothing=values["smoothing"],
         max_iterations=values["max_iterations"],
+        input_weight=values["input_weight"],
+        rate_limit=values["rate_limit"] or math.inf,
+        state_bounds=_state_bounds(values, rig),
+        soft_linear=values["soft_linear"],
+        soft_quadratic=values["soft_quadratic"],
+        literal=values["literal"],
     )
+
+
+def _state_bounds(values: Mapping[str, Any], rig: Rig) -> tuple[tuple[float, float], ...]:
+    """Soft bounds of the rig's states, none where no parameter sets one."""
+    position = rig.sensor.radians_per_volt * values["position_limit_volts"] or math.inf
+    velocity = values["velocity_limit"] or math.inf
+    if math.isinf(position) and math.isinf(velocity):
+        return ()
+    limits = [math.inf] * len(rig.equation.states)
+    for output in rig.equation.outputs:
+        limits[output] = position
+        limits[rig.equation.kinematics[output]] = velocity
+    return tuple((-limit, limit) for limit in limits)
 
 
 def sampling_spread(rig: Rig) -> Spread:
@@ -230,55 +247,6 @@ def sampling_spread(rig: Rig) -> Spread:
     except (KeyError, TypeError) as error:
         needs = "amplitude, disturbance, input_jitter and kick; it may have parameters"
         raise UserError(f"{path}: policy_training: needs {needs}") from error
-
-
-def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: Problem) -> Tolerances:
-    """Tolerances of the online check from the parameters of the node `controller`.
-
-    What the sensor's noise costs can't be told from nothing: a plan may be costlier by an error of that size at every
-    sample of the horizon.
-    """
-    return Tolerances(
-        cost=values["check_cost"],
-        floor=problem.horizon * _noise_cost(rig, problem),
-        violation=rig.sensor.radians_per_volt * rig.sensor.noise_volts,
-        disturbance=values["check_disturbance"],
-        patience=values["check_patience"],
-    )
-
-
-def certification(rig: Rig, problem: Problem, *, plant: str) -> tuple[Distribution, Criteria]:
-    """What the loops of a certificate are made of, and what they must keep; plant: what stands for it, in words.
-
-    Raises:
-        UserError: section policy_certificate lacks a number.
-    """
-    path = configuration_of(rig.name)
-    section = _section(load_configuration(path), "policy_certificate", path)
-    scale = rig.sensor.radians_per_volt
-    try:
-        distribution = Distribution(
-            spread=sampling_spread(rig),
-            seconds=section["seconds"],
-            state_error=tuple(scale * value for value in section["state_error"]),
-            disturbance_error=section["disturbance_error"],
-            plant=plant,
-        )
-        criteria = Criteria(
-            input_error=section["input_error"],
-            cost_share=section["cost_share"],
-            cost_floor=_noise_cost(rig, problem),
-        )
-    except (KeyError, TypeError) as error:
-        needed = "seconds, state_error, disturbance_error, input_error and cost_share"
-        raise UserError(f"{path}: policy_certificate: needs {needed}") from error
-    return distribution, criteria
-
-
-def _noise_cost(rig: Rig, problem: Problem) -> float:
-    """Cost of an error as large as the sensor's noise, at one sample."""
-    noise = rig.sensor.radians_per_volt * rig.sensor.noise_volts / problem.output_scale
-    return problem.output_weight * noise**2
 
 
 def _section(content: Mapping[str, Any], key: str, path: Path, *, within: str = "") -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,17 +9,13 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros import configuration
-from hybrid_sysid_ros.control import policy as policies
+from hybrid_sysid_ros.checking import subject_of
 from hybrid_sysid_ros.control.certificate import FILE, LEAST_LOOPS, Certificate
 from hybrid_sysid_ros.control.certification import certify
 from hybrid_sysid_ros.control.certified_policy import JUDGED, Subject
 from hybrid_sysid_ros.control.online_check import REASONS
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.progress import progress_bars
-from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.terminal import Seed, console, status
 
@@ -73,33 +68,6 @@ def policy_certify_command(
     console.print(str(policy / FILE))
 
 
-def subject_of(policy: Path, model: Path | None, *, seed: int, seconds: float | None) -> Subject:
-    """A policy on its rig's plant, by the rig's configuration. Raises UserError where policy and model don't fit."""
-    seal = storage.digest(policy, kind="policy")
-    rig_name = policies.load(policy, certified=False).rig
-    rig = load_rig(rig_name)
-    loaded = load_model(model or configuration.shipped(rig_name, "model"))
-    imitation = policies.load(policy, model=loaded, certified=False)
-    alike = [item.name for item in rig.equation.states] == [item.name for item in loaded.equation.states]
-    plant, words = (rig.equation, f"the rig {rig_name}") if alike else (loaded.equation, "the model")
-    distribution, criteria = configuration.certification(
-        rig, imitation.problem, plant=f"{words}, its parameters spread"
-    )
-    if seconds is not None:
-        distribution = replace(distribution, seconds=seconds)
-    values = configuration.defaults(rig_name, "controller")
-    return Subject(
-        policy=imitation,
-        seal=seal,
-        plant=plant,
-        model=loaded.equation,
-        distribution=distribution,
-        criteria=criteria,
-        tolerances=configuration.check_tolerances(values, rig, imitation.problem),
-        seed=seed,
-    )
-
-
 def tables(certificate: Certificate) -> list[Table]:
     """What was counted, and the worst cases."""
     criteria, rates = certificate.criteria, certificate.rates
@@ -143,7 +111,7 @@ def summary(certificate: Certificate) -> str:
 def track_table(subject: Subject, loop: int, driver: str) -> Table:
     """One loop, period by period."""
     draw, track = subject.again(loop, driver)
-    rig: Rig = load_rig(subject.policy.rig)
+    rig = load_rig(subject.policy.rig)
     output, scale, period = subject.policy.output, rig.sensor.radians_per_volt, subject.policy.problem.period
     table = Table("time [s]", "reference [V]", "position [V]", "input", "exact", "check", title_justify="left")
     table.title = f"loop {loop} of seed {subject.seed}, driven by {driver}"

@@ -215,7 +215,7 @@ class Session:
 def run(
     *,
     rig: str = configuration.DEFAULT_RIG,
-    policy: str = "approximate",
+    policy: str = "supervised",
     policy_path: Path | str = "",
     model: Path | str = "",
     rate: float = 200.0,

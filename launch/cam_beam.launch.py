@@ -14,7 +14,7 @@ PACKAGE = "hybrid_sysid_ros"
 NAMESPACE = "cam_beam"
 ARGUMENTS = {
     "rate": ("200.0", "measurements per second [Hz]"),
-    "policy": ("approximate", "approximate (the network) or exact (the MPC)"),
+    "policy": ("supervised", "supervised (the network, checked), network (unchecked) or exact (the MPC)"),
     "policy_path": ("", "folder of the network; empty: the shipped one"),
     "model": ("", "folder of the model; empty: the shipped one"),
     "reference": ("hardware", "hardware, constant, steps, sine or multisine"),

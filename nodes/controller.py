@@ -6,6 +6,8 @@ import math
 import sys
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -14,8 +16,12 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from hybrid_sysid_ros.checking import check_tolerances
 from hybrid_sysid_ros.configuration import mpc_problem, shipped
-from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, policy
+from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Problem, policy
+from hybrid_sysid_ros.control.policy import Policy
+from hybrid_sysid_ros.control.supervisor import LAYERS, Supervisor
+from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.nodes.base import OK, WARN, RigNode, run
 from hybrid_sysid_ros.nodes.messages import SECOND, entry, fill, joint_state, nanoseconds, set_nanoseconds
@@ -26,15 +32,16 @@ from hybrid_sysid_ros.nodes.timing import Timing
 RESTART = SECOND  # a stamp so far before the last one is a new experiment
 WATCH_PERIOD = 0.05  # s, between two looks whether estimates still come
 SHOW_PERIOD = 0.1  # s, between two predicted trajectories
-NO_REFERENCE, HELD, ZEROED = "no reference", "held", "zeroed"  # layers of safety, beside the plan's own status
+NO_REFERENCE, HELD, ZEROED = "no reference", "held", "zeroed"  # layers of safety, beside those of the controller
 SOUND = {"solved", "iterated", "policy"}
 
 
 class ControllerNode(RigNode):
     """state_estimate and reference in; joint_command out with the stamp of the estimate.
 
-    Layers, each counted: the plan of the policy or the exact MPC, which stands in itself where there is no solution;
-    for an estimate that is no number or older than stale_after the last command; from zero_after on, zero. Until the
+    Layers, each counted: the network's plan; where that does not pass its check, the exact MPC's; where that is late or
+    has no solution, the rest of the last plan; for an estimate that is no number or older than stale_after the last
+    command; from zero_after on, zero. Without supervision the network or the exact MPC is the first layer. Until the
     first reference comes the joint is held where it was found. In lockstep an estimate waits for a reference that
     covers its preview instead. joint_command is advertised once there are estimates to expect.
     """
@@ -64,13 +71,44 @@ class ControllerNode(RigNode):
     def new_controller(self, model: Model) -> Controller:
         """The controller that the parameters name."""
         settings = self.settings
+        asked = mpc_problem(settings, self.rig)
         if settings["policy"] == "exact":
-            return ExactMpc(model.equation, mpc_problem(settings, self.rig))
-        return policy.load(settings["policy_path"] or shipped(self.rig.name, "policy"), model=model)
+            return self.exact(model, asked)
+        path = Path(settings["policy_path"] or shipped(self.rig.name, "policy"))
+        network = policy.load(path, model=model)
+        self.look_at(network, path, asked)
+        if settings["policy"] == "network":
+            return network
+        tolerances = check_tolerances(settings, self.rig, network.problem)
+        return Supervisor(network, self.exact(model, network.problem), tolerances)
+
+    def exact(self, model: Model, problem: Problem) -> ExactMpc:
+        """The exact MPC. In lockstep it takes its time, so that a run repeats."""
+        limit = math.inf if self.lockstep else self.settings["time_limit"] or math.inf
+        clock = None if math.isinf(limit) else perf_counter
+        real_time = self.settings["real_time"]
+        return ExactMpc(model.equation, problem, real_time=real_time, time_limit=limit, clock=clock)
+
+    def look_at(self, network: Policy, path: Path, asked: Problem) -> None:
+        """Say what a user should know about a network; refuse one without a certificate where one is required."""
+        if network.certificate is None:
+            missing = f"{path}: has no certificate: hybrid-sysid policy certify {path} makes one"
+            if self.settings["certificate"] == "require":
+                raise UserError(missing)
+            self.get_logger().warning(missing)
+        made = network.problem
+        names = [item.name for item in fields(Problem) if getattr(asked, item.name) != getattr(made, item.name)]
+        if names:
+            self.get_logger().warning(
+                f"{path}: was trained with other values of {', '.join(names)} than the parameters say, and keeps them"
+            )
 
     def begin(self) -> None:
         """Begin anew, nothing counted."""
         self.layers: Counter[str] = Counter()
+        self.statuses: Counter[str] = Counter()
+        if isinstance(self.controller, Supervisor):
+            self.controller.reasons.clear()
         self.malformed = self.rejected_references = self.repeated = self.troubles = 0
         self.execution, self.age = Timing(), Timing()
         self.forget()
@@ -152,7 +190,8 @@ class ControllerNode(RigNode):
         preview = self.reference(stamp)
         plan = self.controller.control(state, np.array([disturbance]), np.array([self.input]), preview)
         self.sound = stamp
-        self.layers[plan.status.value] += 1
+        self.layers[LAYERS[plan.status]] += 1
+        self.statuses[plan.status.value] += 1
         self.execution.add(perf_counter() - began)
         self.send(float(plan.input[0]))
         self.controller.prepare((stamp - self.answered) / SECOND if self.answered else 0.0)
@@ -204,22 +243,29 @@ class ControllerNode(RigNode):
         self.predictions.publish(message)
 
     def health(self) -> tuple[bytes, str, Mapping[str, object]]:
-        layers = {f"layer_{name.replace(' ', '_')}": count for name, count in sorted(self.layers.items())}
         values = {
             "policy": self.settings["policy"],
             "commands": sum(count for name, count in self.layers.items() if name != NO_REFERENCE),
-            **layers,
+            **named("layer", self.layers),
+            **named("status", self.statuses),
+            **(named("check", self.controller.reasons) if isinstance(self.controller, Supervisor) else {}),
             "malformed_messages": self.malformed,
             "rejected_references": self.rejected_references,
             "repeated_estimates": self.repeated,
             **self.execution.report("execution"),
             **self.age.report("estimate_age"),
         }
-        troubles = self.malformed + sum(count for name, count in self.layers.items() if name not in SOUND)
+        troubles = self.malformed + sum(count for name, count in self.statuses.items() if name not in SOUND)
+        troubles += sum(self.layers[name] for name in (NO_REFERENCE, HELD, ZEROED))
         before, self.troubles = self.troubles, troubles
         if troubles != before:
             return WARN, "commands that are not the plan's", values
         return OK, "running" if self.stamp else "waiting for estimates", values
+
+
+def named(prefix: str, counts: Mapping[str, int]) -> dict[str, int]:
+    """Counts by a key of the diagnostics."""
+    return {f"{prefix}_{name.replace(' ', '_')}": count for name, count in sorted(counts.items())}
 
 
 def main() -> int:

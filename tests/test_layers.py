@@ -24,7 +24,7 @@ LAYERS = [  # from the bottom up; a room (file or folder of the package) imports
     {"models"},
     {"control", "estimation", "identification", "loop"},
     {"configuration", "experiments", "lecture", "search", "terminal"},
-    {"report", "session", "training"},
+    {"checking", "report", "session", "training"},
     {"demo"},
     {
         "cli",

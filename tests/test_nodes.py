@@ -5,6 +5,7 @@ The executor spins in the test, until what is waited for has happened; nothing s
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -15,8 +16,11 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.control import policy as policies
+from hybrid_sysid_ros.control.certificate import Certificate
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.estimation import METHODS
+from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.signals import Signals
 
@@ -352,7 +356,7 @@ class Wheel:
         self.references = bench.speak("reference", JointTrajectory)
         self.commands = bench.listen("joint_command")
         self.controller: ControllerNode = bench.start(
-            ControllerNode, model=str(model), policy_path=str(network), **parameters
+            ControllerNode, **{"model": str(model), "policy_path": str(network), "policy": "network", **parameters}
         )
         bench.until(
             lambda: (
@@ -470,6 +474,90 @@ def test_the_exact_mpc_answers_and_shows_its_plan(bench: Bench, model_folder: Pa
     assert plans[0].points[-1].positions[0] == pytest.approx(VOLT, rel=0.1)
 
 
+def test_the_exact_mpc_keeps_a_rate_limit(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
+    wheel = Wheel(bench, model_folder, policy_folder, lockstep=True, policy="exact", rate_limit=0.5)
+    wheel.refer([VOLT] * 3)
+    commands = [wheel.command(0.0) for _ in range(4)]
+    np.testing.assert_allclose(np.diff(commands, prepend=0.0), 0.5, atol=1e-6)
+
+
+@pytest.fixture
+def planning_folder(model_folder: Path, policy_folder: Path, tmp_path: Path) -> Path:
+    """The rig's P controller again, which means to hold its input for the whole horizon."""
+    policy = policies.load(policy_folder)
+    hidden, (matrix, bias) = policy.layers
+    outputs = policy.horizon
+    wide = np.full(len(policy.centre), 1e6)
+    network = dataclasses.replace(
+        policy,
+        layers=(hidden, (np.repeat(matrix, outputs, axis=0), np.repeat(bias, outputs))),
+        training_range=dataclasses.replace(policy.training_range, low=-wide, high=wide, reach=1e9),
+    )
+    features = policy.check[0]
+    folder = tmp_path / "planning"
+    dataclasses.replace(network, check=(features, network.evaluate(features))).save(folder)
+    return folder
+
+
+def test_under_supervision_the_network_drives_while_its_plans_are_good(
+    bench: Bench, model_folder: Path, planning_folder: Path
+) -> None:
+    """At rest on the reference the P controller's plan is as good as any; from afar it is not."""
+    wheel = Wheel(bench, model_folder, planning_folder, lockstep=True, policy="supervised", check_patience=2)
+    wheel.refer([0.0] * 3)
+    at_rest = [wheel.command(0.0) for _ in range(4)]
+    assert at_rest[-1] == pytest.approx(1.0)
+    assert wheel.controller.layers == {"exact": 1, "policy": 3}
+    far = [wheel.command(2 * VOLT) for _ in range(2)]
+    assert all(abs(command - (1.0 - 6.0)) > 0.1 for command in far)
+    assert wheel.controller.layers == {"exact": 3, "policy": 3}
+    for _ in range(4):
+        wheel.command(0.0)
+    assert wheel.controller.layers["policy"] > 3
+    values: Any = wheel.controller.health()[2]
+    assert values["layer_exact"] == wheel.controller.layers["exact"]
+    solved = values.get("status_solved", 0) + values.get("status_not_converged", 0)  # at rest friction has corners
+    assert solved == values["layer_exact"]
+    assert values["check_costlier_than_the_shifted_plan"] >= 2
+    checks = [count for name, count in values.items() if name.startswith("check_")]
+    assert sum(checks) == values["commands"] == 10
+
+
+def test_a_network_of_first_inputs_can_t_be_supervised(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
+    with pytest.raises(UserError, match="gives 1 of the 20 inputs of a plan"):
+        bench.start(ControllerNode, model=str(model_folder), policy_path=str(policy_folder))
+
+
+def test_a_certificate_must_be_the_policy_s_own_and_may_be_required(
+    bench: Bench, model_folder: Path, planning_folder: Path
+) -> None:
+    given = {"model": str(model_folder), "policy_path": str(planning_folder), "policy": "network"}
+    with pytest.raises(UserError, match="has no certificate: hybrid-sysid policy certify"):
+        bench.start(ControllerNode, **given, certificate="require")
+    seal = storage.digest(planning_folder, kind="policy")
+    made = Certificate(
+        policy=seal,
+        model=policies.load(planning_folder).model,
+        loops=30_000,
+        seed=0,
+        delta=0.01,
+        distribution={},
+        criteria={},
+        rates={"network": {"all": 1.0}},
+        check={},
+        exact={},
+        worst=[],
+        made={},
+    )
+    made.save(planning_folder)
+    bench.start(ControllerNode, **given, certificate="require")
+    path = planning_folder / "certificate.yaml"
+    path.write_text(path.read_text().replace("loops: 30000", "loops: 90000"))
+    with pytest.raises(UserError, match="was altered") as told:
+        bench.start(ControllerNode, **given)
+    assert "\n" not in str(told.value)
+
+
 # All together
 
 
@@ -479,7 +567,8 @@ def closed_loop(domain: int, model: Path, policy: Path, steps: int) -> tuple[lis
         measurements, commands = bench.listen("joint_states"), bench.listen("joint_command")
         bench.start(ReferenceNode, lockstep=True)
         bench.start(EstimatorNode, model=str(model), latency=0.0)
-        bench.start(ControllerNode, model=str(model), policy_path=str(policy), lockstep=True, latency=0.0)
+        network = {"policy": "network", "policy_path": str(policy)}
+        bench.start(ControllerNode, model=str(model), lockstep=True, latency=0.0, **network)
         bench.start(PlantNode, lockstep=True, wait_for_readers=3, seed=5)
         bench.until(lambda: len(measurements) >= steps and len(commands) >= steps)
         return measurements[:steps], [command.effort[0] for command in commands[:steps]]
@@ -502,7 +591,8 @@ def test_a_recorded_bag_is_a_record(domain: int, tmp_path: Path, model_folder: P
     recorder = bench.start(RecorderNode, path=str(tmp_path / "bag"))
     bench.start(ReferenceNode, lockstep=True)
     bench.start(EstimatorNode, model=str(model_folder), latency=0.0)
-    bench.start(ControllerNode, model=str(model_folder), policy_path=str(policy_folder), lockstep=True, latency=0.0)
+    network = {"policy": "network", "policy_path": str(policy_folder)}
+    bench.start(ControllerNode, model=str(model_folder), lockstep=True, latency=0.0, **network)
     plant = bench.start(PlantNode, lockstep=True, wait_for_readers=3, duration=1.0)
     bench.until(plant.finished.done)
     plant.report()
@@ -587,7 +677,7 @@ def test_a_preview_is_straight_between_points_and_held_beyond() -> None:
         (PlantNode, {"rat": 100.0}, "unknown parameter rat: known are rig, rate"),
         (PlantNode, {"rig": "crane"}, "no configuration for a rig 'crane'"),
         (EstimatorNode, {"model": "/nowhere"}, "/nowhere"),
-        (ControllerNode, {"policy": "best"}, "parameter policy is 'best': choose one of approximate, exact"),
+        (ControllerNode, {"policy": "best"}, "parameter policy is 'best': choose one of supervised, network, exact"),
         (ReferenceNode, {"publish_period": 0.007}, "it must be a multiple of point_spacing"),
         (ReferenceNode, {"preview_seconds": 0.05}, "it must be more than publish_period"),
         (ReferenceNode, {"kind": "multisine", "frequency": 0.01}, "a multisine needs more than"),

@@ -24,6 +24,7 @@ LAYERS = {
     Status.NOT_CONVERGED: "exact",
     Status.LATE: "shifted plan",
     Status.FAILED: "shifted plan",
+    Status.FEEDBACK: "feedback",
     Status.HELD: "held",
 }
 """What stands behind an answer, by its status."""
