@@ -49,7 +49,7 @@ NEIGHBOURS = {  # and from these of its own layer
 ROS = re.compile(r"(rcl\w*|ros2\w*|rosbag2\w*|rosidl\w*|ament_\w+|tf2_\w+|\w+_msgs|\w+_interfaces|std_srvs)")
 LAUNCH = re.compile(r"launch\w*")
 KEPT_IN = {  # heavy libraries, and the files that may import them
-    "torch": re.compile(r"(control/(policy_(network|training)|soap)|identification/gradient_training)\.py"),
+    "torch": re.compile(r"(control/policy_(network|training)|identification/gradient_training)\.py"),
     "sysidentpy": re.compile(r"identification/term_selection\.py"),
     "optuna": re.compile(r"search/.*"),
     "joblib": re.compile(r"search/.*"),
@@ -59,7 +59,7 @@ KEPT_IN = {  # heavy libraries, and the files that may import them
     "plotly": re.compile(r"report/.*"),
     "jinja2": re.compile(r"report/.*"),
 }
-AT_THE_TOP = re.compile(r"control/(policy_(network|training)|soap)\.py|report/(charts|\w*figures)\.py")
+AT_THE_TOP = re.compile(r"control/policy_(network|training)\.py|report/(charts|\w*figures)\.py")
 """Files that import one of them at once, and are themselves imported late; all others import it where they use it."""
 
 

@@ -1,4 +1,4 @@
-"""A policy's network in torch: the derivatives it is told, the bounds it may pass, and the steps it takes."""
+"""A policy's network in torch: the derivatives it is told, the bounds it may pass, and its descent."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,6 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from hybrid_sysid_ros.control import policy_network as networks  # noqa: E402
-from hybrid_sysid_ros.control.soap import Soap  # noqa: E402
 from hybrid_sysid_ros.control.training_settings import Settings  # noqa: E402
 
 
@@ -26,50 +25,6 @@ def test_an_answer_beyond_the_bound_is_right_where_the_bound_is():
     targets = torch.tensor([1.0, 1.0, -1.0, 0.5])
     answers = torch.tensor([1.7, 0.6, -3.0, 0.7])
     np.testing.assert_allclose(networks.beyond_bounds(answers, targets), [0.0, -0.4, 0.0, 0.2], atol=1e-6)
-
-
-def descended(start, loss, steps, rate):
-    parameter = torch.nn.Parameter(start.clone())
-    optimiser = Soap([parameter], rate=rate)
-    for _ in range(steps):
-        optimiser.zero_grad()
-        loss(parameter).backward()
-        optimiser.step()
-    return parameter.detach()
-
-
-def test_on_vectors_it_is_adam():
-    """But for its first step, which only looks."""
-    scale = torch.tensor([1.0, 5.0, 0.3])
-
-    def loss(x):
-        return torch.sum((scale * (x - 1.0)) ** 4)
-
-    start = torch.tensor([3.0, -1.0, 0.5])
-    peer = torch.nn.Parameter(start.clone())
-    adam = torch.optim.Adam([peer], lr=0.05, betas=(0.95, 0.95), eps=1e-8)
-    for _ in range(40):
-        adam.zero_grad()
-        loss(peer).backward()
-        adam.step()
-    np.testing.assert_allclose(descended(start, loss, 41, 0.05), peer.detach(), rtol=1e-4)
-
-
-def test_on_matrices_it_does_not_care_for_the_axes():
-    """Steps on W and on U W V' are the same but for U and V; those of Adam are not."""
-    random = torch.Generator().manual_seed(4)
-    U, V = (torch.linalg.qr(torch.randn(n, n, generator=random).double())[0] for n in (5, 4))
-    left, right = torch.randn(6, 5, generator=random).double(), torch.randn(4, 7, generator=random).double()
-    target = torch.randn(6, 7, generator=random).double()
-
-    def loss(W):
-        return torch.mean((left @ W @ right - target) ** 2)
-
-    start = torch.randn(5, 4, generator=random).double()
-    plain = descended(start, loss, 30, 0.02)
-    turned = descended(U @ start @ V.T, lambda W: loss(U.T @ W @ V), 30, 0.02)
-    assert torch.max(torch.abs(plain - start)) > 0.1
-    np.testing.assert_allclose(turned, U @ plain @ V.T, atol=1e-6)
 
 
 def test_a_descent_finds_a_function_that_the_network_can_be():

@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from pytorch_optimizer import SOAP
 
-from hybrid_sysid_ros.control.soap import Soap
 from hybrid_sysid_ros.control.training_settings import Settings
 
 Array = NDArray[np.float64]
@@ -31,15 +31,19 @@ def descend(
     seed: int,
     progress: Callable[[int, int], None],
 ) -> None:
-    """SOAP over shuffled batches of ``count`` samples, its rate falling along a cosine from batch to batch."""
-    optimiser = Soap(network.parameters(), rate=settings.rate)
+    """SOAP over shuffled batches of ``count`` samples, its rate falling along a cosine from batch to batch.
+
+    Adam in the eigenbasis of Shampoo's preconditioner (Vyas et al. 2025, ICLR): on small dense networks it reaches in a
+    few epochs what Adam does not in many.
+    """
+    optimiser = SOAP(network.parameters(), lr=settings.rate, weight_decay=0.0)
     steps, done = epochs * math.ceil(count / settings.batch), 0
     generator = torch.Generator().manual_seed(seed)
     for epoch in range(epochs):
         for rows in _batches(count, settings.batch, generator):
-            optimiser.rate = (
-                settings.rate * min(1.0, (done + 1) / WARM_UP) * math.cos(0.5 * math.pi * done / steps) ** 2
-            )
+            rate = settings.rate * min(1.0, (done + 1) / WARM_UP) * math.cos(0.5 * math.pi * done / steps) ** 2
+            for group in optimiser.param_groups:
+                group["lr"] = rate
             optimiser.zero_grad()
             loss(network, rows).backward()
             optimiser.step()
