@@ -1,0 +1,139 @@
+"""hybrid-sysid policy certify: what a user sees, and what the configuration makes of the numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros import cli, configuration
+from hybrid_sysid_ros.checking import certification, check_tolerances, subject_of
+from hybrid_sysid_ros.control import policy as policies
+from hybrid_sysid_ros.control.certificate import FILE
+from hybrid_sysid_ros.models import Model, Sampling, load
+from hybrid_sysid_ros.models.linear import Linear
+from hybrid_sysid_ros.rigs.rig import Rig
+
+
+@pytest.fixture(scope="module")
+def linear_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("linear") / "model"
+    Model(
+        rig="cam_beam",
+        structure="linear",
+        equation=Linear(gain=5.0, centre=0.9, stiffness=24.0, damping=22.0, input_delay=0.005),
+        sampling=Sampling(),
+        names=(),
+        covariance=np.zeros((0, 0)),
+        training_range={},
+    ).save(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def planning_folder(policy_folder: Path, linear_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The rig's P controller, which means to hold its input, as a policy of a linear model."""
+    policy = policies.load(policy_folder)
+    hidden, (matrix, bias) = policy.layers
+    rows = policy.horizon
+    layers = (hidden, (np.repeat(matrix, rows, axis=0), np.repeat(bias, rows)))
+    made = dataclasses.replace(policy, layers=layers, model=load(linear_folder).seal)
+    folder = tmp_path_factory.mktemp("planning") / "policy"
+    dataclasses.replace(made, check=(policy.check[0], made.evaluate(policy.check[0]))).save(folder)
+    return folder
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["hybrid-sysid", "policy", "certify", *map(str, arguments)])
+        status = 0
+        try:
+            cli.main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return run
+
+
+def test_a_policy_is_certified_and_a_worst_case_shown(command, planning_folder, linear_folder):
+    given = (planning_folder, "--model", linear_folder, "--seconds", "0.2", "--seed", "3")
+    status, out, error = command(*given, "--loops", "12", "--workers", "1")
+    assert status == 0, error
+    certificate = policies.load(planning_folder).certificate
+    assert certificate is not None
+    assert (certificate.loops, certificate.seed, certificate.distribution["periods"]) == (12, 3, 10)
+    assert certificate.distribution["plant"].startswith("the rig cam_beam")
+    assert str(planning_folder / FILE) in out
+    worst = certificate.worst[0]
+    assert f"{worst['input_error']:.3f}" in out
+    status, out, error = command(*given, "--again", worst["loop"])
+    assert status == 0, error
+    lines = [line for line in out.splitlines() if line.startswith("│")]
+    assert len(lines) == 10
+    cells = [cell.strip() for cell in lines[worst["period"]].split("│")]
+    assert abs(float(cells[4]) - float(cells[5])) == pytest.approx(worst["input_error"], abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--delta", "0"), "say nothing"),
+        (("--again", "0", "--driver", "nobody"), "choose one of network, supervised, exact"),
+        (("--model", "/nowhere"), "/nowhere"),
+    ],
+)
+def test_a_wrong_argument_gets_one_line(command, planning_folder, linear_folder, arguments, words):
+    status, _, error = command(planning_folder, "--model", linear_folder, *arguments)
+    assert status == 2
+    assert error.startswith("error: ")
+    assert len(error.strip().splitlines()) == 1
+    assert words in error
+
+
+def test_a_policy_of_another_model_is_not_certified(command, planning_folder):
+    status, _, error = command(planning_folder)
+    assert status == 2
+    assert "was trained for another model" in error
+
+
+def test_a_folder_that_is_no_policy_gets_one_line(command, tmp_path):
+    status, _, error = command(tmp_path)
+    assert status == 2
+    assert len(error.strip().splitlines()) == 1
+
+
+# The numbers
+
+
+def test_the_floor_of_the_cost_is_that_of_the_sensor_s_noise(rig: Rig):
+    """An error of .052 V at each of 20 samples, at 100 per V^2."""
+    values = configuration.defaults("cam_beam", "controller")
+    problem = configuration.mpc_problem(values, rig)
+    assert rig.sensor.noise_volts == pytest.approx(0.052)
+    assert check_tolerances(values, rig, problem).floor == pytest.approx(20 * 100 * 0.052**2)
+    _, criteria = certification(rig, problem, plant="a plant")
+    assert criteria.cost_floor == pytest.approx(100 * 0.052**2)
+    assert criteria.input_error == configuration.defaults("cam_beam", "estimator")["disturbance_limit"]
+
+
+def test_the_loops_are_twice_the_horizon_and_of_what_the_configuration_says(rig: Rig, planning_folder, linear_folder):
+    subject = subject_of(planning_folder, linear_folder, seed=1)
+    assert subject.periods == 2 * subject.policy.horizon
+    draws = [subject.draw(loop) for loop in range(2000)]
+    volt = rig.sensor.radians_per_volt
+    errors = np.concatenate([draw.errors for draw in draws])
+    np.testing.assert_allclose(errors.std(axis=0), [0.01 * volt, 0.6 * volt, 0.05], rtol=0.05)
+    disturbances = np.concatenate([draw.disturbances for draw in draws])
+    assert disturbances.std() == pytest.approx(subject.distribution.spread.disturbance, rel=0.05)
+    inputs = np.concatenate([draw.input for draw in draws])
+    assert -10.0 <= inputs.min() < -9.9
+    assert 9.9 < inputs.max() <= 10.0
+    pushes = np.concatenate([draw.pushes for draw in draws])
+    assert np.mean(np.any(pushes != 0.0, axis=1)) == pytest.approx(0.05, rel=0.1)
+    gains = np.array([draw.parameters.gain for draw in draws]) / rig.equation.named.gain
+    assert gains.std() == pytest.approx(0.1, rel=0.05)
