@@ -265,6 +265,10 @@ def test_in_real_time_it_answers_with_one_iteration(broken, real_time):
     assert statuses == [Status.SOLVED, *[Status.ITERATED if real_time else Status.SOLVED] * 5]
 
 
+def test_every_status_has_a_layer():
+    assert set(LAYERS) == set(Status)
+
+
 # Sanity
 
 
