@@ -29,7 +29,7 @@ from hybrid_sysid_ros.control.sample_store import SampleStore
 from hybrid_sysid_ros.control.sampling import Samples, Spread, sample
 from hybrid_sysid_ros.control.sampling_pool import SamplingPool
 from hybrid_sysid_ros.control.training_range import TrainingRange
-from hybrid_sysid_ros.control.training_settings import Settings
+from hybrid_sysid_ros.control.training_settings import MOST_EPISODES, Settings
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.threads import one_torch_thread
@@ -86,7 +86,7 @@ def train(
                 slope_share=settings.slope_share if settings.slope_weight else 0.0,
                 adaptation=settings.adaptation,
             )
-            seeds = [seed * 1_000_003 + 10_000 * number + index for index in range(episodes)]
+            seeds = [seed * 1_000_003 + MOST_EPISODES * number + index for index in range(episodes)]
             report = partial(progress or _silent, f"round {number + 1}: closed loops of the exact MPC")
             new = pool.run(work, seeds, report)
             sampling += time.perf_counter() - started
@@ -96,18 +96,18 @@ def train(
             last = number == len(settings.episodes) - 1
             epochs = settings.epochs if last else -(-settings.epochs // 3)
             report = partial(progress or _silent, f"round {number + 1}: epochs of training")
-            data = Samples.joined(parts), Samples.joined(held)
-            network, policy = _fit(model, problem, *data, settings, epochs, seed, network, report)
+            samples, unseen = Samples.joined(parts), Samples.joined(held)
+            network, policy = _fit(model, problem, samples, unseen, settings, epochs, seed, network, report)
     assert policy is not None
     if settings.adaptation.names:
-        policy = _corrected(policy, model, Samples.joined(parts), settings, seed, progress or _silent)
+        policy = _corrected(policy, model, samples, settings, seed, progress or _silent)
     measured = {
         **policy.training,
         "seed": seed,
         "rounds": list(settings.episodes),
-        "samples": len(Samples.joined(parts).inputs),
-        "validation_samples": len(Samples.joined(held).inputs),
-        "dropped": Samples.joined(parts + held).dropped,
+        "samples": len(samples.inputs),
+        "validation_samples": len(unseen.inputs),
+        "dropped": samples.dropped + unseen.dropped,
         "sampling_seconds": round(sampling, 1),
         "seconds": round(time.perf_counter() - began, 1),
     }

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hybrid_sysid_ros.control.adaptation import Adaptation
-from hybrid_sysid_ros.control.controller import Controller, Status
+from hybrid_sysid_ros.control.controller import Controller, Plan, Status
 from hybrid_sysid_ros.control.mpc import ExactMpc
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.equations import Equation, kernels
@@ -21,9 +21,10 @@ KICKS, CHANGES, UNMOVED = 0.05, 0.02, 0.3
 """Shares of the periods that begin with a push of the state, with another input offset, and with state and previous
 input as they are."""
 
-LIVELINESS = 0.01
-"""Of the quietest loops, in that of the liveliest: sizes of pushes are spread evenly in their magnitude, for as much is
-asked of a policy near rest as at full swing."""
+LIVELY, LIVELINESS, RESTARTS = 0.5, 0.01, 0.04
+"""Share of the lively loops, whose pushes have full size; size of the pushes of the quietest others, all magnitudes
+between being alike, for as much is asked of a policy near rest as at full swing; share of a lively loop's periods in
+which it begins anew."""
 
 JITTER = 0.2
 """By which a state is moved before the MPC is asked, in pushes: an estimate is not the state, and a beam that rests has
@@ -106,6 +107,17 @@ def reference(random: np.random.Generator, amplitude: float) -> Reference:
     return ramp
 
 
+def _solved(expert: ExactMpc, question: tuple[Array, Array, Array, Array]) -> Plan:
+    """The answer, asked for twice where that is needed: from a cold start one question in ten takes so long."""
+    answer = expert.control(*question)
+    return answer if answer.status is Status.SOLVED else expert.control(*question)
+
+
+def _push(random: np.random.Generator, spread: Spread) -> Array:
+    """By how much a push of full size moves the state (states,)."""
+    return random.normal(size=len(spread.kick)) * np.array(spread.kick)
+
+
 def _magnitude(random: np.random.Generator, least: float) -> float:
     """A number within ``least`` and 1, all magnitudes alike."""
     return float(least ** random.uniform())
@@ -145,19 +157,17 @@ def sample(
         for index in range(len(followed.names))
     ]
     target = reference(random, spread.amplitude)
-    liveliness = _magnitude(random, LIVELINESS)
+    lively = random.uniform() < LIVELY
+    liveliness = 1.0 if lively else _magnitude(random, LIVELINESS)
     plant = drawn(equation, spread.parameters, random)
     scale, horizon, limit, states = problem.output_scale, problem.horizon, problem.input_limit, len(equation.states)
     periods = round(EPISODE_SECONDS / problem.period)
     wanted = scale * target(problem.period * np.arange(1, periods + horizon + 1))
-    disturbance = np.array([random.normal() * spread.disturbance])
+    disturbance = np.zeros(1)
     output = equation.outputs[0]
-    state = np.zeros(states)
-    state[output] = scale * (float(target(0.0)) if random.uniform() < 0.5 else random.uniform(-1, 1) * spread.amplitude)
-    following = np.empty_like(state)
+    following = np.empty(states)
     advance, parameters, weights = kernels(plant).step, plant.named, plant.weights
     step = problem.period / problem.substeps
-    u = random.uniform(-1.0, 1.0) * limit
     kept = np.zeros(periods, dtype=bool)
     found = Samples(
         states=np.empty((periods, states)),
@@ -172,16 +182,23 @@ def sample(
     )
     for k in range(periods):
         preview = wanted[k : k + horizon]
+        if k == 0 or (lively and random.uniform() < RESTARTS):
+            state = liveliness * _push(random, spread)
+            state[output] = scale * random.uniform(-1, 1) * spread.amplitude if random.uniform() < 0.5 else preview[0]
+            disturbance[0] = random.normal() * spread.disturbance
+            u = random.uniform(-1.0, 1.0) * limit
+            for mpc in (expert, *(mpc for pair in shifted for mpc in pair)):
+                mpc.reset()
         if random.uniform() < KICKS:
-            state = state + liveliness * random.normal(size=states) * np.array(spread.kick)
+            state = state + liveliness * _push(random, spread)
         if random.uniform() < CHANGES:
             disturbance[0] = random.normal() * spread.disturbance
         asked, last = state, u
         if random.uniform() > UNMOVED:
-            asked = state + JITTER * liveliness * random.normal(size=states) * np.array(spread.kick)
+            asked = state + JITTER * liveliness * _push(random, spread)
             last = u + liveliness * random.normal() * spread.input_jitter
         question = (asked, disturbance, np.array([min(max(last, -limit), limit)]), preview)
-        answer = expert.control(*question)
+        answer = _solved(expert, question)
         kept[k] = answer.status is Status.SOLVED
         found.states[k], found.disturbances[k], found.previous[k] = asked, disturbance[0], question[2][0]
         found.previews[k] = preview
@@ -190,7 +207,7 @@ def sample(
             found.slopes[k] = expert.sensitivity()
         expert.prepare(problem.period)
         for index, pair in enumerate(shifted):
-            low, high = (mpc.control(*question) for mpc in pair)
+            low, high = (_solved(mpc, question) for mpc in pair)
             kept[k] &= low.status is Status.SOLVED and high.status is Status.SOLVED
             found.shifts[k, index] = (high.inputs - low.inputs)[:, 0]
             for mpc in pair:

@@ -7,6 +7,9 @@ from dataclasses import dataclass, field
 from hybrid_sysid_ros.control.adaptation import Adaptation
 from hybrid_sysid_ros.errors import UserError
 
+MOST_EPISODES = 10_000
+"""In a round; each round's loops have seeds of their own."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
@@ -23,14 +26,14 @@ class Settings:
     adaptation: parameters for whose estimates the policy learns a correction.
     """
 
-    episodes: tuple[int, ...] = (1000, 1000, 1000)
+    episodes: tuple[int, ...] = (800, 800, 800)
     hidden: tuple[int, ...] = (96, 96, 96)
     epochs: int = 30
     batch: int = 512
     rate: float = 3e-3
     workers: int = 0
     sequence: bool = True
-    levelling: float = 0.5
+    levelling: float = 0.3
     plan_weight: float = 0.3
     slope_weight: float = 0.0
     slope_share: float = 0.2
@@ -39,6 +42,8 @@ class Settings:
     def __post_init__(self) -> None:
         if not self.episodes or min(self.episodes) < 2:
             raise UserError(f"policy: episodes {self.episodes}: needs at least 2 closed loops in every round")
+        if max(self.episodes) > MOST_EPISODES:
+            raise UserError(f"policy: episodes {self.episodes}: takes at most {MOST_EPISODES} closed loops in a round")
         if not self.hidden or min((self.epochs, self.batch, *self.hidden)) < 1:
             raise UserError("policy: epochs, batch and the widths of the layers must be above 0")
         if not (min(self.levelling, self.plan_weight, self.slope_weight) >= 0 and 0 <= self.slope_share <= 1):
