@@ -50,6 +50,7 @@ class ControllerNode(RigNode):
         super().__init__("controller", **options)
         self.lockstep: bool = self.settings["lockstep"]
         model = model_of(self.rig, self.settings["model"])
+        self.network: Policy | None = None
         self.controller = self.new_controller(model)
         self.ahead = round((model.equation.delay + self.settings["latency"]) * SECOND)
         period, horizon = self.controller.period, self.controller.horizon
@@ -75,7 +76,7 @@ class ControllerNode(RigNode):
         if settings["policy"] == "exact":
             return self.exact(model, asked)
         path = Path(settings["policy_path"] or shipped(self.rig.name, "policy"))
-        network = policy.load(path, model=model)
+        self.network = network = policy.load(path, model=model)
         self.look_at(network, path, asked)
         if settings["policy"] == "network":
             return network
@@ -187,6 +188,7 @@ class ControllerNode(RigNode):
             return None
         if math.isnan(self.home):
             self.home = entry(message.name, message.position, joint)
+        self.follow(message)
         preview = self.reference(stamp)
         plan = self.controller.control(state, np.array([disturbance]), np.array([self.input]), preview)
         self.sound = stamp
@@ -197,6 +199,13 @@ class ControllerNode(RigNode):
         self.controller.prepare((stamp - self.answered) / SECOND if self.answered else 0.0)
         self.answered = stamp
         return plan
+
+    def follow(self, message: JointState) -> None:
+        """Tell a network with a correction the parameters that the estimator follows; NaN leaves one as it was."""
+        if self.network is not None and self.network.correction is not None:
+            names = self.network.correction.names
+            entries = {name: entry(message.name, message.position, f"{self.rig.joint}_{name}") for name in names}
+            self.network.adapt(entries)
 
     def reference(self, stamp: int) -> np.ndarray[Any, np.dtype[np.float64]]:
         """Reference for the preview of an estimate [rad]."""

@@ -17,6 +17,7 @@ import pytest
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.control import policy as policies
+from hybrid_sysid_ros.control.adaptation import Correction
 from hybrid_sysid_ros.control.certificate import Certificate
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.estimation import METHODS
@@ -368,15 +369,16 @@ class Wheel:
         )
         self.stamp = SECOND
 
-    def estimate(self, position: float) -> None:
-        names = ["beam", "beam_ahead"]
-        message = joint(self.stamp, name=names, position=[position] * 2, velocity=[0.0] * 2, effort=[0.0] * 2)
+    def estimate(self, position: float, **followed: float) -> None:
+        names, rest = ["beam", "beam_ahead", *followed], [0.0] * (2 + len(followed))
+        positions = [position, position, *followed.values()]
+        message = joint(self.stamp, name=names, position=positions, velocity=rest, effort=rest)
         self.estimates.publish(message)
 
-    def command(self, position: float, *, step: int = SECOND // 200) -> float:
+    def command(self, position: float, *, step: int = SECOND // 200, **followed: float) -> float:
         count = len(self.commands)
         self.stamp += step
-        self.estimate(position)
+        self.estimate(position, **followed)
         answer = self.bench.until(lambda: self.commands[count:])[0]
         assert stamp_of(answer) == self.stamp
         assert list(answer.name) == ["beam"]
@@ -412,6 +414,24 @@ def test_a_policy_drives_the_beam_to_its_reference(wheel: Wheel) -> None:
     wheel.refer([VOLT] * 3)
     assert wheel.command(0.0) == pytest.approx(4.0)
     assert wheel.command(VOLT) == pytest.approx(1.0)
+
+
+def test_parameters_that_the_estimator_follows_move_a_network_with_a_correction(
+    bench: Bench, model_folder: Path, policy_folder: Path, tmp_path: Path
+) -> None:
+    """Half a volt more for each unit of Coulomb friction above 2; without an estimate of it, as before."""
+    plain = policies.load(policy_folder)
+    features, limit = len(plain.centre), plain.problem.input_limit
+    layers = ((np.zeros((1, features)), np.zeros(1)), (np.zeros((1, 1)), np.array([0.5 / limit])))
+    ones = {"nominal": np.array([2.0]), "spread": np.array([1.0])}
+    correction = Correction(names=("coulomb",), layers=layers, **ones)
+    dataclasses.replace(plain, correction=correction).save(tmp_path / "adaptive")
+    wheel = Wheel(bench, model_folder, tmp_path / "adaptive", lockstep=True)
+    wheel.refer([VOLT] * 3)
+    assert wheel.command(0.0) == pytest.approx(4.0)
+    assert wheel.command(0.0, beam_coulomb=3.0) == pytest.approx(4.5)
+    assert wheel.command(0.0) == pytest.approx(4.5)
+    assert wheel.command(0.0, beam_coulomb=1.5) == pytest.approx(3.75)
 
 
 def test_without_a_sound_estimate_the_command_is_held_then_zero(wheel: Wheel) -> None:

@@ -101,7 +101,7 @@ def test_a_parameter_that_is_no_number_or_far_off_leaves_the_policy_sane():
     expected = policy.control(*question).inputs
     policy.adapt({"gain": np.nan, "coulomb": np.inf})
     np.testing.assert_array_equal(policy.control(*question).inputs, expected)
-    policy.adapt({"gain": 1e9})
+    policy.adapt({"gain": 1e308})
     farthest = policy.control(*question).inputs
     policy.adapt({"gain": 6.0})  # two spreads
     np.testing.assert_array_equal(policy.control(*question).inputs, farthest)

@@ -67,5 +67,5 @@ class Correction:
         for index, name in enumerate(self.names):
             value = values.get(name, np.nan)
             if np.isfinite(value):
-                found[index] = (value - self.nominal[index]) / self.spread[index]
+                found[index] = (float(value) - float(self.nominal[index])) / float(self.spread[index])
         return np.clip(found, -FARTHEST, FARTHEST)
