@@ -22,10 +22,11 @@ def test_the_shipped_policy_imitates_the_exact_mpc_of_the_shipped_model(shipped)
     model, policy = shipped
     expert = ExactMpc(model.equation, policy.problem)
     errors = []
-    for row in policy.check[0][::4]:
+    for row in policy.check[0]:
         state, d, previous, preview = row[:2], row[2:3], row[3:4], row[4:] + row[0]
         expert.reset()
-        exact = expert.control(state, d, previous, preview)
+        for _ in range(2):  # from a cold start one question in eight needs more iterations than a call has
+            exact = expert.control(state, d, previous, preview)
         errors.append(policy.control(state, d, previous, preview).input[0] - exact.input[0])
     assert np.sqrt(np.mean(np.square(errors))) < 0.1
 
