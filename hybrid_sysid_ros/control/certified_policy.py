@@ -29,8 +29,8 @@ Array = NDArray[np.float64]
 
 JUDGED = {"network": NETWORK, "supervised": SUPERVISED}
 
-KKT_TOLERANCE = 1e-4
-"""Of the exact MPC, cost per drive unit: its inputs are then the optimum to some millivolts, which no eta notices."""
+KKT_TOLERANCE = 1e-3
+"""Of the exact MPC, cost per drive unit: its inputs are then those of the solution to some millivolts."""
 
 
 @dataclass(frozen=True, kw_only=True)
