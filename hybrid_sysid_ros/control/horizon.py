@@ -25,8 +25,8 @@ LEAST_CURVATURE = 1e-9
 STEEPEST = 1000.0
 """Curvature, in that of the Hessian, that no step may teach: it comes from corners, not from curves."""
 
-SECANTS = 12
-"""Steps of one solution that the Hessian learns from."""
+SECANTS = 8
+"""Steps of one solution that the Hessian learns from before it begins anew."""
 
 
 class Question(NamedTuple):

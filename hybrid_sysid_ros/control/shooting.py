@@ -221,15 +221,17 @@ def _compiled(equation: Equation, smoothing: float) -> dict[str, Any]:
                 continue
             if done == iterations:
                 return Answer(False, done, residual)
-            if done > 1 and residual > SLOW * last:
+            if learnt == SECANTS:
+                learnt = 0  # what was learnt far from here does more harm than good
+            elif done > 1 and residual > SLOW * last:
                 steps, changes = horizon.secants
                 for j in range(before.shape[0]):
-                    steps[learnt % SECANTS, j] = length * horizon.step[j]
-                    changes[learnt % SECANTS, j] = program.gradient[j] - before[j]
+                    steps[learnt, j] = length * horizon.step[j]
+                    changes[learnt, j] = program.gradient[j] - before[j]
                 learnt += 1
-                horizon.learnt[0] = learnt
-            for k in range(max(learnt - SECANTS, 0), learnt):
-                hz.learn(program.hessian, horizon.secants[0, k % SECANTS], horizon.secants[1, k % SECANTS])
+            horizon.learnt[0] = learnt
+            for k in range(learnt):
+                hz.learn(program.hessian, horizon.secants[0, k], horizon.secants[1, k])
             hz.assign(before, program.gradient)
             last = residual
             if not quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES):
