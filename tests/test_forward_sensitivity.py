@@ -10,6 +10,7 @@ from hybrid_sysid_ros.identification.problem import Problem
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.linear import Linear
 from tests.test_equations import structure
+from tests.test_linearisation import polynomial
 
 STEP, EVERY, SAMPLES = 0.005, 10, 60
 
@@ -73,6 +74,16 @@ def test_they_are_what_simulations_differ_by(name):
             sides.append(simulated(equation.with_values(moved), state, inputs)[:, 0])
         expected = (sides[0] - sides[1]) / (2 * h)
         np.testing.assert_allclose(out[:, lane], expected, rtol=1e-3, atol=1e-4 * np.max(np.abs(expected)) + 1e-9)
+
+
+def test_a_polynomial_has_no_parameters_but_initial_states():
+    equation = polynomial()
+    state, inputs = np.array([0.02, -0.01, 1.0]), drive()
+    out = carried(equation, (), state, inputs)[:, 0]
+    for lane in range(3):
+        unit = 1e-6 * np.eye(3)[lane]
+        expected = (simulated(equation, state + unit, inputs) - simulated(equation, state - unit, inputs))[:, 0] / 2e-6
+        np.testing.assert_allclose(out[:, 1 + lane], expected, rtol=1e-4, atol=1e-7)
 
 
 @pytest.mark.parametrize("name", ["gray", "hybrid"])

@@ -253,8 +253,10 @@ def lanes_for(derivatives: int) -> int:
 
 def seeding(lanes: int, slots: tuple[int, ...]) -> Callable[[Any], Any]:
     """A compiled function from a named tuple of numbers to the same of dual numbers: entry i has its derivative, 1, in
-    lane slots[i]; where that is 0 it stays a plain number.
+    lane slots[i]; where that is 0 it stays a plain number. Where all are it is what it was.
     """
+    if not any(slots):
+        return numba.njit(lambda numbers: numbers)  # type: ignore[no-any-return]
 
     @intrinsic
     def seeded(typingctx, numbers):  # type: ignore[no-untyped-def]
