@@ -49,6 +49,7 @@ def test_the_whole_loop_runs_in_real_time_and_leaves_a_bag(
     outcome = session.run(
         model=model_folder,
         policy_path=policy_folder,
+        policy="network",
         reference="sine",
         duration=2.0,
         bag=tmp_path / "bag",
@@ -134,7 +135,12 @@ def test_a_session_ends_well_when_it_is_interrupted(domain: int, model_folder: P
 
     before = threading.active_count()
     outcome = session.run(
-        model=model_folder, policy_path=policy_folder, lockstep=True, domain=domain, progress=interrupt
+        model=model_folder,
+        policy_path=policy_folder,
+        policy="network",
+        lockstep=True,
+        domain=domain,
+        progress=interrupt,
     )
     assert outcome.interrupted
     assert outcome.diagnostics["plant"]["commands"] > 0
