@@ -6,11 +6,12 @@ import math
 import numpy as np
 import pytest
 from linear_policies import FEATURES, LINEAR, broken_policy, exact_policy  # type: ignore[import-not-found]
+from scipy.stats import binom
 
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control import certificate as certificates
 from hybrid_sysid_ros.control import policy as policies
-from hybrid_sysid_ros.control.certificate import FILE, LEAST_LOOPS, margin
+from hybrid_sysid_ros.control.certificate import FILE, LEAST_LOOPS, binomial_bound, margin
 from hybrid_sysid_ros.control.certification import certify
 from hybrid_sysid_ros.control.certified_loop import COST, ERROR, EXACT, EXCESS, NETWORK, SUPERVISED, UNSOLVED
 from hybrid_sysid_ros.control.certified_policy import KKT_TOLERANCE, Criteria, Distribution, Subject
@@ -86,6 +87,15 @@ def test_a_law_that_is_broken_on_a_share_of_the_loops_passes_the_others(broken):
     assert found.rates["network"]["input"] == np.mean(sound)
     assert found.rates["network"]["all"] == np.mean(sound)
     assert found.bound("network", "all") == np.mean(sound) - margin(400, 0.01)
+
+
+def test_the_exact_bound_is_that_of_the_binomial_distribution():
+    """With no failure it has a closed form; with some, the chance of so few at the bound is delta."""
+    assert binomial_bound(26_492, 26_492, 0.01) == pytest.approx(0.01 ** (1 / 26_492), abs=1e-12)
+    assert binomial_bound(0, 50, 0.01) == 0.0
+    for failed in (1, 7, 60):
+        bound = binomial_bound(1000 - failed, 1000, 0.01)
+        assert binom.cdf(failed, 1000, 1.0 - bound) == pytest.approx(0.01, rel=1e-6)
 
 
 def test_the_supervisor_catches_what_is_broken(broken):

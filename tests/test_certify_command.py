@@ -121,9 +121,9 @@ def test_the_floor_of_the_cost_is_that_of_the_sensor_s_noise(rig: Rig):
     assert criteria.input_error == configuration.defaults("cam_beam", "estimator")["disturbance_limit"]
 
 
-def test_the_loops_are_one_and_a_half_horizons_and_of_what_the_configuration_says(rig: Rig, planning_folder, linear_folder):
+def test_the_loops_are_twice_the_horizon_and_of_what_the_configuration_says(rig: Rig, planning_folder, linear_folder):
     subject = subject_of(planning_folder, linear_folder, seed=1)
-    assert subject.periods == 1.5 * subject.policy.horizon
+    assert subject.periods == 2 * subject.policy.horizon
     draws = [subject.draw(loop) for loop in range(2000)]
     volt = rig.sensor.radians_per_volt
     errors = np.concatenate([draw.errors for draw in draws])

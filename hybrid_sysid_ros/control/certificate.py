@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from scipy.special import betaincinv
+
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import storage
 
@@ -25,6 +27,15 @@ def margin(loops: int, delta: float) -> float:
     approximate model predictive controller with guarantees, IEEE L-CSS 2(3), use it.
     """
     return math.sqrt(math.log(2.0 / delta) / (2.0 * loops))
+
+
+def binomial_bound(kept: int, loops: int, delta: float) -> float:
+    """The rate at which so many or more of the loops are kept with probability delta: the exact lower bound.
+
+    Independent loops are Bernoulli trials, so their number is binomial, and no inequality is needed: Clopper & Pearson
+    (1934), The use of confidence or fiducial limits illustrated in the case of the binomial, Biometrika 26(4).
+    """
+    return float(betaincinv(kept, loops - kept + 1, delta)) if kept else 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,14 +67,21 @@ class Certificate:
         return margin(self.loops, self.delta)
 
     def bound(self, driver: str, criterion: str) -> float:
-        """mu: the true rate is at least this, but with probability delta."""
+        """By Hoeffding's inequality: mu, the true rate, is at least this, but with probability delta."""
         return max(self.rates[driver][criterion] - self.margin, 0.0)
+
+    def exact_bound(self, driver: str, criterion: str) -> float:
+        """The bound of mu by the binomial distribution itself, which is sharper where few loops fail."""
+        return binomial_bound(round(self.rates[driver][criterion] * self.loops), self.loops, self.delta)
 
     def save(self, folder: Path | str) -> None:
         """Write it into the folder of its policy. Raises UserError where that is another policy by now."""
         if storage.digest(folder, kind="policy") != self.policy:
             raise UserError(f"{folder}: is another policy than the one that was certified; certify it again")
-        bounds = {driver: {name: self.bound(driver, name) for name in rates} for driver, rates in self.rates.items()}
+        bounds = {
+            kind: {driver: {name: bound(driver, name) for name in rates} for driver, rates in self.rates.items()}
+            for kind, bound in (("hoeffding", self.bound), ("binomial", self.exact_bound))
+        }
         content = {**asdict(self), "margin": self.margin, "bounds": bounds}
         storage.save_sheet(Path(folder) / FILE, version=FORMAT, content=content)
 
