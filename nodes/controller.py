@@ -32,6 +32,7 @@ from hybrid_sysid_ros.nodes.timing import Timing
 RESTART = SECOND  # a stamp so far before the last one is a new experiment
 WATCH_PERIOD = 0.05  # s, between two looks whether estimates still come
 SHOW_PERIOD = 0.1  # s, between two predicted trajectories
+WARM_UPS = 6  # answers before the node is ready
 NO_REFERENCE, HELD, ZEROED = "no reference", "held", "zeroed"  # layers of safety, beside those of the controller
 SOUND = {"solved", "iterated", "policy"}
 
@@ -124,12 +125,15 @@ class ControllerNode(RigNode):
         self.waiting: JointState | None = None
 
     def warm_up(self) -> None:
-        """Answer estimates once that nobody gave: this compiles, and loads what is loaded at first use."""
+        """Answer estimates that nobody gave: this compiles, and loads what is loaded at first use.
+
+        The first answers are late, for they compile; those after them go on as in the loop.
+        """
         names = [self.rig.joint, f"{self.rig.joint}_ahead"]
-        self.preview = Preview(np.array([0, 10 * SECOND]), np.zeros(2))
-        start = 1 if self.lockstep else self.now()
-        for k in range(3):
-            estimate = fill(joint_state(names), start + k, position=[0.0] * 2, velocity=[0.0] * 2, effort=[0.0] * 2)
+        for k in range(1, WARM_UPS + 1):
+            stamp = k if self.lockstep else self.now()  # an old one would not be answered
+            self.preview = Preview(np.array([stamp, stamp + 10 * SECOND]), np.zeros(2))
+            estimate = fill(joint_state(names), stamp, position=[0.0] * 2, velocity=[0.0] * 2, effort=[0.0] * 2)
             self.on_estimate(estimate)
 
     def advertise(self) -> None:

@@ -127,6 +127,14 @@ def test_a_session_tells_what_keeps_a_node_from_starting(domain: int, tmp_path: 
         session.run(domain=233)
 
 
+def test_nothing_is_compiled_once_the_nodes_are_ready(domain: int) -> None:
+    """The shipped network under supervision: compiling takes seconds, and each is a hundred missed commands."""
+    outcome = session.run(duration=2.0, domain=domain, tell=lambda line: None)
+    for node in ("estimator", "controller"):
+        assert outcome.diagnostics[node]["execution_ms_max"] < 500.0
+    assert outcome.diagnostics["controller"]["layer_policy"] > 100
+
+
 def test_a_session_ends_well_when_it_is_interrupted(domain: int, model_folder: Path, policy_folder: Path) -> None:
     def interrupt(seconds: float, duration: float) -> None:
         if seconds > 0.5:
