@@ -8,8 +8,6 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from scipy.special import betaincinv
-
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import storage
 
@@ -35,6 +33,8 @@ def binomial_bound(kept: int, loops: int, delta: float) -> float:
     Independent loops are Bernoulli trials, so their number is binomial, and no inequality is needed: Clopper & Pearson
     (1934), The use of confidence or fiducial limits illustrated in the case of the binomial, Biometrika 26(4).
     """
+    from scipy.special import betaincinv  # not in every node that reads a certificate
+
     return float(betaincinv(kept, loops - kept + 1, delta)) if kept else 0.0
 
 

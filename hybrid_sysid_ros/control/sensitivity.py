@@ -7,7 +7,6 @@ from typing import Any
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, null_space
 
 from hybrid_sysid_ros.control import horizon as hz
 from hybrid_sysid_ros.control.horizon import Question
@@ -52,14 +51,15 @@ def sensitivity(shooting: Shooting, question: Question) -> Array:
     horizon.states[:] = kept[1]
 
     bound = -np.linalg.pinv(constraints) @ moved[active]
-    free = null_space(constraints) if len(constraints) else np.eye(count)
+    free = np.linalg.svd(constraints)[2][np.linalg.matrix_rank(constraints) :].T if len(constraints) else np.eye(count)
     if not free.shape[1]:
         return bound
     try:
-        factor = cho_factor(free.T @ hessian @ free)
-    except (np.linalg.LinAlgError, ValueError):
+        factor = np.linalg.cholesky(free.T @ hessian @ free)
+    except np.linalg.LinAlgError:
         return np.full_like(slopes, np.nan)
-    moves: Array = bound - free @ cho_solve(factor, free.T @ (slopes + hessian @ bound))
+    half = np.linalg.solve(factor, free.T @ (slopes + hessian @ bound))
+    moves: Array = bound - free @ np.linalg.solve(factor.T, half)
     return moves
 
 
