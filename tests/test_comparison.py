@@ -202,17 +202,24 @@ def test_a_linear_beam_gets_the_linear_model(alone):
     assert alone.model().structure == "linear"
 
 
+def assert_alike(one, two):
+    """The same but for rounding: what a process compiled before may decide which products and sums are fused."""
+    assert len(one.r2) == len(two.r2)
+    for mine, other in zip(one.r2, two.r2, strict=True):
+        assert mine == pytest.approx(other, rel=1e-9)
+    if one.validation is not None:
+        assert one.validation.scores == pytest.approx(two.validation.scores, rel=1e-9)
+        np.testing.assert_allclose(one.models[0].equation.values, two.models[0].equation.values, rtol=1e-9)
+        np.testing.assert_allclose(one.models[0].covariance, two.models[0].covariance, rtol=1e-6, atol=1e-12)
+
+
 def test_two_processes_find_what_one_does(alone, linear_records, rig):
     both = compared(linear_records, rig, jobs=2)
     assert both.chosen == alone.chosen
     for one, two in zip(alone.candidates, both.candidates, strict=True):
         assert one.structure == two.structure
         assert one.error == two.error
-        assert one.r2 == two.r2
-        if one.validation is not None:
-            assert one.validation.scores == two.validation.scores
-            np.testing.assert_array_equal(one.models[0].equation.values, two.models[0].equation.values)
-            np.testing.assert_array_equal(one.models[0].covariance, two.models[0].covariance)
+        assert_alike(one, two)
 
 
 # Lost processes and interrupts
@@ -290,9 +297,9 @@ def test_an_interrupted_comparison_goes_on_with_what_it_kept(alone, linear_recor
     assert interrupted == ["stribeck", "interrupt", "linear"]
     assert [item.kept for item in found.candidates] == [True, False]
     one, two = alone.candidates[0], found.candidates[0]
-    assert (one.r2, one.seconds > 0) == (two.r2, two.seconds > 0)
-    assert one.validation.scores == two.validation.scores
-    np.testing.assert_array_equal(one.models[0].equation.values, two.models[0].equation.values)
+    assert one.seconds > 0
+    assert two.seconds > 0
+    assert_alike(one, two)
     assert found.chosen == "linear"
     # Whatever the fit depends on must be the same.
     changed = replace(linear_records[1], output=1.001 * linear_records[1].output)
