@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +32,10 @@ class Status(Enum):
     """Nothing to go on: the last input."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Plan:
+class Plan(NamedTuple):
     """input (inputs,): what to apply now, within its bounds. inputs (horizon, inputs) and states (horizon, states): the
-    plan behind it, where the controller has one (else only the first row, or none).
+    plan behind it, where the controller has one (else only the first row, or none). A tuple, for a data class takes
+    as long to make as a network to answer.
     """
 
     input: Array

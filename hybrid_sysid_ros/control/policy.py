@@ -63,9 +63,7 @@ class Policy:
     kernels: Kernels = field(init=False, repr=False)
     memory: Array = field(init=False, repr=False)
     _range: Array = field(init=False, repr=False)
-    _question: Array = field(init=False, repr=False)
-    _state: Array = field(init=False, repr=False)
-    _preview: Array = field(init=False, repr=False)
+    _shape: tuple[int, int] = field(init=False, repr=False)
     _no_states: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -102,14 +100,11 @@ class Policy:
             correction=corrections,
             deviation=np.zeros(len(names)),
         )
-        question = np.zeros(features)
         made = {
             "kernels": policy_kernels.kernels(form),
             "memory": memory,
             "_range": self.training_range.packed,
-            "_question": question,
-            "_state": question[: self.states],
-            "_preview": question[self.states + 2 :],
+            "_shape": (network.widths[-1], 1),
             "_no_states": np.zeros((0, self.states)),
         }
         for name, value in made.items():
@@ -144,20 +139,24 @@ class Policy:
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`. An input that is not a number gives HELD: the
-        previous input within its bounds, or zero.
+        previous input within its bounds, or zero. Raises ValueError for a state or a preview of another length.
         """
-        self._ask(state, disturbance, previous_input, preview)
-        inputs = np.empty((self.outputs, 1))
-        if self.kernels.answer(self._question, self.memory, inputs):
-            return Plan(input=inputs[0], inputs=inputs, states=self._no_states, status=Status.POLICY)
+        inputs = np.empty(self._shape)
+        try:
+            found = self.kernels.control(state, disturbance, previous_input, preview, self.memory, inputs)
+        except TypeError:  # other kinds of arrays
+            parts = (np.asarray(part, dtype=float) for part in (state, disturbance, previous_input, preview))
+            found = self.kernels.control(*parts, self.memory, inputs)
+        if found:
+            return Plan(inputs[0], inputs, self._no_states, Status.POLICY)
         last, limit = float(previous_input[0]), self.problem.input_limit
         inputs[:] = min(max(last, -limit), limit) if math.isfinite(last) else 0.0
-        return Plan(input=inputs[0], inputs=inputs, states=self._no_states, status=Status.HELD)
+        return Plan(inputs[0], inputs, self._no_states, Status.HELD)
 
     def inside(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> bool:
         """Whether a question is one like those of the training; never where something is not a number."""
-        self._ask(state, disturbance, previous_input, preview)
-        return bool(self.kernels.inside(self._question, self.memory, self._range))
+        question = np.concatenate([state, disturbance, previous_input, preview])
+        return bool(self.kernels.inside(question, self.memory, self._range))
 
     def evaluate(self, features: Array) -> Array:
         """Unbounded answers (samples, K) to raw features (samples, features)."""
@@ -165,13 +164,6 @@ class Policy:
         answers = np.empty((len(rows), self.outputs))
         self.kernels.raw(rows, self.memory, answers)
         return answers
-
-    def _ask(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> None:
-        """The question in compiled code's memory, whatever kind of array it came in."""
-        self._state[:] = state
-        self._question[self.states] = disturbance[0]
-        self._question[self.states + 1] = previous_input[0]
-        self._preview[:] = preview
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Compiled functions don't travel to other processes; they are made there."""

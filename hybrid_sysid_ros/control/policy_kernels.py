@@ -36,12 +36,16 @@ class Kernels:
 
     answer(question, memory, inputs): writes bounded inputs (outputs, 1); False where something is not a finite number,
     and ``inputs`` then mean nothing. memory: see :func:`memory`.
+    control(state, disturbance, u_previous, preview, memory, inputs): the same to a question in its parts (states,),
+    (1,), (1,), (horizon,), for callers in Python: one call is less than four copies there. Raises ValueError for parts
+    of other sizes.
     inside(question, memory, training_range): whether the question is one like those of the training;
     training_range: :attr:`TrainingRange.packed`.
     raw(features, memory, out): unbounded answers (samples, outputs) to features (samples, features).
     """
 
     answer: Callable[..., bool]
+    control: Callable[..., bool]
     inside: Callable[..., bool]
     raw: Callable[..., None]
 
@@ -82,7 +86,7 @@ def kernels(form: Form) -> Kernels:
     options: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
     @numba.njit(**options)
-    def standardise(features_or_question: Array, memory: Array, moved: float, values: Any) -> bool:
+    def standardise(features_or_question: Any, memory: Array, moved: float, values: Any) -> bool:
         """(z - centre) / scale, the preview less ``moved``."""
         for j in range(features):
             value = features_or_question[j] - (moved if j >= first else 0.0)
@@ -108,8 +112,8 @@ def kernels(form: Form) -> Kernels:
                     total += corrector(memory[end:deviation], others, i * outputs + k) * memory[deviation + i]
             out[k] = memory[0] * total
 
-    @numba.njit("boolean(float64[::1], float64[::1], float64[:, ::1])", **options)
-    def answer(question: Array, memory: Array, inputs: Array) -> bool:
+    @numba.njit(**options)
+    def bounded(question: Any, memory: Array, inputs: Array) -> bool:
         values = scratch(room)
         if not standardise(question, memory, question[tracked], values):
             return False
@@ -124,6 +128,22 @@ def kernels(form: Form) -> Kernels:
             last = min(max(u, -limit), limit)
             inputs[k, 0] = last
         return True
+
+    @numba.njit("boolean(float64[::1], float64[::1], float64[:, ::1])", **options)
+    def answer(question: Array, memory: Array, inputs: Array) -> bool:
+        return bounded(question, memory, inputs)  # type: ignore[no-any-return]
+
+    @numba.njit("boolean(float64[:], float64[:], float64[:], float64[:], float64[::1], float64[:, ::1])", **options)
+    def control(state: Array, disturbance: Array, last: Array, preview: Array, memory: Array, inputs: Array) -> bool:
+        if len(state) != states or len(disturbance) != 1 or len(last) != 1 or len(preview) != features - first:
+            raise ValueError("a policy's question has other sizes than its network")
+        question = scratch(features)
+        for j in range(states):
+            question[j] = state[j]
+        question[states], question[previous] = disturbance[0], last[0]
+        for j in range(features - first):
+            question[first + j] = preview[j]
+        return bounded(question, memory, inputs)  # type: ignore[no-any-return]
 
     @numba.njit("boolean(float64[::1], float64[::1], float64[::1])", **options)
     def inside(question: Array, memory: Array, training_range: Array) -> bool:
@@ -154,4 +174,4 @@ def kernels(form: Form) -> Kernels:
             else:
                 out[i, :] = np.nan
 
-    return Kernels(answer=answer, inside=inside, raw=raw)
+    return Kernels(answer=answer, control=control, inside=inside, raw=raw)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,7 +116,7 @@ class Supervisor:
         # The plan was made for another input before it, where something else drove the rig meanwhile.
         rate = self.mpc.problem.rate_limit
         first = np.clip(plan.input, applied - rate, applied + rate) if math.isfinite(rate) else plan.input
-        return replace(plan, input=first)
+        return plan._replace(input=first)
 
     def _within(self, value: float) -> float:
         limit = self.mpc.problem.input_limit
