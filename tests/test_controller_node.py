@@ -1,0 +1,255 @@
+"""The controller node: its layers, from the network under supervision down to a zero."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.control import policy as policies
+from hybrid_sysid_ros.control.adaptation import Correction
+from hybrid_sysid_ros.control.certificate import Certificate
+from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.models import storage
+
+pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
+
+from rclpy.qos import qos_profile_sensor_data
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from hybrid_sysid_ros.nodes.controller import ControllerNode
+from hybrid_sysid_ros.nodes.messages import SECOND, set_nanoseconds
+from tests.node_bench import VOLT, Bench, joint, stamp_of
+
+
+class Wheel:
+    """A controller whose estimates the test makes."""
+
+    def __init__(self, bench: Bench, model: Path, network: Path, /, **parameters: Any) -> None:
+        self.bench = bench
+        self.estimates = bench.speak("state_estimate")
+        self.references = bench.speak("reference", JointTrajectory)
+        self.commands = bench.listen("joint_command")
+        self.controller: ControllerNode = bench.start(
+            ControllerNode, **{"model": str(model), "policy_path": str(network), "policy": "network", **parameters}
+        )
+        bench.until(
+            lambda: (
+                self.controller.commands
+                and self.controller.commands.get_subscription_count()
+                and self.estimates.get_subscription_count()
+                and self.references.get_subscription_count()
+            )
+        )
+        self.stamp = SECOND
+
+    def estimate(self, position: float, **followed: float) -> None:
+        names, rest = ["beam", "beam_ahead", *followed], [0.0] * (2 + len(followed))
+        positions = [position, position, *followed.values()]
+        message = joint(self.stamp, name=names, position=positions, velocity=rest, effort=rest)
+        self.estimates.publish(message)
+
+    def command(self, position: float, *, step: int = SECOND // 200, **followed: float) -> float:
+        count = len(self.commands)
+        self.stamp += step
+        self.estimate(position, **followed)
+        answer = self.bench.until(lambda: self.commands[count:])[0]
+        assert stamp_of(answer) == self.stamp
+        assert list(answer.name) == ["beam"]
+        return float(answer.effort[0])
+
+    def refer(self, positions: Sequence[float], *, spacing: float = 0.5, name: str = "beam") -> None:
+        message = JointTrajectory(joint_names=[name])
+        set_nanoseconds(message.header.stamp, self.stamp)
+        for number, position in enumerate(positions):
+            point = JointTrajectoryPoint(positions=[position])
+            set_nanoseconds(point.time_from_start, round(number * spacing * SECOND))
+            message.points.append(point)
+        self.references.publish(message)
+
+
+@pytest.fixture
+def wheel(bench: Bench, model_folder: Path, policy_folder: Path) -> Wheel:
+    return Wheel(bench, model_folder, policy_folder, lockstep=True)
+
+
+def test_in_lockstep_an_estimate_waits_for_a_reference_that_covers_its_preview(wheel: Wheel) -> None:
+    wheel.estimate(0.0)
+    wheel.bench.until(lambda: wheel.controller.waiting)
+    wheel.refer([VOLT] * 2, spacing=0.1)
+    wheel.bench.until(lambda: wheel.controller.preview)
+    assert not wheel.commands
+    wheel.refer([VOLT] * 2)
+    wheel.bench.until(lambda: wheel.commands)
+    assert wheel.commands[0].effort[0] == pytest.approx(1.0 + 3.0)
+
+
+def test_a_policy_drives_the_beam_to_its_reference(wheel: Wheel) -> None:
+    wheel.refer([VOLT] * 3)
+    assert wheel.command(0.0) == pytest.approx(4.0)
+    assert wheel.command(VOLT) == pytest.approx(1.0)
+
+
+def test_parameters_that_the_estimator_follows_move_a_network_with_a_correction(
+    bench: Bench, model_folder: Path, policy_folder: Path, tmp_path: Path
+) -> None:
+    """Half a volt more for each unit of Coulomb friction above 2; without an estimate of it, as before."""
+    plain = policies.load(policy_folder)
+    features, limit = len(plain.centre), plain.problem.input_limit
+    layers = ((np.zeros((1, features)), np.zeros(1)), (np.zeros((1, 1)), np.array([0.5 / limit])))
+    ones = {"nominal": np.array([2.0]), "spread": np.array([1.0])}
+    correction = Correction(names=("coulomb",), layers=layers, **ones)
+    dataclasses.replace(plain, correction=correction).save(tmp_path / "adaptive")
+    wheel = Wheel(bench, model_folder, tmp_path / "adaptive", lockstep=True)
+    wheel.refer([VOLT] * 3)
+    assert wheel.command(0.0) == pytest.approx(4.0)
+    assert wheel.command(0.0, beam_coulomb=3.0) == pytest.approx(4.5)
+    assert wheel.command(0.0) == pytest.approx(4.5)
+    assert wheel.command(0.0, beam_coulomb=1.5) == pytest.approx(3.75)
+
+
+def test_without_a_sound_estimate_the_command_is_held_then_zero(wheel: Wheel) -> None:
+    wheel.refer([VOLT] * 5)
+    assert wheel.command(0.0) == pytest.approx(4.0)
+    assert wheel.command(math.nan) == pytest.approx(4.0)
+    assert wheel.command(math.nan, step=SECOND // 2) == 0.0
+    assert wheel.command(0.0) == pytest.approx(4.0)
+    assert wheel.controller.layers == {"policy": 2, "held": 1, "zeroed": 1}
+
+
+def test_a_reference_that_makes_no_sense_is_rejected(wheel: Wheel) -> None:
+    wheel.refer([VOLT] * 3)
+    wheel.command(0.0)
+    wheel.refer([5 * VOLT, math.nan])
+    wheel.bench.until(lambda: wheel.controller.rejected_references == 1)
+    wheel.refer([5 * VOLT] * 2, name="arm")
+    wheel.bench.until(lambda: wheel.controller.rejected_references == 2)
+    wheel.refer([5 * VOLT] * 2, spacing=0.0)
+    wheel.bench.until(lambda: wheel.controller.rejected_references == 3)
+    wheel.refer([])
+    wheel.bench.until(lambda: wheel.controller.rejected_references == 4)
+    assert wheel.command(0.0) == pytest.approx(4.0)
+
+
+def test_in_real_time_the_beam_is_held_where_it_is_until_a_reference_comes(
+    bench: Bench, model_folder: Path, policy_folder: Path
+) -> None:
+    wheel = Wheel(bench, model_folder, policy_folder, stale_after=10.0, zero_after=10.0)
+    wheel.stamp = wheel.controller.now()
+    assert wheel.command(VOLT) == pytest.approx(1.0)
+    assert wheel.controller.layers["no reference"] == 1
+
+
+def test_an_estimate_that_is_too_old_is_not_acted_upon(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
+    wheel = Wheel(bench, model_folder, policy_folder)
+    wheel.stamp = wheel.controller.now() - 5 * SECOND
+    assert wheel.command(VOLT) == 0.0
+    assert wheel.controller.layers == {"zeroed": 1}
+
+
+def test_when_estimates_stop_the_controller_sends_a_zero(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
+    wheel = Wheel(bench, model_folder, policy_folder, stale_after=5.0, zero_after=0.1)
+    wheel.stamp = wheel.controller.now()
+    wheel.command(VOLT)
+    bench.until(lambda: wheel.commands[-1].effort[0] == 0.0)
+
+
+def test_the_exact_mpc_answers_and_shows_its_plan(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
+    wheel = Wheel(bench, model_folder, policy_folder, lockstep=True, policy="exact")
+    plans: list[JointTrajectory] = []
+    bench.probe.create_subscription(JointTrajectory, "predicted_trajectory", plans.append, qos_profile_sensor_data)
+    bench.until(wheel.controller.predictions.get_subscription_count)
+    wheel.refer([VOLT] * 3)
+    assert 1.0 < wheel.command(0.0) <= 10.0
+    bench.until(lambda: plans)
+    assert len(plans[0].points) == wheel.controller.controller.horizon
+    assert plans[0].points[-1].positions[0] == pytest.approx(VOLT, rel=0.1)
+
+
+def test_the_exact_mpc_keeps_a_rate_limit(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
+    wheel = Wheel(bench, model_folder, policy_folder, lockstep=True, policy="exact", rate_limit=0.5)
+    wheel.refer([VOLT] * 3)
+    commands = [wheel.command(0.0) for _ in range(4)]
+    np.testing.assert_allclose(np.diff(commands, prepend=0.0), 0.5, atol=1e-6)
+
+
+@pytest.fixture
+def planning_folder(model_folder: Path, policy_folder: Path, tmp_path: Path) -> Path:
+    """The rig's P controller again, which means to hold its input for the whole horizon."""
+    policy = policies.load(policy_folder)
+    hidden, (matrix, bias) = policy.layers
+    outputs = policy.horizon
+    wide = np.full(len(policy.centre), 1e6)
+    network = dataclasses.replace(
+        policy,
+        layers=(hidden, (np.repeat(matrix, outputs, axis=0), np.repeat(bias, outputs))),
+        training_range=dataclasses.replace(policy.training_range, low=-wide, high=wide, reach=1e9),
+    )
+    features = policy.check[0]
+    folder = tmp_path / "planning"
+    dataclasses.replace(network, check=(features, network.evaluate(features))).save(folder)
+    return folder
+
+
+def test_under_supervision_the_network_drives_while_its_plans_are_good(
+    bench: Bench, model_folder: Path, planning_folder: Path
+) -> None:
+    """At rest on the reference the P controller's plan is as good as any; from afar it is not."""
+    wheel = Wheel(bench, model_folder, planning_folder, lockstep=True, policy="supervised", check_patience=2)
+    wheel.refer([0.0] * 3)
+    at_rest = [wheel.command(0.0) for _ in range(4)]
+    assert at_rest[-1] == pytest.approx(1.0)
+    assert wheel.controller.layers == {"exact": 1, "policy": 3}
+    far = [wheel.command(2 * VOLT) for _ in range(2)]
+    assert all(abs(command - (1.0 - 6.0)) > 0.1 for command in far)
+    assert wheel.controller.layers == {"exact": 3, "policy": 3}
+    for _ in range(4):
+        wheel.command(0.0)
+    assert wheel.controller.layers["policy"] > 3
+    values: Any = wheel.controller.health()[2]
+    assert values["layer_exact"] == wheel.controller.layers["exact"]
+    solved = values.get("status_solved", 0) + values.get("status_not_converged", 0)  # at rest friction has corners
+    assert solved == values["layer_exact"]
+    assert values["check_costlier_than_the_shifted_plan"] >= 2
+    checks = [count for name, count in values.items() if name.startswith("check_")]
+    assert sum(checks) == values["commands"] == 10
+
+
+def test_a_network_of_first_inputs_can_t_be_supervised(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
+    with pytest.raises(UserError, match="gives 1 of the 20 inputs of a plan"):
+        bench.start(ControllerNode, model=str(model_folder), policy_path=str(policy_folder))
+
+
+def test_a_certificate_must_be_the_policy_s_own_and_may_be_required(
+    bench: Bench, model_folder: Path, planning_folder: Path
+) -> None:
+    given = {"model": str(model_folder), "policy_path": str(planning_folder), "policy": "network"}
+    with pytest.raises(UserError, match="has no certificate: hybrid-sysid policy certify"):
+        bench.start(ControllerNode, **given, certificate="require")
+    seal = storage.digest(planning_folder, kind="policy")
+    made = Certificate(
+        policy=seal,
+        model=policies.load(planning_folder).model,
+        loops=30_000,
+        seed=0,
+        delta=0.01,
+        distribution={},
+        criteria={},
+        rates={"network": {"all": 1.0}},
+        check={},
+        exact={},
+        worst=[],
+        made={},
+    )
+    made.save(planning_folder)
+    bench.start(ControllerNode, **given, certificate="require")
+    path = planning_folder / "certificate.yaml"
+    path.write_text(path.read_text().replace("loops: 30000", "loops: 90000"))
+    with pytest.raises(UserError, match="was altered") as told:
+        bench.start(ControllerNode, **given)
+    assert "\n" not in str(told.value)

@@ -1,0 +1,147 @@
+"""The plant node: what it does with sound, wrong and missing commands, in lockstep and in real time."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
+
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+
+from hybrid_sysid_ros.nodes import plant as plant_module
+from hybrid_sysid_ros.nodes.drive import Answers, Drive
+from hybrid_sysid_ros.nodes.messages import SECOND
+from hybrid_sysid_ros.nodes.plant import PlantNode
+from tests.node_bench import Bench, joint, stamp_of
+
+
+class Drill:
+    """A plant whose commands the test gives."""
+
+    def __init__(self, bench: Bench, **parameters: Any) -> None:
+        self.bench = bench
+        self.measurements = bench.listen("joint_states")
+        self.commands = bench.speak("joint_command")
+        self.plant: PlantNode = bench.start(PlantNode, **parameters)
+        bench.until(lambda: self.measurements)
+
+    def answer(self, *effort: float, name: str = "beam", late: int = 0) -> None:
+        stamp = stamp_of(self.measurements[-1]) - late * self.plant.answers.period
+        self.commands.publish(joint(stamp, name=[name], effort=effort))
+
+    def following(self) -> JointState:
+        count = len(self.measurements)
+        return self.bench.until(lambda: self.measurements[count:])[0]
+
+
+def test_in_lockstep_a_command_acts_over_the_whole_next_period(bench: Bench) -> None:
+    drill = Drill(bench, lockstep=True, rate=100.0)
+    first = drill.measurements[0]
+    assert list(first.name) == ["beam", "beam_filtered"]
+    drill.answer(2.5)
+    second = drill.following()
+    assert stamp_of(second) - stamp_of(first) == SECOND // 100
+    assert second.effort[0] == 2.5
+    assert math.isnan(second.effort[1])
+
+
+def test_the_input_is_bounded_whatever_is_commanded(bench: Bench) -> None:
+    drill = Drill(bench, lockstep=True)
+    for command, applied in ((1e6, 10.0), (-math.pi * 1e300, -10.0)):
+        drill.answer(command)
+        assert drill.following().effort[0] == applied
+    assert drill.plant.drive.saturated == 2
+
+
+def test_a_command_that_makes_no_sense_is_rejected_and_counted(bench: Bench) -> None:
+    drill = Drill(bench, lockstep=True)
+    drill.answer(1.5)
+    drill.following()
+    drill.answer(math.nan)
+    drill.answer(math.inf)
+    drill.answer()
+    drill.answer(3.0, name="arm")
+    drill.answer(3.0, late=1)
+    drill.answer(3.0, late=-7)
+    bench.until(lambda: drill.plant.rejected == 6)
+    drill.answer(2.0)
+    assert drill.following().effort[0] == 2.0
+    assert len(drill.measurements) == 3
+
+
+def test_in_real_time_the_input_is_zero_once_commands_stop(bench: Bench) -> None:
+    drill = Drill(bench, rate=100.0, command_timeout=0.03)
+    drill.answer(2.0)
+    bench.until(lambda: drill.measurements[-1].effort[0] == 2.0)
+    bench.until(lambda: drill.measurements[-1].effort[0] == 0.0)
+    assert drill.plant.drive.timeouts == 1
+    assert drill.plant.answers.missed > 0
+    stamps = np.array([stamp_of(message) for message in drill.measurements])
+    assert (np.diff(stamps) == SECOND // 100).all()  # the nominal grid without a gap, however late the timer is
+
+
+def test_in_lockstep_an_unanswered_measurement_is_repeated_as_it_was(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plant_module, "ANSWER_TIMEOUT", 0.05)
+    drill = Drill(bench, lockstep=True)
+    bench.until(lambda: len(drill.measurements) > 2)
+    assert drill.measurements[1] == drill.measurements[0] or math.isnan(drill.measurements[0].effort[1])
+    assert {stamp_of(message) for message in drill.measurements} == {SECOND}
+    assert {message.position[0] for message in drill.measurements} == {drill.measurements[0].position[0]}
+
+
+def test_the_plant_waits_for_a_controller(bench: Bench) -> None:
+    measurements = bench.listen("joint_states")
+    node = bench.start(PlantNode)
+    bench.until(lambda: node.measurements.get_subscription_count())
+    assert not node.is_matched()
+    bench.speak("joint_command")
+    bench.until(lambda: measurements)
+
+
+def test_the_plant_runs_alone_when_told_to_and_ends_after_its_duration(bench: Bench) -> None:
+    measurements = bench.listen("joint_states")
+    node = bench.start(PlantNode, wait_for_readers=0, duration=0.05)
+    bench.until(node.finished.done)
+    assert node.answers.latest == 10
+    bench.until(lambda: measurements)
+
+
+def test_a_bias_can_be_set_while_the_plant_runs(bench: Bench) -> None:
+    drill = Drill(bench, lockstep=True)
+    assert drill.plant.set_parameters([Parameter("bias", value=0.5)])[0].successful
+    drill.answer(0.0)
+    drill.following()
+    assert drill.plant.plant.bias == 0.5
+
+
+# Commands and answers
+
+
+def test_a_command_drives_from_the_moment_it_comes() -> None:
+    drive = Drive(limit=10.0, timeout=0.1)
+    drive.command(2.0, 0.0031)
+    drive.command(-30.0, 0.0052)
+    assert [drive.at(t / 1e3) for t in (3, 4, 5, 6)] == [0.0, 2.0, 2.0, -10.0]
+    assert drive.at(0.2) == 0.0
+    assert (drive.saturated, drive.timeouts) == (1, 1)
+
+
+def test_a_measurement_without_a_command_before_the_next_one_is_missed() -> None:
+    answers = Answers(start=SECOND, period=5_000_000)
+    for number in range(3):
+        answers.measured(number, 0.005 * number)
+    assert answers.missed == 0  # nobody has commanded yet
+    assert answers.answer(answers.stamp(1), 0.0112)
+    assert not answers.answer(answers.stamp(1), 0.0113)  # twice
+    assert not answers.answer(answers.stamp(0), 0.0114)  # older than the last one
+    assert not answers.answer(answers.stamp(2) + 1, 0.0115)  # no measurement's stamp
+    answers.measured(3, 0.015)
+    assert (answers.missed, answers.last_missed) == (1, 2)
+    assert answers.delay.total.longest == pytest.approx(0.0062)
