@@ -22,7 +22,8 @@ from rich.table import Table
 from benchmarks import acados_peer, result
 from benchmarks.network_plant import NetworkPlant
 from hybrid_sysid_ros import configuration
-from hybrid_sysid_ros.control import ExactMpc, InteriorPointMpc, Problem, Status
+from hybrid_sysid_ros.control import ExactMpc, Problem, Status
+from hybrid_sysid_ros.control.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.equations import Equation, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.narx import Narx

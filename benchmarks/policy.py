@@ -30,7 +30,8 @@ from rich.table import Table
 from benchmarks import result
 from benchmarks.mpc_speed import Case, cases, loop
 from hybrid_sysid_ros import configuration
-from hybrid_sysid_ros.control import Controller, ExactMpc, InteriorPointMpc, Problem, policy
+from hybrid_sysid_ros.control import Controller, ExactMpc, Problem, policy
+from hybrid_sysid_ros.control.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.control.policy import Policy
 from hybrid_sysid_ros.control.sampling import Spread, drawn, reference
 from hybrid_sysid_ros.control.training_settings import Settings

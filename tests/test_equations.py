@@ -7,7 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from hybrid_sysid_ros.equations import COMPILED, kernels, parameter, simulate, symbolic_step
+from hybrid_sysid_ros.equations import COMPILED, kernels, parameter, simulate
+from hybrid_sysid_ros.equations.casadi_form import symbolic_step
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import STRUCTURES, build
 from hybrid_sysid_ros.models.linear import Linear

@@ -50,6 +50,7 @@ ROS = re.compile(r"(rcl\w*|ros2\w*|rosbag2\w*|rosidl\w*|ament_\w+|tf2_\w+|\w+_ms
 LAUNCH = re.compile(r"launch\w*")
 KEPT_IN = {  # heavy libraries, and the files that may import them
     "torch": re.compile(r"(control/policy_(network|training)|identification/gradient_training)\.py"),
+    "casadi": re.compile(r"(equations/casadi_form|control/interior_point)\.py"),
     "sysidentpy": re.compile(r"identification/term_selection\.py"),
     "optuna": re.compile(r"search/.*"),
     "joblib": re.compile(r"search/.*"),
@@ -59,7 +60,9 @@ KEPT_IN = {  # heavy libraries, and the files that may import them
     "plotly": re.compile(r"report/.*"),
     "jinja2": re.compile(r"report/.*"),
 }
-AT_THE_TOP = re.compile(r"control/policy_(network|training)\.py|report/(charts|\w*figures)\.py")
+AT_THE_TOP = re.compile(
+    r"equations/casadi_form\.py|control/(interior_point|policy_(network|training))\.py|report/(charts|\w*figures)\.py"
+)
 """Files that import one of them at once, and are themselves imported late; all others import it where they use it."""
 
 
@@ -135,6 +138,8 @@ def test_imports_run_downwards(file: str) -> None:
         ("identification/fitting.py", "def late():\n    from torch import nn"),
         ("identification/recipes.py", "from sysidentpy.model_structure_selection import FROLS"),
         ("models/narx.py", "import sysidentpy"),
+        ("equations/operations.py", "import casadi"),
+        ("control/mpc.py", "from casadi import SX"),
         ("control/policy.py", "from onnx import helper"),
         ("identification/validation.py", "import optuna"),
         ("identification/comparison.py", "from hybrid_sysid_ros.search import search"),

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.network_plant import NETWORK, WEIGHTS, NetworkPlant, layers
-from hybrid_sysid_ros.equations import Equation, kernels, symbolic_step
+from hybrid_sysid_ros.equations import Equation, kernels
+from hybrid_sysid_ros.equations.casadi_form import symbolic_step
 from hybrid_sysid_ros.equations.linearisation import linearisation, workspace
 from hybrid_sysid_ros.equations.perceptron import Perceptron, compiled, passes, unrolled
 from hybrid_sysid_ros.errors import UserError

@@ -9,8 +9,9 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from hybrid_sysid_ros import configuration
-from hybrid_sysid_ros.control import ExactMpc, InteriorPointMpc, Problem, Status
+from hybrid_sysid_ros.control import ExactMpc, Problem, Status
 from hybrid_sysid_ros.control.closed_loop import Loop, run_loop
+from hybrid_sysid_ros.control.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.equations import simulate
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, Tuning

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from hybrid_sysid_ros.equations import kernels, simulate, symbolic_step
+from hybrid_sysid_ros.equations import kernels, simulate
+from hybrid_sysid_ros.equations.casadi_form import symbolic_step
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.identification import Experiment, free_run, prepare, score
 from hybrid_sysid_ros.identification.fitting import fit

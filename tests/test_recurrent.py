@@ -8,7 +8,8 @@ import pytest
 import yaml
 from scipy.linalg import expm
 
-from hybrid_sysid_ros.equations import kernels, simulate, symbolic_step
+from hybrid_sysid_ros.equations import kernels, simulate
+from hybrid_sysid_ros.equations.casadi_form import symbolic_step
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.identification import free_run, prepare, score
 from hybrid_sysid_ros.identification.gradient_training import Schedule, rollout, train

@@ -1,8 +1,7 @@
 """Exact MPC, its imitation by a network, and what they share."""
 
 from hybrid_sysid_ros.control.controller import Controller, Plan, Status
-from hybrid_sysid_ros.control.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.control.mpc import ExactMpc
 from hybrid_sysid_ros.control.problem import Problem
 
-__all__ = ["Controller", "ExactMpc", "InteriorPointMpc", "Plan", "Problem", "Status"]
+__all__ = ["Controller", "ExactMpc", "Plan", "Problem", "Status"]

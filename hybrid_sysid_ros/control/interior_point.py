@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Plan, Status
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.equations import Equation, symbolic_step
+from hybrid_sysid_ros.equations import Equation
+from hybrid_sysid_ros.equations.casadi_form import symbolic_step
 
 Array = NDArray[np.float64]
 

@@ -1,10 +1,9 @@
-"""An equation is written once; from it come the compiled simulation, its derivatives and the CasADi function."""
+"""An equation is written once; from it come the compiled simulation, its derivatives and the casadi_form."""
 
-from hybrid_sysid_ros.equations.casadi_form import symbolic_step
 from hybrid_sysid_ros.equations.equation import Equation, Step, Variable
 from hybrid_sysid_ros.equations.linearisation import linearisation, workspace
 from hybrid_sysid_ros.equations.motion import Law, Motion
-from hybrid_sysid_ros.equations.operations import COMPILED, Operations, symbolic
+from hybrid_sysid_ros.equations.operations import COMPILED, Operations
 from hybrid_sysid_ros.equations.parameters import Parameter, parameter
 from hybrid_sysid_ros.equations.perceptron import Perceptron
 from hybrid_sysid_ros.equations.recurrence import Recurrence
@@ -26,7 +25,5 @@ __all__ = [
     "linearisation",
     "parameter",
     "simulate",
-    "symbolic",
-    "symbolic_step",
     "workspace",
 ]

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import casadi
 import numba
 
 from hybrid_sysid_ros.equations import perceptron
@@ -91,28 +90,3 @@ COMPILED = Operations(
     perceptron=perceptron.compiled,
 )
 """Scalars under numba: simulation, fitting, filters, the plant. Dry friction is exact."""
-
-
-def symbolic(smoothing: float = 0.0) -> Operations:
-    """CasADi's operations. The corners of ``saturate`` are rounded over ``smoothing`` (in the units of its argument).
-
-    saturate(x, L) = (sqrt((x + L)^2 + s^2) - sqrt((x - L)^2 + s^2)) / 2, which tends to the exact one as s -> 0.
-    """
-
-    def saturate(x: casadi.SX, limit: casadi.SX) -> casadi.SX:
-        if smoothing == 0.0:
-            return casadi.fmax(casadi.fmin(x, limit), -limit)
-        return (casadi.sqrt((x + limit) ** 2 + smoothing**2) - casadi.sqrt((x - limit) ** 2 + smoothing**2)) / 2
-
-    return Operations(
-        function=lambda part: part,
-        exp=casadi.exp,
-        tanh=casadi.tanh,
-        sqrt=casadi.sqrt,
-        absolute=casadi.fabs,
-        minimum=casadi.fmin,
-        maximum=casadi.fmax,
-        select=casadi.if_else,
-        saturate=saturate,
-        perceptron=lambda network: perceptron.unrolled(network, casadi.tanh),
-    )
