@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.horizon import OPTIONS, Question
+from hybrid_sysid_ros.control.horizon import OPTIONS, Question, assign, finite
 from hybrid_sysid_ros.control.online_check import ACCEPTED, WAITING, Tolerances, online_check, trial
 from hybrid_sysid_ros.control.policy import Policy
 from hybrid_sysid_ros.control.quadratic_program import SOFT
@@ -123,6 +123,14 @@ def _solver(memory: Shooting, iterations: int, tolerance: float) -> Solver:
     return Solver(memory.model, memory.horizon, memory.program, iterations, tolerance)
 
 
+@numba.njit(**OPTIONS)
+def set_plan(horizon: Any, states: Array, inputs: Array) -> None:
+    """Make states (horizon + 1, n) and inputs (horizon,) the plan of a horizon."""
+    for i in range(states.shape[0]):
+        assign(horizon.states[i], states[i])
+    assign(horizon.inputs, inputs)
+
+
 _COMPILED: dict[tuple[Any, ...], Callable[..., None]] = {}
 
 
@@ -140,16 +148,13 @@ def _compile(plant: Equation, model: Equation, policy: Policy, mpc: Shooting) ->
     begin, solve, shift = mpc.begin, mpc.solve, mpc.shift
     states = policy.states
 
-    def ask(solver: Any, question: Any, cold: bool) -> int:
+    def ask(solver: Any, question: Any) -> int:
         """The exact MPC's plan for a question, into the solver's horizon; without one that stays as it was."""
         horizon = solver.horizon
-        if cold:
-            begin(solver.model, horizon, question)
         last_states, last_inputs = horizon.states.copy(), horizon.inputs.copy()
         found = solve(solver.model, horizon, solver.program, question, solver.iterations, solver.tolerance, True)
-        if found.iterations == 0 or not np.all(np.isfinite(horizon.inputs)):
-            horizon.states[:] = last_states
-            horizon.inputs[:] = last_inputs
+        if found.iterations == 0 or not finite(horizon.inputs):
+            set_plan(horizon, last_states, last_inputs)
             return NONE
         return SOLVED if found.solved else UNCONVERGED
 
@@ -161,14 +166,13 @@ def _compile(plant: Equation, model: Equation, policy: Policy, mpc: Shooting) ->
         last_states, last_inputs = horizon.states.copy(), horizon.inputs.copy()
         scratch = np.empty_like(last_states)
         cost, _ = follow(flat, solver.model, horizon, last_inputs, scratch)
-        horizon.inputs[:] = trial.inputs[:, 0]
+        assign(horizon.inputs, trial.inputs[:, 0])
         follow(flat, solver.model, horizon, horizon.inputs, horizon.states)
-        if ask(solver, question, False) == SOLVED:
+        if ask(solver, question) == SOLVED:
             other, _ = follow(flat, solver.model, horizon, horizon.inputs, scratch)
             if other <= cost:
                 return True
-        horizon.states[:] = last_states
-        horizon.inputs[:] = last_inputs
+        set_plan(horizon, last_states, last_inputs)
         return False
 
     ask_again = numba.njit(ask_again, **OPTIONS)
@@ -200,14 +204,16 @@ def _compile(plant: Equation, model: Equation, policy: Policy, mpc: Shooting) ->
                 program.states[i] &= SOFT
         measures[:] = 0.0
         for k in range(periods):
-            track.states[k] = x
+            assign(track.states[k], x)
             for a in range(states):
                 x[a] += draw.pushes[k, a]
                 flat[a] = x[a] + draw.errors[k, a]
             flat[states] = draw.disturbances[k] + draw.errors[k, states]
             flat[states + 1] = u
-            flat[states + 2 :] = draw.wanted[k : k + count]
-            status = ask(judge, question, judge_cold)
+            assign(flat[states + 2 :], draw.wanted[k : k + count])
+            if judge_cold:
+                begin(judge.model, horizon, question)
+            status = ask(judge, question)
             judge_cold = judge_cold and status == NONE
             measures[UNSOLVED] += status != SOLVED
             held = min(max(u, -limit), limit)
@@ -222,11 +228,12 @@ def _compile(plant: Equation, model: Equation, policy: Policy, mpc: Shooting) ->
                 reasons[reason] += 1
                 track.reasons[k] = reason
                 if reason == ACCEPTED:
-                    own.horizon.inputs[:] = trial.inputs[:, 0]
-                    own.horizon.states[:] = trial.states
+                    set_plan(own.horizon, trial.states, trial.inputs[:, 0])
                     own.horizon.disturbance[0] = flat[states]
                 else:
-                    own_cold = ask(own, question, own_cold) == NONE and own_cold
+                    if own_cold:
+                        begin(own.model, own.horizon, question)
+                    own_cold = ask(own, question) == NONE and own_cold
                 given = held if own_cold else min(max(own.horizon.inputs[0], -limit), limit)
                 shift(own.model, own.horizon, 1.0)
             if (
@@ -245,7 +252,7 @@ def _compile(plant: Equation, model: Equation, policy: Policy, mpc: Shooting) ->
             drive[0] = given + draw.disturbances[k]
             for _ in range(substeps):
                 advance(x, drive, draw.parameters, draw.network, step, following)
-                x[:] = following
+                assign(x, following)
             off, change = x[output] - draw.wanted[k], given - u
             measures[COST] += horizon.weights[0, 0] * off * off
             measures[COST] += horizon.weights[1, -1] * change * change + horizon.weights[2, 0] * given * given
@@ -255,7 +262,7 @@ def _compile(plant: Equation, model: Equation, policy: Policy, mpc: Shooting) ->
             track.inputs[k] = given
             track.exact[k] = exact
             u = given
-        track.states[periods] = x
+        assign(track.states[periods], x)
 
     compiled: Callable[..., None] = numba.njit(run, **OPTIONS)
     return compiled
