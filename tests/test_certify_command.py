@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from linear_policies import FEATURES, LINEAR, PROBLEM, broken_policy  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros import cli, configuration
 from hybrid_sysid_ros.checking import certification, check_tolerances, subject_of
 from hybrid_sysid_ros.control import policy as policies
 from hybrid_sysid_ros.control.certificate import FILE
 from hybrid_sysid_ros.models import Model, Sampling, load
-from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.rigs.rig import Rig
 
 
@@ -23,7 +23,7 @@ def linear_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     Model(
         rig="cam_beam",
         structure="linear",
-        equation=Linear(gain=5.0, centre=0.9, stiffness=24.0, damping=22.0, input_delay=0.005),
+        equation=LINEAR,
         sampling=Sampling(),
         names=(),
         covariance=np.zeros((0, 0)),
@@ -45,6 +45,16 @@ def planning_folder(policy_folder: Path, linear_folder: Path, tmp_path_factory: 
     return folder
 
 
+@pytest.fixture(scope="module")
+def broken_folder(linear_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The linear model's exact law, but for a share of the questions."""
+    made = broken_policy(dataclasses.replace(PROBLEM, input_limit=10.0))
+    features = np.random.default_rng(0).normal(scale=0.01, size=(3, FEATURES))
+    folder = tmp_path_factory.mktemp("broken") / "policy"
+    dataclasses.replace(made, model=load(linear_folder).seal, check=(features, made.evaluate(features))).save(folder)
+    return folder
+
+
 @pytest.fixture
 def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     def run(*arguments: object) -> tuple[int, str, str]:
@@ -60,15 +70,15 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
     return run
 
 
-def test_a_policy_is_certified_and_a_worst_case_shown(command, planning_folder, linear_folder):
-    given = (planning_folder, "--model", linear_folder, "--seconds", "0.2", "--seed", "3")
+def test_a_policy_is_certified_and_a_worst_case_shown(command, broken_folder, linear_folder):
+    given = (broken_folder, "--model", linear_folder, "--seconds", "0.2", "--seed", "3")
     status, out, error = command(*given, "--loops", "12", "--workers", "1")
     assert status == 0, error
-    certificate = policies.load(planning_folder).certificate
+    certificate = policies.load(broken_folder).certificate
     assert certificate is not None
     assert (certificate.loops, certificate.seed, certificate.distribution["periods"]) == (12, 3, 10)
     assert certificate.distribution["plant"].startswith("the rig cam_beam")
-    assert str(planning_folder / FILE) in out
+    assert str(broken_folder / FILE) in out
     worst = certificate.worst[0]
     assert f"{worst['input_error']:.3f}" in out
     status, out, error = command(*given, "--again", worst["loop"])
@@ -87,16 +97,16 @@ def test_a_policy_is_certified_and_a_worst_case_shown(command, planning_folder, 
         (("--model", "/nowhere"), "/nowhere"),
     ],
 )
-def test_a_wrong_argument_gets_one_line(command, planning_folder, linear_folder, arguments, words):
-    status, _, error = command(planning_folder, "--model", linear_folder, *arguments)
+def test_a_wrong_argument_gets_one_line(command, broken_folder, linear_folder, arguments, words):
+    status, _, error = command(broken_folder, "--model", linear_folder, *arguments)
     assert status == 2
     assert error.startswith("error: ")
     assert len(error.strip().splitlines()) == 1
     assert words in error
 
 
-def test_a_policy_of_another_model_is_not_certified(command, planning_folder):
-    status, _, error = command(planning_folder)
+def test_a_policy_of_another_model_is_not_certified(command, broken_folder):
+    status, _, error = command(broken_folder)
     assert status == 2
     assert "was trained for another model" in error
 
