@@ -219,12 +219,13 @@ def policy_folder(rig: Rig, model_folder: Path) -> Path:
     return folder
 
 
-@pytest.fixture
-def domain(monkeypatch: pytest.MonkeyPatch) -> int:
+@pytest.fixture(scope="session")
+def domain() -> Iterator[int]:
     """A ROS domain of this process's own, on this machine only. Beyond 100 its ports may be taken by others."""
     pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    return 1 + os.getpid() % 100
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        yield 1 + os.getpid() % 100
 
 
 @pytest.fixture

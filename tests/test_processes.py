@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -41,31 +42,48 @@ def wait_until_ready(process: subprocess.Popen[str]) -> None:
     assert process.stdout.readline() == "ready\n"
 
 
-def test_the_whole_loop_runs_in_real_time_and_leaves_a_bag(
-    domain: int, tmp_path: Path, model_folder: Path, policy_folder: Path
-) -> None:
+@dataclass(frozen=True)
+class Run:
+    """What came of a session, what it told, and the seconds of its progress."""
+
+    outcome: session.Outcome
+    lines: list[str]
+    seconds: list[float]
+
+
+@pytest.fixture(scope="module")
+def run(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Two seconds in real time: the shipped network under supervision."""
     lines: list[str] = []
     seconds: list[float] = []
     outcome = session.run(
-        model=model_folder,
-        policy_path=policy_folder,
-        policy="network",
         reference="sine",
         duration=2.0,
-        bag=tmp_path / "bag",
+        bag=tmp_path_factory.mktemp("run") / "bag",
         domain=domain,
         tell=lines.append,
         progress=lambda elapsed, duration: seconds.append(elapsed),
     )
-    assert not outcome.interrupted
-    assert 1.9 < seconds[-1] < 5.0
-    assert "done after 2 s" in " ".join(lines)
-    assert outcome.diagnostics["plant"]["measurements"] > 390
-    assert outcome.diagnostics["controller"]["layer_policy"] > 200
-    assert 0.0 < outcome.diagnostics["plant"]["delay_ms_p50"] < 1e3
-    record = bags.read(tmp_path / "bag", Signals.of_rig("cam_beam"))
+    return Run(outcome, lines, seconds)
+
+
+def test_the_whole_loop_runs_in_real_time_and_leaves_a_bag(run: Run) -> None:
+    assert not run.outcome.interrupted
+    assert 1.9 < run.seconds[-1] < 5.0
+    assert "done after 2 s" in " ".join(run.lines)
+    assert run.outcome.diagnostics["plant"]["measurements"] > 390
+    assert run.outcome.diagnostics["controller"]["layer_policy"] > 200
+    assert 0.0 < run.outcome.diagnostics["plant"]["delay_ms_p50"] < 1e3
+    assert run.outcome.bag is not None
+    record = bags.read(run.outcome.bag, Signals.of_rig("cam_beam"))
     assert record.duration > 1.9
-    assert "/diagnostics" in bags.topics(tmp_path / "bag")
+    assert "/diagnostics" in bags.topics(run.outcome.bag)
+
+
+def test_nothing_is_compiled_once_the_nodes_are_ready(run: Run) -> None:
+    """Compiling takes seconds, and each is a hundred missed commands."""
+    for node in ("estimator", "controller"):
+        assert run.outcome.diagnostics[node]["execution_ms_max"] < 500.0
 
 
 @pytest.mark.parametrize("interrupts", [1, 2])
@@ -125,14 +143,6 @@ def test_a_session_tells_what_keeps_a_node_from_starting(domain: int, tmp_path: 
         session.run(domain=domain, parameters={"controller": {"speed": 1.0}})
     with pytest.raises(UserError, match="ROS domain 233"):
         session.run(domain=233)
-
-
-def test_nothing_is_compiled_once_the_nodes_are_ready(domain: int) -> None:
-    """The shipped network under supervision: compiling takes seconds, and each is a hundred missed commands."""
-    outcome = session.run(duration=2.0, domain=domain, tell=lambda line: None)
-    for node in ("estimator", "controller"):
-        assert outcome.diagnostics[node]["execution_ms_max"] < 500.0
-    assert outcome.diagnostics["controller"]["layer_policy"] > 100
 
 
 def test_a_session_ends_well_when_it_is_interrupted(domain: int, model_folder: Path, policy_folder: Path) -> None:
