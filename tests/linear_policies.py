@@ -6,9 +6,8 @@ from test_mpc import LINEAR, least_squares_form  # type: ignore[import-not-found
 from hybrid_sysid_ros.control import Problem
 from hybrid_sysid_ros.control.policy import Policy
 from hybrid_sysid_ros.control.training_range import TrainingRange
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
 
-__all__ = ["BROKEN_BY", "FEATURES", "LINEAR", "PROBLEM", "STRAIGHT", "broken_policy", "exact_policy", "plan_by_hand"]
+__all__ = ["BROKEN_BY", "FEATURES", "LINEAR", "PROBLEM", "broken_policy", "exact_policy", "plan_by_hand"]
 
 PROBLEM = Problem(
     horizon=8,
@@ -21,19 +20,6 @@ PROBLEM = Problem(
     smoothing=0.005,
     max_iterations=50,
 )
-STRAIGHT = CamBeam(
-    gain=LINEAR.gain,
-    centre=LINEAR.centre,
-    stiffness=LINEAR.stiffness,
-    damping=LINEAR.damping,
-    input_delay=0.0,
-    coulomb=0.0,
-    stribeck_excess=0.0,
-    asymmetry=0.0,
-    quadratic_stiffness=0.0,
-    cam_curvature=0.0,
-)
-"""The linear plant again, as a beam with nothing bent and without friction: compiled code is that of the rig."""
 FEATURES = 2 + 2 + PROBLEM.horizon
 SMALL = 1e-5
 BROKEN_BY = 5.0  # V

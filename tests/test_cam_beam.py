@@ -8,10 +8,12 @@ import pytest
 from scipy.io import loadmat
 
 from hybrid_sysid_ros.equations import simulate
+from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.rigs import excitation
 from hybrid_sysid_ros.rigs.cam_beam import SMALLEST_SQUARED_COSINE, CamBeam
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.sensor import Filter
+from tests.straight_beam import straight
 
 COUNT = 10.0 / 2048  # V, of the 12-bit converter over +-10 V
 
@@ -94,6 +96,14 @@ def test_without_a_crank_the_drive_does_not_fade():
     for angle in (-0.1, 0.0, 0.1):
         states = simulate(beam, np.array([angle, 0.5]), np.full((100, 1), 3.0), step=1e-3)
         assert states[-1, 1] == pytest.approx(0.5 + beam.gain * 3.0 * 0.1, rel=1e-9)
+
+
+def test_a_straight_beam_without_friction_is_the_linear_one():
+    linear = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.004)
+    random = np.random.default_rng(0)
+    start, inputs = random.normal(size=2), random.uniform(-10.0, 10.0, (200, 1))
+    beam, expected = (simulate(equation, start, inputs, step=0.005) for equation in (straight(linear), linear))
+    np.testing.assert_allclose(beam, expected, rtol=1e-12)
 
 
 def test_the_records_stay_away_from_the_dead_centres(records, rig):

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from linear_policies import FEATURES, LINEAR, STRAIGHT, broken_policy, exact_policy  # type: ignore[import-not-found]
+from linear_policies import FEATURES, LINEAR, broken_policy, exact_policy  # type: ignore[import-not-found]
 from scipy.stats import binom
 
 from hybrid_sysid_ros.control import ExactMpc
@@ -18,10 +18,12 @@ from hybrid_sysid_ros.control.certified_policy import KKT_TOLERANCE, Criteria, D
 from hybrid_sysid_ros.control.online_check import REASONS, Tolerances
 from hybrid_sysid_ros.control.sampling import Spread
 from hybrid_sysid_ros.control.supervisor import Supervisor
-from hybrid_sysid_ros.equations import kernels, simulate
+from hybrid_sysid_ros.equations import kernels
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import storage
+from tests.straight_beam import straight
 
+STRAIGHT = straight(LINEAR)
 DISTRIBUTION = Distribution(
     spread=Spread(amplitude=2.0, disturbance=0.4, input_jitter=0.0, kick=(0.01, 0.1), parameters=0.1),
     seconds=0.3,
@@ -55,13 +57,6 @@ def law():
 @pytest.fixture(scope="module")
 def broken():
     return broken_policy()
-
-
-def test_a_straight_beam_without_friction_is_the_linear_one():
-    random = np.random.default_rng(0)
-    start, inputs = random.normal(size=2), random.uniform(-10.0, 10.0, (200, 1))
-    straight, linear = (simulate(equation, start, inputs, step=0.005) for equation in (STRAIGHT, LINEAR))
-    np.testing.assert_allclose(straight, linear, rtol=1e-12)
 
 
 # The statement

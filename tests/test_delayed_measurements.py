@@ -10,9 +10,10 @@ from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.estimation import METHODS, Channel, Tuning
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.narx import Narx
+from tests.straight_beam import straight
 
 PERIOD = 0.005
-LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.004)
+LINEAR = straight(Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.004))
 TUNING = Tuning(
     measurement_noise=5e-4,
     process_noise=(1e-4, 0.2),

@@ -14,9 +14,10 @@ from hybrid_sysid_ros.estimation import METHODS, Tuning
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.rigs.excitation import multisine
 from hybrid_sysid_ros.rigs.plant import Plant
+from tests.straight_beam import straight
 
 PERIOD = 0.005
-LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
+LINEAR = straight(Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0))
 QUIET = Tuning(
     measurement_noise=5e-4,
     process_noise=(1e-4, 0.2),

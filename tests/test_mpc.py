@@ -17,6 +17,7 @@ from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, Tuning
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.rigs.plant import Plant
+from tests.straight_beam import straight
 
 LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
 PROBLEM = Problem(
@@ -212,7 +213,7 @@ def test_there_is_no_offset_at_rest_under_a_constant_disturbance():
         gate=1e6,
         patience=5,
     )
-    estimator = ExtendedKalmanFilter(equation, tuning, period=0.02)
+    estimator = ExtendedKalmanFilter(straight(equation), tuning, period=0.02)
     controller = ExactMpc(equation, PROBLEM)
     x, u, bias, target = np.zeros(2), 0.0, 0.6, 0.06
     past = [u] * 2

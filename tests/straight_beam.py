@@ -1,0 +1,20 @@
+"""A beam with nothing bent, for tests."""
+
+from hybrid_sysid_ros.models.linear import Linear
+from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+
+
+def straight(equation: Linear) -> CamBeam:
+    """The linear equation as the rig's own, which is compiled anyway: on no crank, without friction."""
+    return CamBeam(
+        gain=equation.gain,
+        centre=equation.centre,
+        stiffness=equation.stiffness,
+        damping=equation.damping,
+        input_delay=equation.input_delay,
+        coulomb=0.0,
+        stribeck_excess=0.0,
+        asymmetry=0.0,
+        quadratic_stiffness=0.0,
+        cam_curvature=0.0,
+    )
