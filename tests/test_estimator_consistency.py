@@ -1,51 +1,46 @@
 """Whether the estimators are as sure as they may be, and whether their mathematics is what their sources say."""
 
 import dataclasses
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, kernels, parameter
+from hybrid_sysid_ros.equations import kernels
 from hybrid_sysid_ros.estimation import METHODS, Tuning
 from hybrid_sysid_ros.estimation.cholesky import factorise, solve_factorised
 from hybrid_sysid_ros.estimation.consistency import Window, band, normalised_errors
 from hybrid_sysid_ros.estimation.unscented_kalman_filter import triangle
+from hybrid_sysid_ros.rigs.cam_beam import CamBeam
 
 PERIOD = 0.005
 
-
-@dataclass(frozen=True, kw_only=True)
-class Pull(Motion):
-    """A mass on a spring that gives way: v' = u - P tanh(3 q) - D v - F sgn v. Without F smooth, and far from linear.
-
-    Without a spring and drag a block on a table: one compiled form is both.
-    """
-
-    states = (Variable(name="position", unit="m"), Variable(name="velocity", unit="m/s"))
-    inputs = (Variable(name="push", unit="m/s^2"),)
-    kinematics: ClassVar[Mapping[int, int]] = {0: 1}
-    friction_state = 1
-
-    spring: float = parameter(8.0, 0.0, 100.0, unit="m/s^2", description="P, the largest pull")
-    drag: float = parameter(1.0, 0.0, 10.0, unit="1/s", description="D")
-    friction: float = parameter(0.0, 0.0, 10.0, unit="m/s^2", description="F, Coulomb friction")
-
-    def law(self, operations: Operations) -> Law:
-        tanh = operations.tanh
-
-        def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
-            return (x[1], u[0] - p.spring * tanh(3.0 * x[0]) - p.drag * x[1]), (p.friction, 0.0, 0.0)
-
-        return law
-
-
-PULL = Pull()
-BLOCK = Pull(spring=0.0, drag=0.0, friction=3.0)
+# The rig's equation, which is compiled anyway, as other plants.
+UNIT: dict[str, float] = {"gain": 1.0, "centre": 0.0, "input_delay": 0.0, "asymmetry": 0.0, "stribeck_excess": 0.0}
+PULL = CamBeam(
+    stiffness=10.0,
+    damping=1.0,
+    coulomb=0.0,
+    quadratic_stiffness=4.0,
+    cam_curvature=0.5,
+    range_low=-1.0,
+    range_high=1.0,
+    range_speed=100.0,
+    **UNIT,
+)
+"""A mass on a crank and a spring of stiffness 2 to 18 where it goes. Smooth, and far from linear."""
+BLOCK = CamBeam(
+    stiffness=0.0,
+    damping=0.0,
+    coulomb=3.0,
+    quadratic_stiffness=0.0,
+    cam_curvature=0.0,
+    friction_slope=0.0,
+    friction_curvature=0.0,
+    **UNIT,
+)
+"""v' = u - 3 sgn v: a block on a table."""
 TUNING = Tuning(
     measurement_noise=0.02,
     process_noise=(1e-3, 0.3),
