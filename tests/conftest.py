@@ -19,6 +19,8 @@ from hybrid_sysid_ros import bab, configuration
 from hybrid_sysid_ros.control.policy import Policy
 from hybrid_sysid_ros.control.training_range import TrainingRange
 from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, parameter, simulate
+from hybrid_sysid_ros.estimation import METHODS
+from hybrid_sysid_ros.estimation.filter import Filter
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.record import Record
@@ -161,6 +163,13 @@ def motor() -> Motor:
 @pytest.fixture(scope="session")
 def flexible_joint() -> FlexibleJoint:
     return FlexibleJoint()
+
+
+@pytest.fixture(scope="module", params=METHODS.values(), ids=list(METHODS))
+def kind(request: pytest.FixtureRequest) -> type[Filter]:
+    """Each method of estimation."""
+    kind: type[Filter] = request.param
+    return kind
 
 
 @pytest.fixture(scope="session")

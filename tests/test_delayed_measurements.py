@@ -7,7 +7,7 @@ import pytest
 
 from hybrid_sysid_ros.equations import simulate
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.estimation import METHODS, Channel, Tuning
+from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.narx import Narx
 from tests.straight_beam import straight
@@ -27,11 +27,6 @@ TUNING = Tuning(
     channels={"camera": Channel(state=0, noise=2e-3), "gyro": Channel(state=1, noise=1e-2)},
     horizon=60,
 )
-
-
-@pytest.fixture(scope="module", params=METHODS.values(), ids=list(METHODS))
-def kind(request):
-    return request.param
 
 
 def driven(samples):

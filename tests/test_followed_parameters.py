@@ -16,11 +16,6 @@ PERIOD = 0.005
 STILL = "damping=1e-9"  # followed as well, and hardly moving: two parameters are what is compiled already
 
 
-@pytest.fixture(scope="module", params=METHODS.values(), ids=list(METHODS))
-def kind(request):
-    return request.param
-
-
 @pytest.fixture(scope="module")
 def changed(rig):
     """Measurements and inputs of a beam with 30 % more friction and its centre .3 V lower, under its P controller."""
