@@ -1,90 +1,23 @@
-"""Identification: known parameters come back, and the real beam is met on records that were never seen."""
+"""Identification: known parameters come back."""
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
 from hybrid_sysid_ros.equations import simulate
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.identification import Part, evaluate, free_run, identify, prepare, score
+from hybrid_sysid_ros.identification import Part, evaluate, free_run, identify, prepare
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS, INITIAL_SPREAD, RELATIVE_ERROR
 from hybrid_sysid_ros.models import Sampling, build
 from hybrid_sysid_ros.models.linear import Linear
-from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs.cam_beam import CamBeam
 from hybrid_sysid_ros.rigs.excitation import random_steps
+from tests.linear_bench import bench, held_levels, linear_run, record_of
 
 FAST = Sampling(step=0.001, period=0.045)
 """The step of the simulated rig, and samples in which its 60 Hz hum is a swing: 3 periods in 50 ms are an offset."""
-
-
-def record_of(inputs, outputs, period, name="bench"):
-    return Record(name=name, time=period * np.arange(len(inputs)), input=inputs, output=outputs)
-
-
-def held_levels(seed, samples, *, hold, low=-6.0, high=6.0):
-    return np.random.default_rng(seed).uniform(low, high, samples // hold + 1).repeat(hold)[:samples, None]
-
-
-# Records and samples
-
-
-def test_averaged_inputs_are_means_over_each_step_and_sampled_ones_are_held():
-    u = np.random.default_rng(0).normal(size=(2001, 1))
-    record = record_of(u, np.sin(np.arange(2001) / 100.0)[:, None], 0.001)
-    averaged = prepare(record, CamBeam(), Sampling(step=0.005, period=0.05))
-    np.testing.assert_allclose(averaged.inputs[:, 0], [u[k : k + 5].mean() for k in range(0, 2000, 5)], rtol=1e-12)
-    sampled = prepare(record, CamBeam(), Sampling(step=0.005, period=0.05, input="sampled"))
-    np.testing.assert_array_equal(sampled.inputs[:, 0], u[:2000:50, 0].repeat(10))
-    for experiment in (averaged, sampled):
-        np.testing.assert_array_equal(experiment.outputs, record.output[::50])
-
-
-def test_a_slow_record_holds_its_input_over_finer_steps():
-    u = np.random.default_rng(0).normal(size=(41, 1))
-    experiment = prepare(record_of(u, u, 0.05), CamBeam(), Sampling())
-    np.testing.assert_array_equal(experiment.inputs[:, 0], u[:40, 0].repeat(10))
-
-
-def test_the_velocity_of_a_cubic_is_exact():
-    """A Savitzky-Golay filter of order 3 differentiates polynomials of degree 3 without error."""
-    t = 0.001 * np.arange(2000)
-    record = record_of(np.zeros((2000, 1)), (0.1 - 0.3 * t + 0.2 * t**3)[:, None], 0.001)
-    states = prepare(record, CamBeam(), Sampling()).states
-    np.testing.assert_allclose(states[:, 1], (-0.3 + 0.6 * t**2)[::50], atol=1e-9)
-    np.testing.assert_array_equal(states[:, 0], record.output[::50, 0])
-
-
-def test_scores_by_hand():
-    # Errors 1, 0, -1, 0; deviations from the mean -1.5, -.5, .5, 1.5.
-    scores = score(np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.0, 2.0, 4.0, 4.0]))
-    assert scores.r2 == pytest.approx(1 - 2 / 5)
-    assert scores.rmse == pytest.approx(0.5**0.5)
-    assert scores.fit_percent == pytest.approx(100 * (1 - (2 / 5) ** 0.5))
-
-
-def test_a_simulation_that_diverges_scores_minus_infinity():
-    assert score(np.array([0.0, 1.0]), np.array([0.0, np.inf])).r2 == -np.inf
-    assert score(np.array([0.0, 1.0]), np.array([np.nan, 0.0])).r2 == -np.inf
-    assert score(np.array([0.0, 1.0]), np.array([0.0, 1e200])).r2 == -np.inf
-
-
-@pytest.mark.parametrize(("text", "expected"), [("0:0.5", Part(stop=0.5)), ("0.5:1", Part(start=0.5)), ("0:1", Part())])
-def test_a_part_is_two_fractions(text, expected):
-    assert Part.parse(text) == expected
-
-
-@pytest.mark.parametrize("text", ["", "0.5", "a:b", "0.5:0.5", "1:0", "-1:1", "0:2", "0:nan", "0:1:2"])
-def test_anything_else_is_no_part(text):
-    with pytest.raises(UserError, match="part"):
-        Part.parse(text)
-
-
-# Known parameters
 
 
 def test_a_simulated_beam_gives_its_parameters_back(simulated_records, rig):
@@ -97,21 +30,6 @@ def test_a_simulated_beam_gives_its_parameters_back(simulated_records, rig):
     assert model.equation.named.centre == pytest.approx(rig.equation.named.centre, abs=0.02)
     assert model.equation.delay == pytest.approx(rig.equation.delay, abs=0.003)
     assert all(scores["r2"] > 0.995 for scores in model.scores.values())
-
-
-def linear_run(values, u, x, h):
-    """The linear model by matrices: semi-implicit Euler with trapezoidal damping and a delayed held input."""
-    gain, centre, stiffness, damping, delay = values
-    whole, part = divmod(delay / h, 1.0)
-    shifted = [u[np.clip(np.arange(len(u)) - int(whole) - k, 0, None)] for k in (0, 1)]
-    half = 0.5 * h * damping
-    force = h * gain * ((1 - part) * shifted[0] + part * shifted[1] - centre) / (1 + half)
-    velocity_row = np.array([-h * stiffness, 1 - half]) / (1 + half)
-    matrix = np.array([np.array([1.0, 0.0]) + h * velocity_row, velocity_row])
-    states = [x]
-    for f in force:
-        states.append(matrix @ states[-1] + f * np.array([h, 1.0]))
-    return np.array(states)
 
 
 TRUTH = np.array([5.0, 0.9, 24.0, 22.0, 0.0085])
@@ -278,122 +196,6 @@ def test_a_motor_of_three_states_gives_its_parameters_back(motor):
     np.testing.assert_allclose(fitted.equation.values, motor.values, rtol=5e-3)
     assert fitted.names == ("resistance", "inductance", "torque")
     np.testing.assert_allclose(free_run(fitted.equation, experiment), experiment.outputs, atol=1e-2)
-
-
-# The real beam
-
-PROTOCOL_2 = {
-    "05_multisine_01": 0.97,
-    "06_multisine_02": 0.955,
-    "03_random_steps_01": 0.97,
-    "03_random_steps_02": 0.97,
-    "03_random_steps_03": 0.965,
-    "03_random_steps_04": 0.985,
-    "04_swept_sine": 0.92,
-}
-"""Free-run R2 that is to be reached on the second halves, and on the whole swept sine."""
-
-
-@pytest.fixture(scope="module")
-def protocol_2(records, rig):
-    def scores(handling):
-        training = [records[name] for name in PROTOCOL_2 if name != "04_swept_sine"]
-        model = identify(training, rig, "gray", sampling=Sampling(input=handling), part=Part(stop=0.5))
-        halves = {name: Part() if name == "04_swept_sine" else Part(start=0.5) for name in PROTOCOL_2}
-        return {name: evaluate(model, records[name], part=half).r2 for name, half in halves.items()}
-
-    return {handling: scores(handling) for handling in ("averaged", "sampled")}
-
-
-@pytest.mark.parametrize("name", PROTOCOL_2)
-def test_the_gray_box_meets_the_beam_on_unseen_records(protocol_2, name):
-    assert protocol_2["averaged"][name] >= PROTOCOL_2[name]
-
-
-def test_reading_the_input_at_the_samples_only_loses_the_random_steps(protocol_2):
-    """Jumps fall just after the 50 ms grid and then arrive a whole sample late."""
-    lost = [protocol_2["averaged"][name] - protocol_2["sampled"][name] for name in PROTOCOL_2 if "steps" in name]
-    assert min(lost) > 0.04
-    assert np.mean(lost) > 0.1
-
-
-@pytest.mark.parametrize("start", [0.0, 0.25, 0.5])
-def test_a_sampled_input_is_late_by_the_same_in_every_part(records, start):
-    """The author's loader keeps every 50th sample and then halves: the jumps of random steps 01, 1 ms after that grid,
-    are missed in the second half as in the first. A grid of the half's own would see them at once.
-    """
-    used = Part(start=start, stop=start + 0.25).of(records["03_random_steps_01"], Sampling(input="sampled"))
-    jumps = np.flatnonzero(np.abs(np.diff(used.input[:, 0])) > 3.0) + 1
-    assert len(jumps) > 10
-    assert set(jumps % 50) == {1}
-
-
-def test_sampling_the_input_misses_the_block_means_as_was_measured(records):
-    published = {"03_random_steps_01": 3.34, "03_random_steps_02": 2.30, "03_random_steps_03": 2.00,
-                 "03_random_steps_04": 1.88, "04_swept_sine": 1.17, "05_multisine_01": 0.53}  # fmt: skip
-    for name, volts in published.items():
-        means = prepare(records[name], CamBeam(), Sampling(step=0.05, period=0.05)).inputs
-        held = prepare(records[name], CamBeam(), Sampling(step=0.05, period=0.05, input="sampled")).inputs
-        assert np.sqrt(np.mean((means - held) ** 2)) == pytest.approx(volts, rel=0.02)
-
-
-# Records that can't be used
-
-
-def bench(samples=2001, period=0.005, name="bench", **changes):
-    u = held_levels(0, samples, hold=40)
-    y = linear_run(np.array([5.0, 0.0, 24.0, 22.0, 0.0]), u[:-1, 0], np.zeros(2), 0.005)[:, :1]
-    return record_of(changes.get("u", u), changes.get("y", y), period, name=name)
-
-
-REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
-    "constant output": ({"y": np.full((2001, 1), 0.1)}, {}, "output position is constant"),
-    "no input": ({"u": np.zeros((2001, 1))}, {}, "bench: input drive is constant: no excitation"),
-    "constant input": ({"u": np.full((2001, 1), 3.0)}, {}, "bench: input drive is constant: no excitation"),
-    "too short": ({"samples": 60}, {}, r"bench: 0\.2\d s are too short: at least 0\.45 s"),
-    "period": ({}, {"step": 0.012, "period": 0.012}, r"bench: the scored period of 12 ms is no multiple of 5 ms"),
-    "step": ({}, {"step": 0.002, "period": 0.05}, r"bench: .* of 5 ms is no multiple of 2 ms"),
-}
-
-
-@pytest.mark.parametrize("structure", ["gray", "black_box"])
-@pytest.mark.parametrize("case", REFUSED)
-def test_a_record_that_cannot_be_used_is_named_with_the_reason(rig, case, structure):
-    changes, sampling, reason = REFUSED[case]
-    with pytest.raises(UserError, match=reason) as raised:
-        identify([bench(**changes)], rig, structure, sampling=Sampling(**sampling))
-    assert "\n" not in str(raised.value)
-
-
-def test_a_record_in_degrees_is_found_out_before_the_fit(rig):
-    degrees = bench(y=30 * np.sin(np.arange(2001) / 50.0)[:, None])
-    with pytest.raises(UserError, match=r"range_low = -\d+\.?\d* rad is outside .*must be in SI units"):
-        identify([degrees], rig, "gray", sampling=Sampling())
-
-
-def test_no_record_is_nothing_to_fit(rig):
-    with pytest.raises(UserError, match="no record"):
-        identify([], rig, "linear", sampling=Sampling())
-
-
-def test_one_record_at_rest_among_others_is_named(rig):
-    """It has no R2, so it can't stand in the table of scores."""
-    still = bench(name="still", y=np.full((2001, 1), 0.1))
-    with pytest.raises(UserError, match="still: output position is constant"):
-        identify([bench(), still], rig, "linear", sampling=Sampling())
-    model = identify([bench()], rig, "linear", sampling=Sampling())
-    with pytest.raises(UserError, match="still: the measured output is constant"):
-        evaluate(model, still)
-
-
-def test_a_record_of_other_channels_does_not_fit_a_model(rig):
-    model = identify([bench()], rig, "linear", sampling=Sampling())
-    both = bench()
-    wide = record_of(np.hstack([both.input, both.input]), both.output, 0.005, name="wide")
-    with pytest.raises(UserError, match="wide: 2 inputs and 1 outputs, but the model has 1 and 1"):
-        evaluate(model, wide)
-    with pytest.raises(UserError, match="wide: 2 inputs and 1 outputs"):
-        identify([wide], rig, "linear", sampling=Sampling())
 
 
 def test_a_model_remembers_its_records_and_their_range(rig):
