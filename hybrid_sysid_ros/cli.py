@@ -7,12 +7,13 @@ import logging
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
+from typer.core import TyperGroup
 
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.errors import Interrupted, UserError
 from hybrid_sysid_ros.files import check_place
 from hybrid_sysid_ros.identification import Part, evaluate, identify
 from hybrid_sysid_ros.identification.identifiability import doubts
@@ -44,7 +45,20 @@ from hybrid_sysid_ros.terminal import (
     status,
 )
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+class Commands(TyperGroup):
+    """All commands. An interrupt leaves them by a name of its own: at KeyboardInterrupt typer ends without a word."""
+
+    def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            raise Interrupted from error
+
+
+app = typer.Typer(
+    cls=Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None
+)
 app.add_typer(policy_commands, name="policy")
 
 
@@ -253,15 +267,15 @@ def _volts(scores: dict[str, float], rig: Rig) -> str:
 
 
 def main() -> None:
-    """Run a command; exit with 2 and one line for what a user can cause."""
+    """Run a command; exit with 2 and one line for what a user can cause, with 130 and one for an interrupt."""
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
     try:
         app(prog_name="hybrid-sysid")
     except UserError as error:
         sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
         sys.exit(2)
-    except KeyboardInterrupt:
-        sys.stderr.write("interrupted\n")
+    except (Interrupted, KeyboardInterrupt) as error:
+        sys.stderr.write(": ".join(filter(None, ("interrupted", str(error)))) + "\n")
         sys.exit(130)
 
 

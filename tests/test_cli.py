@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from hybrid_sysid_ros import cli
+from hybrid_sysid_ros.errors import Interrupted
 from hybrid_sysid_ros.identification import comparison
 from hybrid_sysid_ros.models import load, storage
 
@@ -152,6 +153,22 @@ def test_an_option_puts_a_doubtful_term_into_the_gray_box(command, tmp_path):
     assert "creep" not in plain.names
     assert "creep" in creeping.names
     assert (plain.fit["options"]["creep"], creeping.fit["options"]["creep"]) == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (KeyboardInterrupt(), "interrupted"),
+        (Interrupted("3 loops are kept in out.part"), "interrupted: 3 loops are kept in out.part"),
+    ],
+)
+def test_an_interrupted_command_says_so_in_one_line(command, tmp_path, monkeypatch, error, line):
+    def interrupt(*_, **__):
+        raise error
+
+    monkeypatch.setattr(cli, "identify", interrupt)
+    status, out, said = command("identify", MULTISINE, "--out", tmp_path / "model")
+    assert (status, out, said) == (130, "", f"{line}\n")
 
 
 def test_a_protocol_of_the_shipped_bags_is_printed_written_and_its_pick_saved(command, tmp_path):
