@@ -78,7 +78,7 @@ def tables(certificate: Certificate) -> list[Table]:
         for key, text in CRITERIA.items():
             rate = rates[name][key]
             failed = round((1.0 - rate) * certificate.loops)
-            bounds = certificate.bound(name, key), certificate.exact_bound(name, key)
+            bounds = [certificate.bounds[kind][name][key] for kind in ("hoeffding", "binomial")]
             words = text.format(eta=criteria["input_error"], share=criteria["cost_share"])
             counted.add_row(name, words, f"{rate:.4f}", str(failed), *(f"{bound:.4f}" for bound in bounds))
     checked = Table("the online check", "share", title="supervised", title_justify="left")

@@ -92,12 +92,19 @@ class ControllerNode(RigNode):
         return ExactMpc(model.equation, problem, real_time=real_time, time_limit=limit, clock=clock)
 
     def look_at(self, network: Policy, path: Path, asked: Problem) -> None:
-        """Say what a user should know about a network; refuse one without a certificate where one is required."""
+        """Say what a user should know about a network; refuse one that is not certified where that is required."""
+        doubt = ""
         if network.certificate is None:
-            missing = f"{path}: has no certificate: hybrid-sysid policy certify {path} makes one"
-            if self.settings["certificate"] == "require":
-                raise UserError(missing)
-            self.get_logger().warning(missing)
+            doubt = f"{path}: has no certificate: hybrid-sysid policy certify {path} makes one"
+        else:
+            driver, least = self.settings["policy"], self.settings["certificate_rate"]
+            mu = network.certificate.mu(driver)
+            if mu < least:
+                doubt = f"{path}: its certificate says mu {mu:.4f} of {driver}, less than certificate_rate {least:g}"
+        if doubt and self.settings["certificate"] == "require":
+            raise UserError(doubt)
+        if doubt:
+            self.get_logger().warning(doubt)
         made = network.problem
         names = [item.name for item in fields(Problem) if getattr(asked, item.name) != getattr(made, item.name)]
         if names:

@@ -71,7 +71,8 @@ def test_the_exact_law_of_a_linear_problem_passes_every_loop(law):
     found = certify(subject_of(law), loops=300, workers=1)
     for driver in ("network", "supervised"):
         assert found.rates[driver] == {"input": 1.0, "bounds": 1.0, "cost": 1.0, "all": 1.0}
-        assert found.bound(driver, "all") == 1.0 - margin(300, 0.01)
+        assert found.bounds["hoeffding"][driver]["all"] == 1.0 - margin(300, 0.01)
+        assert found.mu(driver) == pytest.approx(0.01 ** (1 / 300))
     first = 1.0 / 15.0  # of the periods: there the exact MPC makes the first plan
     assert found.check["accepted"] + found.check["waiting for good answers"] == 1.0
     assert found.check["waiting for good answers"] == pytest.approx(first)
@@ -88,7 +89,7 @@ def test_a_law_that_is_broken_on_a_share_of_the_loops_passes_the_others(broken):
     assert 0.2 < np.mean(sound) < 0.8
     assert found.rates["network"]["input"] == np.mean(sound)
     assert found.rates["network"]["all"] == np.mean(sound)
-    assert found.bound("network", "all") == np.mean(sound) - margin(400, 0.01)
+    assert found.bounds["hoeffding"]["network"]["all"] == np.mean(sound) - margin(400, 0.01)
 
 
 def test_the_exact_bound_is_that_of_the_binomial_distribution():
@@ -254,7 +255,7 @@ def test_a_certificate_survives_a_round_trip(certified):
     back = certificates.find(folder, policy=seal, model="5ea1")
     assert back is not None
     assert (back.rates, back.loops, back.delta) == (found.rates, 40, 0.01)
-    assert back.bound("network", "all") == found.bound("network", "all")
+    assert back.bounds == found.bounds
 
 
 def test_a_policy_is_loaded_with_its_certificate_or_without_one(certified):

@@ -13,7 +13,7 @@ import pytest
 
 from hybrid_sysid_ros.control import policy as policies
 from hybrid_sysid_ros.control.adaptation import Correction
-from hybrid_sysid_ros.control.certificate import Certificate
+from hybrid_sysid_ros.control.certificate import Certificate, bounds
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import storage
 
@@ -232,6 +232,7 @@ def test_a_certificate_must_be_the_policy_s_own_and_may_be_required(
     with pytest.raises(UserError, match="has no certificate: hybrid-sysid policy certify"):
         bench.start(ControllerNode, **given, certificate="require")
     seal = storage.digest(planning_folder, kind="policy")
+    rates = {"network": {"all": 0.9999}, "supervised": {"all": 0.5}}
     made = Certificate(
         policy=seal,
         model=policies.load(planning_folder).model,
@@ -240,7 +241,8 @@ def test_a_certificate_must_be_the_policy_s_own_and_may_be_required(
         delta=0.01,
         distribution={},
         criteria={},
-        rates={"network": {"all": 1.0}},
+        rates=rates,
+        bounds=bounds(rates, 30_000, 0.01),
         check={},
         exact={},
         worst=[],
@@ -248,6 +250,10 @@ def test_a_certificate_must_be_the_policy_s_own_and_may_be_required(
     )
     made.save(planning_folder)
     bench.start(ControllerNode, **given, certificate="require")
+    with pytest.raises(UserError, match=r"says mu 0\.9997 of network, less than certificate_rate 0\.9999"):
+        bench.start(ControllerNode, **given, certificate="require", certificate_rate=0.9999)
+    with pytest.raises(UserError, match=r"says mu 0\.49\d\d of supervised, less than certificate_rate 0\.99"):
+        bench.start(ControllerNode, **{**given, "policy": "supervised"}, certificate="require")
     path = planning_folder / "certificate.yaml"
     path.write_text(path.read_text().replace("loops: 30000", "loops: 90000"))
     with pytest.raises(UserError, match="was altered") as told:

@@ -13,7 +13,7 @@ from small_policies import PROBLEM, layers_of, policy_of  # type: ignore[import-
 
 from hybrid_sysid_ros import cli, configuration
 from hybrid_sysid_ros.control.adaptation import Correction
-from hybrid_sysid_ros.control.certificate import Certificate
+from hybrid_sysid_ros.control.certificate import Certificate, bounds
 from hybrid_sysid_ros.control.controller import Status
 from hybrid_sysid_ros.control.export import compiler, folder, onnx_graph
 from hybrid_sysid_ros.control.export.vectors import bounded, vectors
@@ -188,6 +188,7 @@ def test_the_graph_says_where_it_comes_from(tmp_path):
 def test_what_is_exported_carries_the_certificate_of_the_network(tmp_path):
     policy = POLICIES["a plan"]
     assert folder.about(policy, SEAL)["certificate"] == "none"
+    rates = {"network": {"input": 0.9975, "bounds": 1.0}, "supervised": {"input": 1.0, "bounds": 1.0}}
     certificate = Certificate(
         policy=SEAL,
         model=policy.model,
@@ -196,7 +197,8 @@ def test_what_is_exported_carries_the_certificate_of_the_network(tmp_path):
         delta=0.01,
         distribution={},
         criteria={},
-        rates={"network": {"input": 0.9975, "bounds": 1.0}, "supervised": {"input": 1.0, "bounds": 1.0}},
+        rates=rates,
+        bounds=bounds(rates, 26492, 0.01),
         check={},
         exact={},
         worst=[],

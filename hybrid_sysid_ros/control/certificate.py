@@ -11,6 +11,8 @@ from typing import Any
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import storage
 
+Rates = Mapping[str, Mapping[str, float]]
+
 FORMAT = 1
 FILE = "certificate.yaml"
 
@@ -38,13 +40,27 @@ def binomial_bound(kept: int, loops: int, delta: float) -> float:
     return float(betaincinv(kept, loops - kept + 1, delta)) if kept else 0.0
 
 
+def bounds(rates: Rates, loops: int, delta: float) -> dict[str, Rates]:
+    """Rates that the true ones are at least, each but with probability delta, by hoeffding and by binomial."""
+    return {
+        "hoeffding": {
+            driver: {name: max(rate - margin(loops, delta), 0.0) for name, rate in parts.items()}
+            for driver, parts in rates.items()
+        },
+        "binomial": {
+            driver: {name: binomial_bound(round(rate * loops), loops, delta) for name, rate in parts.items()}
+            for driver, parts in rates.items()
+        },
+    }
+
+
 @dataclass(frozen=True, kw_only=True)
 class Certificate:
     """What was counted, and over what.
 
     policy, model: seals of their folders. loops, seed, delta: N random loops of this seed, and the probability with
     which one of the bounds may be wrong. distribution: what loops are made of. criteria: what a loop must keep. rates:
-    share of loops that do, by driver (network, supervised) and criterion. check: share of the answers of the online
+    share of loops that do, by driver (network, supervised) and criterion. bounds: see :func:`bounds`. check: share of the answers of the online
     check, by its reason. exact: share of its loops' periods in which the exact MPC found no solution to tolerance.
     worst: the loops with the largest errors, each with the number that runs it again. made: seconds and versions.
     """
@@ -56,7 +72,8 @@ class Certificate:
     delta: float
     distribution: Mapping[str, Any]
     criteria: Mapping[str, Any]
-    rates: Mapping[str, Mapping[str, float]]
+    rates: Rates
+    bounds: Mapping[str, Rates]
     check: Mapping[str, float]
     exact: Mapping[str, float]
     worst: Sequence[Mapping[str, Any]]
@@ -66,23 +83,15 @@ class Certificate:
     def margin(self) -> float:
         return margin(self.loops, self.delta)
 
-    def bound(self, driver: str, criterion: str) -> float:
-        """By Hoeffding's inequality: mu, the true rate, is at least this, but with probability delta."""
-        return max(self.rates[driver][criterion] - self.margin, 0.0)
-
-    def exact_bound(self, driver: str, criterion: str) -> float:
-        """The bound of mu by the binomial distribution itself, which is sharper where few loops fail."""
-        return binomial_bound(round(self.rates[driver][criterion] * self.loops), self.loops, self.delta)
+    def mu(self, driver: str) -> float:
+        """Rate of the loops that keep everything: it is at least this, but with probability delta (binomial)."""
+        return float(self.bounds["binomial"][driver]["all"])
 
     def save(self, folder: Path | str) -> None:
         """Write it into the folder of its policy. Raises UserError where that is another policy by now."""
         if storage.digest(folder, kind="policy") != self.policy:
             raise UserError(f"{folder}: is another policy than the one that was certified; certify it again")
-        bounds = {
-            kind: {driver: {name: bound(driver, name) for name in rates} for driver, rates in self.rates.items()}
-            for kind, bound in (("hoeffding", self.bound), ("binomial", self.exact_bound))
-        }
-        content = {**asdict(self), "margin": self.margin, "bounds": bounds}
+        content = {**asdict(self), "margin": self.margin}
         storage.save_sheet(Path(folder) / FILE, version=FORMAT, content=content)
 
 

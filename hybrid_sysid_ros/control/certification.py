@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
-from hybrid_sysid_ros.control.certificate import Certificate
+from hybrid_sysid_ros.control.certificate import Certificate, bounds
 from hybrid_sysid_ros.control.certified_loop import COST, DRIVERS, ERROR, EXACT, MEASURES, UNSOLVED, WORST_PERIOD
 from hybrid_sysid_ros.control.certified_policy import JUDGED, KKT_TOLERANCE, Subject
 from hybrid_sysid_ros.control.online_check import REASONS
@@ -78,6 +78,7 @@ def certify(
         },
         criteria={**asdict(subject.criteria), "check": subject.tolerances._asdict(), "kkt_tolerance": KKT_TOLERANCE},
         rates=rates,
+        bounds=bounds(rates, loops, delta),
         check={reason: float(share) for reason, share in zip(REASONS, reasons.sum(0) / reasons.sum(), strict=True)},
         exact={"not_converged": float(measures[:, EXACT, UNSOLVED].sum() / (loops * subject.periods))},
         worst=list(_worst(measures)),

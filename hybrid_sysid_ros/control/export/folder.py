@@ -111,7 +111,7 @@ def _certified(certificate: Certificate | None) -> str:
     """What the certificate says of the network alone, for that is what is exported."""
     if certificate is None:
         return "none"
-    bounds = ", ".join(f"{name} {certificate.bound('network', name):.4f}" for name in certificate.rates["network"])
+    bounds = ", ".join(f"{name} {bound:.4f}" for name, bound in certificate.bounds["hoeffding"]["network"].items())
     return f"{certificate.loops} loops; rates at least (delta {certificate.delta:g}): {bounds}"
 
 
