@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatReadError
 
-from hybrid_sysid_ros.bags import Series, joint_states, joint_trajectories, write
+from hybrid_sysid_ros.bags import METADATA, Series, joint_states, joint_trajectories, write
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.files import sha256
+from hybrid_sysid_ros.files import check_folder, sha256
 from hybrid_sysid_ros.signals import configuration_of, load_configuration
 
 REQUIRED = ("time", "u", "y")
@@ -59,6 +59,8 @@ def import_folder(
     folder, out = Path(folder), Path(out)
     scale = radians_per_volt()
     paths, skipped = _records(folder)
+    for path in paths:
+        check_folder(out / path.stem, marker=METADATA)
     for path in skipped:
         progress(f"{path.name}: skipped, it has no {', '.join(REQUIRED)}")
     bags = []

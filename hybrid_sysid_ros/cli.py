@@ -13,8 +13,9 @@ import typer
 from rich.table import Table
 from typer.core import TyperGroup
 
+from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.errors import Interrupted, UserError
-from hybrid_sysid_ros.files import check_place
+from hybrid_sysid_ros.files import check_file, check_folder
 from hybrid_sysid_ros.identification import Part, evaluate, identify
 from hybrid_sysid_ros.identification.identifiability import doubts
 from hybrid_sysid_ros.identification.resimulation import resimulations
@@ -108,7 +109,7 @@ def identify_command(
     read_period: ReadPeriod = 0.0,
 ) -> None:
     """Identify a model from bags."""
-    check_place(out, marker="model.yaml")
+    check_folder(out, marker="model.yaml")
     sampling = sampling_of(step, period, input_handling)
     described = load_rig(rig)
     records = read_records(bag, rig, signals, recover, read_period, sampling)
@@ -150,6 +151,9 @@ def evaluate_command(
     """Score a model by strict free run: one initial state, never corrected. Where a bag has the reference, the whole
     closed loop is simulated again from it as well.
     """
+    if report is not None:
+        reports.check_available()
+        check_file(report)
     loaded = load_model(model)
     described = load_rig(loaded.rig)
     chosen = Part.parse(part)
@@ -162,8 +166,6 @@ def evaluate_command(
     for reason in skipped.values():
         status.print(f"no closed loop: {reason}")
     if report is not None:
-        from hybrid_sysid_ros import report as reports
-
         section = reports.identification_section(loaded, [(record, chosen) for record in records])
         reports.write(report, section, None, reports.provenance(loaded, " ".join(sys.argv)))
         status.print(str(report))

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.control import Controller, ExactMpc, policy
 from hybrid_sysid_ros.control.closed_loop import Loop, run_loop
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
-from hybrid_sysid_ros.files import written_file
+from hybrid_sysid_ros.files import beside, check_file, check_folder, written_file
 from hybrid_sysid_ros.identification import evaluate, identify
 from hybrid_sysid_ros.lecture import RIG, Protocol, table_name
 from hybrid_sysid_ros.loop import LoopRecord
@@ -54,6 +54,11 @@ def demo(out: Path, *, train: bool = False, console: Console | None = None) -> d
     rig = load_rig(RIG)
     report.check_available()
     make_folder(out)
+    for file in ("report.html", "summary.json"):
+        check_file(out / file)
+    folders = {"model": "model.yaml", "loop": bags.METADATA, **({"policy": "policy.yaml"} if train else {})}
+    for folder, marker in folders.items():
+        check_folder(out / folder, marker=marker)
     records = find_records(out, console)
     console.print(f"[bold]1[/] identifying the beam from {len(records.training)} bags")
     model = identify(records.training, rig, "hybrid", sampling=Sampling(), part=records.part)
@@ -151,7 +156,7 @@ def simulated_loop(
 
 def _train(model: Model, folder: Path, console: Console) -> None:
     with progress_bars(console) as update:
-        train_policy(model, samples=folder.with_name("policy.samples"), progress=update).save(folder)
+        train_policy(model, samples=beside(folder, ".samples"), progress=update).save(folder)
 
 
 def _run(bag: Path, model: Path, policy_folder: Path, console: Console) -> tuple[Path, Mapping[str, Any]]:

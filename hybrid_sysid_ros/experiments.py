@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hybrid_sysid_ros.bags import joint_states, joint_trajectories, write
+from hybrid_sysid_ros.bags import METADATA, joint_states, joint_trajectories, write
 from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.files import check_folder
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps, swept_sine
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -37,11 +38,12 @@ def simulate(rig: Rig, kind: str, out: Path, *, seed: int, duration: float, rate
     position, u = gain (q - yf), and write the bag.
 
     rate: of the bag's samples [Hz]; each carries the mean input since the one before. Raises UserError for a rate that
-    does not divide the rig's.
+    does not divide the rig's, and a place that can't be written.
     """
     every = round(1.0 / (rate * rig.step))
     if every < 1 or abs(every * rig.step * rate - 1.0) > 1e-9:
         raise UserError(f"rate {rate:g} Hz does not divide the rig's {1 / rig.step:g} Hz; choose one that does")
+    check_folder(out, marker=METADATA)
     target = excitation(kind, seed=seed, duration=duration)
     plant = Plant(rig, seed=seed, bias=bias)
     samples = round(duration * rate) + 1

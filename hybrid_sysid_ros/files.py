@@ -23,9 +23,8 @@ def written_file(path: Path | str) -> Iterator[Path]:
         UserError: the place cannot be written, or `path` is a folder.
     """
     target = Path(os.path.realpath(path))
-    if target.is_dir():
-        raise UserError(f"{path}: is a folder, not a file: choose another name")
-    with _beside(target) as partial:
+    _check_no_folder(Path(path), target)
+    with _partial(target) as partial:
         yield partial
         os.replace(partial, target)
 
@@ -43,7 +42,7 @@ def written_folder(path: Path | str, *, marker: str, replace: bool = True, force
     """
     target = Path(os.path.realpath(path))
     _check_replaceable(Path(path), target, marker=marker, replace=replace, force=force)
-    with _beside(target) as partial:
+    with _partial(target) as partial:
         partial.mkdir()
         yield partial
         old = partial.with_name(f"{partial.name}.old")
@@ -58,13 +57,32 @@ def written_folder(path: Path | str, *, marker: str, replace: bool = True, force
             raise
 
 
-def check_place(path: Path | str, *, marker: str) -> None:
+def check_file(path: Path | str) -> None:
+    """Whether written_file() could write there, to be asked before long work.
+
+    Raises:
+        UserError: the place cannot be written, or `path` is a folder.
+    """
+    target = Path(os.path.realpath(path))
+    _check_no_folder(Path(path), target)
+    _check_writable(target)
+
+
+def check_folder(path: Path | str, *, marker: str, replace: bool = True) -> None:
     """Whether written_folder() could write there, to be asked before long work.
 
     Raises:
-        UserError: the place holds something that may not be replaced.
+        UserError: the place cannot be written, or holds something that may not be replaced.
     """
-    _check_replaceable(Path(path), Path(os.path.realpath(path)), marker=marker, replace=True, force=False)
+    target = Path(os.path.realpath(path))
+    _check_replaceable(Path(path), target, marker=marker, replace=replace, force=False)
+    _check_writable(target)
+
+
+def beside(path: Path | str, suffix: str) -> Path:
+    """The place next to a file or folder, of its name and a suffix; of ".", next to the current folder."""
+    target = Path(os.path.realpath(path))
+    return target.with_name(f"{target.name}{suffix}")
 
 
 def sha256(path: Path | str) -> str:
@@ -90,21 +108,43 @@ def sha256(path: Path | str) -> str:
         raise UserError(f"{path}: cannot be read ({error.strerror})") from error
 
 
+def _check_no_folder(path: Path, target: Path) -> None:
+    if os.path.isdir(target):
+        raise UserError(f"{path}: is a folder, not a file: choose another name")
+
+
 def _check_replaceable(path: Path, target: Path, *, marker: str, replace: bool, force: bool) -> None:
-    if not target.exists():
+    if not os.path.exists(target):
         return
     if not target.is_dir():
         raise UserError(f"{path}: is a file, not a folder: choose another name")
-    if force or not any(target.iterdir()):
+    if Path.cwd().is_relative_to(target):
+        raise UserError(f"{path}: is the current folder or above it, so it is not replaced: choose another name")
+    try:
+        empty = not any(target.iterdir())
+    except OSError as error:
+        raise _unwritable(target, error) from error
+    if force or empty:
         return
-    if not (target / marker).is_file():
+    if not os.path.isfile(target / marker):
         raise UserError(f"{path}: holds other files (no {marker}), so it is not replaced: choose another name")
     if not replace:
         raise UserError(f"{path}: exists already: choose another name or move it away")
 
 
+def _check_writable(target: Path) -> None:
+    """Make a folder where the target's parents begin, and remove it: permissions alone don't tell of /proc, or of a
+    disk that is full or may only be read.
+    """
+    ancestor = next(folder for folder in target.parents if os.path.exists(folder))
+    try:
+        tempfile.TemporaryDirectory(prefix=f"{target.name}.partial-", dir=ancestor).cleanup()
+    except OSError as error:
+        raise _unwritable(target, error) from error
+
+
 @contextmanager
-def _beside(target: Path) -> Iterator[Path]:
+def _partial(target: Path) -> Iterator[Path]:
     """Yield a free path with the target's name inside a temporary folder next to it, and remove that folder at exit."""
     container: Path | None = None
     try:
@@ -113,11 +153,15 @@ def _beside(target: Path) -> Iterator[Path]:
         yield container / target.name
     except OSError as error:
         if _concerns(error, target, container):
-            raise UserError(f"{target}: cannot be written ({error.strerror})") from error
+            raise _unwritable(target, error) from error
         raise
     finally:
         if container is not None:
             shutil.rmtree(container, ignore_errors=True)
+
+
+def _unwritable(target: Path, error: OSError) -> UserError:
+    return UserError(f"{target}: cannot be written ({error.strerror}): choose another place")
 
 
 def _concerns(error: OSError, target: Path, container: Path | None) -> bool:

@@ -15,6 +15,7 @@ from hybrid_sysid_ros.control.certification import certify
 from hybrid_sysid_ros.control.certified_policy import JUDGED, Subject
 from hybrid_sysid_ros.control.online_check import REASONS
 from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.files import beside, check_file
 from hybrid_sysid_ros.progress import progress_bars
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.terminal import Seed, console, status
@@ -58,7 +59,9 @@ def policy_certify_command(
             raise UserError(f"--driver {driver!r} is unknown; choose one of network, supervised, exact")
         console.print(track_table(subject, again, driver))
         return
-    store = policy.with_name(f"{policy.name}.certificate.part")
+    store = beside(policy, ".certificate.part")
+    for place in (policy / FILE, store):
+        check_file(place)
     with progress_bars(status) as update:
         certificate = certify(subject, loops=loops, delta=delta, workers=workers, store=store, progress=update)
     certificate.save(policy)

@@ -11,7 +11,7 @@ from rich.table import Table
 from hybrid_sysid_ros.control.adaptation import Adaptation
 from hybrid_sysid_ros.control.training_settings import Settings
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.files import check_place
+from hybrid_sysid_ros.files import beside, check_folder
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.options import parse
 from hybrid_sysid_ros.progress import progress_bars
@@ -50,7 +50,7 @@ def train_command(
 
     An interrupted training goes on from the closed loops in OUT.samples when it is started again.
     """
-    check_place(out, marker="policy.yaml")
+    check_folder(out, marker="policy.yaml")
     settings = Settings(
         episodes=(episodes,) * rounds,
         epochs=epochs,
@@ -61,9 +61,7 @@ def train_command(
     )
     loaded = load_model(model)
     with progress_bars(status) as update:
-        policy = train_policy(
-            loaded, settings, seed=seed, samples=out.with_name(f"{out.name}.samples"), progress=update
-        )
+        policy = train_policy(loaded, settings, seed=seed, samples=beside(out, ".samples"), progress=update)
     policy.save(out)
     table = Table("quantity", "value", title=f"policy {out}", title_justify="left")
     for key, value in policy.training.items():

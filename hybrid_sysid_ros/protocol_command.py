@@ -15,7 +15,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros import lecture, report
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.files import check_place, written_file
+from hybrid_sysid_ros.files import beside, check_file, check_folder, written_file
 from hybrid_sysid_ros.identification.candidate import Candidate
 from hybrid_sysid_ros.identification.candidate_store import CandidateStore
 from hybrid_sysid_ros.identification.comparison import RULE, Comparison, compare
@@ -55,7 +55,9 @@ def protocol_command(
     if number not in lecture.PUBLISHED:
         raise UserError(f"protocol {number}: the lecture has protocols 1 and 2")
     if out is not None:
-        check_place(out, marker="model.yaml")
+        check_folder(out, marker="model.yaml")
+    for file in filter(None, (as_json, page)):
+        check_file(file)
     if page is not None:
         report.check_available()
     chosen = structure or list(STRUCTURES)
@@ -66,7 +68,7 @@ def protocol_command(
     protocol = lecture.arrange(lecture.read_folder(folder), number)
     structures = list(dict.fromkeys(chosen))
     place = out or as_json or page
-    store = None if place is None else CandidateStore(place.with_name(f"{place.name}.fits"))
+    store = None if place is None else CandidateStore(beside(place, ".fits"))
     done: list[Candidate] = []
     try:
         with progress_bars(status) as update:

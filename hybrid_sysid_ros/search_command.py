@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.files import check_place
+from hybrid_sysid_ros.files import check_folder
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.models import STRUCTURES
 from hybrid_sysid_ros.progress import progress_bars
@@ -69,7 +69,7 @@ def search_command(
     Finished trials are kept in the study: an interrupted search goes on when the same command is given again.
     """
     if out is not None:
-        check_place(out, marker="model.yaml")
+        check_folder(out, marker="model.yaml")
     sampling = sampling_of(step, period, input_handling)
     objective = CrossValidation(
         records=read_records(bag, rig, signals, recover, read_period, sampling),

@@ -20,7 +20,9 @@ from types import TracebackType
 from typing import Any
 
 from hybrid_sysid_ros import configuration
+from hybrid_sysid_ros.bags import METADATA
 from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.files import check_folder
 from hybrid_sysid_ros.rigs.excitation import HARDWARE_DURATION
 
 READY_TIMEOUT = 120.0  # s, until a node has imported and compiled everything
@@ -238,8 +240,10 @@ def run(
     tell: gets lines for the user. progress: gets the seconds since the start, and how many there will be (0: unknown).
 
     Raises:
-        UserError: no ROS, a parameter is wrong, or a node could not start or ended too early.
+        UserError: no ROS, a parameter is wrong, the bag can't be written, or a node could not start or ended too early.
     """
+    if bag is not None:
+        check_folder(bag, marker=METADATA, replace=overwrite)
     lock, latency = {"lockstep": lockstep}, {"latency": 0.0} if lockstep else {}
     values: dict[str, dict[str, Any]] = {
         "reference": {"kind": reference, "duration": duration, **lock},

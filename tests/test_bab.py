@@ -113,6 +113,17 @@ def test_a_wrong_file_is_named(tmp_path, changes, reason):
     assert not (tmp_path / "bags" / "any name").exists()
 
 
+def test_where_one_bag_cannot_be_put_none_is_written(tmp_path):
+    (tmp_path / "mat").mkdir()
+    for name in ("first", "second"):
+        savemat(tmp_path / "mat" / f"{name}.mat", contents())
+    (tmp_path / "bags" / "second").mkdir(parents=True)
+    (tmp_path / "bags" / "second" / "thesis.tex").touch()
+    with pytest.raises(UserError, match=r"second.*holds other files"):
+        bab.import_folder(tmp_path / "mat", tmp_path / "bags")
+    assert [path.name for path in (tmp_path / "bags").iterdir()] == ["second"]
+
+
 def test_a_folder_without_records_is_named(tmp_path):
     with pytest.raises(UserError, match="no such folder"):
         bab.import_folder(tmp_path / "missing", tmp_path / "bags")

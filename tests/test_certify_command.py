@@ -117,6 +117,24 @@ def test_a_folder_that_is_no_policy_gets_one_line(command, tmp_path):
     assert len(error.strip().splitlines()) == 1
 
 
+def test_the_current_folder_is_certified_as_any_other(command, broken_folder, linear_folder, monkeypatch):
+    """What is done meanwhile is kept beside it, and gone at the end."""
+    monkeypatch.chdir(broken_folder)
+    status, out, error = command(".", "--model", linear_folder, "--seconds", "0.1", "--loops", "12", "--workers", "1")
+    assert status == 0, error
+    assert FILE in out
+    assert [path.name for path in broken_folder.parent.iterdir()] == [broken_folder.name]
+
+
+def test_a_certificate_that_cannot_be_kept_is_not_begun(command, broken_folder, linear_folder):
+    store = broken_folder.with_name(f"{broken_folder.name}.certificate.part")
+    store.mkdir()
+    status, out, error = command(broken_folder, "--model", linear_folder, "--seconds", "0.1", "--loops", "12")
+    store.rmdir()
+    assert (status, out) == (2, "")
+    assert error == f"error: {store}: is a folder, not a file: choose another name\n"
+
+
 # The numbers
 
 

@@ -258,6 +258,46 @@ def test_a_protocol_says_at_once_where_it_cannot_write(command, tmp_path):
     refused(command("protocol", "1", BAGS, "--structure", "linear", "--out", tmp_path), str(tmp_path))
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("identify", "nowhere", "--out", "PLACE"),
+        ("search", "nowhere", "--out", "PLACE"),
+        ("evaluate", "nowhere", "nowhere", "--report", "PLACE"),
+        ("protocol", "1", "nowhere", "--out", "PLACE"),
+        ("protocol", "1", "nowhere", "--json", "PLACE"),
+        ("protocol", "1", "nowhere", "--report", "PLACE"),
+        ("run", "--model", "nowhere", "--bag", "PLACE"),
+        ("simulate", "multisine", "PLACE", "--duration", "3600"),
+        ("policy", "train", "nowhere", "--out", "PLACE"),
+        ("policy", "export", "nowhere", "PLACE"),
+    ],
+    ids=lambda arguments: f"{arguments[0]} {arguments[-2]}",
+)
+@pytest.mark.parametrize("place", ["file/x", "/proc/x", "taken"])
+def test_a_command_says_where_it_cannot_write_before_anything_else(command, tmp_path, monkeypatch, arguments, place):
+    """Even before what it is to work on, which is not there either."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").touch()
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "thesis.tex").write_text("years of work")
+    refused(command(*(place if item == "PLACE" else item for item in arguments)), place)
+    assert sorted(str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*")) == [
+        "file",
+        "taken",
+        "taken/thesis.tex",
+    ]
+
+
+def test_a_bag_that_is_there_is_not_recorded_over_unasked(command):
+    refused(command("run", "--model", "nowhere", "--bag", MULTISINE), "beam_multisine", "exists already")
+
+
+def test_a_model_is_not_put_in_place_of_the_current_folder(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    refused(command("identify", MULTISINE, "--structure", "linear", "--out", "."), "current folder")
+
+
 def test_a_folder_of_something_else_is_not_overwritten(command, tmp_path):
     (tmp_path / "thesis.tex").write_text("years of work")
     refused(command("identify", MULTISINE, "--structure", "linear", "--out", tmp_path), str(tmp_path))

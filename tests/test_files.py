@@ -1,12 +1,15 @@
 """What is on disk is old and whole, or new and whole."""
 
 import hashlib
+import os
 import subprocess
+from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.files import sha256, written_file, written_folder
+from hybrid_sysid_ros.files import beside, check_file, check_folder, sha256, written_file, written_folder
 
 
 def names(folder):
@@ -94,6 +97,77 @@ def test_a_place_below_a_file_cannot_be_written(tmp_path):
     for write in (written_file(tmp_path / "file" / "x"), written_folder(tmp_path / "file" / "x", marker="y")):
         with pytest.raises(UserError, match="cannot be written"), write:
             pytest.fail("the body must not run")
+
+
+@pytest.fixture
+def locked(tmp_path: Path) -> Iterator[Path]:
+    """A folder that nobody may enter, not even root, who is somebody else meanwhile."""
+    folder = tmp_path / "locked"
+    folder.mkdir(mode=0o000)
+    user = os.geteuid()
+    if user == 0:
+        os.seteuid(65534)
+    yield folder
+    os.seteuid(user)
+
+
+def test_where_nothing_can_be_written_is_told_before_the_work_as_after_it(tmp_path):
+    (tmp_path / "file").touch()
+    for place in (tmp_path / "file" / "x", tmp_path / "file" / "x" / "y", Path("/proc/x"), Path("/proc/x/y")):
+        for ask in (lambda place=place: check_file(place), lambda place=place: check_folder(place, marker="y")):
+            with pytest.raises(UserError, match="cannot be written"):
+                ask()
+
+
+def test_a_folder_that_may_not_be_entered_cannot_be_written(locked):
+    for ask in (lambda: check_file(locked / "x"), lambda: check_folder(locked / "x" / "y", marker="y")):
+        with pytest.raises(UserError, match=r"cannot be written \(Permission denied\)"):
+            ask()
+    for write in (written_file(locked / "x"), written_folder(locked / "x", marker="y")):
+        with pytest.raises(UserError, match=r"cannot be written \(Permission denied\)"), write:
+            pytest.fail("the body must not run")
+
+
+def test_asking_leaves_nothing_behind(tmp_path):
+    check_file(tmp_path / "new" / "summary.json")
+    check_folder(tmp_path / "new" / "model", marker="model.yaml")
+    assert names(tmp_path) == []
+
+
+def test_what_may_not_be_replaced_is_told_before_the_work(tmp_path):
+    (tmp_path / "metadata.yaml").touch()
+    with pytest.raises(UserError, match="is a folder, not a file"):
+        check_file(tmp_path)
+    with pytest.raises(UserError, match="is a file, not a folder"):
+        check_folder(tmp_path / "metadata.yaml", marker="model.yaml")
+    with pytest.raises(UserError, match=r"no model\.yaml"):
+        check_folder(tmp_path, marker="model.yaml")
+    with pytest.raises(UserError, match="exists already"):
+        check_folder(tmp_path, marker="metadata.yaml", replace=False)
+    check_folder(tmp_path, marker="metadata.yaml")
+
+
+@pytest.mark.parametrize("place", [".", "..", "../here"])
+def test_nobody_s_current_folder_is_taken_away(tmp_path, monkeypatch, place):
+    """A folder is replaced by renaming: a shell inside would be left in one that is gone."""
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    with pytest.raises(UserError, match="current folder"):
+        check_folder(place, marker="here")
+    with pytest.raises(UserError, match="current folder"), written_folder(place, marker="here"):
+        pytest.fail("the body must not run")
+    assert names(tmp_path) == ["here"]
+    check_folder("below", marker="x")
+    check_folder("../there", marker="x")
+
+
+def test_what_is_beside_a_folder_is_beside_it_by_any_of_its_names(tmp_path, monkeypatch):
+    folder = tmp_path / "v1.2"
+    folder.mkdir()
+    (tmp_path / "elsewhere").symlink_to(folder)
+    monkeypatch.chdir(folder)
+    for name in (".", folder, "../v1.2/", tmp_path / "elsewhere"):
+        assert beside(name, ".part") == tmp_path / "v1.2.part"
 
 
 def test_a_file_and_a_folder_do_not_replace_each_other(tmp_path):

@@ -1,9 +1,20 @@
 """Bags in and out: rosbag2 folders and MCAP files, without ROS installed."""
 
-from hybrid_sysid_ros.bags.bag import Topic
+from hybrid_sysid_ros.bags.bag import METADATA, Topic
 from hybrid_sysid_ros.bags.contents import topics
 from hybrid_sysid_ros.bags.reading import read
 from hybrid_sysid_ros.bags.series import Series, joint_states, joint_trajectories, series
 from hybrid_sysid_ros.bags.writing import BagWriter, write
 
-__all__ = ["BagWriter", "Series", "Topic", "joint_states", "joint_trajectories", "read", "series", "topics", "write"]
+__all__ = [
+    "METADATA",
+    "BagWriter",
+    "Series",
+    "Topic",
+    "joint_states",
+    "joint_trajectories",
+    "read",
+    "series",
+    "topics",
+    "write",
+]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.extras import extra
+from hybrid_sysid_ros.files import beside
 
 if TYPE_CHECKING:
     import optuna
@@ -54,7 +55,7 @@ def _alone(path: Path) -> Iterator[None]:
             with path.open("rb") as content:
                 if content.read(len(SQLITE)) not in (b"", SQLITE):
                     raise UserError(f"{path}: is no SQLite file: choose another --study")
-        lock = path.with_name(f"{path.name}.lock").open("w")
+        lock = beside(path, ".lock").open("w")
     except OSError as error:
         raise UserError(f"{path}: cannot be written ({error.strerror}): choose another --study") from error
     with lock:

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.control.export import c_source, compiler, onnx_graph
 from hybrid_sysid_ros.control.export.vectors import NAMES, Vectors, parts, vectors
 from hybrid_sysid_ros.control.policy import SELF_CHECK_TOLERANCE, Policy
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.files import sha256, written_folder
+from hybrid_sysid_ros.files import check_folder, sha256, written_folder
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 
@@ -49,6 +49,7 @@ def export(folder: Path | str, out: Path | str, *, form: Format = "both") -> lis
 
     Raises UserError for a policy that can't be read, a place that can't be written, a missing extra or a deviation.
     """
+    check_folder(out, marker=MANIFEST)
     loaded = policies.load(folder)
     name = identifier(Path(folder).resolve().name)
     return write(loaded, out, name=name, seal=storage.digest(folder, kind="policy"), form=form)
