@@ -136,6 +136,13 @@ def test_records_without_a_reference_are_skipped_with_the_reason(loop):
     assert "unknown at sample 7" in skipped["hole"]
 
 
+def test_a_loop_of_another_controller_is_not_done_again_by_the_rig_s(loop):
+    """Half the gain and a lag: what another law would have done to the same signals."""
+    other = np.roll(0.5 * loop.input, 300, axis=0)
+    with pytest.raises(UserError, match="loop: its input is not that of the rig's controller"):
+        resimulate(RIG.equation, dataclasses.replace(loop, input=other), RIG, sampling=EXACT)
+
+
 def test_a_record_without_its_filtered_position_begins_settled(loop):
     again = resimulate(RIG.equation, without(loop, "filtered"), RIG, sampling=EXACT)
     assert again.output.r2 == pytest.approx(1.0)

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 WHOLE = Part()
 SWEEPS = 4
 """On the beam two settle steps of 5 and 10 ms to the last digit; at 50 ms each is 15 times nearer, 4 within 1 mV."""
+LEAST_LAW = 0.5
+"""Least R2 with which the controller's law must tell a record's input: 1 where it drove, below 0 where another did."""
 WARM_UP = 1.0
 """Seconds of the measured output that a filter sees before a part; it forgets in a quarter of that."""
 
@@ -61,8 +63,8 @@ def resimulate(equation: Equation, record: Record, rig: Rig, *, sampling: Sampli
     record's filtered position; in a part that begins within the record it has seen the measured output before.
 
     Raises:
-        UserError: the record has no reference, the rig has more than one input or output, the step is no multiple of
-            the rig's, or the record does not fit the sampling.
+        UserError: the record has no reference or was driven by another controller, the rig has more than one input or
+            output, the step is no multiple of the rig's, or the record does not fit the sampling.
     """
     ticks = round(sampling.step / rig.step)
     if ticks < 1 or abs(ticks * rig.step - sampling.step) > 1e-9:
@@ -75,6 +77,7 @@ def resimulate(equation: Equation, record: Record, rig: Rig, *, sampling: Sampli
             f"re-simulation: rig {rig.name} has a controller of one input and one output; the model has more"
         )
     used = part.of(record, sampling)
+    _check_law(used, rig)
     grid = Sampling(step=sampling.step, period=max(sampling.step, used.sampling_time), input="averaged")
     experiment = prepare(used, equation, grid)
     steps = len(experiment.inputs)
@@ -131,6 +134,20 @@ def _reference(record: Record, rig: Rig, ticks: int) -> Array:
         first = int(np.argmax(~np.isfinite(reference)))
         raise UserError(f"{record.name}: the reference is unknown at sample {first}; use a part where it is known")
     return np.asarray(np.interp(rig.step * np.arange(ticks), record.time, reference))
+
+
+def _check_law(record: Record, rig: Rig) -> None:
+    """A record of another controller (or of none) is no experiment that this one could do again."""
+    if not {"reference", "filtered"} <= record.channels.keys():
+        return
+    error = record.channels["reference"] - record.channels["filtered"]
+    told = np.clip(rig.feedback_gain / rig.sensor.radians_per_volt * error, -rig.input_limit, rig.input_limit)
+    known = np.isfinite(told)
+    if known.any() and score(record.input[known, 0], told[known]).r2 < LEAST_LAW:
+        raise UserError(
+            f"{record.name}: its input is not that of the rig's controller, clip(gain (reference - filtered)), so the "
+            "loop can't be done again by it"
+        )
 
 
 def _filter_state(record: Record, rig: Rig, first: int, low_pass: Filter) -> Array:
