@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.checking import subject_of
-from hybrid_sysid_ros.control.certificate import FILE, LEAST_LOOPS, Certificate
+from hybrid_sysid_ros.control.certificate import FILE, LEAST_LOOPS, Certificate, find
 from hybrid_sysid_ros.control.certification import certify
 from hybrid_sysid_ros.control.certified_policy import JUDGED, Subject
 from hybrid_sysid_ros.control.online_check import REASONS
@@ -51,17 +51,20 @@ def policy_certify_command(
 ) -> None:
     """Run random closed loops of a policy beside the exact MPC and state how it does, with how much confidence.
 
-    Ctrl-C keeps what is done; the same command goes on from there.
+    Ctrl-C keeps what is done; the same command goes on from there. A certificate of more loops is not replaced.
     """
+    if driver not in (*JUDGED, "exact"):
+        raise UserError(f"--driver {driver!r} is unknown; choose one of network, supervised, exact")
     subject = subject_of(policy, model, seed=seed, seconds=seconds)
     if again is not None:
-        if driver not in (*JUDGED, "exact"):
-            raise UserError(f"--driver {driver!r} is unknown; choose one of network, supervised, exact")
         console.print(track_table(subject, again, driver))
         return
     store = beside(policy, ".certificate.part")
     for place in (policy / FILE, store):
         check_file(place)
+    there = _loops(policy, subject)
+    if there > loops:
+        raise UserError(f"{policy / FILE}: is of {there} loops; give as many with --loops, or remove it first")
     with progress_bars(status) as update:
         certificate = certify(subject, loops=loops, delta=delta, workers=workers, store=store, progress=update)
     certificate.save(policy)
@@ -69,6 +72,15 @@ def policy_certify_command(
         console.print(table)
     console.print(summary(certificate))
     console.print(str(policy / FILE))
+
+
+def _loops(policy: Path, subject: Subject) -> int:
+    """Of the policy's certificate; 0 where there is none that counts."""
+    try:
+        there = find(policy, policy=subject.seal, model=subject.policy.model)
+    except UserError:
+        return 0
+    return 0 if there is None else there.loops
 
 
 def tables(certificate: Certificate) -> list[Table]:

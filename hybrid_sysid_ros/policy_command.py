@@ -36,7 +36,10 @@ def train_command(
     ] = DEFAULT.epochs,
     hidden: Annotated[str, typer.Option(help="Widths of the tanh layers.")] = ",".join(map(str, DEFAULT.hidden)),
     plan: Annotated[
-        bool, typer.Option("--plan/--first-input", help="Answer with the whole plan, which can be checked, or not.")
+        bool,
+        typer.Option(
+            "--plan/--first-input", help="Answer with the whole plan, which can be checked and certified, or not."
+        ),
     ] = DEFAULT.sequence,
     slopes: Annotated[
         float, typer.Option(help="Weight of the answers' derivatives in the training (Sobolev).", min=0.0)

@@ -81,6 +81,10 @@ def test_a_policy_is_certified_and_a_worst_case_shown(command, broken_folder, li
     assert str(broken_folder / FILE) in out
     worst = certificate.worst[0]
     assert f"{worst['input_error']:.3f}" in out
+    status, _, error = command(*given, "--loops", "11")
+    assert status == 2
+    assert "certificate.yaml: is of 12 loops; give as many with --loops, or remove it first" in error
+    assert policies.load(broken_folder).certificate == certificate
     status, out, error = command(*given, "--again", worst["loop"])
     assert status == 0, error
     lines = [line for line in out.splitlines() if line.startswith("│")]
@@ -93,6 +97,8 @@ def test_a_policy_is_certified_and_a_worst_case_shown(command, broken_folder, li
     ("arguments", "words"),
     [
         (("--delta", "0"), "say nothing"),
+        (("--loops", "12", "--delta", "1e-12"), "say nothing"),
+        (("--driver", "nobody"), "choose one of network, supervised, exact"),
         (("--again", "0", "--driver", "nobody"), "choose one of network, supervised, exact"),
         (("--model", "/nowhere"), "/nowhere"),
     ],

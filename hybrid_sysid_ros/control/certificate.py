@@ -60,9 +60,10 @@ class Certificate:
 
     policy, model: seals of their folders. loops, seed, delta: N random loops of this seed, and the probability with
     which one of the bounds may be wrong. distribution: what loops are made of. criteria: what a loop must keep. rates:
-    share of loops that do, by driver (network, supervised) and criterion. bounds: see :func:`bounds`. check: share of the answers of the online
-    check, by its reason. exact: share of its loops' periods in which the exact MPC found no solution to tolerance.
-    worst: the loops with the largest errors, each with the number that runs it again. made: seconds and versions.
+    share of loops that do, by driver (network, supervised) and criterion. bounds: see :func:`bounds`. check: share of
+    the answers of the online check, by its reason. exact: share of its loops' periods in which the exact MPC found no
+    solution to tolerance. worst: the loops with the largest errors, each with the number that runs it again. made:
+    seconds and versions.
     """
 
     policy: str

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save_file
 
-from hybrid_sysid_ros.control.certificate import Certificate, bounds
+from hybrid_sysid_ros.control.certificate import Certificate, bounds, margin
 from hybrid_sysid_ros.control.certified_loop import COST, DRIVERS, ERROR, EXACT, MEASURES, UNSOLVED, WORST_PERIOD
 from hybrid_sysid_ros.control.certified_policy import JUDGED, KKT_TOLERANCE, Subject
 from hybrid_sysid_ros.control.online_check import REASONS
@@ -53,8 +53,8 @@ def certify(
     workers: threads, 0 for one per core. store: file where finished loops are kept until the end, so that an
     interrupted certification goes on. Raises UserError for a number of loops or a delta that says nothing.
     """
-    if loops < 1 or not 0.0 < delta < 1.0:
-        raise UserError(f"certificate: {loops} loops with delta {delta} say nothing: take loops > 0 and 0 < delta < 1")
+    if not 0.0 < delta < 1.0 or loops < 1 or margin(loops, delta) >= 1.0:
+        raise UserError(f"certificate: {loops} loops with delta {delta} say nothing: take more loops and 0 < delta < 1")
     began = time.perf_counter()
     work = _Work(subject, loops, store)
     earlier = work.seconds

@@ -65,8 +65,8 @@ def trial(policy: Policy) -> Trial:
     """Memory for the plans of a policy. Raises UserError for one that gives its first input alone."""
     if policy.outputs != policy.horizon:
         raise UserError(
-            f"policy: gives {policy.outputs} of the {policy.horizon} inputs of a plan, so that its plans can't be "
-            "checked; train it to give the whole sequence, or use it unsupervised (policy:=network)"
+            f"policy: gives {policy.outputs} of the {policy.horizon} inputs of a plan, so that it can't be checked or "
+            "certified; train it to give the whole sequence, or use it alone and uncertified (policy:=network)"
         )
     states = np.zeros((policy.horizon + 1, policy.states))
     return Trial(np.zeros((policy.horizon, 1)), states, np.zeros(1, np.int64))
