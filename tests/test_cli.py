@@ -126,6 +126,9 @@ def test_a_model_tells_where_it_comes_from(linear_model):
         ([MULTISINE, "--structure", "banana"], ["banana", "choose one of"]),
         ([MULTISINE, "--rig", "trebuchet"], ["trebuchet", "known are"]),
         ([MULTISINE, "--period", "0.033"], ["0.033", "multiple"]),
+        ([MULTISINE, "--period", "nan"], ["nan", "multiple"]),
+        ([MULTISINE, "--step", "inf", "--period", "inf"], ["inf", "multiple"]),
+        ([MULTISINE, "--step", "1e-9"], ["1e-09", "take a longer step"]),
         ([MULTISINE, "--input", "guessed"], ["guessed", "averaged or sampled"]),
         ([MULTISINE, "--part", "half"], ["half", "START:STOP"]),
         ([MULTISINE, "--part", "0:0.001"], ["beam_multisine"]),
@@ -243,6 +246,7 @@ def test_a_protocol_that_is_interrupted_at_once_says_so(command, monkeypatch):
         (["1", BAGS, "--structure", "banana"], ["'banana' is unknown", "linear"]),
         (["1", BAGS, "--input", "guessed"], ["guessed", "averaged or sampled"]),
         (["1", BAGS, "--period", "0.033"], ["0.033", "multiple"]),
+        (["1", BAGS, "--step", "nan"], ["nan", "multiple"]),
     ],
 )
 def test_a_wrong_argument_of_protocol_gets_one_line(command, arguments, words):

@@ -1,6 +1,7 @@
 """Models as folders: what is saved is what is loaded, and a bad folder says what is wrong with it."""
 
 import dataclasses
+import math
 import shutil
 
 import numpy as np
@@ -301,11 +302,29 @@ def test_a_rig_of_positions_on_one_side_only_can_be_saved(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("step", "period", "reason"), [(0.005, 0.012, "no multiple"), (0.0, 0.05, "no multiple"), (-0.005, 0.05, "no mult")]
+    ("step", "period"),
+    [
+        (0.005, 0.012),
+        (0.0, 0.05),
+        (-0.005, 0.05),
+        (0.1, 0.05),
+        (math.nan, 0.05),
+        (0.005, math.nan),
+        (0.005, math.inf),
+        (math.inf, math.inf),
+        (-math.inf, 0.05),
+    ],
 )
-def test_a_period_is_a_multiple_of_the_step(step, period, reason):
-    with pytest.raises(UserError, match=reason):
+def test_a_period_is_a_multiple_of_the_step(step, period):
+    with pytest.raises(UserError, match="no multiple"):
         Sampling(step=step, period=period)
+
+
+@pytest.mark.parametrize("step", [1e-9, 1e-300, 1e-320, 0.05 / 1001])
+def test_a_period_has_no_more_steps_than_can_be_kept(step):
+    with pytest.raises(UserError, match=r"more than 1000 of each period of 0\.05 s; take a longer step"):
+        Sampling(step=step, period=0.05)
+    assert Sampling(step=0.05 / 1000, period=0.05).every == 1000
 
 
 def test_a_network_counts_with_every_weight():

@@ -16,7 +16,11 @@ REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
     "constant input": ({"u": np.full((2001, 1), 3.0)}, {}, "bench: input drive is constant: no excitation"),
     "too short": ({"samples": 60}, {}, r"bench: 0\.2\d s are too short: at least 0\.45 s"),
     "period": ({}, {"step": 0.012, "period": 0.012}, r"bench: the scored period of 12 ms is no multiple of 5 ms"),
-    "step": ({}, {"step": 0.002, "period": 0.05}, r"bench: .* of 5 ms is no multiple of 2 ms"),
+    "step": (
+        {},
+        {"step": 0.002, "period": 0.05},
+        r"sampling time of 5 ms is no multiple of 2 ms, the integration step",
+    ),
 }
 
 
@@ -33,6 +37,16 @@ def test_a_record_in_degrees_is_found_out_before_the_fit(rig):
     degrees = bench(y=30 * np.sin(np.arange(2001) / 50.0)[:, None])
     with pytest.raises(UserError, match=r"range_low = -\d+\.?\d* rad is outside .*must be in SI units"):
         identify([degrees], rig, "gray", sampling=Sampling())
+
+
+def test_a_record_at_another_rate_than_the_model_s_says_what_goes_for_fit_and_score(rig):
+    """Who scores a model has no say in its steps."""
+    model = identify([bench()], rig, "linear", sampling=Sampling())
+    other = record_of(bench().input, bench().output, 0.027, name="other")
+    known = "other: the scored period of 50 ms is no multiple of 27 ms, the record's sampling time"
+    for use in (lambda: evaluate(model, other), lambda: identify([other], rig, "linear", sampling=Sampling())):
+        with pytest.raises(UserError, match=f"{known}; fit the model with a --step and --period that are, or sample"):
+            use()
 
 
 def test_no_record_is_nothing_to_fit(rig):

@@ -48,7 +48,8 @@ def prepare(record: Record, equation: Equation, sampling: Sampling) -> Experimen
             f"{needed[1]}; check the signals of the rig"
         )
     period = record.sampling_time
-    every = _ratio(sampling.period, period, record.name, "scored period")
+    sampled = "the record's sampling time"
+    every = _ratio(sampling.period, period, record.name, "the scored period", sampled)
     samples = (len(record.time) - 1) // every + 1
     if samples < 10:
         raise UserError(
@@ -58,10 +59,11 @@ def prepare(record: Record, equation: Equation, sampling: Sampling) -> Experimen
     if sampling.input == "sampled":
         inputs = np.repeat(record.input[:used:every], sampling.every, axis=0)
     elif sampling.step >= period * (1 - 1e-9):
-        block = _ratio(sampling.step, period, record.name, "integration step")
+        block = _ratio(sampling.step, period, record.name, "the integration step", sampled)
         inputs = record.input[:used].reshape(-1, block, record.input.shape[1]).mean(axis=1)
     else:
-        inputs = np.repeat(record.input[:used], _ratio(period, sampling.step, record.name, "sample"), axis=0)
+        times = _ratio(period, sampling.step, record.name, sampled, "the integration step")
+        inputs = np.repeat(record.input[:used], times, axis=0)
     outputs = np.ascontiguousarray(record.output[::every][:samples])
     means = inputs.reshape(samples - 1, sampling.every, -1).mean(axis=1)
     return Experiment(
@@ -81,11 +83,11 @@ def rates(record: Record) -> Array:
     return np.asarray(savgol_filter(record.output, window, 3, deriv=1, delta=record.sampling_time, axis=0))
 
 
-def _ratio(longer: float, shorter: float, name: str, what: str) -> int:
+def _ratio(longer: float, shorter: float, name: str, one: str, other: str) -> int:
     ratio = round(longer / shorter)
     if ratio < 1 or abs(ratio * shorter - longer) > 0.01 * shorter:
         raise UserError(
-            f"{name}: the {what} of {longer * 1e3:g} ms is no multiple of {shorter * 1e3:g} ms, "
-            "the record's sampling time; choose --step and --period that are"
+            f"{name}: {one} of {longer * 1e3:g} ms is no multiple of {shorter * 1e3:g} ms, {other}; "
+            "fit the model with a --step and --period that are, or sample the record otherwise"
         )
     return ratio

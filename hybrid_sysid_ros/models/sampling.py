@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
 from hybrid_sysid_ros.errors import UserError
 
 InputHandling = Literal["averaged", "sampled"]
+
+MOST_STEPS = 1000
+"""In a period: a shorter step tells nothing more of a rig, and all of them are kept."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,6 +21,8 @@ class Sampling:
     step: integration step [s]. period: distance of the scored samples [s], a multiple of the step. input: "averaged"
     gives each step the mean of the record's input over it; "sampled" reads the input once every ``period`` and holds
     it, as the lecture does: reference jumps then arrive up to one period late.
+
+    Raises UserError where the period is no multiple of the step, or one of more than :data:`MOST_STEPS`.
     """
 
     step: float = 0.005
@@ -26,8 +32,16 @@ class Sampling:
     def __post_init__(self) -> None:
         if self.input not in ("averaged", "sampled"):
             raise UserError(f"sampling: input {self.input!r} is unknown; choose averaged or sampled")
-        if self.step <= 0 or self.period <= 0 or abs(self.every * self.step - self.period) > 1e-9:
-            raise UserError(f"sampling: the period {self.period} s is no multiple of the step {self.step} s")
+        apart = f"sampling: the period {self.period} s is no multiple of the step {self.step} s"
+        if not 0.0 < self.step <= self.period < math.inf:
+            raise UserError(apart)
+        if self.period > (MOST_STEPS + 0.5) * self.step:
+            raise UserError(
+                f"sampling: a step of {self.step} s makes more than {MOST_STEPS} of each period of {self.period} s; "
+                "take a longer step"
+            )
+        if abs(self.every * self.step - self.period) > 1e-9:
+            raise UserError(apart)
 
     @property
     def every(self) -> int:
