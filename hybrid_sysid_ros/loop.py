@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.bags.bag import name_of
 from hybrid_sysid_ros.bags.columns import SECOND, Columns, MissingInMessageError
 from hybrid_sysid_ros.bags.contents import Contents, contents
 from hybrid_sysid_ros.errors import UserError
@@ -165,9 +166,8 @@ class _Reading:
         late = np.zeros(len(stamps), dtype=bool)
         late[:-1] = (answered[:-1] < 0) | (one_clock & (replies[:-1] >= logged[1:]))
         zero, reference = self.reference(stamps)
-        resolved = self.path.resolve()
         return LoopRecord(
-            name=resolved.name if resolved.is_dir() else resolved.stem,
+            name=name_of(self.path),
             rig=self.rig,
             stamps=stamps,
             time=np.asarray((stamps - zero) * 1e-9),

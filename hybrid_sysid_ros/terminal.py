@@ -53,7 +53,7 @@ def read_records(
     """
     if period and sampling.input == "sampled":
         raise UserError("--read-period keeps means of the input, but the model reads it sampled; leave one out")
-    names = [path.resolve().stem for path in paths]
+    names = [bags.name_of(path) for path in paths]
     if twins := {name for name in names if names.count(name) > 1}:
         raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
     chosen = Signals.load(signals) if signals is not None else Signals.of_rig(rig)

@@ -53,6 +53,13 @@ def test_a_bag_gives_back_what_was_written(tmp_path, compressed):
     }
 
 
+def test_a_number_behind_a_dot_belongs_to_the_name_of_a_bag(tmp_path):
+    for run in ("run.1", "run.2"):
+        bag = bags.write(tmp_path / run, [states()])
+        for path in (bag, bag / f"{run}.mcap"):
+            assert bags.read(path, SIGNALS).name == bags.name_of(path) == run
+
+
 def test_the_effort_of_a_state_is_the_input_of_the_interval_before(tmp_path):
     effort = np.column_stack([0.1 * np.arange(1000), np.zeros(1000)])
     effort[0, 0] = np.nan  # what was applied before the first measurement is not known, and not needed

@@ -147,6 +147,18 @@ def test_a_wrong_argument_of_identify_gets_one_line(command, tmp_path, arguments
     assert not (tmp_path / "model").exists()
 
 
+def test_runs_that_are_numbered_behind_a_dot_are_two(command, tmp_path):
+    runs = [tmp_path / "run.1", tmp_path / "run.2", tmp_path / "again" / "run.1"]
+    for run in runs:
+        shutil.copytree(MULTISINE, run)
+    arguments = ["--structure", "linear", "--part", "0:0.2", "--out", tmp_path / "model"]
+    status, out, error = command("identify", *runs[:2], *arguments)
+    assert status == 0, error
+    assert "run.1" in out
+    assert "run.2" in out
+    refused(command("identify", *runs, *arguments), "two bags are called run.1")
+
+
 def test_an_option_puts_a_doubtful_term_into_the_gray_box(command, tmp_path):
     arguments = ["--structure", "gray", "--part", "0:0.3", "--step", "0.01"]
     for name, options in (("plain", []), ("creeping", ["--option", "creep=1"])):

@@ -133,6 +133,12 @@ def opened(path: Path | str, *, recover: bool = False) -> Iterator[Bag]:
         yield bag
 
 
+def name_of(path: Path | str) -> str:
+    """What results call a bag: its folder's name whole ("run.2" is no "run"), a file's without its ending."""
+    resolved = Path(path).resolve()
+    return resolved.name if resolved.is_dir() else resolved.stem
+
+
 def listing(topics: dict[str, Topic]) -> str:
     """Topics and types in a line, for messages to the user."""
     return ", ".join(f"{topic.name} ({topic.type})" for topic in topics.values()) or "no topic at all"

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.bags.bag import Bag, opened
+from hybrid_sysid_ros.bags.bag import Bag, name_of, opened
 from hybrid_sysid_ros.bags.columns import Columns, MissingInMessageError
 from hybrid_sysid_ros.bags.resampling import EveryNth, GroupMean, HeldLast, HeldMean, Resampled
 from hybrid_sysid_ros.bags.sampling import FEWEST, Samples, SamplingError
@@ -81,9 +81,8 @@ class _Reading:
             if ("input", number) not in self.found:
                 raise self.silent(signal)
         known = self.known()
-        resolved = self.bag.path.resolve()
         return Record(
-            name=resolved.name if resolved.is_dir() else resolved.stem,
+            name=name_of(self.bag.path),
             time=np.arange(known.stop - known.start) * np.float64(period),
             input=np.column_stack([self.taken("input", k)[known] for k in range(len(self.signals.input))]),
             output=np.column_stack([self.taken("output", k)[known] for k in range(len(self.signals.output))]),
