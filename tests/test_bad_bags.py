@@ -72,7 +72,7 @@ def test_a_bag_without_messages_is_named(tmp_path):
 def test_a_missing_topic_is_named_with_those_that_are_there(tmp_path):
     bag = bags.write(tmp_path / "run", [references()])
     reason = r"no topic /cam_beam/joint_states: the bag has /cam_beam/reference \(trajectory_msgs/msg/JointTrajectory\)"
-    refused(bag, reason)
+    refused(bag, reason + r"; name the right one in .*cam_beam\.yaml \(--signals\)")
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,8 @@ def test_a_missing_field_is_named(tmp_path, field, reason, uniform):
         )
     bag = bags.write(tmp_path / "run", topics)
     signal = Signal(topic="joint_states", field=field)
-    refused(bag, reason, Signals(namespace="cam_beam", input=(signal,), output=(signal,)))
+    signals = Signals(namespace="cam_beam", input=(signal,), output=(signal,), source="mine.yaml")
+    refused(bag, rf"{reason}.*; name the right one in mine\.yaml \(--signals\)", signals)
 
 
 def wrong_numbers(output=(), effort=()):

@@ -110,7 +110,7 @@ class _Reading:
                 stamps, values = self.stamps(columns, signal), self.values(columns, signal)
             except MissingInMessageError as error:
                 if key[0] != "channel":
-                    raise UserError(f"{self.at(signal)}: field {signal.field} is missing in {error}") from error
+                    raise self.missing(signal, error) from error
                 logger.debug("%s: channel left out, %s", self.at(signal), error)
                 del self.wanted[key]
                 self.found.pop(key, None)
@@ -170,11 +170,7 @@ class _Reading:
         """Whether the topic of an input or output is there."""
         name = self.signals.topic(signal)
         if name not in self.bag.topics:
-            where = f" in {self.signals.source}" if self.signals.source else ""
-            raise UserError(
-                f"{self.bag.path}: no topic {name}: the bag has {self.bag.listing}; "
-                f"name the right one{where} (--signals)"
-            )
+            raise UserError(f"{self.bag.path}: no topic {name}: the bag has {self.bag.listing}; {self.right_one}")
         if not self.bag.topics[name].messages:
             raise self.silent(signal)
 
@@ -203,7 +199,17 @@ class _Reading:
         except SamplingError as error:
             raise UserError(f"{self.at(signal)}: {error}") from error
         except MissingInMessageError as error:
-            raise UserError(f"{self.at(signal)}: field {signal.field} is missing in {error}") from error
+            raise self.missing(signal, error) from error
+
+    def missing(self, signal: Signal, error: MissingInMessageError) -> UserError:
+        """Error of a topic whose messages have not got a field."""
+        return UserError(f"{self.at(signal)}: field {signal.field} is missing in {error}; {self.right_one}")
+
+    @property
+    def right_one(self) -> str:
+        """What to do where a bag has other topics or fields than the signals say."""
+        where = f" in {self.signals.source}" if self.signals.source else ""
+        return f"name the right one{where} (--signals)"
 
     def at(self, signal: Signal) -> str:
         """Bag and topic, for messages to the user."""
