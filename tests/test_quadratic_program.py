@@ -1,19 +1,14 @@
 """Quadratic programs in compiled code: the conditions of Karush, Kuhn and Tucker hold."""
 
+import numba
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from hybrid_sysid_ros.control.quadratic_program import (
-    BOUNDS,
-    GRADIENT,
-    MATRICES,
-    STATES,
-    quadratic_program,
-    remember,
-    solve,
-)
+from hybrid_sysid_ros.control import quadratic_program as quadratic
+from hybrid_sysid_ros.control.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, quadratic_program
 
+solve, remember = numba.njit(quadratic.solve), numba.njit(quadratic.remember)
 ALL = MATRICES | GRADIENT | BOUNDS | STATES
 
 

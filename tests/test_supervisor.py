@@ -6,6 +6,7 @@ import dataclasses
 import math
 from itertools import count
 
+import numba
 import numpy as np
 import pytest
 from linear_policies import (  # type: ignore[import-not-found]
@@ -79,7 +80,7 @@ def checked(policy, question, last_plan, tolerances=TOLERANCES):
 def test_the_cost_of_a_plan_is_that_of_the_problem(law):
     """By hand it is the sum of squares whose minimum is the optimum."""
     shooting = ExactMpc(LINEAR, PROBLEM).shooting
-    follow = online_check(LINEAR, law).follow
+    follow = numba.njit(online_check(LINEAR, law).follow)
     for question in questions(20):
         inputs = 5 * np.random.default_rng(1).normal(size=PROBLEM.horizon)
         cost, outside = follow(flat(question), shooting.model, shooting.horizon, inputs, np.empty((9, 2)))

@@ -9,15 +9,21 @@ from typing import Any, NamedTuple
 
 import numba
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control import quadratic_program as quadratic
 from hybrid_sysid_ros.control.quadratic_program import BOUNDS, GRADIENT, STATES, Program
+from hybrid_sysid_ros.equations import compilation
 
 Array = NDArray[np.float64]
 
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "fastmath": {"contract"}}
+OPTIONS: dict[str, Any] = {**compilation.OPTIONS, "fastmath": {"contract"}}
 """Of compiled code here and where the equation comes in."""
+
+inner = register_jitable(**OPTIONS)
+cached_inner = register_jitable(cache=True, **OPTIONS)
+"""See :data:`~hybrid_sysid_ros.equations.compilation.inner`; the cached ones know nothing of the equation."""
 
 LEAST_CURVATURE = 1e-9
 """Added to the Hessian's diagonal, in shares of its largest entry: inputs without weight must not make it singular."""
@@ -77,14 +83,14 @@ class Horizon(NamedTuple):
     rows: Array
 
 
-@numba.njit(cache=True, **OPTIONS)
+@cached_inner
 def assign(target: Array, values: Array) -> None:
     """target[:] = values; the compiler takes some seconds over that notation, for the message of its error."""
     for i in range(target.shape[0]):
         target[i] = values[i]
 
 
-@numba.njit(cache=True, **OPTIONS)
+@cached_inner
 def condense(horizon: Horizon, program: Program) -> None:
     """States as functions of the inputs, and with them the Hessian and the rows of the bounded states."""
     count, states = horizon.reached.shape
@@ -133,10 +139,11 @@ def condense(horizon: Horizon, program: Program) -> None:
     first = program.rows.shape[0] - count * horizon.bounded.shape[0]
     for r in range(horizon.bounded.shape[0]):
         for i in range(count):
-            program.rows[first + r * count + i, : i + 1] = driven[i, horizon.bounded[r], : i + 1]
+            for j in range(i + 1):
+                program.rows[first + r * count + i, j] = driven[i, horizon.bounded[r], j]
 
 
-@numba.njit(cache=True, **OPTIONS)
+@cached_inner
 def learn(hessian: Array, step: Array, change: Array) -> None:
     """Damped BFGS update (Nocedal & Wright 2006, procedure 18.2): Gauss-Newton has no curvature of what stays off."""
     count = step.shape[0]
@@ -160,7 +167,7 @@ def learn(hessian: Array, step: Array, change: Array) -> None:
             hessian[j, k] += new * other / secant - product[j] * product[k] / curved
 
 
-@numba.njit(cache=True, **OPTIONS)
+@cached_inner
 def evaluate(horizon: Horizon, program: Program, question: Question) -> tuple[float, float]:
     """Gradient and bounds of the program for a question; the cost of the trajectory and the sum of its gaps."""
     count, states = horizon.reached.shape
@@ -202,7 +209,7 @@ def evaluate(horizon: Horizon, program: Program, question: Question) -> tuple[fl
     return cost, gap
 
 
-@numba.njit(cache=True, **OPTIONS)
+@cached_inner
 def _off(horizon: Horizon, question: Question, shifted: float, i: int, a: int) -> float:
     """How far a state will be off the trajectory if the inputs stay."""
     total = horizon.forced[i, a]
@@ -214,7 +221,7 @@ def _off(horizon: Horizon, question: Question, shifted: float, i: int, a: int) -
     return total
 
 
-@numba.njit(cache=True, **OPTIONS)
+@cached_inner
 def residual(horizon: Horizon, program: Program, question: Question) -> float:
     """KKT residual of the trajectory with the last multipliers."""
     count, states = horizon.reached.shape
@@ -231,7 +238,7 @@ def residual(horizon: Horizon, program: Program, question: Question) -> float:
     return largest
 
 
-@numba.njit(cache=True, **OPTIONS)
+@cached_inner
 def steepest(horizon: Horizon, question: Question) -> float:
     """The largest multiplier of a gap: how fast the cost can fall by opening one."""
     count, states = horizon.reached.shape
@@ -251,7 +258,7 @@ def steepest(horizon: Horizon, question: Question) -> float:
     return largest
 
 
-@numba.njit(cache=True, **OPTIONS)
+@cached_inner
 def expand(horizon: Horizon, program: Program, question: Question) -> None:
     """The step of inputs and states that a solution means."""
     count, states = horizon.reached.shape
@@ -268,7 +275,7 @@ def expand(horizon: Horizon, program: Program, question: Question) -> None:
             horizon.moved[i + 1, a] = total
 
 
-@numba.njit(cache=True, **OPTIONS)
+@cached_inner
 def move(horizon: Horizon, length: float) -> None:
     """Go along the step."""
     for i in range(horizon.inputs.shape[0]):
@@ -295,7 +302,7 @@ def respond(horizon: Horizon, program: Program, question: Question) -> bool:
     return True
 
 
-@numba.njit("boolean(float64[::1])", cache=True, nogil=True)
+@numba.njit("boolean(float64[::1])", cache=True, **OPTIONS)
 def finite(values: Array) -> bool:
     """Whether all are numbers."""
     return bool(np.isfinite(values).all())

@@ -15,7 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.horizon import OPTIONS
+from hybrid_sysid_ros.control.horizon import OPTIONS, inner
 from hybrid_sysid_ros.control.policy import Policy
 from hybrid_sysid_ros.equations import Equation, kernels
 from hybrid_sysid_ros.errors import UserError
@@ -107,6 +107,7 @@ def _compile(equation: Equation, policy: Policy) -> OnlineCheck:
     count = len(equation.states)
     offset, previous_input, reference = count, count + 1, count + 2
 
+    @inner
     def follow(question: Array, model: Any, horizon: Any, inputs: Array, states: Array) -> tuple[float, float]:
         drive, x, following = np.empty(1), np.empty(count), np.empty(count)
         for a in range(count):
@@ -131,8 +132,7 @@ def _compile(equation: Equation, policy: Policy) -> OnlineCheck:
                 outside = max(outside, beyond)
         return cost, outside
 
-    follow = numba.njit(follow, **OPTIONS)
-
+    @inner
     def bounded(question: Array, horizon: Any, inputs: Array) -> bool:
         """Whether inputs and their changes are within their bounds."""
         limit = horizon.input_limit
@@ -144,8 +144,7 @@ def _compile(equation: Equation, policy: Policy) -> OnlineCheck:
             before = u
         return True
 
-    bounded = numba.njit(bounded, **OPTIONS)
-
+    @inner
     def judge(
         question: Array, memory: Array, training_range: Array, model: Any, horizon: Any, tolerances: Any, trial: Any
     ) -> int:
@@ -168,8 +167,6 @@ def _compile(equation: Equation, policy: Policy) -> OnlineCheck:
         if cost > (1.0 + tolerances.cost) * shifted_cost + tolerances.floor:
             return COSTLIER
         return ACCEPTED
-
-    judge = numba.njit(judge, **OPTIONS)
 
     def check(
         question: Array, memory: Array, training_range: Array, model: Any, horizon: Any, tolerances: Any, trial: Any

@@ -17,6 +17,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.equations.compilation import OPTIONS, inner
 from hybrid_sysid_ros.errors import UserError
 
 Array = NDArray[np.float64]
@@ -163,7 +164,7 @@ def _release(place: int) -> None:
 solve: Callable[[Program, int], bool]
 
 
-@numba.njit(error_model="numpy", nogil=True)  # type: ignore[no-redef]
+@inner  # type: ignore[no-redef]
 def solve(program, changed):  # type: ignore[no-untyped-def]
     """Solve a program of which ``changed`` has changed; True where ``solution`` and ``multipliers`` are optimal.
 
@@ -176,14 +177,14 @@ def solve(program, changed):  # type: ignore[no-untyped-def]
     return program.result[8] > 0
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@numba.njit(**OPTIONS)
 def factorise(program: Program) -> bool:
     """Take in new matrices ahead of the next solution, which then has only vectors to take in."""
     problem, workspace, _ = program.addresses
     return bool(_update(MATRICES, workspace, problem) >= 0)
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def remember(program: Program) -> None:
     """Let the next search begin at the working set of this solution."""
     for i in range(program.states.shape[0]):

@@ -106,7 +106,7 @@ def _differentiate(
     horizon.disturbance[0] = offset
 
 
-@numba.njit(**hz.OPTIONS)
+@hz.inner
 def _gradient(horizon: Any, program: Any, question: Any, out: Array) -> None:
     """Gradient (horizon,) of the Lagrangian by the inputs, but for what is constant in it."""
     count = horizon.inputs.shape[0]

@@ -138,6 +138,7 @@ def _compiled(equation: Equation, smoothing: float) -> dict[str, Any]:
         return _COMPILED[linearise]
     advance = kernels(equation).step
 
+    @hz.inner
     def interval(model: Any, horizon: Any, i: int, drive: Array, x: Array, following: Array) -> None:
         """Where the exact form goes from state i with input i in one interval."""
         drive[0] = horizon.inputs[min(i, horizon.inputs.shape[0] - 1)] + horizon.disturbance[0]
@@ -148,8 +149,7 @@ def _compiled(equation: Equation, smoothing: float) -> dict[str, Any]:
             for a in range(x.shape[0]):
                 x[a] = following[a]
 
-    interval = numba.njit(interval, **hz.OPTIONS)
-
+    @hz.inner
     def prepare(model: Any, horizon: Any, program: Any) -> None:
         drive = np.empty(1)
         for i in range(horizon.inputs.shape[0]):
@@ -193,8 +193,6 @@ def _compiled(equation: Equation, smoothing: float) -> dict[str, Any]:
                 horizon.states[i, a] = (1.0 - fraction) * horizon.states[i, a] + fraction * horizon.states[i + 1, a]
         for a in range(states):
             horizon.states[count, a] = (1.0 - fraction) * horizon.states[count, a] + fraction * x[a]
-
-    prepare = numba.njit(prepare, **hz.OPTIONS)
 
     def solve(
         model: Any, horizon: Any, program: Any, question: Any, iterations: int, tolerance: float, anew: bool
@@ -247,7 +245,7 @@ def _compiled(equation: Equation, smoothing: float) -> dict[str, Any]:
             hz.move(horizon, 1.0)
 
     _COMPILED[linearise] = {
-        "prepare": prepare,
+        "prepare": numba.njit(prepare, **hz.OPTIONS),
         "begin": numba.njit(begin, **hz.OPTIONS),
         "shift": numba.njit(shift, **hz.OPTIONS),
         "solve": numba.njit(solve, **hz.OPTIONS),

@@ -13,18 +13,18 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import numba
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.typeconv import Conversion
 from numba.extending import intrinsic, lower_cast, models, overload, register_model
 
 from hybrid_sysid_ros.equations import registers
+from hybrid_sysid_ros.equations.compilation import OPTIONS, inner
 from hybrid_sysid_ros.equations.operations import Operations
 from hybrid_sysid_ros.equations.perceptron import Perceptron, passes
 from hybrid_sysid_ros.equations.registers import FUSED, Register, RegisterModel, constant, splat, vector
 
-_overload = partial(overload, strict=False)
+_overload = partial(overload, jit_options=OPTIONS, strict=False)
 """Without the check that a lambda has the type hints of its overload."""
 
 
@@ -256,7 +256,7 @@ def seeding(lanes: int, slots: tuple[int, ...]) -> Callable[[Any], Any]:
     lane slots[i]; where that is 0 it stays a plain number. Where all are it is what it was.
     """
     if not any(slots):
-        return numba.njit(lambda numbers: numbers)  # type: ignore[no-any-return]
+        return inner(lambda numbers: numbers)  # type: ignore[no-any-return]
 
     @intrinsic
     def seeded(typingctx, numbers):  # type: ignore[no-untyped-def]
@@ -411,7 +411,7 @@ def _maximum(a: Any, b: Any) -> Any:
     return lambda a, b: a if a > b else b
 
 
-@numba.njit(error_model="numpy")
+@inner
 def _select(condition: Any, if_true: Any, if_false: Any) -> Any:
     return if_true if condition else if_false
 
@@ -433,24 +433,24 @@ def _perceptron(network: Perceptron) -> Any:
             total = combined(total, z[j], value_of(total), 1.0, slopes[j])
         return total
 
-    return numba.njit(evaluate, error_model="numpy")
+    return inner(evaluate)
 
 
 def linearised(smoothing: float) -> Operations:
     """Operations on dual numbers; ``saturate`` has its corners rounded over ``smoothing`` as in the symbolic form."""
     squared = smoothing * smoothing
 
-    @numba.njit(error_model="numpy")
+    @inner
     def rounded(x: Any, limit: Any) -> Any:
         above, below = x + limit, x - limit
         return 0.5 * (sqrt(above * above + squared) - sqrt(below * below + squared))
 
-    @numba.njit(error_model="numpy")
+    @inner
     def cornered(x: Any, limit: Any) -> Any:
         return maximum(minimum(x, limit), -limit)
 
     return Operations(
-        function=numba.njit(error_model="numpy"),
+        function=inner,
         exp=exp,
         tanh=tanh,
         sqrt=sqrt,

@@ -10,6 +10,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.equations.compilation import OPTIONS, inner
 from hybrid_sysid_ros.equations.dual import dual_rows, lanes_for, linearised, seeding
 from hybrid_sysid_ros.equations.equation import Equation
 
@@ -50,12 +51,11 @@ def forward_sensitivity(equation: Equation, names: tuple[str, ...]) -> ForwardSe
 
 
 def _compile(equation: Equation, names: tuple[str, ...]) -> ForwardSensitivity:
-    options: dict[str, Any] = {"error_model": "numpy", "nogil": True}
     states, inputs, measured = len(equation.states), len(equation.inputs), equation.outputs
     lanes = lanes_for(len(names) + states + inputs)
     slots = (names.index(item.name) + 1 if item.name in names else 0 for item in equation.parameters)
     seeded = seeding(lanes, tuple(slots))
-    step = numba.njit(equation.advance(linearised(0.0)), **options)
+    step = inner(equation.advance(linearised(0.0)))
     delayed = names.index("input_delay") + 1 if "input_delay" in names else 0
     first_state, first_input = 1 + len(names), 1 + len(names) + states
 
@@ -104,4 +104,4 @@ def _compile(equation: Equation, names: tuple[str, ...]) -> ForwardSensitivity:
                     for lane in range(lanes):
                         out[offset + sample, output, lane] = rows[begin + measured[output], lane]
 
-    return ForwardSensitivity(windows=numba.njit(windows, **options), lanes=lanes, states=states, inputs=inputs)
+    return ForwardSensitivity(windows=numba.njit(windows, **OPTIONS), lanes=lanes, states=states, inputs=inputs)

@@ -9,6 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.equations.compilation import OPTIONS, inner
 from hybrid_sysid_ros.equations.dual import dual_rows, lanes_for, linearised
 from hybrid_sysid_ros.equations.equation import Equation
 
@@ -45,7 +46,7 @@ def linearisation(equation: Equation, *, smoothing: float) -> Linearisation:
 
 def _compile(equation: Equation, smoothing: float) -> Linearisation:
     states, inputs, lanes = len(equation.states), len(equation.inputs), lanes_of(equation)
-    step = numba.njit(equation.advance(linearised(smoothing)), error_model="numpy")
+    step = inner(equation.advance(linearised(smoothing)))
 
     def linearise(
         x: Array,
@@ -80,5 +81,5 @@ def _compile(equation: Equation, smoothing: float) -> Linearisation:
             for j in range(inputs):
                 input_jacobian[i, j] = rows[begin + i, 1 + states + j]
 
-    compiled: Linearisation = numba.njit(linearise, error_model="numpy", nogil=True)
+    compiled: Linearisation = numba.njit(linearise, **OPTIONS)
     return compiled

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations import registers
+from hybrid_sysid_ros.equations.compilation import OPTIONS, inner
 from hybrid_sysid_ros.errors import UserError
 
 Array = NDArray[np.float64]
@@ -122,8 +123,8 @@ def passes(network: Perceptron) -> Passes:
     sizes = [(1 + twice) * a * b + b for a, b, twice in zip(columns, widths, doubled, strict=True)]
     starts = tuple(int(total) for total in np.cumsum([0, *sizes]))
     outputs, last, widest = network.widths[-1], widths[-1], max(widths)
-    options: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
+    @inner
     def product(w: Any, rows: int, width: int, vector: Any, begin: int, count: int, start: Any) -> Any:
         """Start + sum_j row_j vector_j for one block of lanes, in two chains that don't wait for each other."""
         even, odd = start, zero(lanes)
@@ -134,14 +135,12 @@ def passes(network: Perceptron) -> Passes:
             even = plus_scaled(even, load(w, rows + (count - 1) * width, lanes), vector[begin + count - 1])
         return added(even, odd)
 
-    block_product = numba.njit(product, **options)
-
     def forward(w: Any, values: Any) -> None:
         for layer in range(depth):
             width, count, begin = widths[layer], columns[layer], begins[layer]
             for block in range(0, width, lanes):
                 bias = load(w, starts[layer] + count * width + block, lanes)
-                z = block_product(w, starts[layer] + block, width, values, begin, count, bias)
+                z = product(w, starts[layer] + block, width, values, begin, count, bias)
                 store(values, begins[layer + 1] + block, tanh(z))
 
     def output(w: Any, values: Any, k: int) -> float:
@@ -160,7 +159,7 @@ def passes(network: Perceptron) -> Passes:
             width, count = widths[layer], columns[layer]
             rows = starts[layer] + count * width + width
             for block in range(0, count, lanes):
-                total = block_product(w, rows + block, count, slopes, 0, width, zero(lanes))
+                total = product(w, rows + block, count, slopes, 0, width, zero(lanes))
                 store(others, block, multiplied(total, tanh_slope(load(values, begins[layer] + block, lanes))))
             slopes, others = others, slopes
         for j in range(features):
@@ -170,9 +169,9 @@ def passes(network: Perceptron) -> Passes:
             out[j] = total_slope
 
     return Passes(
-        forward=numba.njit(forward, **options),
-        output=numba.njit(output, **options),
-        gradient=numba.njit(gradient, **options),
+        forward=numba.njit(forward, **OPTIONS),
+        output=numba.njit(output, **OPTIONS),
+        gradient=numba.njit(gradient, **OPTIONS),
         values=begins[-1],
     )
 
@@ -189,7 +188,7 @@ def compiled(network: Perceptron) -> Callable[..., Any]:
         forward(w, memory)
         return output(w, memory, 0)
 
-    return numba.njit(evaluate, error_model="numpy")
+    return numba.njit(evaluate, **OPTIONS)
 
 
 def unrolled(network: Perceptron, tanh: Callable[[Any], Any]) -> Callable[..., Any]:

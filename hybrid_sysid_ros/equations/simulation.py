@@ -10,6 +10,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.equations.compilation import OPTIONS
 from hybrid_sysid_ros.equations.equation import Equation
 from hybrid_sysid_ros.equations.operations import COMPILED
 
@@ -43,8 +44,7 @@ def kernels(equation: Equation) -> Kernels:
 
 
 def _compile(equation: Equation) -> Kernels:
-    options: dict[str, Any] = {"error_model": "numpy", "nogil": True}
-    step = numba.njit(equation.advance(COMPILED), **options)
+    step = numba.njit(equation.advance(COMPILED), **OPTIONS)
 
     def rollout(
         x0: Array,
@@ -79,7 +79,7 @@ def _compile(equation: Equation) -> Kernels:
             for i in range(x.shape[0]):
                 out[sample, i] = x[i]
 
-    compiled_rollout = numba.njit(rollout, **options)
+    compiled_rollout = numba.njit(rollout, **OPTIONS)
 
     def windows(
         starts: NDArray[np.int64],
@@ -96,7 +96,7 @@ def _compile(equation: Equation) -> Kernels:
             first, start, samples, offset = starts[i]
             compiled_rollout(x0s[i], inputs, delay_steps, first, start, every, p, w, h, out[offset : offset + samples])
 
-    return Kernels(step=step, rollout=compiled_rollout, windows=numba.njit(windows, **options))
+    return Kernels(step=step, rollout=compiled_rollout, windows=numba.njit(windows, **OPTIONS))
 
 
 def simulate(equation: Equation, initial_state: Array, inputs: Array, *, step: float, every: int = 1) -> Array:

@@ -13,12 +13,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations import Equation, Recurrence, kernels
+from hybrid_sysid_ros.equations.compilation import inner
 from hybrid_sysid_ros.equations.equation import parameter_tuple
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.estimation.cholesky import factorise
@@ -26,7 +26,6 @@ from hybrid_sysid_ros.estimation.memory import LONGEST_STEP
 from hybrid_sysid_ros.estimation.tuning import Tuning
 
 Array = NDArray[np.float64]
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
 SMALLEST = 1e-6
 """Change of a parameter or an input over which its effect is seen."""
@@ -82,16 +81,17 @@ def _compile(equation: Equation) -> Augmented:
     named = parameter_tuple(tuple(item.name for item in equation.parameters))
     data = equation.named
 
-    @numba.njit(**OPTIONS)  # type: ignore[untyped-decorator]
+    @inner
     def read(numbers: Array) -> Any:
         return named(*to_fixed_tuple(numbers, parameters))
 
-    @numba.njit(**OPTIONS)  # type: ignore[untyped-decorator]
+    @inner
     def held(numbers: Array) -> Any:
         return data
 
     parameters_of = held if isinstance(equation, Recurrence) else read
 
+    @inner
     def move(core: Any, z: Array, drive: float, h: float, following: Array) -> None:
         for i in range(states + 3, z.shape[0]):
             core.numbers[core.followed[i - states - 3]] = min(max(z[i], core.low[i]), core.high[i])
@@ -103,8 +103,7 @@ def _compile(equation: Equation) -> Augmented:
         following[states + 1] = cosine * z[states + 1] + sine * z[states + 2]
         following[states + 2] = cosine * z[states + 2] - sine * z[states + 1]
 
-    compiled_move = numba.njit(move, **OPTIONS)
-
+    @inner
     def linearise(
         core: Any, z: Array, covariance: Array, drive: float, h: float, following: Array, jacobian: Array
     ) -> None:
@@ -118,19 +117,19 @@ def _compile(equation: Equation) -> Augmented:
                 jacobian[i, j] = 1.0 if i == j else 0.0
                 remainder[i, j] = 0.0
         factorise(factor)
-        compiled_move(core, z, drive, h, following)
+        move(core, z, drive, h, following)
         for i in range(size + 1):  # the last one is the input's noise
             if i < size:
                 for j in range(size):
                     point[j] = z[j] + reach * factor[j, i] if j >= i else z[j]
-                compiled_move(core, point, drive, h, above)
+                move(core, point, drive, h, above)
                 for j in range(i, size):
                     point[j] = z[j] - reach * factor[j, i]
-                compiled_move(core, point, drive, h, below)
+                move(core, point, drive, h, below)
             else:
                 force = reach * math.sqrt(core.input_noise / h)
-                compiled_move(core, z, drive + force, h, above)
-                compiled_move(core, z, drive - force, h, below)
+                move(core, z, drive + force, h, above)
+                move(core, z, drive - force, h, below)
             for j in range(states):
                 slope, bend = (above[j] - below[j]) / (2.0 * reach), above[j] + below[j] - 2.0 * following[j]
                 if i < size:
@@ -154,7 +153,7 @@ def _compile(equation: Equation) -> Augmented:
         jacobian[s, s], jacobian[s, c] = cosine, sine
         jacobian[c, s], jacobian[c, c] = -sine, cosine
 
-    return Augmented(move=compiled_move, linearise=numba.njit(linearise, **OPTIONS))
+    return Augmented(move=move, linearise=linearise)
 
 
 def offset_gains(equation: Equation, tuning: Tuning) -> Array | None:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from hybrid_sysid_ros.equations.compilation import inner
 
 Array = NDArray[np.float64]
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def factorise(matrix: Array) -> None:
     """Cholesky in place, P = L L'; rows and columns without any variance stay zero."""
     for j in range(matrix.shape[0]):
@@ -27,7 +28,7 @@ def factorise(matrix: Array) -> None:
             matrix[i, j] = total / root if root > 0.0 else 0.0
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def solve_factorised(factor: Array, x: Array) -> None:
     """P x = b in place; what has no variance has no say."""
     size = x.shape[0]

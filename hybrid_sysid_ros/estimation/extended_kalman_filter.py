@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.estimation.augmented import OPTIONS, Augmented
+from hybrid_sysid_ros.equations.compilation import inner
+from hybrid_sysid_ros.estimation.augmented import Augmented
 from hybrid_sysid_ros.estimation.filter import Filter
 from hybrid_sysid_ros.estimation.kernels import Kernels, copy
 from hybrid_sysid_ros.estimation.recursive import Belief, recursive
@@ -39,17 +39,20 @@ def covariance_belief(equation: Equation, parts: Augmented) -> Belief:
     states = len(equation.states)
     hum_state = states + 1
 
+    @inner
     def predict(core: Any, mean: Array, covariance: Array, drive: float, h: float) -> None:
         linearise(core, mean, covariance, drive, h, core.column, core.jacobian)
         copy(core.column, mean)
         propagate(core, covariance, core.jacobian, h, states)
 
+    @inner
     def observe(core: Any, covariance: Array, row: int, hum: float) -> float:
         column = core.column
         for i in range(column.shape[0]):
             column[i] = covariance[i, row] + hum * covariance[i, hum_state]
         return column[row] + hum * column[hum_state]  # type: ignore[no-any-return]
 
+    @inner
     def condense(core: Any, covariance: Array, row: int, hum: float, variance: float, noise: float) -> None:
         column, rest, size = core.column, core.direction, core.column.shape[0]
         for i in range(size):  # (I - K H) P
@@ -63,16 +66,10 @@ def covariance_belief(equation: Equation, parts: Augmented) -> Belief:
                 value = covariance[i, j] - rest[i] * gain + noise * column[i] / variance * gain
                 covariance[i, j] = covariance[j, i] = value
 
-    return Belief(
-        predict=numba.njit(predict, **OPTIONS),
-        observe=numba.njit(observe, **OPTIONS),
-        condense=numba.njit(condense, **OPTIONS),
-        spread=diagonal,
-        covariance=copied,
-    )
+    return Belief(predict=predict, observe=observe, condense=condense, spread=diagonal, covariance=copied)
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def propagate(core: Any, covariance: Array, jacobian: Array, h: float, states: int) -> None:
     """P+ = F P F' + b b' + R_f + Q h in place, symmetric to the last bit; core.push is b, core.remainder R_f."""
     product, size = core.product, covariance.shape[0]
@@ -92,7 +89,7 @@ def propagate(core: Any, covariance: Array, jacobian: Array, h: float, states: i
             covariance[i, j] = covariance[j, i] = total
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def diagonal(covariance: Array, variances: Array) -> None:
     """The covariance of independent states."""
     for i in range(variances.shape[0]):
@@ -100,7 +97,7 @@ def diagonal(covariance: Array, variances: Array) -> None:
             covariance[i, j] = variances[i] if i == j else 0.0
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def copied(covariance: Array, out: Array) -> None:
     """The covariance is its own root."""
     for i in range(covariance.shape[0]):

@@ -5,15 +5,16 @@ Kept as the integral of the input at the ends of its intervals, oldest first, so
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from hybrid_sysid_ros.equations.compilation import inner
 
 Inputs = NDArray[np.void]
 """Records of type :data:`~hybrid_sysid_ros.estimation.memory.INPUT`."""
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def begin_history(inputs: Inputs, time: float, value: float) -> None:
     """The input has been ``value`` for ever, until ``time`` [s]."""
     length = inputs.shape[0]
@@ -23,7 +24,7 @@ def begin_history(inputs: Inputs, time: float, value: float) -> None:
         inputs[i].integral = -back * value
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def remember(inputs: Inputs, time: float, value: float) -> None:
     """From the last time to this one the input was ``value`` in the mean."""
     last = inputs.shape[0] - 1
@@ -33,13 +34,13 @@ def remember(inputs: Inputs, time: float, value: float) -> None:
     inputs[last].time = time
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def mean_input(inputs: Inputs, start: float, stop: float) -> float:
     """Mean input over [start, stop]; after the last known time the last value is held."""
     return (_integral(inputs, stop) - _integral(inputs, start)) / (stop - start)
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def _integral(inputs: Inputs, time: float) -> float:
     right = inputs.shape[0] - 1
     while right > 1 and inputs[right - 1].time > time:  # most questions are about the newest ones

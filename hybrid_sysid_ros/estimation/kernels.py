@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.estimation.augmented import OPTIONS
+from hybrid_sysid_ros.equations.compilation import OPTIONS, inner
 from hybrid_sysid_ros.estimation.history import Inputs, begin_history, mean_input, remember
 from hybrid_sysid_ros.estimation.memory import MAIN, RESET
 from hybrid_sysid_ros.estimation.nodes import Nodes
@@ -40,28 +40,28 @@ class Kernels:
     answer: Callable[..., None]
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def copy(source: Array, target: Array) -> None:
     """Compiled in no time, as an assignment of slices is not."""
     for i in range(source.shape[0]):
         target[i] = source[i]
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def clip(core: Any, mean: Array) -> None:
     """Hold a state within its bounds."""
     for i in range(mean.shape[0]):
         mean[i] = min(max(mean[i], core.low[i]), core.high[i])
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def drive_between(core: Any, inputs: Inputs, before: Any, node: Any) -> float:
     """Mean of the input that acts between two nodes, a delay after it was given."""
     start, stop = before.time - core.delay, node.time - core.delay
     return mean_input(inputs, start, stop) if stop > start else 0.0  # type: ignore[no-any-return]
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def restart(core: Any, channels: Channels, node: Any, states: int, spread: Any) -> None:
     """After a run of outliers the measurement wins; what is slow is believed still."""
     for i in range(states):
@@ -97,6 +97,7 @@ def _looking_ahead(equation: Equation, move: Callable[..., None]) -> Callable[..
     """ahead(core, nodes, inputs, lead, out): the state later; every input that acts until then is known already."""
     states = len(equation.states)
 
+    @inner
     def ahead(core: Any, nodes: Nodes, inputs: Inputs, lead: float, out: Array) -> None:
         newest = nodes[core.count - 1]
         z, following = core.column, core.direction
@@ -110,7 +111,7 @@ def _looking_ahead(equation: Equation, move: Callable[..., None]) -> Callable[..
             copy(following, z)
         copy(z[:states], out)
 
-    return numba.njit(ahead, **OPTIONS)  # type: ignore[no-any-return]
+    return ahead
 
 
 def assemble(
@@ -161,7 +162,7 @@ def assemble(
     return Kernels(begin=begin, absorb=numba.njit(absorb, **OPTIONS), answer=compiled_answer)
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def _finite(values: Array) -> bool:
     total = 0.0
     for value in values:

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.estimation.augmented import OPTIONS, Augmented, augmented
+from hybrid_sysid_ros.equations.compilation import OPTIONS, inner
+from hybrid_sysid_ros.estimation.augmented import Augmented, augmented
 from hybrid_sysid_ros.estimation.cholesky import factorise, solve_factorised
 from hybrid_sysid_ros.estimation.extended_kalman_filter import copied, covariance_belief, diagonal, propagate
 from hybrid_sysid_ros.estimation.filter import Filter
@@ -81,6 +82,7 @@ def _compile(equation: Equation, parts: Augmented) -> Kernels:
         begin_at(cores, channels, nodes, inputs, time, value, applied)
         _as_prior(nodes[0])
 
+    @inner
     def solve(core: Any, channels: Channels, nodes: Nodes, inputs: Inputs, first: int) -> None:
         """Gauss-Newton over the nodes from ``first`` on; their means are where it starts, and what it finds."""
         for iteration in range(ITERATIONS):
@@ -89,8 +91,7 @@ def _compile(equation: Equation, parts: Augmented) -> Kernels:
                 return
             _backward(core, nodes, first)
 
-    compiled_solve = numba.njit(solve, **OPTIONS)
-
+    @inner
     def put(
         core: Any,
         channels: Channels,
@@ -113,7 +114,7 @@ def _compile(equation: Equation, parts: Augmented) -> Kernels:
             new -= 1
         for k in range(new, node + 1):
             _guess(core, inputs, nodes[k - 1], nodes[k], move)
-        compiled_solve(core, channels, nodes, inputs, _since(core, nodes, oldest))
+        solve(core, channels, nodes, inputs, _since(core, nodes, oldest))
         last = core.count - 1
         if nodes[last].fate == RESET and last > 0:
             _as_prior(nodes[last])
@@ -121,12 +122,10 @@ def _compile(equation: Equation, parts: Augmented) -> Kernels:
             core.count, node = 1, 0
         return node  # type: ignore[no-any-return]
 
-    return assemble(
-        equation, move=move, begin=numba.njit(begin, **OPTIONS), put=numba.njit(put, **OPTIONS), covariance=copied
-    )
+    return assemble(equation, move=move, begin=numba.njit(begin, **OPTIONS), put=put, covariance=copied)
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def _since(core: Any, nodes: Nodes, time: float) -> int:
     """Index of the first node that is not older."""
     index = core.count - 1
@@ -135,14 +134,14 @@ def _since(core: Any, nodes: Nodes, time: float) -> int:
     return index
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def _as_prior(node: Any) -> None:
     """Nothing is known of a node but its belief."""
     copy(node.mean, node.predicted)
     copied(node.root, node.predicted_covariance)
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def _backward(core: Any, nodes: Nodes, first: int) -> None:
     """The smoother's means: s_k = z_k + P_k F' M^-1 (s_k+1 - m); z_k, P_k filtered, m, M predicted for k + 1."""
     last, difference, pulled = core.count - 1, core.column, core.direction
@@ -166,7 +165,7 @@ def _backward(core: Any, nodes: Nodes, first: int) -> None:
         clip(core, nodes[k].mean)
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def _guess(core: Any, inputs: Inputs, before: Any, node: Any, move: Any) -> None:
     """A new node's first trajectory: where the model leads to."""
     if node.time > before.time:
@@ -181,6 +180,7 @@ def _forward(equation: Equation, parts: Augmented) -> Callable[..., None]:
     observe, condense = belief.observe, belief.condense
     states = len(equation.states)
 
+    @inner
     def weigh(core: Any, channels: Channels, node: Any, judge: bool) -> None:
         """Use a node's measurement; judge: decide first whether to believe it."""
         channel = channels[node.channel]
@@ -197,8 +197,7 @@ def _forward(equation: Equation, parts: Augmented) -> Callable[..., None]:
             node.filtered[i] += core.column[i] / variance * innovation
         condense(core, node.root, channel.row, channel.hum, variance, channel.noise)
 
-    compiled_weigh = numba.njit(weigh, **OPTIONS)
-
+    @inner
     def forward(core: Any, channels: Channels, nodes: Nodes, inputs: Inputs, first: int, judge: bool) -> None:
         for k in range(first, core.count):
             node = nodes[k]
@@ -223,11 +222,11 @@ def _forward(equation: Equation, parts: Augmented) -> Callable[..., None]:
             copy(node.predicted, node.filtered)
             copied(node.predicted_covariance, node.root)
             if node.channel != NONE and node.fate != RESET:
-                compiled_weigh(core, channels, node, judge and k > first)
+                weigh(core, channels, node, judge and k > first)
         node = nodes[core.count - 1]
         if node.outliers > core.patience and node.channel == MAIN and core.count - 1 > first:
             copy(node.filtered, node.mean)
             restart(core, channels, node, states, diagonal)
             clip(core, node.mean)
 
-    return numba.njit(forward, **OPTIONS)  # type: ignore[no-any-return]
+    return forward

@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.equations.compilation import inner
 from hybrid_sysid_ros.estimation.memory import NONE, UNUSED
 
 Nodes = NDArray[np.void]
@@ -20,7 +20,7 @@ SAME = 1e-6
 """Stamps less than this apart [s] are one."""
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def place(core: Any, nodes: Nodes, time: float, value: float, channel: int) -> int:
     """Give a measurement its node and return the index; ``channel`` NONE: a time to predict to, without one.
 
@@ -54,7 +54,7 @@ def place(core: Any, nodes: Nodes, time: float, value: float, channel: int) -> i
     return index
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def after(core: Any, nodes: Nodes, time: float) -> int:
     """Index of the first node later than ``time``, 1 at least."""
     index = core.count
@@ -63,7 +63,7 @@ def after(core: Any, nodes: Nodes, time: float) -> int:
     return index
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def _room(core: Any, nodes: Nodes) -> int:
     """Index of a new last node."""
     if core.count == nodes.shape[0]:
@@ -72,7 +72,7 @@ def _room(core: Any, nodes: Nodes) -> int:
     return core.count - 1
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def _forget(core: Any, nodes: Nodes) -> int:
     """Keep the newest nodes only; return how many went."""
     gone = core.count - core.keep
@@ -82,7 +82,7 @@ def _forget(core: Any, nodes: Nodes) -> int:
     return gone
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def _put(nodes: Nodes, index: int, time: float, value: float, channel: int) -> None:
     node = nodes[index]
     node.time, node.value, node.channel = time, value, channel

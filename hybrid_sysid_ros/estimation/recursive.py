@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.estimation.augmented import OPTIONS, Augmented, augmented
+from hybrid_sysid_ros.equations.compilation import inner
+from hybrid_sysid_ros.estimation.augmented import Augmented, augmented
 from hybrid_sysid_ros.estimation.history import Inputs
 from hybrid_sysid_ros.estimation.kernels import (
     Channels,
@@ -64,6 +64,7 @@ def _compile(equation: Equation, parts: Augmented, belief: Belief) -> Kernels:
     states = len(equation.states)
     predict, observe, condense, spread = belief.predict, belief.observe, belief.condense, belief.spread
 
+    @inner
     def weigh(core: Any, channels: Channels, node: Any) -> None:
         """Use a node's measurement, or don't."""
         channel = channels[node.channel]
@@ -86,8 +87,7 @@ def _compile(equation: Equation, parts: Augmented, belief: Belief) -> Kernels:
         clip(core, mean)
         condense(core, node.root, channel.row, channel.hum, variance, channel.noise)
 
-    compiled_weigh = numba.njit(weigh, **OPTIONS)
-
+    @inner
     def advance(core: Any, channels: Channels, inputs: Inputs, before: Any, node: Any) -> None:
         """The belief at a node from that at the one before."""
         copy(before.mean, node.mean)
@@ -98,10 +98,9 @@ def _compile(equation: Equation, parts: Augmented, belief: Belief) -> Kernels:
         if h > 0.0:
             predict(core, node.mean, node.root, drive_between(core, inputs, before, node), h)
         if node.channel != NONE:
-            compiled_weigh(core, channels, node)
+            weigh(core, channels, node)
 
-    compiled_advance = numba.njit(advance, **OPTIONS)
-
+    @inner
     def put(
         core: Any,
         channels: Channels,
@@ -115,13 +114,13 @@ def _compile(equation: Equation, parts: Augmented, belief: Belief) -> Kernels:
         node = place(core, nodes, time, value, channel)
         if node >= 0:
             for k in range(min(after(core, nodes, since), node), core.count):
-                compiled_advance(core, channels, inputs, nodes[k - 1], nodes[k])
+                advance(core, channels, inputs, nodes[k - 1], nodes[k])
         return node  # type: ignore[no-any-return]
 
     return assemble(
         equation,
         move=parts.move,
         begin=beginning(equation, spread),
-        put=numba.njit(put, **OPTIONS),
+        put=put,
         covariance=belief.covariance,
     )

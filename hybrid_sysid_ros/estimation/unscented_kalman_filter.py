@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.estimation.augmented import OPTIONS, Augmented
+from hybrid_sysid_ros.equations.compilation import inner
+from hybrid_sysid_ros.estimation.augmented import Augmented
 from hybrid_sysid_ros.estimation.filter import Filter
 from hybrid_sysid_ros.estimation.kernels import Kernels
 from hybrid_sysid_ros.estimation.recursive import Belief, recursive
@@ -44,6 +44,7 @@ def square_root_belief(equation: Equation, parts: Augmented) -> Belief:
     move = parts.move
     hum_state = len(equation.states) + 1
 
+    @inner
     def predict(core: Any, mean: Array, root: Array, drive: float, h: float) -> None:
         points, z, middle, size = core.points, core.column, core.direction, core.column.shape[0]
         count = size + 1  # the input's noise is a dimension of its own, as it goes through the friction
@@ -67,6 +68,7 @@ def square_root_belief(equation: Equation, parts: Augmented) -> Belief:
                 points[2 * count + 1 + i, j] = math.sqrt(core.process[j] * h) if i == j else 0.0
         triangle(points, root)
 
+    @inner
     def observe(core: Any, root: Array, row: int, hum: float) -> float:
         column, direction, size = core.column, core.direction, core.column.shape[0]
         variance = 0.0
@@ -80,6 +82,7 @@ def square_root_belief(equation: Equation, parts: Augmented) -> Belief:
             column[i] = total
         return variance
 
+    @inner
     def condense(core: Any, root: Array, row: int, hum: float, variance: float, noise: float) -> None:
         column, direction = core.column, core.direction
         factor = 1.0 / (variance * (1.0 + math.sqrt(noise / variance)))
@@ -87,16 +90,10 @@ def square_root_belief(equation: Equation, parts: Augmented) -> Belief:
             for j in range(column.shape[0]):
                 root[i, j] -= factor * column[i] * direction[j]
 
-    return Belief(
-        predict=numba.njit(predict, **OPTIONS),
-        observe=numba.njit(observe, **OPTIONS),
-        condense=numba.njit(condense, **OPTIONS),
-        spread=diagonal_root,
-        covariance=squared,
-    )
+    return Belief(predict=predict, observe=observe, condense=condense, spread=diagonal_root, covariance=squared)
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def triangle(rows: Array, root: Array) -> None:
     """Lower triangle S with S S' = A' A of the rows A (rows, size), by Householder's reflections; A is destroyed."""
     count, size = rows.shape
@@ -121,7 +118,7 @@ def triangle(rows: Array, root: Array) -> None:
             root[k, j], root[j, k] = rows[j, k], 0.0
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def diagonal_root(root: Array, variances: Array) -> None:
     """The root of the covariance of independent states."""
     for i in range(variances.shape[0]):
@@ -129,7 +126,7 @@ def diagonal_root(root: Array, variances: Array) -> None:
             root[i, j] = math.sqrt(variances[i]) if i == j else 0.0
 
 
-@numba.njit(error_model="numpy", nogil=True)
+@inner
 def squared(root: Array, out: Array) -> None:
     """P = S S'."""
     size = root.shape[0]
