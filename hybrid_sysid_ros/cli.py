@@ -13,6 +13,7 @@ import typer
 from rich.table import Table
 from typer.core import TyperGroup
 
+from hybrid_sysid_ros import interruption
 from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.errors import Interrupted, UserError
 from hybrid_sysid_ros.files import check_file, check_folder
@@ -272,6 +273,7 @@ def main() -> None:
     """Run a command; exit with 2 and one line for what a user can cause, with 130 and one for an interrupt."""
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
     try:
+        interruption.install()
         app(prog_name="hybrid-sysid")
     except UserError as error:
         sys.stderr.write(f"error: {' '.join(str(error).split())}\n")

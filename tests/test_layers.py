@@ -15,7 +15,7 @@ FOLDER = Path(__file__).parents[1] / PACKAGE
 
 LAYERS = [  # from the bottom up; a room (file or folder of the package) imports from the rooms of lower layers
     {"__init__", "errors"},
-    {"extras", "files", "progress", "record", "signals", "threads"},
+    {"extras", "files", "interruption", "progress", "record", "signals", "threads"},
     {"bags"},
     {"bab"},
     {"equations"},

@@ -1,0 +1,39 @@
+"""Interruption: Ctrl-C that is never lost, however busy the interpreter is with imports and compilation."""
+
+from __future__ import annotations
+
+import signal
+from types import FrameType
+
+DEAF = frozenset({"importlib", "llvmlite", "weakref", "_weakrefset"})
+"""Packages that are called back from where no exception gets out: it is printed, and the work goes on. An import is
+among them since it calls back for its locks, and some libraries take an interrupt for a missing one.
+"""
+RETRY = 0.05  # s
+
+
+def install() -> None:
+    """From now on SIGINT raises KeyboardInterrupt where it is heard, see :func:`interrupt`, unless it is ignored, as in
+    the background of a script. For the main thread.
+    """
+    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+        for number in (signal.SIGINT, signal.SIGALRM):
+            signal.signal(number, interrupt)
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt, or have SIGALRM call again a little later where it would be lost: a signal handler."""
+    later = is_deaf(frame)
+    signal.setitimer(signal.ITIMER_REAL, RETRY if later else 0.0)
+    if not later:
+        raise KeyboardInterrupt
+
+
+def is_deaf(frame: FrameType | None) -> bool:
+    """Whether an exception in this frame may never reach those who wait for it."""
+    while frame is not None:
+        package = str(frame.f_globals.get("__name__", "")).partition(".")[0]
+        if package in DEAF or frame.f_code.co_name == "__del__":
+            return True
+        frame = frame.f_back
+    return False
