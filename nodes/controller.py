@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import sys
 from collections import Counter
@@ -138,6 +139,7 @@ class ControllerNode(RigNode):
         """
         names = [self.rig.joint, f"{self.rig.joint}_ahead"]
         for k in range(1, WARM_UPS + 1):
+            gc.collect()  # what the compiler has left, before it needs as much again
             stamp = k if self.lockstep else self.now()  # an old one would not be answered
             self.preview = Preview(np.array([stamp, stamp + 10 * SECOND]), np.zeros(2))
             estimate = fill(joint_state(names), stamp, position=[0.0] * 2, velocity=[0.0] * 2, effort=[0.0] * 2)

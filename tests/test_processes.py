@@ -18,6 +18,10 @@ from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.signals import Signals
 
 TIMEOUT = 60.0  # s
+HEAVY = {
+    *("casadi", "jinja2", "joblib", "matplotlib", "onnx", "optuna", "pandas", "plotly", "rich", "rosbags", "torch"),
+    *("scipy.optimize", "scipy.signal", "scipy.special", "scipy.stats"),  # its linear algebra numba itself loads
+}
 
 
 @pytest.fixture
@@ -78,6 +82,15 @@ def test_the_whole_loop_runs_in_real_time_and_leaves_a_bag(run: Run) -> None:
     record = bags.read(run.outcome.bag, Signals.of_rig("cam_beam"))
     assert record.duration > 1.9
     assert "/diagnostics" in bags.topics(run.outcome.bag)
+
+
+@pytest.mark.parametrize("node", ["plant", "estimator", "controller", "reference"])
+def test_a_node_of_the_loop_loads_nothing_that_it_does_not_need(node: str) -> None:
+    module = f"hybrid_sysid_ros.nodes.{node}"
+    code = f"import sys, {module}; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout.split()
+    assert module in loaded
+    assert HEAVY.isdisjoint(loaded)
 
 
 def test_nothing_is_compiled_once_the_nodes_are_ready(run: Run) -> None:
