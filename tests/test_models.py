@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import os
 import shutil
 
 import numpy as np
@@ -114,6 +115,20 @@ def test_parameters_are_written_with_unit_error_and_bounds(folder):
     assert content["parameters"]["range_low"]["standard_error"] is None  # set, not fitted
     assert content["records"][0]["sha256"] == "0" * 64
     assert {"numpy", "numba", "casadi"} <= set(content["versions"])
+
+
+@pytest.mark.parametrize(("mask", "mode"), [(0o022, 0o644), (0o077, 0o600)])
+def test_the_umask_says_who_may_read_a_model(tmp_path, mask, mode):
+    """Nodes under another user load it too, and both of its files are alike."""
+    before = os.umask(mask)
+    try:
+        model_of("hybrid").save(tmp_path / "model")
+    finally:
+        os.umask(before)
+    assert {path.name: path.stat().st_mode & 0o777 for path in (tmp_path / "model").iterdir()} == {
+        "model.yaml": mode,
+        "weights.safetensors": mode,
+    }
 
 
 def text(change):

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load_file
 
 from hybrid_sysid_ros.control.certificate import Certificate, bounds, margin
 from hybrid_sysid_ros.control.certified_loop import COST, DRIVERS, ERROR, EXACT, MEASURES, UNSOLVED, WORST_PERIOD
@@ -24,6 +24,7 @@ from hybrid_sysid_ros.control.sampling import CHANGES, KICKS
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.files import written_file
 from hybrid_sysid_ros.models.model import versions
+from hybrid_sysid_ros.models.storage import save_arrays
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -141,7 +142,7 @@ class _Work:
         if self._store is not None:
             arrays = {name: getattr(self, name) for name in ("measures", "reasons", "done")}
             with written_file(self._store) as partial:
-                save_file({**arrays, "key": self._key, "seconds": np.array([seconds])}, partial)
+                save_arrays(partial, {**arrays, "key": self._key, "seconds": np.array([seconds])})
 
     def remove(self) -> None:
         """Forget what was kept: the certification is finished."""

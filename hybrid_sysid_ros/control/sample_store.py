@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load_file
 
 from hybrid_sysid_ros.control.sampling import Samples
 from hybrid_sysid_ros.files import written_file
+from hybrid_sysid_ros.models.storage import save_arrays
 
 
 class SampleStore:
@@ -40,7 +41,7 @@ class SampleStore:
         """Write a finished loop."""
         arrays = {name: np.atleast_1d(np.asarray(getattr(samples, name))) for name in samples.__dataclass_fields__}
         with written_file(self._path(seed)) as partial:
-            save_file(arrays, partial)
+            save_arrays(partial, arrays)
 
     def remove(self) -> None:
         """Remove the folder: the training is finished."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load_file
+from safetensors.numpy import save as serialised
 
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.files import sha256, written_file, written_folder
@@ -26,9 +28,16 @@ def save(folder: Path | str, *, kind: str, version: int, content: dict[str, Any]
     Raises UserError where the place can't be written or holds something else.
     """
     with written_folder(folder, marker=f"{kind}.yaml") as partial:
-        save_file({name: np.ascontiguousarray(value) for name, value in arrays.items()}, partial / ARRAYS)
+        save_arrays(partial / ARRAYS, arrays)
         body = {**content, "arrays": {"file": ARRAYS, "sha256": sha256(partial / ARRAYS)}}
         (partial / f"{kind}.yaml").write_text(_text(version, body), encoding="utf-8")
+
+
+def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write a file of arrays. As with any other file the umask says who may read it; safetensors' own would be its
+    owner's alone, out of reach for nodes under another user.
+    """
+    path.write_bytes(serialised({name: np.ascontiguousarray(value) for name, value in arrays.items()}))
 
 
 def save_sheet(path: Path | str, *, version: int, content: dict[str, Any]) -> None:
