@@ -31,7 +31,7 @@ setup(
     package_data={"": ["*.yaml", "*.json", "*.safetensors", "*.html"]},
     entry_points={
         "console_scripts": [
-            f"hybrid-sysid = {NAME}.cli:main",
+            f"hybrid-sysid = {NAME}.__main__:main",
             *(f"{script} = {main}" for script, main in scripts.items()),
         ]
     },

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -67,3 +69,25 @@ def test_an_interrupt_elsewhere_comes_at_once() -> None:
         [sys.executable, "-c", FRAME.replace("{work}", work)], capture_output=True, text=True, timeout=60.0
     )
     assert (end.stdout, end.stderr) == ("interrupted\n", "")
+
+
+PROGRAM = """
+import os, signal, sys
+
+class Interrupting:
+    def find_spec(self, name, *_):
+        if name == "numba":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupting())
+from hybrid_sysid_ros.__main__ import main
+main()
+"""
+
+
+def test_a_program_that_is_interrupted_while_it_is_imported_says_so(tmp_path) -> None:
+    bag = Path(__file__).parents[1] / "bags" / "beam_multisine"
+    command = [sys.executable, "-c", PROGRAM, "identify", str(bag), "--out", str(tmp_path / "model")]
+    end = subprocess.run(command, capture_output=True, text=True, timeout=60.0)
+    assert (end.stdout, end.stderr) == ("", "interrupted\n")
+    assert end.returncode in (130, -signal.SIGINT)  # a shell says 130 of both

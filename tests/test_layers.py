@@ -35,6 +35,7 @@ LAYERS = [  # from the bottom up; a room (file or folder of the package) imports
         "protocol_command",
         "search_command",
     },
+    {"__main__"},
 ]
 NEIGHBOURS = {  # and from these of its own layer
     "control": {"estimation"},

@@ -1,0 +1,17 @@
+"""The command line as a program, which can be interrupted from the first of its imports on."""
+
+from __future__ import annotations
+
+from hybrid_sysid_ros import interruption
+
+
+def main() -> None:
+    """Run a command, see :func:`hybrid_sysid_ros.cli.main`."""
+    interruption.install()
+    from hybrid_sysid_ros import cli  # takes a second or two
+
+    cli.main()
+
+
+if __name__ == "__main__":
+    main()
