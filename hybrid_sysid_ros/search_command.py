@@ -125,10 +125,13 @@ def run(study: Study, found: Workers, trials: int, timeout: float | None) -> Non
 
 
 def show(study: Study, objective: CrossValidation, title: str) -> None:
-    """Print the best trials, the one at the defaults, and which options matter. Raises UserError where all diverged."""
+    """Print the best trials, the one at the defaults, and which options matter. Raises UserError where none is good."""
     ranking, finished = study.ranking, study.finished
+    if not finished:
+        raise UserError(f"{title}: no trial is finished; give a longer --timeout")
     if not ranking:
-        raise UserError(f"{title}: every trial failed or diverged; give more --trials, or other bags")
+        last = finished[-1].outcome.error or "its free runs diverged"
+        raise UserError(f"{title}: none of its {len(finished)} trials gave a model; the last one: {last}")
     shown = ranking[:SHOWN] + [trial for trial in ranking[SHOWN:] if trial.number == 0]
     names = [f"{trial.number}, defaults" if trial.number == 0 else str(trial.number) for trial in shown]
     table = Table(Column("trial", no_wrap=True), *names, title=title, title_justify="left")

@@ -59,6 +59,22 @@ def test_an_unknown_structure_is_refused(command, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_where_every_trial_fails_the_reason_is_told(command, tmp_path: Path) -> None:
+    """None of the options helps a record that is too short for its parts."""
+    arguments = ("--structure", "linear", "--part", "0:0.02", "--trials", 2, "--jobs", 1)
+    reason = r"none of its 2 trials gave a model; the last one: .*beam_multisine.*too short"
+    with pytest.raises(UserError, match=reason) as raised:
+        command(BAGS[0], "--study", tmp_path / "search.db", *arguments)
+    assert "--trials" not in str(raised.value)
+
+
+def test_a_search_without_a_trial_says_so(monkeypatch, command, tmp_path: Path) -> None:
+    monkeypatch.setattr(search_command, "CrossValidation", OfBranin)
+    monkeypatch.setenv("FOLDER", str(tmp_path))
+    with pytest.raises(UserError, match="no trial is finished; give a longer --timeout"):
+        command(BAGS[0], "--study", tmp_path / "search.db", "--timeout", "1e-9", "--jobs", 1)
+
+
 def test_the_same_records_are_the_same_problem_wherever_they_lie(monkeypatch, command, tmp_path: Path) -> None:
     monkeypatch.setattr(search_command, "CrossValidation", OfBranin)
     monkeypatch.setenv("FOLDER", str(tmp_path))
