@@ -25,7 +25,7 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-from hybrid_sysid_ros import configuration
+from hybrid_sysid_ros import configuration, interruption
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.nodes import parameters, topics
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -33,6 +33,7 @@ from hybrid_sysid_ros.rigs import rig as rigs
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 REPORT_PERIOD = 1.0  # s
 LOOK_PERIOD = 0.02  # s, between two looks whether a peer is there
+PATIENCE = 2.0  # s, of an interrupt with a node that starts
 
 
 class RigNode(Node):
@@ -131,13 +132,13 @@ class RigNode(Node):
 
 
 def _peak_memory() -> float:
-    """Largest resident memory of this process so far [MB]."""
+    """Largest resident memory of this process so far [MB]. The kernel counts it in 1024 bytes."""
     try:
         with open("/proc/self/status", encoding="ascii") as status:
             # Not ru_maxrss, which a process inherits from the one that started it.
-            return next(float(line.split()[1]) for line in status if line.startswith("VmHWM")) / 1e3
+            return next(float(line.split()[1]) for line in status if line.startswith("VmHWM")) * 1.024e-3
     except (OSError, StopIteration):  # no Linux
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1e-6 if sys.platform == "darwin" else 1.024e-3)
 
 
 def announce(word: str) -> None:
@@ -150,30 +151,31 @@ def run(make: Callable[[], RigNode]) -> int:
 
     0: ended as it should; 2: a parameter, file or argument is wrong, told in one line.
     """
-    interruption = Interruption()
+    ending = Interruption()
     try:
         try:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         except RuntimeError as error:  # what rclpy raises for arguments and parameter files that make no sense
             raise UserError(" ".join(str(error).split())) from error
-        _serve(make(), interruption)
+        _serve(make(), ending)
     except UserError as error:
         print(f"error: {error}", file=sys.stderr, flush=True)
         return 2
     except KeyboardInterrupt:
         return 0
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         rclpy.try_shutdown()
     return 0
 
 
-def _serve(node: RigNode, interruption: Interruption) -> None:
+def _serve(node: RigNode, ending: Interruption) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     node.prioritise()
     gc.collect()
     gc.freeze()  # what is there stays: collections in the loop look at nothing but what it makes
-    interruption.then(node.finish)
+    ending.then(node.finish)
     announce("ready")
     try:
         executor.spin_until_future_complete(node.finished)
@@ -184,34 +186,39 @@ def _serve(node: RigNode, interruption: Interruption) -> None:
 
 
 class Interruption:
-    """SIGINT and SIGTERM, however often they come: KeyboardInterrupt at first, a call of an action once there is one.
+    """SIGINT and SIGTERM, however often they come: a call of an action, as soon as there is one.
+
+    A start that takes long, as it does where code is compiled, ends by KeyboardInterrupt after PATIENCE; a short one is
+    not cut, for a recorder has a bag and a thread to close.
 
     Python runs its handlers between two of its own instructions, which may be long after the signal for a thread that
     waits in the middleware. So the signals' numbers also come through a socket, to a thread that waits for them.
     """
 
     def __init__(self) -> None:
-        self._caught = False
+        self._noted = False
         self._ours, self._theirs = socket.socketpair()
         self._theirs.setblocking(False)
         signal.set_wakeup_fd(self._theirs.fileno(), warn_on_full_buffer=False)
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._handle)
+            signal.signal(number, self._note)
+        signal.signal(signal.SIGALRM, interruption.interrupt)
 
     def then(self, action: Callable[[], None]) -> None:
-        """From now on call `action`, from another thread, at the first signal; further ones do nothing."""
+        """Call `action`, from another thread, at the first signal, or now if it came before; others do nothing."""
 
         def wait() -> None:
             self._ours.recv(1)
             action()
 
-        self._caught = True
+        self._noted = True
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         Thread(target=wait, daemon=True).start()
 
-    def _handle(self, number: int, frame: object) -> None:
-        if not self._caught:
-            self._caught = True  # what runs now is the end
-            raise KeyboardInterrupt
+    def _note(self, number: int, frame: object) -> None:
+        if not self._noted:
+            self._noted = True
+            signal.setitimer(signal.ITIMER_REAL, PATIENCE)
 
 
 def _text(value: object) -> str:

@@ -121,6 +121,36 @@ def test_a_recorder_that_is_terminated_leaves_a_whole_bag(start, tmp_path: Path)
     assert [path.name for path in tmp_path.iterdir()] == ["bag"]
 
 
+STARTING = """
+import os, signal, sys
+from hybrid_sysid_ros.nodes import base, recorder
+
+def make():
+    {before}
+    node = recorder.RecorderNode()
+    os.kill(os.getpid(), signal.SIGTERM)
+    return node
+
+sys.exit(base.run(make))
+"""
+COMPILING = "import time; os.kill(os.getpid(), signal.SIGINT); time.sleep(60.0)"
+
+
+@pytest.mark.parametrize(("before", "left"), [("", ["bag"]), (COMPILING, [])], ids=["short", "long"])
+def test_a_node_that_is_stopped_while_it_starts_ends_well(domain: int, tmp_path: Path, before: str, left: list[str]):
+    """A short start is finished, so that a recorder leaves its bag and no thread; a long one is cut."""
+    end = subprocess.run(
+        [sys.executable, "-c", STARTING.format(before=before), "--ros-args", "-p", f"path:={tmp_path / 'bag'}"],
+        capture_output=True,
+        text=True,
+        timeout=20.0,
+        env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+    )
+    assert end.returncode == 0
+    assert "Traceback" not in end.stderr
+    assert [path.name for path in tmp_path.iterdir()] == left
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
