@@ -10,7 +10,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from hybrid_sysid_ros import lecture, report
@@ -24,13 +23,10 @@ from hybrid_sysid_ros.models import STRUCTURES
 from hybrid_sysid_ros.progress import progress_bars
 from hybrid_sysid_ros.report import StructureResult
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.terminal import InputHandling, Period, Step, console, sampling_of, status
+from hybrid_sysid_ros.terminal import InputHandling, Period, Step, console, print_whole, sampling_of, status
 
 INTERRUPTED = 130
 """The exit code."""
-
-WIDTH = 132
-"""Of the table with all ranges; narrower terminals break its lines."""
 
 
 def protocol_command(
@@ -98,7 +94,7 @@ def protocol_command(
             raise typer.Exit(INTERRUPTED) from None
     if not any(candidate.models for candidate in comparison.candidates):
         raise UserError(f"no structure could be fitted; the last one: {comparison.candidates[-1].error}")
-    Console(width=max(console.width, WIDTH)).print(table(protocol, comparison, input_handling))
+    print_whole(table(protocol, comparison, input_handling))
     if comparison.chosen:
         console.print(f"chosen by training data only: {comparison.chosen} ({RULE})")
     if as_json is not None:

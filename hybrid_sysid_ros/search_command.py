@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Column, Table
+from rich.table import Table
 
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.files import check_folder
@@ -28,14 +27,13 @@ from hybrid_sysid_ros.terminal import (
     SignalsFile,
     Step,
     console,
+    print_whole,
     read_records,
     sampling_of,
     status,
 )
 
 SHOWN = 5
-WIDTH = 100
-"""Of the table with the longest names; narrower terminals break its lines."""
 
 
 def search_command(
@@ -134,12 +132,12 @@ def show(study: Study, objective: CrossValidation, title: str) -> None:
         raise UserError(f"{title}: none of its {len(finished)} trials gave a model; the last one: {last}")
     shown = ranking[:SHOWN] + [trial for trial in ranking[SHOWN:] if trial.number == 0]
     names = [f"{trial.number}, defaults" if trial.number == 0 else str(trial.number) for trial in shown]
-    table = Table(Column("trial", no_wrap=True), *names, title=title, title_justify="left")
+    table = Table("trial", *names, title=title, title_justify="left")
     table.add_row("held-out R2", *(f"{trial.outcome.score:.4f}" for trial in shown))
     table.add_row("seconds", *(f"{trial.outcome.seconds:.1f}" for trial in shown), end_section=True)
     for name in objective.space:
         table.add_row(name, *(f"{trial.options[name]:.4g}" for trial in shown))
-    Console(width=max(console.width, WIDTH)).print(table)
+    print_whole(table)
     if importance := study.importance():
         shares = ", ".join(f"{option} {100 * share:.0f} %" for option, share in importance.items() if share >= 0.01)
         console.print(f"what makes trials good: {shares}")

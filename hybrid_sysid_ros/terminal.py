@@ -7,6 +7,7 @@ from typing import Annotated, Any, cast
 
 import typer
 from rich.console import Console
+from rich.table import Table
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.errors import UserError
@@ -16,6 +17,9 @@ from hybrid_sysid_ros.signals import Signals
 
 console = Console(soft_wrap=True)
 status = Console(stderr=True, soft_wrap=True)
+
+WIDEST = 1000
+"""More characters than any table has."""
 
 RigName = Annotated[str, typer.Option("--rig", help="Rig, by the name of its configuration.")]
 SignalsFile = Annotated[Path | None, typer.Option("--signals", help="YAML with the topics and fields of your own bag.")]
@@ -36,6 +40,11 @@ InputHandling = Annotated[
 ]
 Step = Annotated[float, typer.Option(help="Integration step [s].")]
 Period = Annotated[float, typer.Option(help="Distance of the fitted samples [s].")]
+
+
+def print_whole(table: Table) -> None:
+    """Print a table at its own width: a narrower terminal breaks its lines, but nothing is cut."""
+    Console(width=WIDEST).print(table)
 
 
 def sampling_of(step: float, period: float, handling: str) -> Sampling:
