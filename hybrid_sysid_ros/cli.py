@@ -223,7 +223,11 @@ def run_command(
     for node, values in outcome.diagnostics.items():
         for key, value in values.items():
             table.add_row(node, key, f"{value:.4g}" if isinstance(value, float) else str(value))
-    console.print(table)
+    if outcome.diagnostics:
+        console.print(table)
+    if outcome.interrupted:
+        kept = outcome.bag is not None and outcome.bag.exists()
+        raise Interrupted(f"{outcome.bag} holds what was recorded" if kept else "")
     if outcome.bag is not None:
         console.print(str(outcome.bag))
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from hybrid_sysid_ros import cli
+from hybrid_sysid_ros import cli, session
 from hybrid_sysid_ros.errors import Interrupted
 from hybrid_sysid_ros.identification import comparison
 from hybrid_sysid_ros.models import load, storage
@@ -184,6 +184,15 @@ def test_an_interrupted_command_says_so_in_one_line(command, tmp_path, monkeypat
     monkeypatch.setattr(cli, "identify", interrupt)
     status, out, said = command("identify", MULTISINE, "--out", tmp_path / "model")
     assert (status, out, said) == (130, "", f"{line}\n")
+
+
+@pytest.mark.parametrize(("kept", "line"), [(False, "interrupted"), (True, "interrupted: {} holds what was recorded")])
+def test_an_interrupted_run_says_whether_there_is_a_bag(command, tmp_path, monkeypatch, kept, line):
+    bag = tmp_path / "bag"
+    if kept:
+        bag.mkdir()
+    monkeypatch.setattr(session, "run", lambda **_: session.Outcome(diagnostics={}, interrupted=True, bag=bag))
+    assert command("run", "--bag", bag) == (130, "", f"{line.format(bag)}\n")
 
 
 def test_a_protocol_of_the_shipped_bags_is_printed_written_and_its_pick_saved(command, tmp_path):
