@@ -364,7 +364,11 @@ def test_wrong_settings_of_a_policy_get_one_line(command, linear_model, tmp_path
     train = ("policy", "train", linear_model, "--out", tmp_path / "policy")
     refused(command(*train, "--hidden", "64;64"), "--hidden", "64,64")
     refused(command(*train, "--follow", "coulomb"), "NAME=NUMBER")
-    refused(command(*train, "--follow", "gain=-1"), "spread above 0")
+    for spread in ("-1", "0", "nan", "inf"):
+        refused(command(*train, "--follow", f"gain={spread}"), f"gain can't be followed by {spread}", "spread above 0")
+    refused(command(*train, "--hidden", "10000000"), "layers of 10000000: takes at most 8, each of at most 4096")
+    refused(command(*train, "--hidden", ",".join(["8"] * 9)), "at most 8, each")
+    refused(command(*train, "--slopes", "inf"), "weights must be numbers")
     refused(command(*train, "--follow", "mass=1"), "no parameter mass")
 
 

@@ -21,15 +21,20 @@ FARTHEST = 2.0
 class Adaptation:
     """Parameters that are followed, and how far from the model's they are expected [their unit]; both (parameters,).
 
-    Raises UserError for a spread that is not above 0.
+    Raises UserError for a spread that is no number above 0.
     """
 
     names: tuple[str, ...] = ()
     spread: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if len(self.names) != len(self.spread) or not all(spread > 0 for spread in self.spread):
-            raise UserError(f"policy: each followed parameter needs a spread above 0: {self.names}, {self.spread}")
+        if len(self.names) != len(self.spread):
+            raise UserError(
+                f"policy: {len(self.names)} followed parameters have {len(self.spread)} spreads; give each one"
+            )
+        for name, spread in zip(self.names, self.spread, strict=True):
+            if not 0.0 < spread < np.inf:
+                raise UserError(f"policy: {name} can't be followed by {spread:g}: give a spread above 0, in its unit")
 
     def nominal(self, equation: Equation) -> Array:
         """The equation's own values (parameters,). Raises UserError where it has no such parameter."""

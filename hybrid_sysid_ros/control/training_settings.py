@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from hybrid_sysid_ros.control.adaptation import Adaptation
@@ -9,6 +10,9 @@ from hybrid_sysid_ros.errors import UserError
 
 MOST_EPISODES = 10_000
 """In a round; each round's loops have seeds of their own."""
+
+WIDEST, DEEPEST = 4096, 8
+"""Layer, and number of layers: far above what answers in time, below what fills the memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,5 +50,9 @@ class Settings:
             raise UserError(f"policy: episodes {self.episodes}: takes at most {MOST_EPISODES} closed loops in a round")
         if not self.hidden or min((self.epochs, self.batch, *self.hidden)) < 1:
             raise UserError("policy: epochs, batch and the widths of the layers must be above 0")
-        if not (min(self.levelling, self.plan_weight, self.slope_weight) >= 0 and 0 <= self.slope_share <= 1):
-            raise UserError("policy: weights must not be negative, and shares must be within 0 and 1")
+        if max(self.hidden) > WIDEST or len(self.hidden) > DEEPEST:
+            widths = ", ".join(map(str, self.hidden))
+            raise UserError(f"policy: layers of {widths}: takes at most {DEEPEST}, each of at most {WIDEST}")
+        weights = self.levelling, self.plan_weight, self.slope_weight
+        if not (all(0 <= weight < math.inf for weight in weights) and 0 <= self.slope_share <= 1):
+            raise UserError("policy: weights must be numbers that are not negative, and shares within 0 and 1")
