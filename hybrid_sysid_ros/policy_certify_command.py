@@ -14,7 +14,7 @@ from hybrid_sysid_ros.control.certificate import FILE, LEAST_LOOPS, Certificate,
 from hybrid_sysid_ros.control.certification import certify
 from hybrid_sysid_ros.control.certified_policy import JUDGED, Subject
 from hybrid_sysid_ros.control.online_check import REASONS
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.errors import Interrupted, UserError
 from hybrid_sysid_ros.files import beside, check_file
 from hybrid_sysid_ros.progress import progress_bars
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -65,8 +65,18 @@ def policy_certify_command(
     there = _loops(policy, subject)
     if there > loops:
         raise UserError(f"{policy / FILE}: is of {there} loops; give as many with --loops, or remove it first")
-    with progress_bars(status) as update:
-        certificate = certify(subject, loops=loops, delta=delta, workers=workers, store=store, progress=update)
+    kept = 0
+    try:
+        with progress_bars(status) as update:
+
+            def progress(stage: str, done: int, of: int) -> None:
+                nonlocal kept
+                kept = done
+                update(stage, done, of)
+
+            certificate = certify(subject, loops=loops, delta=delta, workers=workers, store=store, progress=progress)
+    except KeyboardInterrupt:
+        raise Interrupted(f"{kept} of {loops} loops are kept; the same command goes on from there") from None
     certificate.save(policy)
     for table in tables(certificate):
         console.print(table)

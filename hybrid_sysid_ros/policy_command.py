@@ -10,7 +10,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros.control.adaptation import Adaptation
 from hybrid_sysid_ros.control.training_settings import Settings
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.errors import Interrupted, UserError
 from hybrid_sysid_ros.files import beside, check_folder
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.options import parse
@@ -63,8 +63,13 @@ def train_command(
         adaptation=_adaptation(follow or []),
     )
     loaded = load_model(model)
-    with progress_bars(status) as update:
-        policy = train_policy(loaded, settings, seed=seed, samples=beside(out, ".samples"), progress=update)
+    samples = beside(out, ".samples")
+    try:
+        with progress_bars(status) as update:
+            policy = train_policy(loaded, settings, seed=seed, samples=samples, progress=update)
+    except KeyboardInterrupt:
+        kept = f"{len(list(samples.glob('*.safetensors')))} closed loops are kept in {samples}"
+        raise Interrupted(f"{kept}; the same command goes on from there") from None
     policy.save(out)
     table = Table("quantity", "value", title=f"policy {out}", title_justify="left")
     for key, value in policy.training.items():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from linear_policies import FEATURES, LINEAR, PROBLEM, broken_policy  # type: ignore[import-not-found]
 
-from hybrid_sysid_ros import cli, configuration
+from hybrid_sysid_ros import cli, configuration, policy_certify_command
 from hybrid_sysid_ros.checking import certification, check_tolerances, subject_of
 from hybrid_sysid_ros.control import policy as policies
 from hybrid_sysid_ros.control.certificate import FILE
@@ -91,6 +91,17 @@ def test_a_policy_is_certified_and_a_worst_case_shown(command, broken_folder, li
     assert len(lines) == 10
     cells = [cell.strip() for cell in lines[worst["period"]].split("│")]
     assert abs(float(cells[4]) - float(cells[5])) == pytest.approx(worst["input_error"], abs=2e-3)
+
+
+def test_an_interrupted_certification_says_what_is_kept(command, broken_folder, linear_folder, monkeypatch):
+    def interrupt(subject, *, loops, progress, **_):
+        progress("closed loops", 5, loops)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(policy_certify_command, "certify", interrupt)
+    status, out, error = command(broken_folder, "--model", linear_folder, "--loops", "12", "--seed", "7")
+    assert (status, out) == (130, "")
+    assert error.splitlines()[-1] == "interrupted: 5 of 12 loops are kept; the same command goes on from there"
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from hybrid_sysid_ros import cli, session
+from hybrid_sysid_ros import cli, policy_command, session
 from hybrid_sysid_ros.errors import Interrupted
 from hybrid_sysid_ros.identification import comparison
 from hybrid_sysid_ros.models import load, storage
@@ -193,6 +193,18 @@ def test_an_interrupted_run_says_whether_there_is_a_bag(command, tmp_path, monke
         bag.mkdir()
     monkeypatch.setattr(session, "run", lambda **_: session.Outcome(diagnostics={}, interrupted=True, bag=bag))
     assert command("run", "--bag", bag) == (130, "", f"{line.format(bag)}\n")
+
+
+def test_an_interrupted_training_says_what_is_kept(command, linear_model, tmp_path, monkeypatch):
+    def interrupt(*_, samples, **__):
+        samples.mkdir()
+        (samples / "0.safetensors").touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(policy_command, "train_policy", interrupt)
+    status, out, error = command("policy", "train", linear_model, "--out", tmp_path / "policy")
+    kept = f"1 closed loops are kept in {tmp_path / 'policy.samples'}; the same command goes on from there"
+    assert (status, out, error) == (130, "", f"interrupted: {kept}\n")
 
 
 def test_a_protocol_of_the_shipped_bags_is_printed_written_and_its_pick_saved(command, tmp_path):

@@ -154,6 +154,7 @@ class _Work:
         left = np.flatnonzero(~self.done)
         total, mine = len(self.done), threading.local()
         began, earlier = time.perf_counter(), self.seconds
+        progress("closed loops", int(self.done.sum()), total)
         benches = iter([self._subject.bench() for _ in range(min(workers, len(left)))])  # compiled once, here
 
         def prepare() -> None:
@@ -165,7 +166,6 @@ class _Work:
                 self._subject.run(mine.bench, loop, self.measures[loop], self.reasons[loop])
                 self.done[loop] = True
 
-        progress("closed loops", int(self.done.sum()), total)
         pool = ThreadPoolExecutor(max(min(workers, len(left)), 1), initializer=prepare)
         running: set[Future[None]] = {pool.submit(chunk, left[at : at + CHUNK]) for at in range(0, len(left), CHUNK)}
         kept = time.perf_counter()
@@ -181,5 +181,6 @@ class _Work:
         except BaseException:
             pool.shutdown(wait=True, cancel_futures=True)
             self._keep(earlier + time.perf_counter() - began)
+            progress("closed loops", int(self.done.sum()), total)
             raise
         pool.shutdown()
