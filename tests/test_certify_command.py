@@ -129,9 +129,15 @@ def test_a_policy_of_another_model_is_not_certified(command, broken_folder):
 
 
 def test_a_folder_that_is_no_policy_gets_one_line(command, tmp_path):
+    """The same one as from any other command."""
+    nowhere = tmp_path / "nowhere"
+    assert command(nowhere) == (2, "", f"error: {nowhere}: no such policy folder\n")
+    missing = f"error: {tmp_path / 'policy.yaml'}: is missing, so {tmp_path} is no policy folder\n"
+    assert command(tmp_path) == (2, "", missing)
+    (tmp_path / "policy.yaml").write_text("a: [")
     status, _, error = command(tmp_path)
     assert status == 2
-    assert len(error.strip().splitlines()) == 1
+    assert error.endswith("can't be read; restore it or make the policy again (hybrid-sysid policy train)\n")
 
 
 def test_the_current_folder_is_certified_as_any_other(command, broken_folder, linear_folder, monkeypatch):

@@ -55,7 +55,10 @@ def flip_a_bit(folder):
 
 BAD = {
     "altered arrays": (flip_a_bit, r"weights\.safetensors: was altered"),
-    "older format": (old, r"policy\.yaml: format 1 is older than 2; make the policy again"),
+    "older format": (
+        old,
+        r"policy\.yaml: format 1 is older than 2; make the policy again \(hybrid-sysid policy train\)",
+    ),
     "no arrays": (lambda folder: (folder / "weights.safetensors").unlink(), r"weights\.safetensors: is missing"),
     "no yaml": (lambda folder: (folder / "policy.yaml").unlink(), r"policy\.yaml: is missing"),
     "sealed arrays": (sealed(nudge), r"policy\.yaml: does not reproduce its self-check"),

@@ -105,12 +105,12 @@ def find(folder: Path | str, *, policy: str, model: str) -> Certificate | None:
     path = Path(folder) / FILE
     if not path.is_file():
         return None
+    again = "certify it again (hybrid-sysid policy certify) or remove the certificate"
     content = storage.load_sheet(path, kind="certificate", version=FORMAT)
     try:
         found = Certificate(**{item.name: content[item.name] for item in fields(Certificate)})
     except (KeyError, TypeError) as error:
-        raise UserError(f"{path}: {error!r} is missing or malformed; certify the policy again") from error
-    again = "certify it again (hybrid-sysid policy certify) or remove the certificate"
+        raise UserError(f"{path}: {error!r} is missing or malformed; {again}") from error
     if found.policy != policy:
         raise UserError(f"{path}: belongs to another policy; {again}")
     if found.model != model:

@@ -19,6 +19,9 @@ from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.files import sha256, written_file, written_folder
 
 ARRAYS = "weights.safetensors"
+MADE_BY = {"model": "identify", "policy": "policy train", "certificate": "policy certify"}
+"""The commands that write each kind."""
+
 Arrays = dict[str, NDArray[np.float64]]
 
 
@@ -52,21 +55,17 @@ def load(folder: Path | str, *, kind: str, version: int) -> tuple[dict[str, Any]
     Raises UserError, naming the file, where one is missing, unreadable, altered since it was saved, or of a newer
     format than this version reads.
     """
-    path = Path(folder) / f"{kind}.yaml"
-    if not Path(folder).is_dir():
-        raise UserError(f"{folder}: no such {kind} folder")
-    if not path.is_file():
-        raise UserError(f"{path}: is missing, so {folder} is no {kind} folder")
+    path = _sheet(folder, kind)
     content = load_sheet(path, kind=kind, version=version)
     arrays_path = Path(folder) / ARRAYS
     if not arrays_path.is_file():
-        raise UserError(f"{arrays_path}: is missing; restore it or make the {kind} again")
+        raise UserError(f"{arrays_path}: is missing; restore it or {_again(kind)}")
     if content.get("arrays") != {"file": ARRAYS, "sha256": sha256(arrays_path)}:
-        raise UserError(f"{arrays_path}: was altered since it was saved; restore it or make the {kind} again")
+        raise UserError(f"{arrays_path}: was altered since it was saved; restore it or {_again(kind)}")
     try:
         return content, load_file(arrays_path)
     except (SafetensorError, OSError) as error:
-        raise UserError(f"{arrays_path}: can't be read; restore it or make the {kind} again") from error
+        raise UserError(f"{arrays_path}: can't be read; restore it or {_again(kind)}") from error
 
 
 def load_sheet(path: Path, *, kind: str, version: int) -> dict[str, Any]:
@@ -77,28 +76,45 @@ def load_sheet(path: Path, *, kind: str, version: int) -> dict[str, Any]:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UserError(f"{path}: can't be read as YAML; restore it or make the {kind} again") from error
+        raise UserError(f"{path}: can't be read as YAML; restore it or {_again(kind)}") from error
     if not isinstance(content, dict) or not isinstance(content.get("format"), int):
-        raise UserError(f"{path}: has no format number; restore it or make the {kind} again")
+        raise UserError(f"{path}: has no format number; restore it or {_again(kind)}")
     if content["format"] > version:
         raise UserError(
             f"{path}: format {content['format']} is newer than {version}, the newest that this version reads; "
             "update hybrid_sysid_ros"
         )
     if content["format"] < version:
-        raise UserError(f"{path}: format {content['format']} is older than {version}; make the {kind} again")
+        raise UserError(f"{path}: format {content['format']} is older than {version}; {_again(kind)}")
     if not _sealed(content):
-        raise UserError(f"{path}: was altered since it was saved; restore it or make the {kind} again")
+        raise UserError(f"{path}: was altered since it was saved; restore it or {_again(kind)}")
     return content
 
 
 def digest(folder: Path | str, *, kind: str) -> str:
-    """The seal of a saved folder: what another folder that was made from it refers to."""
-    path = Path(folder) / f"{kind}.yaml"
+    """The seal of a saved folder: what another folder that was made from it refers to.
+
+    Raises UserError where there is none, or it can't be read.
+    """
+    path = _sheet(folder, kind)
     try:
         return str(yaml.safe_load(path.read_text(encoding="utf-8"))["seal"])
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
-        raise UserError(f"{path}: is missing or can't be read") from error
+        raise UserError(f"{path}: can't be read; restore it or {_again(kind)}") from error
+
+
+def _sheet(folder: Path | str, kind: str) -> Path:
+    """The YAML file of a folder of this kind."""
+    path = Path(folder) / f"{kind}.yaml"
+    if not Path(folder).is_dir():
+        raise UserError(f"{folder}: no such {kind} folder")
+    if not path.is_file():
+        raise UserError(f"{path}: is missing, so {folder} is no {kind} folder")
+    return path
+
+
+def _again(kind: str) -> str:
+    return f"make the {kind} again (hybrid-sysid {MADE_BY[kind]})"
 
 
 def _sealed(content: dict[Any, Any]) -> bool:
