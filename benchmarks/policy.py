@@ -21,6 +21,7 @@ from collections.abc import Callable
 from time import perf_counter
 from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
@@ -36,6 +37,7 @@ from hybrid_sysid_ros.control.policy import Policy
 from hybrid_sysid_ros.control.sampling import Spread, drawn, reference
 from hybrid_sysid_ros.control.training_settings import Settings
 from hybrid_sysid_ros.equations import Equation, kernels
+from hybrid_sysid_ros.equations.compilation import OPTIONS
 from hybrid_sysid_ros.extras import extra
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
@@ -169,7 +171,8 @@ def call_times(imitation: Policy, questions: list[tuple[Array, ...]]) -> list[fl
 def network_times(imitation: Policy, questions: list[tuple[Array, ...]]) -> list[float]:
     """Seconds of each call of the network alone, bounds included: its question stands in memory."""
     rows = [np.concatenate(question) for question in questions]
-    answer, memory, inputs = imitation.kernels.answer, imitation.memory, np.empty((imitation.outputs, 1))
+    answer = numba.njit("b1(f8[::1], f8[::1], f8[:, ::1])", **OPTIONS)(imitation.kernels.answer)
+    memory, inputs = imitation.memory, np.empty((imitation.outputs, 1))
     times = []
     for index in range(CALLS):
         row = rows[index % len(rows)]

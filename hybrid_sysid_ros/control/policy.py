@@ -156,7 +156,7 @@ class Policy:
     def inside(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> bool:
         """Whether a question is one like those of the training; never where something is not a number."""
         question = np.concatenate([state, disturbance, previous_input, preview])
-        return bool(self.kernels.inside(question, self.memory, self._range))
+        return bool(self.kernels.contains(question, self.memory, self._range))
 
     def evaluate(self, features: Array) -> Array:
         """Unbounded answers (samples, K) to raw features (samples, features)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numba
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.equations import registers
+from hybrid_sysid_ros.equations.compilation import OPTIONS, inner
 from hybrid_sysid_ros.equations.perceptron import Perceptron, passes
 
 Array = NDArray[np.float64]
@@ -32,22 +33,40 @@ class Form:
 
 @dataclass(frozen=True, kw_only=True)
 class Kernels:
-    """Compiled functions; a question is [x, d, u_previous, q_1..q_N], (states + 2 + horizon,).
+    """Functions for compiled code, and for Python, which compile when they are first asked for: a supervised controller
+    has no need of most. A question is [x, d, u_previous, q_1..q_N], (states + 2 + horizon,).
 
     answer(question, memory, inputs): writes bounded inputs (outputs, 1); False where something is not a finite number,
     and ``inputs`` then mean nothing. memory: see :func:`memory`.
-    control(state, disturbance, u_previous, preview, memory, inputs): the same to a question in its parts (states,),
-    (1,), (1,), (horizon,), for callers in Python: one call is less than four copies there. Raises ValueError for parts
-    of other sizes.
     inside(question, memory, training_range): whether the question is one like those of the training;
     training_range: :attr:`TrainingRange.packed`.
-    raw(features, memory, out): unbounded answers (samples, outputs) to features (samples, features).
+    in_parts(state, disturbance, u_previous, preview, memory, inputs): the answer to a question in its parts (states,),
+    (1,), (1,), (horizon,). Raises ValueError for parts of other sizes.
+    rows(features, memory, out): unbounded answers (samples, outputs) to features (samples, features).
     """
 
     answer: Callable[..., bool]
-    control: Callable[..., bool]
     inside: Callable[..., bool]
-    raw: Callable[..., None]
+    in_parts: Callable[..., bool]
+    rows: Callable[..., None]
+
+    @cached_property
+    def control(self) -> Callable[..., bool]:
+        """``in_parts`` for Python, where one call is less than four copies. Raises TypeError for other arrays."""
+        compiled: Callable[..., bool] = numba.njit(f"b1({'f8[:], ' * 4}f8[::1], f8[:, ::1])", **OPTIONS)(self.in_parts)
+        return compiled
+
+    @cached_property
+    def contains(self) -> Callable[..., bool]:
+        """``inside`` for Python."""
+        compiled: Callable[..., bool] = numba.njit("b1(f8[::1], f8[::1], f8[::1])", **OPTIONS)(self.inside)
+        return compiled
+
+    @cached_property
+    def raw(self) -> Callable[..., None]:
+        """``rows`` for Python."""
+        compiled: Callable[..., None] = numba.njit("void(f8[:, ::1], f8[::1], f8[:, ::1])", **OPTIONS)(self.rows)
+        return compiled
 
 
 def memory(
@@ -70,7 +89,7 @@ def memory(
 
 @cache
 def kernels(form: Form) -> Kernels:
-    """The kernels of a form, compiled once in a process (about a second)."""
+    """The kernels of a form, made once in a process."""
     network, states, tracked = passes(form.network), form.states, form.output
     features, outputs = form.network.widths[0], form.network.widths[-1]
     previous, first = states + 1, states + 2
@@ -83,9 +102,8 @@ def kernels(form: Form) -> Kernels:
     other = passes(form.correction or form.network)
     correct, corrector, other_room = other.forward, other.output, other.values
     deviation = end + (form.correction.size if form.correction is not None else 0)
-    options: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
-    @numba.njit(**options)
+    @inner
     def standardise(features_or_question: Any, memory: Array, moved: float, values: Any) -> bool:
         """(z - centre) / scale, the preview less ``moved``."""
         for j in range(features):
@@ -95,7 +113,7 @@ def kernels(form: Form) -> Kernels:
             values[j] = (value - memory[2 + j]) * memory[2 + features + j]
         return True
 
-    @numba.njit(**options)
+    @inner
     def evaluate(values: Any, memory: Array, out: Array) -> None:
         """Unbounded inputs (outputs,)."""
         weights = memory[begin:end]
@@ -112,8 +130,8 @@ def kernels(form: Form) -> Kernels:
                     total += corrector(memory[end:deviation], others, i * outputs + k) * memory[deviation + i]
             out[k] = memory[0] * total
 
-    @numba.njit(**options)
-    def bounded(question: Any, memory: Array, inputs: Array) -> bool:
+    @inner
+    def answer(question: Any, memory: Array, inputs: Array) -> bool:
         values = scratch(room)
         if not standardise(question, memory, question[tracked], values):
             return False
@@ -129,12 +147,7 @@ def kernels(form: Form) -> Kernels:
             inputs[k, 0] = last
         return True
 
-    @numba.njit("boolean(float64[::1], float64[::1], float64[:, ::1])", **options)
-    def answer(question: Array, memory: Array, inputs: Array) -> bool:
-        return bounded(question, memory, inputs)  # type: ignore[no-any-return]
-
-    @numba.njit("boolean(float64[:], float64[:], float64[:], float64[:], float64[::1], float64[:, ::1])", **options)
-    def control(state: Array, disturbance: Array, last: Array, preview: Array, memory: Array, inputs: Array) -> bool:
+    def in_parts(state: Array, disturbance: Array, last: Array, preview: Array, memory: Array, inputs: Array) -> bool:
         if len(state) != states or len(disturbance) != 1 or len(last) != 1 or len(preview) != features - first:
             raise ValueError("a policy's question has other sizes than its network")
         question = scratch(features)
@@ -143,9 +156,9 @@ def kernels(form: Form) -> Kernels:
         question[states], question[previous] = disturbance[0], last[0]
         for j in range(features - first):
             question[first + j] = preview[j]
-        return bounded(question, memory, inputs)  # type: ignore[no-any-return]
+        return answer(question, memory, inputs)  # type: ignore[no-any-return]
 
-    @numba.njit("boolean(float64[::1], float64[::1], float64[::1])", **options)
+    @inner
     def inside(question: Array, memory: Array, training_range: Array) -> bool:
         values = scratch(features)
         moved = question[tracked]
@@ -165,13 +178,12 @@ def kernels(form: Form) -> Kernels:
             row += features
         return bool(total <= reach * reach)
 
-    @numba.njit("void(float64[:, ::1], float64[::1], float64[:, ::1])", **options)
-    def raw(rows: Array, memory: Array, out: Array) -> None:
+    def rows(samples: Array, memory: Array, out: Array) -> None:
         values = scratch(room)
-        for i in range(rows.shape[0]):
-            if standardise(rows[i], memory, 0.0, values):
+        for i in range(samples.shape[0]):
+            if standardise(samples[i], memory, 0.0, values):
                 evaluate(values, memory, out[i])
             else:
                 out[i, :] = np.nan
 
-    return Kernels(answer=answer, control=control, inside=inside, raw=raw)
+    return Kernels(answer=answer, inside=inside, in_parts=in_parts, rows=rows)
