@@ -7,7 +7,7 @@ import logging
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import typer
 from rich.table import Table
@@ -46,6 +46,9 @@ from hybrid_sysid_ros.terminal import (
     sampling_of,
     status,
 )
+
+UsageError = cast(type[typer.BadParameter], typer.BadParameter.__mro__[1])
+"""What typer raises for wrong arguments of any kind; it gives a name to this kind only."""
 
 
 class Commands(TyperGroup):
@@ -273,12 +276,24 @@ def _volts(scores: dict[str, float], rig: Rig) -> str:
     return f"{scores['rmse'] / rig.sensor.radians_per_volt:.3f}"
 
 
+def _usage(error: typer.BadParameter) -> str:
+    """What is wrong with the arguments, in one line; the help where there are none."""
+    told, context = error.format_message(), error.ctx
+    if context is None or told == context.get_help():
+        return told
+    line = " ".join(told.split()).rstrip(".")
+    return f"error: {line[0].lower()}{line[1:]}: see {context.command_path} --help"
+
+
 def main() -> None:
     """Run a command; exit with 2 and one line for what a user can cause, with 130 and one for an interrupt."""
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
     try:
         interruption.install()
-        app(prog_name="hybrid-sysid")
+        sys.exit(app(prog_name="hybrid-sysid", standalone_mode=False))
+    except UsageError as error:
+        sys.stderr.write(_usage(error) + "\n")
+        sys.exit(2)
     except UserError as error:
         sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
         sys.exit(2)

@@ -405,10 +405,34 @@ def test_an_unknown_experiment_gets_one_line(command, tmp_path):
     refused(command("simulate", "multisine", tmp_path / "bag", "--rate", "300"), "300")
 
 
-def test_a_missing_option_is_named(command):
-    status, _, error = command("identify", MULTISINE)
-    assert status == 2
-    assert "--out" in error
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("identify", MULTISINE), ["--out", "see hybrid-sysid identify --help"]),
+        (("identify", "--out", "model"), ["bag", "see hybrid-sysid identify --help"]),
+        (("identify", MULTISINE, "--out", "model", "--seed", "-1"), ["--seed", "see hybrid-sysid identify --help"]),
+        (("identify", MULTISINE, "--out", "model", "--step", "five"), ["--step", "number"]),
+        (("identify", MULTISINE, "--color", "red"), ["--color", "see hybrid-sysid identify --help"]),
+        (
+            ("policy", "train", "model", "--out", "p", "--episodes", "1"),
+            ["--episodes", "hybrid-sysid policy train --help"],
+        ),
+        (("policy", "banana"), ["banana", "see hybrid-sysid policy --help"]),
+        (("banana",), ["banana", "see hybrid-sysid --help"]),
+        (("--banana",), ["--banana", "see hybrid-sysid --help"]),
+    ],
+)
+def test_wrong_options_get_one_line_as_everything_else(command, arguments, words):
+    refused(command(*arguments), *words)
+
+
+@pytest.mark.parametrize("arguments", [(), ("policy",)])
+def test_no_arguments_get_the_help(command, arguments):
+    _, out, error = command(*arguments)
+    helped = command(*arguments, "--help")
+    assert helped[0] == 0
+    assert "train" in helped[1] or "identify" in helped[1]
+    assert (out + error).strip() == helped[1].strip()
 
 
 def test_the_demo_says_at_once_where_it_cannot_write(command, tmp_path):
