@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ class Signal:
     topic: absolute, or relative to the namespace of the rig.
     field: path into the message: "data", "wrench.force.x", "effort[0]", "position[beam]" (the entry of the joint named
         beam), "points[0].positions[beam]".
+    unit: of the value, after scale and offset, which must be the rig's; "" says nothing.
     holds: of an input, the interval that the value was applied in: "preceding" the one that ends at the stamp (what a
         driver reports), "following" the one that begins there (a command).
 
@@ -89,6 +90,16 @@ class Signals:
         if signal.topic.startswith("/"):
             return signal.topic
         return "/" + "/".join(part for part in (self.namespace.strip("/"), signal.topic) if part)
+
+    def check_units(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
+        """Raise UserError for a signal that states another unit than those of a rig's inputs and outputs."""
+        for kind, signals, units in (("input", self.input, inputs), ("output", self.output, outputs)):
+            for signal, unit in zip(signals, units, strict=False):
+                if signal.unit and signal.unit != unit:
+                    raise UserError(
+                        f"{self.source or 'signals'}: {kind} {signal.field} is in {signal.unit}, the rig's is in "
+                        f"{unit}: set the scale that makes it {unit}, and its unit to {unit}"
+                    )
 
     @classmethod
     def of_rig(cls, rig: str) -> Signals:

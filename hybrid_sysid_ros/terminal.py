@@ -13,6 +13,7 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.signals import Signals
 
 console = Console(soft_wrap=True)
@@ -57,8 +58,9 @@ def read_records(
 ) -> list[Record]:
     """The records of bags, by a rig's signals or a file of the user's.
 
-    period: of the samples that are kept [s], 0 for all. Raises UserError for two bags of one name, and where the
-    sampling wants an input as it was at the samples, but the period leaves means only.
+    period: of the samples that are kept [s], 0 for all. Raises UserError for two bags of one name, for signals that
+    state another unit than the rig's, and where the sampling wants an input as it was at the samples, but the period
+    leaves means only.
     """
     if period and sampling.input == "sampled":
         raise UserError("--read-period keeps means of the input, but the model reads it sampled; leave one out")
@@ -66,4 +68,8 @@ def read_records(
     if twins := {name for name in names if names.count(name) > 1}:
         raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
     chosen = Signals.load(signals) if signals is not None else Signals.of_rig(rig)
+    equation = load_rig(rig).equation
+    chosen.check_units(
+        [variable.unit for variable in equation.inputs], [equation.states[index].unit for index in equation.outputs]
+    )
     return [bags.read(path, chosen, period=period or None, recover=recover) for path in paths]

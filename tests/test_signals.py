@@ -1,9 +1,15 @@
 """The file that says what to read from a bag."""
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.signals import Signal, Signals
+from hybrid_sysid_ros.terminal import read_records
 
 
 @pytest.mark.parametrize(
@@ -48,3 +54,28 @@ def test_topics_are_in_the_namespace_unless_absolute():
     assert signals.topic(signals.output[0]) == "/cam_beam/joint_states"
     assert signals.topic(Signal(topic="/tf", field="data")) == "/tf"
     assert signals.topic(Signal(topic="a/b", field="data")) == "/cam_beam/a/b"
+
+
+def read_in(unit: str, folder: Path) -> list[Record]:
+    """The shipped multisine by signals that state a unit of the output."""
+    output = f"{{topic: joint_states, field: 'position[beam]', {unit}}}"
+    path = folder / "own.yaml"
+    path.write_text(
+        "namespace: cam_beam\n"
+        "signals:\n"
+        "  input: {topic: joint_states, field: 'effort[beam]', unit: V}\n"
+        f"  output: {output}\n"
+    )
+    bag = Path(__file__).parents[1] / "bags" / "beam_multisine"
+    return read_records([bag], "cam_beam", path, False, 0.0, Sampling())
+
+
+def test_an_output_in_another_unit_than_the_rig_s_is_refused(tmp_path):
+    with pytest.raises(UserError, match=r"own\.yaml: output position\[beam\] is in deg, the rig's is in rad: .*scale"):
+        read_in("unit: deg", tmp_path)
+
+
+def test_a_unit_is_that_of_the_scaled_value(tmp_path):
+    """A driver of degrees, say: the scale makes radians of them."""
+    plain, scaled = read_in("scale: 1.0", tmp_path), read_in("unit: rad, scale: 0.017453292519943295", tmp_path)
+    assert np.allclose(np.degrees(scaled[0].output), plain[0].output)

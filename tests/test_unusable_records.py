@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.identification import evaluate, identify
+from hybrid_sysid_ros.identification import cross_validate, evaluate, identify
 from hybrid_sysid_ros.models import Sampling
 from tests.linear_bench import bench, record_of
 
@@ -34,10 +34,15 @@ def test_a_record_that_cannot_be_used_is_named_with_the_reason(rig, case, struct
     assert "\n" not in str(raised.value)
 
 
-def test_a_record_in_degrees_is_found_out_before_the_fit(rig):
-    degrees = bench(y=30 * np.sin(np.arange(2001) / 50.0)[:, None])
-    with pytest.raises(UserError, match=r"range_low = -\d+\.?\d* rad is outside .*must be in SI units"):
-        identify([degrees], rig, "gray", sampling=Sampling())
+@pytest.mark.parametrize("structure", ["linear", "gray", "hybrid", "black_box", "narx"])
+def test_a_record_in_degrees_among_others_is_named(rig, structure):
+    """The linear model would take both, and fit neither."""
+    degrees = bench(name="degrees", y=30 * np.sin(np.arange(2001) / 50.0)[:, None])
+    reason = r"^degrees: range_low would be -\d+ rad .*, outside of \[-1, 1\]; it is probably in another unit: .*scale"
+    with pytest.raises(UserError, match=reason):
+        identify([bench(), degrees], rig, structure, sampling=Sampling())
+    with pytest.raises(UserError, match=reason):
+        cross_validate([bench(), degrees], rig, structure, sampling=Sampling())
 
 
 def test_a_record_at_another_rate_than_the_model_s_says_what_goes_for_fit_and_score(rig):

@@ -129,14 +129,19 @@ class Equation(ABC):
         """Input delay [s]: a parameter named input_delay, or none."""
         return float(getattr(self.named, "input_delay", 0.0))
 
+    @property
+    def outside(self) -> tuple[tuple[Parameter, float], ...]:
+        """Parameters that are not finite or outside their bounds, with their values."""
+        pairs = zip(self.parameters, self.values.tolist(), strict=True)
+        return tuple((item, value) for item, value in pairs if not item.low <= value <= item.high)
+
     def check(self) -> None:
         """Raise UserError for a parameter that is not finite or outside its bounds."""
-        for item, value in zip(self.parameters, self.values, strict=True):
-            if not item.low <= value <= item.high:
-                raise UserError(
-                    f"{type(self).__name__}: parameter {item.name} = {value:g} {item.unit} is outside "
-                    f"[{item.low:g}, {item.high:g}]; correct it or fit again"
-                )
+        for item, value in self.outside:
+            raise UserError(
+                f"{type(self).__name__}: parameter {item.name} = {value:g} {item.unit} is outside "
+                f"[{item.low:g}, {item.high:g}]; correct it or fit again"
+            )
         if not np.all(np.isfinite(self.weights)):
             raise UserError(f"{type(self).__name__}: a network weight is not finite; fit again")
 

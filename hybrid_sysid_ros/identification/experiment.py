@@ -75,6 +75,16 @@ def prepare(record: Record, equation: Equation, sampling: Sampling) -> Experimen
     )
 
 
+def check_range(experiment: Experiment, equation: Equation) -> None:
+    """Raise UserError for an experiment that leaves the range in which an equation may be used, with what left it."""
+    states = experiment.states
+    for item, value in equation.trained_on(states.min(axis=0), states.max(axis=0)).outside:
+        raise UserError(
+            f"{experiment.name}: {item.name} would be {value:.4g} {item.unit} ({item.description}), outside of "
+            f"[{item.low:g}, {item.high:g}]; it is probably in another unit: set the scale of its signals (--signals)"
+        )
+
+
 def rates(record: Record) -> Array:
     """Rates of change of the outputs (samples, outputs) by Savitzky-Golay: window 51 ms, order 3."""
     window = max(5, round(SMOOTHING_SECONDS / record.sampling_time) // 2 * 2 + 1)

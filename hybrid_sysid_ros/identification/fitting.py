@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from hybrid_sysid_ros.equations import Equation
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.identification.covariance import covariances
-from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.experiment import Experiment, check_range
 from hybrid_sysid_ros.identification.problem import Map, Problem
 
 Array = NDArray[np.float64]
@@ -91,16 +91,15 @@ def fit(
     first random by ``seed``; the best one goes on. Trust-region least squares with bounds; the Jacobian is exact
     in the physics and of forward differences in weights, simulated in parallel threads.
 
-    Raises UserError for records without excitation or of values that the equation forbids, and where every simulation
+    Raises UserError for records without excitation or beyond the equation's range, and where every simulation
     diverges.
     """
     low = np.min([experiment.states.min(axis=0) for experiment in experiments], axis=0)
     high = np.max([experiment.states.max(axis=0) for experiment in experiments], axis=0)
+    for experiment in experiments:
+        check_range(experiment, equation)
     equation = equation.trained_on(low, high)
-    try:
-        equation.check()
-    except UserError as error:
-        raise UserError(f"identification: {error}; it comes from the records, which must be in SI units") from None
+    equation.check()
     centres = spreads = None
     if anchor is not None:
         free = [i for i, item in enumerate(equation.parameters) if item.name in anchor.names]

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 
 from hybrid_sysid_ros.equations import Equation
 from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.identification.experiment import Experiment, prepare
+from hybrid_sysid_ros.identification.experiment import Experiment, check_range, prepare
 from hybrid_sysid_ros.identification.fitting import Progress
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.recipes import Recipe
@@ -45,7 +45,7 @@ def identify(
     chosen = recipe.chosen
     used = [part.of(record, sampling) for record in records]
     for record in used:
-        check_excitation(record, rig)
+        check_record(record, rig, sampling)
     fitted, holds = recipe.fit(used)
     experiments = [prepare(record, fitted.equation, holds) for record in used]
     columns = [
@@ -77,8 +77,8 @@ def identify(
     )
 
 
-def check_excitation(record: Record, rig: Rig) -> None:
-    """Raise UserError for a record whose input or output is constant, naming the channel."""
+def check_record(record: Record, rig: Rig, sampling: Sampling) -> None:
+    """Raise UserError for a record whose input or output is constant, naming the channel, or leaves the rig's range."""
     for column, variable in enumerate(rig.equation.inputs):
         if column < record.input.shape[1] and np.ptp(record.input[:, column]) == 0.0:
             raise UserError(f"{record.name}: input {variable.name} is constant: no excitation; leave the record out")
@@ -86,6 +86,8 @@ def check_excitation(record: Record, rig: Rig) -> None:
         if column < record.output.shape[1] and np.ptp(record.output[:, column]) == 0.0:
             name = rig.equation.states[state].name
             raise UserError(f"{record.name}: output {name} is constant, so it can't be scored; leave the record out")
+    samples = replace(sampling, step=sampling.period)  # the scored ones; the step is the structure's own matter
+    check_range(prepare(record, rig.equation, samples), rig.equation)
 
 
 def evaluate(model: Model, record: Record, *, part: Part = Part()) -> Scores:

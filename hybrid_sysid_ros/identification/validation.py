@@ -10,7 +10,7 @@ import numpy as np
 
 from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.identification.experiment import prepare
-from hybrid_sysid_ros.identification.identify import check_excitation
+from hybrid_sysid_ros.identification.identify import check_record
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.recipes import Recipe
 from hybrid_sysid_ros.identification.scores import free_run, score
@@ -80,7 +80,7 @@ def cross_validate(
         raise UserError("cross-validation: no record")
     used = [part.of(record, sampling) for record in records]
     for record in used:
-        check_excitation(record, rig)
+        check_record(record, rig, sampling)
     # Against an output that stands still nothing can be scored.
     blocks = [block for block in blocks_of(used, sampling) if np.all(np.ptp(block.output, axis=0) > 0.0)]
     if not 2 <= folds <= len(blocks):
