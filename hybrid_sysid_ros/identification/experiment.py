@@ -81,7 +81,8 @@ def check_range(experiment: Experiment, equation: Equation) -> None:
     for item, value in equation.trained_on(states.min(axis=0), states.max(axis=0)).outside:
         raise UserError(
             f"{experiment.name}: {item.name} would be {value:.4g} {item.unit} ({item.description}), outside of "
-            f"[{item.low:g}, {item.high:g}]; it is probably in another unit: set the scale of its signals (--signals)"
+            f"[{item.low:g}, {item.high:g}]; its unit or scale is probably wrong: convert it, or set the scale of the "
+            "signals (--signals), which all records of a command share"
         )
 
 
