@@ -126,8 +126,8 @@ def test_a_model_tells_where_it_comes_from(linear_model):
         ([MULTISINE, "--structure", "banana"], ["banana", "choose one of"]),
         ([MULTISINE, "--rig", "trebuchet"], ["trebuchet", "known are"]),
         ([MULTISINE, "--period", "0.033"], ["0.033", "multiple"]),
-        ([MULTISINE, "--period", "nan"], ["nan", "multiple"]),
-        ([MULTISINE, "--step", "inf", "--period", "inf"], ["inf", "multiple"]),
+        ([MULTISINE, "--period", "nan"], ["nan", "step <= period"]),
+        ([MULTISINE, "--step", "inf", "--period", "inf"], ["inf", "step <= period"]),
         ([MULTISINE, "--step", "1e-9"], ["1e-09", "take a longer step"]),
         ([MULTISINE, "--input", "guessed"], ["guessed", "averaged or sampled"]),
         ([MULTISINE, "--part", "half"], ["half", "START:STOP"]),
@@ -279,7 +279,7 @@ def test_a_protocol_that_is_interrupted_at_once_says_so(command, monkeypatch):
         (["1", BAGS, "--structure", "banana"], ["'banana' is unknown", "linear"]),
         (["1", BAGS, "--input", "guessed"], ["guessed", "averaged or sampled"]),
         (["1", BAGS, "--period", "0.033"], ["0.033", "multiple"]),
-        (["1", BAGS, "--step", "nan"], ["nan", "multiple"]),
+        (["1", BAGS, "--step", "nan"], ["nan", "step <= period"]),
     ],
 )
 def test_a_wrong_argument_of_protocol_gets_one_line(command, arguments, words):

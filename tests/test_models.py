@@ -316,10 +316,14 @@ def test_a_rig_of_positions_on_one_side_only_can_be_saved(tmp_path):
         assert (equation.range_low, equation.range_high) == (low, high)
 
 
+def test_a_period_is_a_multiple_of_the_step():
+    with pytest.raises(UserError, match=r"the period 0\.012 s is no multiple of the step 0\.005 s"):
+        Sampling(step=0.005, period=0.012)
+
+
 @pytest.mark.parametrize(
     ("step", "period"),
     [
-        (0.005, 0.012),
         (0.0, 0.05),
         (-0.005, 0.05),
         (0.1, 0.05),
@@ -328,10 +332,11 @@ def test_a_rig_of_positions_on_one_side_only_can_be_saved(tmp_path):
         (0.005, math.inf),
         (math.inf, math.inf),
         (-math.inf, 0.05),
+        (1e308, 1e308),
     ],
 )
-def test_a_period_is_a_multiple_of_the_step(step, period):
-    with pytest.raises(UserError, match="no multiple"):
+def test_step_and_period_are_numbers_above_zero(step, period):
+    with pytest.raises(UserError, match=r"needs 0 < step <= period <= 1e\+06 s"):
         Sampling(step=step, period=period)
 
 

@@ -95,7 +95,7 @@ def rates(record: Record) -> Array:
 
 
 def _ratio(longer: float, shorter: float, name: str, one: str, other: str) -> int:
-    ratio = round(min(longer / shorter, 1e18))  # of two numbers of any size
+    ratio = round(longer / shorter)
     if ratio < 1 or abs(ratio * shorter - longer) > 0.01 * shorter:
         raise UserError(
             f"{name}: {one} of {longer * 1e3:g} ms is no multiple of {shorter * 1e3:g} ms, {other}; "

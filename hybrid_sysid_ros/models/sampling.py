@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
 from hybrid_sysid_ros.errors import UserError
 
 InputHandling = Literal["averaged", "sampled"]
+
+LONGEST = 1e6
+"""Period [s], eleven days: any record is too short for it."""
 
 MOST_STEPS = 1000
 """In a period: a shorter step tells nothing more of a rig, and all of them are kept."""
@@ -22,7 +24,8 @@ class Sampling:
     gives each step the mean of the record's input over it; "sampled" reads the input once every ``period`` and holds
     it, as the lecture does: reference jumps then arrive up to one period late.
 
-    Raises UserError where the period is no multiple of the step, or one of more than :data:`MOST_STEPS`.
+    Raises UserError where they are no such numbers, or the period is longer than :data:`LONGEST` or than
+    :data:`MOST_STEPS` steps.
     """
 
     step: float = 0.005
@@ -32,16 +35,18 @@ class Sampling:
     def __post_init__(self) -> None:
         if self.input not in ("averaged", "sampled"):
             raise UserError(f"sampling: input {self.input!r} is unknown; choose averaged or sampled")
-        apart = f"sampling: the period {self.period} s is no multiple of the step {self.step} s"
-        if not 0.0 < self.step <= self.period < math.inf:
-            raise UserError(apart)
+        if not 0.0 < self.step <= self.period <= LONGEST:
+            raise UserError(
+                f"sampling: a step of {self.step} s and a period of {self.period} s: "
+                f"needs 0 < step <= period <= {LONGEST:g} s"
+            )
         if self.period > (MOST_STEPS + 0.5) * self.step:
             raise UserError(
                 f"sampling: a step of {self.step} s makes more than {MOST_STEPS} of each period of {self.period} s; "
                 "take a longer step"
             )
         if abs(self.every * self.step - self.period) > 1e-9:
-            raise UserError(apart)
+            raise UserError(f"sampling: the period {self.period} s is no multiple of the step {self.step} s")
 
     @property
     def every(self) -> int:
