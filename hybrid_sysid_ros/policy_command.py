@@ -68,8 +68,9 @@ def train_command(
         with progress_bars(status) as update:
             policy = train_policy(loaded, settings, seed=seed, samples=samples, progress=update)
     except KeyboardInterrupt:
-        kept = f"{len(list(samples.glob('*.safetensors')))} closed loops are kept in {samples}"
-        raise Interrupted(f"{kept}; the same command goes on from there") from None
+        kept = len(list(samples.glob("*.safetensors")))
+        text = f"{kept} closed loops are kept in {samples}; the same command goes on from there"
+        raise Interrupted(text if kept else "") from None
     policy.save(out)
     table = Table("quantity", "value", title=f"policy {out}", title_justify="left")
     for key, value in policy.training.items():

@@ -150,9 +150,9 @@ class _Work:
             self._store.unlink(missing_ok=True)
 
     def run(self, workers: int, progress: Progress) -> None:
-        """Run what is left. Ctrl-C: finish the chunks under way, keep them, and stop."""
+        """Run what is left. Ctrl-C: finish the loops under way, keep them, and stop."""
         left = np.flatnonzero(~self.done)
-        total, mine = len(self.done), threading.local()
+        total, mine, stopped = len(self.done), threading.local(), threading.Event()
         began, earlier = time.perf_counter(), self.seconds
         progress("closed loops", int(self.done.sum()), total)
         benches = iter([self._subject.bench() for _ in range(min(workers, len(left)))])  # compiled once, here
@@ -162,6 +162,8 @@ class _Work:
 
         def chunk(numbers: NDArray[np.int64]) -> None:
             for loop in numbers.tolist():
+                if stopped.is_set():
+                    return
                 self.measures[loop], self.reasons[loop] = 0.0, 0
                 self._subject.run(mine.bench, loop, self.measures[loop], self.reasons[loop])
                 self.done[loop] = True
@@ -179,6 +181,7 @@ class _Work:
                     kept = time.perf_counter()
                     self._keep(earlier + kept - began)
         except BaseException:
+            stopped.set()
             pool.shutdown(wait=True, cancel_futures=True)
             self._keep(earlier + time.perf_counter() - began)
             progress("closed loops", int(self.done.sum()), total)
