@@ -10,6 +10,7 @@ from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.adaptation import Adaptation
 from hybrid_sysid_ros.control.sample_store import SampleStore
 from hybrid_sysid_ros.control.sampling import Samples, drawn, sample
+from hybrid_sysid_ros.control.sampling_pool import SamplingPool
 
 
 def test_samples_are_answers_of_the_exact_mpc():
@@ -146,3 +147,20 @@ def test_stored_samples_are_found_again_if_their_purpose_is_the_same(tmp_path):
     assert store.find(1) is None
     store.remove()
     assert not (tmp_path / "samples").exists()
+
+
+def few(seed: int) -> Samples:
+    """Two samples, at once."""
+    arrays = {item.name: np.full((2, 1), float(seed)) for item in dataclasses.fields(Samples) if item.name != "dropped"}
+    return Samples(**arrays, dropped=0)
+
+
+def test_loops_that_finish_after_an_interrupt_are_kept_too(tmp_path):
+    def interrupt(done: int, of: int) -> None:
+        raise KeyboardInterrupt
+
+    store = SampleStore(tmp_path / "samples", "a model")
+    with pytest.raises(KeyboardInterrupt), SamplingPool(1, store) as pool:
+        pool.run(few, list(range(100)), interrupt)
+    kept = [seed for seed in range(100) if store.find(seed) is not None]
+    assert kept[:2] == [0, 1]  # the second was under way

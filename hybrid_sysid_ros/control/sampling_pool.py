@@ -20,8 +20,8 @@ Work = Callable[[int], Samples]
 
 
 class SamplingPool:
-    """Processes that sample, as a context. Ctrl-C is for the parent: it stops handing out work and lets the loops
-    under way finish.
+    """Processes that sample, as a context. Ctrl-C is for the parent: it stops handing out work and keeps the loops
+    under way once they finish.
     """
 
     def __init__(self, workers: int = 0, store: SampleStore | None = None) -> None:
@@ -57,6 +57,9 @@ class SamplingPool:
                 progress(done + 1, len(seeds))
         except KeyboardInterrupt:
             self._pool.shutdown(wait=True, cancel_futures=True)
+            for seed, future in running.items():
+                if store is not None and not future.cancelled() and future.exception() is None:
+                    store.keep(seed, future.result())
             raise
         return loops
 
