@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import signal
+import sys
 from types import FrameType
 
 DEAF = frozenset({"importlib", "llvmlite", "weakref", "_weakrefset"})
-"""Packages that are called back from where no exception gets out: it is printed, and the work goes on. An import is
+"""Packages that are called back from where no exception gets out, and whose work had better be finished. An import is
 among them since it calls back for its locks, and some libraries take an interrupt for a missing one.
 """
 RETRY = 0.05  # s
@@ -17,8 +18,22 @@ def install() -> None:
     the background of a script. For the main thread.
     """
     if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
-        for number in (signal.SIGINT, signal.SIGALRM):
-            signal.signal(number, interrupt)
+        signal.signal(signal.SIGINT, interrupt)
+        repeat_unheard()
+
+
+def repeat_unheard() -> None:
+    """Have an interrupt raised where Python can only print it, as in the callback of a weak reference, come again."""
+    print_it = sys.unraisablehook
+
+    def hook(lost: sys.UnraisableHookArgs) -> None:
+        if issubclass(lost.exc_type, KeyboardInterrupt):
+            signal.setitimer(signal.ITIMER_REAL, RETRY)
+        else:
+            print_it(lost)
+
+    sys.unraisablehook = hook
+    signal.signal(signal.SIGALRM, interrupt)
 
 
 def interrupt(number: int, frame: FrameType | None) -> None:

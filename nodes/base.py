@@ -202,7 +202,7 @@ class Interruption:
         signal.set_wakeup_fd(self._theirs.fileno(), warn_on_full_buffer=False)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._note)
-        signal.signal(signal.SIGALRM, interruption.interrupt)
+        interruption.repeat_unheard()
 
     def then(self, action: Callable[[], None]) -> None:
         """Call `action`, from another thread, at the first signal, or now if it came before; others do nothing."""

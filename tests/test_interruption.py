@@ -63,8 +63,11 @@ def test_an_interrupt_waits_until_it_is_heard(work: str, tmp_path) -> None:
     assert (end.stdout, end.stderr) == ("whole interrupted\n", "")
 
 
-def test_an_interrupt_elsewhere_comes_at_once() -> None:
-    work = "interrupt()"
+CALLBACK = "import weakref; kept = type('Fleeting', (), {})(); seen = weakref.ref(kept, interrupt); del kept"
+
+
+@pytest.mark.parametrize("work", ["interrupt()", CALLBACK], ids=["plain", "a reference's callback"])
+def test_an_interrupt_elsewhere_comes_at_once_or_again_if_it_was_lost(work: str) -> None:
     end = subprocess.run(
         [sys.executable, "-c", FRAME.replace("{work}", work)], capture_output=True, text=True, timeout=60.0
     )

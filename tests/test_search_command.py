@@ -88,11 +88,10 @@ def test_the_same_records_are_the_same_problem_wherever_they_lie(monkeypatch, co
 
 
 INTERRUPTED = """
-import typer
-from hybrid_sysid_ros import search_command
+from hybrid_sysid_ros import cli, search_command
 from tests.branin import OfBranin
 search_command.CrossValidation = OfBranin
-typer.run(search_command.search_command)
+cli.main()
 """
 
 
@@ -104,16 +103,18 @@ def test_an_interrupted_command_keeps_its_trials_and_says_how_to_go_on(
     monkeypatch.setenv("FOLDER", str(tmp_path))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), *sys.path]))
     process = subprocess.Popen(
-        [sys.executable, "-c", INTERRUPTED, *map(str, arguments)],
+        [sys.executable, "-c", INTERRUPTED, "search", *map(str, arguments)],
         env={**os.environ, "SLOW": "0"},
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
     )
-    with process:
+    try:
         wait_for(lambda: len(list(tmp_path.glob("call*"))) == 6, 60.0)  # all but the first one are finished, or nearly
         os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does: the workers get it too
         error = process.communicate(timeout=60.0)[1]
+    finally:
+        process.kill()  # where it did not end by itself
     assert process.returncode == 130
     lines = error.strip().splitlines()
     assert re.fullmatch(
