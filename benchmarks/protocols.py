@@ -32,7 +32,7 @@ def main() -> int:
         for handling in ("averaged", "sampled"):
             for number in ("1", "2"):
                 path = Path(place) / f"{number}_{handling}.json"
-                command = [sys.executable, "-m", "hybrid_sysid_ros.cli", "protocol", number, folder]
+                command = [sys.executable, "-m", "hybrid_sysid_ros", "protocol", number, folder]
                 if status := subprocess.run(
                     [*command, "--input", handling, "--json", str(path)], check=False
                 ).returncode:

@@ -13,7 +13,6 @@ import typer
 from rich.table import Table
 from typer.core import TyperGroup
 
-from hybrid_sysid_ros import interruption
 from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.errors import Interrupted, UserError
 from hybrid_sysid_ros.files import check_file, check_folder
@@ -289,7 +288,6 @@ def main() -> None:
     """Run a command; exit with 2 and one line for what a user can cause, with 130 and one for an interrupt."""
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
     try:
-        interruption.install()
         sys.exit(app(prog_name="hybrid-sysid", standalone_mode=False))
     except UsageError as error:
         sys.stderr.write(_usage(error) + "\n")
@@ -301,6 +299,3 @@ def main() -> None:
         sys.stderr.write(": ".join(filter(None, ("interrupted", str(error)))) + "\n")
         sys.exit(130)
 
-
-if __name__ == "__main__":
-    main()

@@ -88,10 +88,10 @@ def test_the_same_records_are_the_same_problem_wherever_they_lie(monkeypatch, co
 
 
 INTERRUPTED = """
-from hybrid_sysid_ros import cli, search_command
+from hybrid_sysid_ros import __main__, search_command
 from tests.branin import OfBranin
 search_command.CrossValidation = OfBranin
-cli.main()
+__main__.main()
 """
 
 
