@@ -160,6 +160,7 @@ def cost_ratio(case: Case, imitation: Policy, seed: int) -> float:
 def call_times(imitation: Policy, questions: list[tuple[Array, ...]]) -> list[float]:
     """Seconds of each of the calls, one question after another."""
     times = []
+    imitation.control(*questions[0])  # compiles
     for index in range(CALLS):
         question = questions[index % len(questions)]
         began = perf_counter()
