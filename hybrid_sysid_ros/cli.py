@@ -298,4 +298,3 @@ def main() -> None:
     except (Interrupted, KeyboardInterrupt) as error:
         sys.stderr.write(": ".join(filter(None, ("interrupted", str(error)))) + "\n")
         sys.exit(130)
-
