@@ -154,10 +154,11 @@ def _compile(equation: Equation, policy: Policy) -> OnlineCheck:
             return DISTURBED
         if not inside(question, memory, training_range):
             return OUT_OF_RANGE
-        if not bounded(question, horizon, trial.inputs[:, 0]):
+        plan = trial.inputs.reshape(trial.inputs.shape[0])  # in a row as the MPC's: one form of follow() for both
+        if not bounded(question, horizon, plan):
             return INFEASIBLE
         shifted_cost, shifted_outside = follow(question, model, horizon, horizon.inputs, trial.states)
-        cost, outside = follow(question, model, horizon, trial.inputs[:, 0], trial.states)
+        cost, outside = follow(question, model, horizon, plan, trial.states)
         if not np.isfinite(cost):
             return INFEASIBLE
         if not np.isfinite(shifted_cost):
