@@ -25,7 +25,8 @@ WHOLE = Part()
 SWEEPS = 4
 """On the beam two settle steps of 5 and 10 ms to the last digit; at 50 ms each is 15 times nearer, 4 within 1 mV."""
 LEAST_LAW = 0.5
-"""Least R2 with which the controller's law must tell a record's input: 1 where it drove, below 0 where another did."""
+"""Least R2 with which the controller's law must tell a record's input: it is 1 on the rig's records and below 0 on a
+loop of the MPC."""
 WARM_UP = 1.0
 """Seconds of the measured output that a filter sees before a part; it forgets in a quarter of that."""
 
