@@ -6,6 +6,7 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 PACKAGE := pyproject.toml setup.py setup.cfg package.xml
 TRAINED := $(filter-out 0,$(TRAIN))
+DEMO := $(if $(HYBRID_SYSID_DATA),$(BIN)/python -m studies.beam_lecture demo $(HYBRID_SYSID_DATA),$(BIN)/hybrid-sysid demo)
 
 # A sourced ROS, or the wheels of another environment, must not leak into .venv.
 ifneq ($(ROS_DISTRO)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
@@ -16,10 +17,10 @@ endif
 .NOTPARALLEL:
 
 demo: .venv/ros $(if $(TRAINED),.venv/train)
-	$(BIN)/hybrid-sysid demo --out out/demo $(if $(TRAINED),--train)
+	$(DEMO) --out out/demo $(if $(TRAINED),--train)
 
 test: .venv/ros .venv/dev .venv/train
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
 
 bench: .venv/ros .venv/peers
 	$(BIN)/python -m benchmarks
@@ -27,7 +28,7 @@ bench: .venv/ros .venv/peers
 lint: .venv/dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
-	$(BIN)/mypy hybrid_sysid_ros $(wildcard benchmarks) tests
+	$(BIN)/mypy hybrid_sysid_ros studies benchmarks tests
 
 clean: # out/ may hold recordings: it stays
 	rm -rf .venv build install log *.egg-info .mypy_cache .pytest_cache .ruff_cache

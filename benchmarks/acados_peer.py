@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control import Plan, Problem, Status
-from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.equations.casadi_form import symbolic_step
+from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core.casadi_form import symbolic_step
 
 Array = NDArray[np.float64]
 

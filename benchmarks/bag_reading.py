@@ -27,8 +27,8 @@ from rosbags.highlevel import AnyReader
 
 from benchmarks import result
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.signals import Signals
+from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.support.errors import UserError
 
 NAME = "bag_reading"
 NEEDED = 5.0  # times faster than AnyReader

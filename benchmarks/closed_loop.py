@@ -22,14 +22,13 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks import picture, result
-from hybrid_sysid_ros import configuration
-from hybrid_sysid_ros.checking import check_tolerances
-from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Status, policy
+from hybrid_sysid_ros.commands.demo import RIG, simulated_loop
+from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Status
 from hybrid_sysid_ros.control.closed_loop import Loop
 from hybrid_sysid_ros.control.linear_quadratic_regulator import LinearQuadraticRegulator
+from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.control.supervisor import Supervisor
-from hybrid_sysid_ros.demo import RIG, simulated_loop
+from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.excitation import (
@@ -43,6 +42,8 @@ from hybrid_sysid_ros.rigs.excitation import (
 )
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig, load
+from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.runtime.checking import check_tolerances
 
 NAME = "closed_loop"
 SEEDS = (0, 1, 2)

@@ -17,12 +17,12 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks import result
-from hybrid_sysid_ros import lecture
-from hybrid_sysid_ros.demo import DATA
+from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification import free_run, identify, prepare, score
 from hybrid_sysid_ros.models import Model, Sampling
-from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs.rig import load
+from studies.beam_lecture import lecture
+from studies.beam_lecture.lecture import DATA
 
 NAME = "input_sampling"
 AVERAGED, SAMPLED = Sampling(), Sampling(input="sampled")

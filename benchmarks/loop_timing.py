@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks import result
-from hybrid_sysid_ros import session
+from hybrid_sysid_ros.runtime import session
 
 NAME = "loop_timing"
 RATE = 200.0  # Hz, what the rig runs at

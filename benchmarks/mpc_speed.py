@@ -21,14 +21,14 @@ from rich.table import Table
 
 from benchmarks import acados_peer, result
 from benchmarks.network_plant import NetworkPlant
-from hybrid_sysid_ros import configuration
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
-from hybrid_sysid_ros.control.interior_point import InteriorPointMpc
-from hybrid_sysid_ros.equations import Equation, simulate
+from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
+from hybrid_sysid_ros.core import Equation, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.rigs.excitation import hardware_reference
 from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.runtime import configuration
 
 NAME = "mpc_speed"
 SEEDS = (0, 1, 2)

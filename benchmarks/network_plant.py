@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation, Operations, Step, Variable
-from hybrid_sysid_ros.equations.perceptron import Perceptron
+from hybrid_sysid_ros.core import Equation, Operations, Step, Variable
+from hybrid_sysid_ros.core.perceptron import Perceptron
 
 NETWORK = Perceptron(widths=(3, 32, 32, 1))
 

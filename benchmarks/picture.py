@@ -10,7 +10,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.files import written_file
+from hybrid_sysid_ros.support.files import written_file
 
 Array = NDArray[np.float64]
 

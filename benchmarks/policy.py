@@ -30,19 +30,20 @@ from rich.table import Table
 
 from benchmarks import result
 from benchmarks.mpc_speed import Case, cases, loop
-from hybrid_sysid_ros import configuration
-from hybrid_sysid_ros.control import Controller, ExactMpc, Problem, policy
-from hybrid_sysid_ros.control.interior_point import InteriorPointMpc
-from hybrid_sysid_ros.control.policy import Policy
-from hybrid_sysid_ros.control.sampling import Spread, drawn, reference
-from hybrid_sysid_ros.control.training_settings import Settings
-from hybrid_sysid_ros.equations import Equation, kernels
-from hybrid_sysid_ros.equations.compilation import OPTIONS
-from hybrid_sysid_ros.extras import extra
+from hybrid_sysid_ros.control import Controller, ExactMpc, Problem
+from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
+from hybrid_sysid_ros.control.policy import policy
+from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.control.policy.sampling import Spread, drawn, reference
+from hybrid_sysid_ros.control.policy.training_settings import Settings
+from hybrid_sysid_ros.core import Equation, kernels
+from hybrid_sysid_ros.core.compilation import OPTIONS
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.training import train_policy
+from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.runtime.training import train_policy
+from hybrid_sysid_ros.support.extras import extra
 
 NAME = "policy"
 SEEDS = (0, 1, 2)
@@ -100,7 +101,7 @@ def lecture() -> dict[str, Any]:
         seal="lecture",
     )
     with extra("train"):
-        from hybrid_sysid_ros.control.policy_training import train
+        from hybrid_sysid_ros.control.policy.training import train
     policies = [train(model, case.problem, LECTURE_SPREAD, LECTURE_SETTINGS, seed=seed) for seed in SEEDS]
     runs = [loop(case, seed, InteriorPointMpc(case.equation, case.problem)) for seed in SEEDS]
     ipopt = result.percentiles(1e3 * np.concatenate([run["times"]["call"] for run in runs]))

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import result
-from hybrid_sysid_ros.demo import DATA
+from studies.beam_lecture.lecture import DATA
 
 NAME = "protocols"
 

@@ -15,8 +15,8 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.files import written_file
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import written_file
 
 RESULTS = Path(__file__).parent / "results"
 PACKAGES = ("hybrid_sysid_ros", "numpy", "scipy", "numba", "casadi", "torch", "filterpy", "rosbags", "ros-jazzy-rclpy")

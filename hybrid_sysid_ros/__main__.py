@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from hybrid_sysid_ros import interruption
+from hybrid_sysid_ros.support import interruption
 
 
 def main() -> None:
-    """Run a command, see :func:`hybrid_sysid_ros.cli.main`."""
+    """Run a command, see :func:`hybrid_sysid_ros.commands.cli.main`."""
     interruption.install()
-    from hybrid_sysid_ros import cli  # takes a second or two
+    from hybrid_sysid_ros.commands import cli
 
     cli.main()
 

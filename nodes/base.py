@@ -25,10 +25,11 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-from hybrid_sysid_ros import configuration, interruption
-from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.nodes import parameters, topics
 from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.support import interruption
+from hybrid_sysid_ros.support.errors import UserError
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 REPORT_PERIOD = 1.0  # s

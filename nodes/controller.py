@@ -17,18 +17,19 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hybrid_sysid_ros.checking import check_tolerances
-from hybrid_sysid_ros.configuration import mpc_problem, shipped
-from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Problem, policy
-from hybrid_sysid_ros.control.policy import Policy
-from hybrid_sysid_ros.control.supervisor import LAYERS, Supervisor
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Problem
+from hybrid_sysid_ros.control.policy import policy
+from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.control.safety.supervisor import LAYERS, Supervisor
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.nodes.base import OK, WARN, RigNode, run
 from hybrid_sysid_ros.nodes.messages import SECOND, entry, fill, joint_state, nanoseconds, set_nanoseconds
 from hybrid_sysid_ros.nodes.model import model_of
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.timing import Timing
+from hybrid_sysid_ros.runtime.checking import check_tolerances
+from hybrid_sysid_ros.runtime.configuration import mpc_problem, shipped
+from hybrid_sysid_ros.support.errors import UserError
 
 RESTART = SECOND  # a stamp so far before the last one is a new experiment
 WATCH_PERIOD = 0.05  # s, between two looks whether estimates still come

@@ -13,14 +13,14 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
-from hybrid_sysid_ros.configuration import CAMERA, estimator_tuning
-from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.estimation import METHODS, Estimate
 from hybrid_sysid_ros.estimation.consistency import Window, band
 from hybrid_sysid_ros.nodes.base import OK, WARN, RigNode, run
 from hybrid_sysid_ros.nodes.messages import SECOND, entry, fill, joint_state, nanoseconds
 from hybrid_sysid_ros.nodes.model import model_of
 from hybrid_sysid_ros.nodes.timing import Timing
+from hybrid_sysid_ros.runtime.configuration import CAMERA, estimator_tuning
+from hybrid_sysid_ros.support.errors import UserError
 
 RESTART = SECOND  # a stamp so far before the last one is a new experiment
 SHOW_PERIOD = SECOND // 20  # ns, between two covariances

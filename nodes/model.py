@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from hybrid_sysid_ros.configuration import shipped
-from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.models import Model, load
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.configuration import shipped
+from hybrid_sysid_ros.support.errors import UserError
 
 
 def model_of(rig: Rig, path: str) -> Model:

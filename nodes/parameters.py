@@ -10,8 +10,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from hybrid_sysid_ros.configuration import DEFAULT_RIG, Parameter, parameters
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.runtime.configuration import DEFAULT_RIG, Parameter, parameters
+from hybrid_sysid_ros.support.errors import UserError
 
 RIG = Parameter(name="rig", default=DEFAULT_RIG, description="name of the rig, of which msgs_config has a file")
 OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")

@@ -10,12 +10,12 @@ from typing import Any
 
 from sensor_msgs.msg import JointState
 
-from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.nodes.base import OK, WARN, RigNode, announce, run
 from hybrid_sysid_ros.nodes.drive import Answers, Drive
 from hybrid_sysid_ros.nodes.messages import SECOND, entry, fill, joint_state, nanoseconds
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.rigs.plant import Plant
+from hybrid_sysid_ros.support.errors import UserError
 
 LOCKSTEP_START = SECOND  # stamp of the first measurement: 0 means "no time yet" to ROS
 EARLY = 0.1  # periods that a timer may be early; late ones never reach into the next period

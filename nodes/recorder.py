@@ -15,9 +15,9 @@ from typing import Any
 from rclpy.qos import QoSProfile
 
 from hybrid_sysid_ros.bags import BagWriter
-from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.base import ERROR, OK, WARN, RigNode, run
+from hybrid_sysid_ros.support.errors import UserError
 
 DEPTH = 10_000  # messages that wait for the recorder: it comes after the loop
 NICENESS = 10  # of the process

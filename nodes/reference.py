@@ -11,7 +11,6 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.nodes.base import OK, RigNode, announce, run
 from hybrid_sysid_ros.nodes.messages import SECOND, nanoseconds, set_nanoseconds
 from hybrid_sysid_ros.rigs.excitation import (
@@ -21,6 +20,7 @@ from hybrid_sysid_ros.rigs.excitation import (
     multisine,
     random_steps,
 )
+from hybrid_sysid_ros.support.errors import UserError
 
 LONGEST = 3600.0  # s of steps that are drawn; the last one is held
 LOWEST = 0.05  # Hz, of the multisine

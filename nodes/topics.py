@@ -12,8 +12,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from hybrid_sysid_ros.configuration import Quality
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.runtime.configuration import Quality
+from hybrid_sysid_ros.support.errors import UserError
 
 TYPES: Mapping[str, Any] = {
     "joint_states": JointState,

@@ -11,10 +11,10 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.identification.selection.search import CrossValidation, Outcome, Workers, opened
+from hybrid_sysid_ros.identification.selection.search.evaluation import evaluate
 from hybrid_sysid_ros.models import Option, Options
-from hybrid_sysid_ros.search import CrossValidation, Outcome, Workers, opened
-from hybrid_sysid_ros.search.evaluation import evaluate
+from hybrid_sysid_ros.support.errors import UserError
 
 MINIMUM = 0.397887
 """Of Branin's function: Dixon and Szegoe (1978), Towards Global Optimisation 2; at (-pi, 12.275) and two more."""

@@ -15,19 +15,20 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros import bab, configuration
-from hybrid_sysid_ros.control.policy import Policy
-from hybrid_sysid_ros.control.training_range import TrainingRange
-from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, parameter, simulate
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.control.policy.training_range import TrainingRange
+from hybrid_sysid_ros.core import Law, Motion, Operations, Variable, parameter, simulate
 from hybrid_sysid_ros.estimation import METHODS
 from hybrid_sysid_ros.estimation.filter import Filter
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.models.linear import Linear
-from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime import configuration
+from studies.beam_lecture import records as bab
 
 if TYPE_CHECKING:
     from tests.node_bench import Bench

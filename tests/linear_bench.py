@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.bags.record import Record
 
 
 def record_of(inputs, outputs, period, name="bench"):

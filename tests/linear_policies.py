@@ -4,8 +4,8 @@ import numpy as np
 from test_mpc import LINEAR, least_squares_form  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.control import Problem
-from hybrid_sysid_ros.control.policy import Policy
-from hybrid_sysid_ros.control.training_range import TrainingRange
+from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 
 __all__ = ["BROKEN_BY", "FEATURES", "LINEAR", "PROBLEM", "broken_policy", "exact_policy", "plan_by_hand"]
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from hybrid_sysid_ros import bab, bags
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.signals import Signals
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.support.errors import UserError
+from studies.beam_lecture import records as bab
 
 GAIN, LIMIT = 3.0, 10.0  # of the author's controller: u = clip(3 (ref - yf), +-10 V)
 

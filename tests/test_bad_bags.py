@@ -10,8 +10,8 @@ from test_bags import RATE, SIGNALS, references, stamps, states  # type: ignore[
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.mcap import MAGIC
 from hybrid_sysid_ros.bags.series import jazzy_types
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.signals import Signal, Signals
+from hybrid_sysid_ros.bags.signals import Signal, Signals
+from hybrid_sysid_ros.support.errors import UserError
 
 
 def changed(array, place, value):

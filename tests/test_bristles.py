@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hybrid_sysid_ros.equations import COMPILED, kernels, simulate
-from hybrid_sysid_ros.friction import stribeck
+from hybrid_sysid_ros.core import COMPILED, kernels, simulate
+from hybrid_sysid_ros.core.friction import stribeck
 from hybrid_sysid_ros.models.dahl import Dahl
 from hybrid_sysid_ros.models.lugre import LuGre
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from hybrid_sysid_ros.equations import simulate
+from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.rigs import excitation
 from hybrid_sysid_ros.rigs.cam_beam import SMALLEST_SQUARED_COSINE, CamBeam

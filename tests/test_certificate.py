@@ -9,18 +9,18 @@ from linear_policies import FEATURES, LINEAR, broken_policy, exact_policy  # typ
 from scipy.stats import binom
 
 from hybrid_sysid_ros.control import ExactMpc
-from hybrid_sysid_ros.control import certificate as certificates
-from hybrid_sysid_ros.control import policy as policies
-from hybrid_sysid_ros.control.certificate import FILE, LEAST_LOOPS, binomial_bound, margin
-from hybrid_sysid_ros.control.certification import certify
-from hybrid_sysid_ros.control.certified_loop import COST, ERROR, EXACT, EXCESS, NETWORK, SUPERVISED, UNSOLVED
-from hybrid_sysid_ros.control.certified_policy import KKT_TOLERANCE, Criteria, Distribution, Subject
-from hybrid_sysid_ros.control.online_check import REASONS, Tolerances
-from hybrid_sysid_ros.control.sampling import Spread
-from hybrid_sysid_ros.control.supervisor import Supervisor
-from hybrid_sysid_ros.equations import kernels
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.control.policy import policy as policies
+from hybrid_sysid_ros.control.policy.sampling import Spread
+from hybrid_sysid_ros.control.safety import certificate as certificates
+from hybrid_sysid_ros.control.safety.certificate import FILE, LEAST_LOOPS, binomial_bound, margin
+from hybrid_sysid_ros.control.safety.certification import certify
+from hybrid_sysid_ros.control.safety.certified_loop import COST, ERROR, EXACT, EXCESS, NETWORK, SUPERVISED, UNSOLVED
+from hybrid_sysid_ros.control.safety.certified_policy import KKT_TOLERANCE, Criteria, Distribution, Subject
+from hybrid_sysid_ros.control.safety.online_check import REASONS, Tolerances
+from hybrid_sysid_ros.control.safety.supervisor import Supervisor
+from hybrid_sysid_ros.core import kernels
 from hybrid_sysid_ros.models import storage
+from hybrid_sysid_ros.support.errors import UserError
 from tests.straight_beam import straight
 
 STRAIGHT = straight(LINEAR)

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from linear_policies import FEATURES, LINEAR, PROBLEM, broken_policy  # type: ignore[import-not-found]
 
-from hybrid_sysid_ros import cli, configuration, policy_certify_command
-from hybrid_sysid_ros.checking import certification, check_tolerances, subject_of
-from hybrid_sysid_ros.control import policy as policies
-from hybrid_sysid_ros.control.certificate import FILE
+from hybrid_sysid_ros.commands import cli
+from hybrid_sysid_ros.commands import policy_certify as policy_certify_command
+from hybrid_sysid_ros.control.policy import policy as policies
+from hybrid_sysid_ros.control.safety.certificate import FILE
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.runtime.checking import certification, check_tolerances, subject_of
 
 
 @pytest.fixture(scope="module")

@@ -9,10 +9,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from hybrid_sysid_ros import cli, policy_command, session
-from hybrid_sysid_ros.errors import Interrupted
-from hybrid_sysid_ros.identification import comparison
+from hybrid_sysid_ros.commands import cli
+from hybrid_sysid_ros.commands import policy as policy_command
+from hybrid_sysid_ros.identification.selection import comparison
 from hybrid_sysid_ros.models import load, storage
+from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.support.errors import Interrupted
 
 BAGS = Path(__file__).parents[1] / "bags"
 MULTISINE = str(BAGS / "beam_multisine")
@@ -385,9 +387,9 @@ def test_wrong_settings_of_a_policy_get_one_line(command, linear_model, tmp_path
 
 
 def test_a_policy_of_another_model_is_refused(linear_model):
-    from hybrid_sysid_ros import configuration
-    from hybrid_sysid_ros.control import policy
-    from hybrid_sysid_ros.errors import UserError
+    from hybrid_sysid_ros.control.policy import policy
+    from hybrid_sysid_ros.runtime import configuration
+    from hybrid_sysid_ros.support.errors import UserError
 
     with pytest.raises(UserError, match="another model"):
         policy.load(configuration.shipped("cam_beam", "policy"), model=load(linear_model))

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.identification import Part, comparison, evaluate
-from hybrid_sysid_ros.identification.candidate import Candidate
-from hybrid_sysid_ros.identification.candidate_store import CandidateStore
-from hybrid_sysid_ros.identification.comparison import LOST, RULE, Comparison, choose, compare
-from hybrid_sysid_ros.identification.validation import Validation
+from hybrid_sysid_ros.identification import Part, evaluate
+from hybrid_sysid_ros.identification.selection import comparison
+from hybrid_sysid_ros.identification.selection.blocks import Validation
+from hybrid_sysid_ros.identification.selection.candidate import Candidate
+from hybrid_sysid_ros.identification.selection.candidate_store import CandidateStore
+from hybrid_sysid_ros.identification.selection.comparison import LOST, RULE, Comparison, choose, compare
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.black_box import BlackBox
 from hybrid_sysid_ros.models.linear import Linear

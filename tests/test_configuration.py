@@ -7,10 +7,11 @@ from typing import Any
 import pytest
 import yaml
 
-from hybrid_sysid_ros import configuration, signals
-from hybrid_sysid_ros.configuration import Parameter, Quality
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.bags import signals
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.runtime.configuration import Parameter, Quality
+from hybrid_sysid_ros.support.errors import UserError
 
 NODES = ("plant", "estimator", "controller", "reference", "recorder")
 

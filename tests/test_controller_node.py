@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.control import policy as policies
-from hybrid_sysid_ros.control.adaptation import Correction
-from hybrid_sysid_ros.control.certificate import Certificate, bounds
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.control.policy import policy as policies
+from hybrid_sysid_ros.control.policy.adaptation import Correction
+from hybrid_sysid_ros.control.safety.certificate import Certificate, bounds
 from hybrid_sysid_ros.models import storage
+from hybrid_sysid_ros.support.errors import UserError
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
 

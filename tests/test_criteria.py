@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.identification.criteria import autocorrelation_time, criteria, judge
+from hybrid_sysid_ros.identification.selection.criteria import autocorrelation_time, criteria, judge
+from hybrid_sysid_ros.support.errors import UserError
 
 
 def coloured(seed, pole, samples):

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.equations import simulate
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.narx import Narx
+from hybrid_sysid_ros.support.errors import UserError
 from tests.straight_beam import straight
 
 PERIOD = 0.005

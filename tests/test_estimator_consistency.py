@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from hybrid_sysid_ros.equations import kernels
+from hybrid_sysid_ros.core import kernels
 from hybrid_sysid_ros.estimation import METHODS, Tuning
 from hybrid_sysid_ros.estimation.cholesky import factorise, solve_factorised
 from hybrid_sysid_ros.estimation.consistency import Window, band, normalised_errors

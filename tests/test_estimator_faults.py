@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros import configuration
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_estimation import LINEAR, PERIOD, QUIET
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.identification import Part, prepare, score
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_bench import record_of
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.files import beside, check_file, check_folder, sha256, written_file, written_folder
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import beside, check_file, check_folder, sha256, written_file, written_folder
 
 
 def names(folder):

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros import configuration
-from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.estimation import METHODS
 from hybrid_sysid_ros.models import load
 from hybrid_sysid_ros.rigs.excitation import multisine
 from hybrid_sysid_ros.rigs.plant import Plant
+from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.support.errors import UserError
 
 PERIOD = 0.005
 STILL = "damping=1e-9"  # followed as well, and hardly moving: two parameters are what is compiled already

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.equations import kernels
-from hybrid_sysid_ros.equations.forward_sensitivity import forward_sensitivity
+from hybrid_sysid_ros.core import kernels
+from hybrid_sysid_ros.core.forward_sensitivity import forward_sensitivity
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.problem import Problem
 from hybrid_sysid_ros.models import Sampling

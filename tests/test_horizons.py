@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.equations import simulate
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Experiment, score
-from hybrid_sysid_ros.identification.horizons import averaged, k_step_errors
+from hybrid_sysid_ros.identification.validation.horizons import averaged, k_step_errors
 from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.support.errors import UserError
 
 SAMPLING = Sampling(step=0.01, period=0.05)
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.identification.identifiability import correlated, correlation, doubts
+from hybrid_sysid_ros.identification.validation.identifiability import correlated, correlation, doubts
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs import rig as rigs
 

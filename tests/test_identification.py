@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from hybrid_sysid_ros.equations import simulate
+from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part, evaluate, free_run, identify, prepare
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS, INITIAL_SPREAD, RELATIVE_ERROR

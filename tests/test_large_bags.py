@@ -18,7 +18,7 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags import bag as bag_module
 from hybrid_sysid_ros.bags.mcap import MAGIC
 from hybrid_sysid_ros.bags.series import jazzy_types
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError
 
 STATUS = "/proc/self/status"
 
@@ -257,7 +257,7 @@ GROWTH = """
 import sys
 from typing import Any
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.signals import Signals
+from hybrid_sysid_ros.bags.signals import Signals
 
 def kilobytes(key):
     return next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith(key))

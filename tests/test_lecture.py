@@ -3,11 +3,20 @@
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros import lecture
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.lecture import COLUMNS, FIRST_HALF, PUBLISHED, SECOND_HALF, WHOLE, arrange, published, table_name
+from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.models import STRUCTURES
-from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.support.errors import UserError
+from studies.beam_lecture import lecture
+from studies.beam_lecture.lecture import (
+    COLUMNS,
+    FIRST_HALF,
+    PUBLISHED,
+    SECOND_HALF,
+    WHOLE,
+    arrange,
+    published,
+    table_name,
+)
 
 MULTISINES = ["05_multisine_01", "06_multisine_02"]
 STEPS = [f"03_random_steps_0{i}" for i in range(1, 5)]

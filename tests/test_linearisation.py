@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from benchmarks.network_plant import NETWORK, WEIGHTS, NetworkPlant, layers
-from hybrid_sysid_ros.equations import Equation, kernels
-from hybrid_sysid_ros.equations.casadi_form import symbolic, symbolic_step
-from hybrid_sysid_ros.equations.linearisation import linearisation, workspace
-from hybrid_sysid_ros.equations.perceptron import Perceptron, compiled, passes, unrolled
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.core import Equation, kernels
+from hybrid_sysid_ros.core.casadi_form import symbolic, symbolic_step
+from hybrid_sysid_ros.core.linearisation import linearisation, workspace
+from hybrid_sysid_ros.core.perceptron import Perceptron, compiled, passes, unrolled
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.recurrent import Recurrent
+from hybrid_sysid_ros.support.errors import UserError
 from tests.test_equations import MOTIONS, RANGE, structure
 
 SUBSTEPS, STEP = 3, 0.005

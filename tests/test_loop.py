@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.loop import LoopRecord
 from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
+from hybrid_sysid_ros.support.errors import UserError
 
 RIG = rigs.load("cam_beam")
 PERIOD = 5_000_000  # ns

@@ -10,8 +10,7 @@ import pytest
 import yaml
 
 from hybrid_sysid_ros import models
-from hybrid_sysid_ros.equations import simulate
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.models import STRUCTURES, Model, Sampling, build, storage
 from hybrid_sysid_ros.models.model import FORMAT
 from hybrid_sysid_ros.models.narx import Narx
@@ -19,6 +18,7 @@ from hybrid_sysid_ros.models.options import parse
 from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.structures import assemble, options_of
 from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.support.errors import UserError
 
 FROM_DATA = {
     "narx": Narx(

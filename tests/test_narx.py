@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import yaml
 
-from hybrid_sysid_ros.equations import kernels, simulate
-from hybrid_sysid_ros.equations.casadi_form import symbolic_step
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import kernels, simulate
+from hybrid_sysid_ros.core.casadi_form import symbolic_step
 from hybrid_sysid_ros.identification import Experiment, free_run, prepare, score
 from hybrid_sysid_ros.identification.fitting import fit
-from hybrid_sysid_ros.identification.term_selection import select_terms
+from hybrid_sysid_ros.identification.selection.term_selection import select_terms
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.narx import REACH, Narx
-from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.support.errors import UserError
 
 SAMPLING = Sampling(step=0.05, period=0.05)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
 

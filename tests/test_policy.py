@@ -7,9 +7,9 @@ import pytest
 from small_policies import PROBLEM, by_hand, features_of, in_matrices, layers_of, model_of, policy_of, questions  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.control import Status
-from hybrid_sysid_ros.control import policy as policies
-from hybrid_sysid_ros.control.adaptation import Adaptation, Correction
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.control.policy import policy as policies
+from hybrid_sysid_ros.control.policy.adaptation import Adaptation, Correction
+from hybrid_sysid_ros.support.errors import UserError
 
 
 def test_it_is_the_network_of_its_layers():

@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 from small_policies import PROBLEM, layers_of, policy_of  # type: ignore[import-not-found]
 
-from hybrid_sysid_ros import cli, configuration
-from hybrid_sysid_ros.control.adaptation import Correction
-from hybrid_sysid_ros.control.certificate import Certificate, bounds
+from hybrid_sysid_ros.commands import cli
 from hybrid_sysid_ros.control.controller import Status
 from hybrid_sysid_ros.control.export import compiler, folder, onnx_graph
 from hybrid_sysid_ros.control.export.vectors import bounded, vectors
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.files import sha256
+from hybrid_sysid_ros.control.policy.adaptation import Correction
+from hybrid_sysid_ros.control.safety.certificate import Certificate, bounds
+from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import sha256
 
 SEAL = "0123abcd"
 CORRECTION = Correction(

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from small_policies import SEAL, model_of, policy_of, questions  # type: ignore[import-not-found]
 
-from hybrid_sysid_ros.control import policy as policies
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.models import storage
+from hybrid_sysid_ros.support.errors import UserError
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from hybrid_sysid_ros.control import policy_network as networks  # noqa: E402
-from hybrid_sysid_ros.control.training_settings import Settings  # noqa: E402
+from hybrid_sysid_ros.control.policy import network as networks  # noqa: E402
+from hybrid_sysid_ros.control.policy.training_settings import Settings  # noqa: E402
 
 
 @pytest.mark.parametrize("hidden", [(7,), (9, 5, 6)])

@@ -8,12 +8,12 @@ import pytest
 from small_policies import PROBLEM, SEAL, SPREAD, by_hand, model_of  # type: ignore[import-not-found]
 from test_sampling import some_samples  # type: ignore[import-not-found]
 
-from hybrid_sysid_ros.control import policy as policies
-from hybrid_sysid_ros.control.adaptation import Adaptation
-from hybrid_sysid_ros.control.sample_store import SampleStore
-from hybrid_sysid_ros.control.sampling import Samples, sample
-from hybrid_sysid_ros.control.training_settings import Settings
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.control.policy import policy as policies
+from hybrid_sysid_ros.control.policy.adaptation import Adaptation
+from hybrid_sysid_ros.control.policy.sample_store import SampleStore
+from hybrid_sysid_ros.control.policy.sampling import Samples, sample
+from hybrid_sysid_ros.control.policy.training_settings import Settings
+from hybrid_sysid_ros.support.errors import UserError
 
 
 def nothing_solved():
@@ -24,7 +24,7 @@ def nothing_solved():
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
     """A tiny training: a linear beam, nine closed loops in two rounds; twice, by different ways to the same samples."""
-    training = pytest.importorskip("hybrid_sysid_ros.control.policy_training", exc_type=ImportError)
+    training = pytest.importorskip("hybrid_sysid_ros.control.policy.training", exc_type=ImportError)
     settings = Settings(episodes=(6, 3), hidden=(16,), epochs=60, batch=128, workers=min(2, os.cpu_count() or 1))
     model = model_of(SEAL)
     store = SampleStore(tmp_path_factory.mktemp("store") / "samples", "tiny")
@@ -66,7 +66,7 @@ def test_the_network_of_torch_answers_the_same_without_torch(trained, tmp_path):
 
 
 def test_a_training_without_loops_to_hold_out_or_without_answers_is_refused(tmp_path):
-    training = pytest.importorskip("hybrid_sysid_ros.control.policy_training", exc_type=ImportError)
+    training = pytest.importorskip("hybrid_sysid_ros.control.policy.training", exc_type=ImportError)
     store = SampleStore(tmp_path / "samples", "hopeless")
     settings = Settings(episodes=(2,), epochs=1, workers=1)
     for seed in (0, 1):
@@ -81,7 +81,7 @@ def test_a_training_without_loops_to_hold_out_or_without_answers_is_refused(tmp_
 @pytest.fixture(scope="module")
 def rich():
     """A tiny training with derivatives of the answers and a parameter to follow."""
-    training = pytest.importorskip("hybrid_sysid_ros.control.policy_training", exc_type=ImportError)
+    training = pytest.importorskip("hybrid_sysid_ros.control.policy.training", exc_type=ImportError)
     settings = Settings(
         episodes=(8,),
         hidden=(24,),

@@ -13,9 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from hybrid_sysid_ros import bags, session
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.signals import Signals
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.support.errors import UserError
 
 TIMEOUT = 60.0  # s
 HEAVY = {

@@ -5,14 +5,14 @@ from typing import Any
 
 import pytest
 
+from hybrid_sysid_ros.commands.terminal import print_whole
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.candidate import Candidate
-from hybrid_sysid_ros.identification.comparison import Comparison
-from hybrid_sysid_ros.identification.validation import Validation
-from hybrid_sysid_ros.lecture import COLUMNS, PUBLISHED, Protocol
+from hybrid_sysid_ros.identification.selection.blocks import Validation
+from hybrid_sysid_ros.identification.selection.candidate import Candidate
+from hybrid_sysid_ros.identification.selection.comparison import Comparison
 from hybrid_sysid_ros.models import STRUCTURES
-from hybrid_sysid_ros.protocol_command import table
-from hybrid_sysid_ros.terminal import print_whole
+from studies.beam_lecture.lecture import COLUMNS, PUBLISHED, Protocol
+from studies.beam_lecture.protocol import table
 
 RECORDS = (
     "05_multisine_01",

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from hybrid_sysid_ros.control import quadratic_program as quadratic
-from hybrid_sysid_ros.control.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, quadratic_program
+from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
+from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, quadratic_program
 
 solve, remember = numba.njit(quadratic.solve), numba.njit(quadratic.remember)
 ALL = MATRICES | GRADIENT | BOUNDS | STATES

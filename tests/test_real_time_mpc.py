@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.mpc_speed import cases, loop
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
-from hybrid_sysid_ros.equations import simulate
+from hybrid_sysid_ros.core import simulate
 
 PROBLEM = Problem(
     horizon=10,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.support.errors import UserError
 
 
 def record(**changes):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.signals import Signals
+from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.support.errors import UserError
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
 

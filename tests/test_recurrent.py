@@ -8,14 +8,14 @@ import pytest
 import yaml
 from scipy.linalg import expm
 
-from hybrid_sysid_ros.equations import kernels, simulate
-from hybrid_sysid_ros.equations.casadi_form import symbolic_step
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import kernels, simulate
+from hybrid_sysid_ros.core.casadi_form import symbolic_step
 from hybrid_sysid_ros.identification import free_run, prepare, score
 from hybrid_sysid_ros.identification.gradient_training import Schedule, rollout, train
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.recurrent import Recurrent
-from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.support.errors import UserError
 
 SAMPLING = Sampling(step=0.05)
 

@@ -9,16 +9,18 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros import report
-from hybrid_sysid_ros.equations import simulate
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part, Scores, evaluate
-from hybrid_sysid_ros.loop import LoopRecord
 from hybrid_sysid_ros.models import Model, Sampling
-from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.report.rendering import significant
 from hybrid_sysid_ros.report.sections import TESTS
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.excitation import hardware_reference, multisine
+from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
+from hybrid_sysid_ros.support.errors import UserError
+from studies.beam_lecture.page import write_protocol
+from studies.beam_lecture.report import StructureResult, protocol_section
 
 pytest.importorskip("plotly")
 pytest.importorskip("jinja2")
@@ -288,7 +290,7 @@ def test_the_zoom_shows_the_largest_step():
 def structure(name, *r2, **more):
     """A structure of some seeds on two records."""
     seeds = [{"<first> & only": first, "second": second} for first, second in r2]
-    return report.StructureResult(name=name, r2=seeds, seconds=2.5, **more)
+    return StructureResult(name=name, r2=seeds, seconds=2.5, **more)
 
 
 PUBLISHED = {"<first> & only": 0.95, "second": 0.5}
@@ -298,7 +300,7 @@ PUBLISHED = {"<first> & only": 0.95, "second": 0.5}
 def protocol(model, first):
     runs = [(first, Part(start=0.5)), (record("second", 2), Part())]
     weak = dataclasses.replace(model, structure="weak", equation=dataclasses.replace(model.equation, gain=3.0))
-    return report.protocol_section(
+    return protocol_section(
         "two records",
         [
             structure("lost", (-np.inf, -123.0)),
@@ -316,7 +318,7 @@ def protocol(model, first):
 @pytest.fixture(scope="module")
 def protocol_text(protocol, model, tmp_path_factory):
     path = tmp_path_factory.mktemp("protocol") / "protocol.html"
-    assert report.write_protocol(path, protocol, report.provenance(model, "make protocol")) == path
+    assert write_protocol(path, protocol, report.provenance(model, "make protocol")) == path
     return path.read_text(encoding="utf-8")
 
 
@@ -358,8 +360,8 @@ def test_criteria_are_those_of_the_training_data(protocol, model, first):
 
 
 def test_a_protocol_without_models_shows_its_table(model, tmp_path):
-    section = report.protocol_section("bare", [structure("only", (0.5, 0.6))])
-    path = report.write_protocol(tmp_path / "protocol.html", section, report.provenance(model, "x"))
+    section = protocol_section("bare", [structure("only", (0.5, 0.6))])
+    path = write_protocol(tmp_path / "protocol.html", section, report.provenance(model, "x"))
     assert "only 0.500 0.600 0.550" in Page(path.read_text(encoding="utf-8")).text
 
 
@@ -371,14 +373,14 @@ def test_a_protocol_without_models_shows_its_table(model, tmp_path):
         ([structure("a", (1, 1), chosen=True), structure("b", (1, 1), chosen=True)], "more than one"),
         ([structure("a")], "a has no seed"),
         (
-            [structure("a", (1, 1)), report.StructureResult(name="b", r2=[{"other": 1.0}], seconds=1.0)],
+            [structure("a", (1, 1)), StructureResult(name="b", r2=[{"other": 1.0}], seconds=1.0)],
             "b has no seed, or other records than a",
         ),
     ],
 )
 def test_a_protocol_that_makes_no_table_is_refused(results, match):
     with pytest.raises(UserError, match=match):
-        report.protocol_section("wrong", results)
+        protocol_section("wrong", results)
 
 
 @pytest.mark.parametrize("missing", ["plotly", "jinja2"])

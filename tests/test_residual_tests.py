@@ -5,8 +5,13 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.identification.residual_tests import DESCRIPTIONS, correlation_tests, independence, whiteness
+from hybrid_sysid_ros.identification.validation.residual_tests import (
+    DESCRIPTIONS,
+    correlation_tests,
+    independence,
+    whiteness,
+)
+from hybrid_sysid_ros.support.errors import UserError
 
 SAMPLES = 800
 

@@ -5,18 +5,18 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.equations import simulate
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.resimulation import resimulate, resimulations
+from hybrid_sysid_ros.identification.validation.resimulation import resimulate, resimulations
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.cam_beam import CamBeam
 from hybrid_sysid_ros.rigs.excitation import multisine
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import Filter
+from hybrid_sysid_ros.support.errors import UserError
 
 LOADED = rigs.load("cam_beam")
 RIG = dataclasses.replace(LOADED, equation=CamBeam(centre=0.0))  # rests at 0 without input

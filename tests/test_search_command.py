@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 import typer
 
-from hybrid_sysid_ros import search_command
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.commands import search as search_command
 from hybrid_sysid_ros.models import load
+from hybrid_sysid_ros.support.errors import UserError
 from tests.branin import OfBranin, wait_for
 
 pytest.importorskip("optuna", reason="needs hybrid_sysid_ros[search]")

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.search import Cluster, Processes, search
+from hybrid_sysid_ros.identification.selection.search import Cluster, Processes, search
+from hybrid_sysid_ros.support.errors import UserError
 from tests.branin import Deadly, Watched, branin, mistaken, study_of, wait_for
 
 pytest.importorskip("optuna", reason="needs hybrid_sysid_ros[search]")

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros import configuration, models
+from hybrid_sysid_ros import models
 from hybrid_sysid_ros.control import ExactMpc, Status
-from hybrid_sysid_ros.control import policy as policies
 from hybrid_sysid_ros.control.closed_loop import run_loop
+from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
 from hybrid_sysid_ros.rigs.excitation import hardware_reference
 from hybrid_sysid_ros.rigs.plant import Plant
+from hybrid_sysid_ros.runtime import configuration
 
 
 @pytest.fixture(scope="module")

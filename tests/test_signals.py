@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.bags.signals import Signal, Signals
+from hybrid_sysid_ros.commands.terminal import read_records
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.record import Record
-from hybrid_sysid_ros.signals import Signal, Signals
-from hybrid_sysid_ros.terminal import read_records
+from hybrid_sysid_ros.support.errors import UserError
 
 
 @pytest.mark.parametrize(

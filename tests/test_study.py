@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.identification.selection.search import Study, opened, search
 from hybrid_sysid_ros.models import Option, Options
-from hybrid_sysid_ros.search import Study, opened, search
+from hybrid_sysid_ros.support.errors import UserError
 from tests.branin import MINIMUM, SPACE, Answer, Here, branin, broken, picky, study_of
 
 pytest.importorskip("optuna", reason="needs hybrid_sysid_ros[search]")
@@ -44,14 +44,14 @@ def test_the_first_trial_is_at_the_defaults(sixty: Study) -> None:
 
 def test_the_importance_tells_which_options_matter(monkeypatch, sixty: Study) -> None:
     assert sixty.importance() == {}  # too few trials
-    monkeypatch.setattr("hybrid_sysid_ros.search.study.IMPORTANCE_TRIALS", 60)
+    monkeypatch.setattr("hybrid_sysid_ros.identification.selection.search.study.IMPORTANCE_TRIALS", 60)
     importance = sixty.importance()
     assert set(importance) == {"x", "y"}
     assert sum(importance.values()) == pytest.approx(1.0)
 
 
 def test_nothing_matters_where_all_trials_are_equally_good(monkeypatch, place: str) -> None:
-    monkeypatch.setattr("hybrid_sysid_ros.search.study.IMPORTANCE_TRIALS", 20)
+    monkeypatch.setattr("hybrid_sysid_ros.identification.selection.search.study.IMPORTANCE_TRIALS", 20)
     with study_of(place) as study:
         search(study, Here(lambda options: Answer(1.0), print), trials=20)
         assert set(study.importance()) == {"x", "y"}

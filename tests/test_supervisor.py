@@ -21,7 +21,7 @@ from small_policies import policy_of  # type: ignore[import-not-found]
 from test_mpc import ABSURD, least_squares_form  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.control import ExactMpc, Status
-from hybrid_sysid_ros.control.online_check import (
+from hybrid_sysid_ros.control.safety.online_check import (
     ACCEPTED,
     COSTLIER,
     DISTURBED,
@@ -33,8 +33,8 @@ from hybrid_sysid_ros.control.online_check import (
     online_check,
     trial,
 )
-from hybrid_sysid_ros.control.supervisor import LAYERS, Supervisor
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.control.safety.supervisor import LAYERS, Supervisor
+from hybrid_sysid_ros.support.errors import UserError
 
 TOLERANCES = Tolerances(cost=0.05, floor=0.5, violation=1e-4, disturbance=1.0, patience=3)
 

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.errors import UserError
 from hybrid_sysid_ros.identification import cross_validate, evaluate, identify
 from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_bench import bench, record_of
 
 REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {

@@ -27,12 +27,12 @@ from rich.table import Table
 
 from benchmarks import result
 from benchmarks.estimators.runs import PERIOD, Run, beam, drawn
-from hybrid_sysid_ros import configuration
-from hybrid_sysid_ros.equations import Equation
+from hybrid_sysid_ros.core import Equation
 from hybrid_sysid_ros.estimation import METHODS, Channel, Filter, Tuning
 from hybrid_sysid_ros.estimation.consistency import band, normalised_errors
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import Rig, load
+from hybrid_sysid_ros.runtime import configuration
 
 NAME = "estimators"
 Array = NDArray[np.float64]

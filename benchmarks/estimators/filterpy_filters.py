@@ -9,7 +9,7 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation, kernels
+from hybrid_sysid_ros.core import Equation, kernels
 from hybrid_sysid_ros.estimation import Tuning
 
 Array = NDArray[np.float64]

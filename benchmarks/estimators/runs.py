@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation, kernels
+from hybrid_sysid_ros.core import Equation, kernels
 from hybrid_sysid_ros.estimation import Tuning
 from hybrid_sysid_ros.rigs.excitation import multisine, random_steps
 from hybrid_sysid_ros.rigs.plant import Plant

@@ -27,12 +27,12 @@ from rich.table import Table
 
 from benchmarks import result
 from benchmarks.identification.peer import Peer, r2
-from hybrid_sysid_ros import lecture
-from hybrid_sysid_ros.demo import DATA
+from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification import Part, evaluate, identify, prepare
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs.rig import Rig, load
+from studies.beam_lecture import lecture
+from studies.beam_lecture.lecture import DATA
 
 NAME = "identification"
 PEERS = {"sysidentpy": "narmax", "jax_sysid": "jax_state_space", "torch": "torch_rollout"}

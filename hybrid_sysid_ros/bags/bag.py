@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_
 from rosbags.typesys.store import Typestore
 
 from hybrid_sysid_ros.bags.mcap import MAGIC, Batch, DamagedError, McapFile, Schema
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError
 
 logger = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ from rosbags.typesys.store import Typestore
 from hybrid_sysid_ros.bags.bag import Messages
 from hybrid_sysid_ros.bags.fields import MissingFieldError, field_of, has_field
 from hybrid_sysid_ros.bags.layout import Layout, Place, UnknownLayoutError, stacked
-from hybrid_sysid_ros.signals import Step, parsed_field
+from hybrid_sysid_ros.bags.signals import Step, parsed_field
 
 SECOND = 1_000_000_000  # ns
 

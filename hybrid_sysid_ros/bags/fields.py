@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from hybrid_sysid_ros.signals import Step
+from hybrid_sysid_ros.bags.signals import Step
 
 NAME_LISTS = ("name", "joint_names")  # where a message keeps the names of its joints
 

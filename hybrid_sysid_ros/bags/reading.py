@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.bag import Bag, name_of, opened
 from hybrid_sysid_ros.bags.columns import Columns, MissingInMessageError
+from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.resampling import EveryNth, GroupMean, HeldLast, HeldMean, Resampled
 from hybrid_sysid_ros.bags.sampling import FEWEST, Samples, SamplingError
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.files import sha256
-from hybrid_sysid_ros.record import Record
-from hybrid_sysid_ros.signals import Signal, Signals
+from hybrid_sysid_ros.bags.signals import Signal, Signals
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import sha256
 
 logger = logging.getLogger(__name__)
 

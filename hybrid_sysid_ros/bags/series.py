@@ -14,7 +14,7 @@ from rosbags.typesys.store import Typestore
 
 from hybrid_sysid_ros.bags.fields import field_of
 from hybrid_sysid_ros.bags.layout import Layout
-from hybrid_sysid_ros.signals import parsed_field
+from hybrid_sysid_ros.bags.signals import parsed_field
 
 SECOND = 1_000_000_000  # ns
 

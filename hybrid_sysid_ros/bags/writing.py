@@ -20,8 +20,8 @@ else:
 
 from hybrid_sysid_ros.bags.bag import METADATA
 from hybrid_sysid_ros.bags.series import Series, jazzy_types
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.files import written_folder
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import written_folder
 
 
 class BagWriter:

@@ -10,9 +10,9 @@ from scipy.linalg import LinAlgError, solve_discrete_are
 
 from hybrid_sysid_ros.control.controller import Plan, Status
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.equations.linearisation import linearisation, workspace
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core.linearisation import linearisation, workspace
+from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 

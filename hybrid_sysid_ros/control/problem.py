@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 

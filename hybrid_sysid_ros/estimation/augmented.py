@@ -17,13 +17,13 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation, Recurrence, kernels
-from hybrid_sysid_ros.equations.compilation import inner
-from hybrid_sysid_ros.equations.equation import parameter_tuple
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.core import Equation, Recurrence, kernels
+from hybrid_sysid_ros.core.compilation import inner
+from hybrid_sysid_ros.core.equation import parameter_tuple
 from hybrid_sysid_ros.estimation.cholesky import factorise
 from hybrid_sysid_ros.estimation.memory import LONGEST_STEP
 from hybrid_sysid_ros.estimation.tuning import Tuning
+from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations.compilation import inner
+from hybrid_sysid_ros.core.compilation import inner
 
 Array = NDArray[np.float64]
 

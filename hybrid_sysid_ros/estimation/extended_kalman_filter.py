@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.equations.compilation import inner
+from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.estimation.augmented import Augmented
 from hybrid_sysid_ros.estimation.filter import Filter
 from hybrid_sysid_ros.estimation.kernels import Kernels, copy

@@ -9,13 +9,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation, Recurrence
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.core import Equation, Recurrence
 from hybrid_sysid_ros.estimation.augmented import offset_gains
 from hybrid_sysid_ros.estimation.estimate import Counters, Estimate
 from hybrid_sysid_ros.estimation.kernels import LATE, LOST, Kernels
 from hybrid_sysid_ros.estimation.memory import GATED, LONGEST_GAP, MAIN, NONE, RESET, USED, memory_of
 from hybrid_sysid_ros.estimation.tuning import Tuning
+from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 

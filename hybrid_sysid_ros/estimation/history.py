@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations.compilation import inner
+from hybrid_sysid_ros.core.compilation import inner
 
 Inputs = NDArray[np.void]
 """Records of type :data:`~hybrid_sysid_ros.estimation.memory.INPUT`."""

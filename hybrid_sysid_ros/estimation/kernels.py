@@ -11,8 +11,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.equations.compilation import OPTIONS, inner
+from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core.compilation import OPTIONS, inner
 from hybrid_sysid_ros.estimation.history import Inputs, begin_history, mean_input, remember
 from hybrid_sysid_ros.estimation.memory import MAIN, RESET
 from hybrid_sysid_ros.estimation.nodes import Nodes

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation, Recurrence
+from hybrid_sysid_ros.core import Equation, Recurrence
 from hybrid_sysid_ros.estimation.tuning import Tuning
 
 LONGEST_STEP = 0.005

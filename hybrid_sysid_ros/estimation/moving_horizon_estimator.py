@@ -9,8 +9,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.equations.compilation import OPTIONS, inner
+from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core.compilation import OPTIONS, inner
 from hybrid_sysid_ros.estimation.augmented import Augmented, augmented
 from hybrid_sysid_ros.estimation.cholesky import factorise, solve_factorised
 from hybrid_sysid_ros.estimation.extended_kalman_filter import copied, covariance_belief, diagonal, propagate

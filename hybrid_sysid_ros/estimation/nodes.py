@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations.compilation import inner
+from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.estimation.memory import NONE, UNUSED
 
 Nodes = NDArray[np.void]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.equations.compilation import inner
+from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.estimation.augmented import Augmented, augmented
 from hybrid_sysid_ros.estimation.history import Inputs
 from hybrid_sysid_ros.estimation.kernels import (

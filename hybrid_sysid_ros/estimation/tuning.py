@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.support.errors import UserError
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import Equation
 from hybrid_sysid_ros.models.sampling import Sampling
-from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 SMOOTHING_SECONDS = 0.051

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
-from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.core import Equation
 from hybrid_sysid_ros.identification.covariance import covariances
 from hybrid_sysid_ros.identification.experiment import Experiment, check_range
 from hybrid_sysid_ros.identification.problem import Map, Problem
+from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, float], None]

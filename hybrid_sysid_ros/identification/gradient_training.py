@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import simulate
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.extras import extra
+from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.fitting import Fit, Progress
 from hybrid_sysid_ros.models.recurrent import Recurrent
-from hybrid_sysid_ros.threads import one_torch_thread
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.extras import extra
+from hybrid_sysid_ros.support.threads import one_torch_thread
 
 Array = NDArray[np.float64]
 

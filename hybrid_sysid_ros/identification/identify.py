@@ -8,17 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import Equation
 from hybrid_sysid_ros.identification.experiment import Experiment, check_range, prepare
 from hybrid_sysid_ros.identification.fitting import Progress
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.recipes import Recipe
-from hybrid_sysid_ros.identification.scores import Scores, free_run, score
+from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, score
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.options import Options
-from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.errors import UserError
 
 
 def identify(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.record import Record
+from hybrid_sysid_ros.support.errors import UserError
 
 
 @dataclass(frozen=True, kw_only=True)

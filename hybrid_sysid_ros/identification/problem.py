@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation, kernels
-from hybrid_sysid_ros.equations.forward_sensitivity import forward_sensitivity
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.core import Equation, kernels
+from hybrid_sysid_ros.core.forward_sensitivity import forward_sensitivity
 from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 Residuals = Callable[[Array], Array]

@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification.experiment import Experiment, prepare
 from hybrid_sysid_ros.identification.fitting import STAGES, Fit, Progress, fit
 from hybrid_sysid_ros.identification.gradient_training import train
-from hybrid_sysid_ros.identification.term_selection import select_terms
+from hybrid_sysid_ros.identification.selection.term_selection import select_terms
 from hybrid_sysid_ros.models import Sampling, build
 from hybrid_sysid_ros.models.hybrid import Hybrid, averaged
 from hybrid_sysid_ros.models.options import Options, complete
 from hybrid_sysid_ros.models.recurrent import PERIOD as RECURRENT_PERIOD
 from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.structures import options_of
-from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs.rig import Rig
 
 FEATURE_SCALE = 1.5

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, parameter
+from hybrid_sysid_ros.core import Law, Motion, Operations, Variable, parameter
 from hybrid_sysid_ros.models.network import Network
 
 

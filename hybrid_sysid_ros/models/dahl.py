@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from hybrid_sysid_ros.equations import Law, Operations, Variable, parameter
+from hybrid_sysid_ros.core import Law, Operations, Variable, parameter
 from hybrid_sysid_ros.models.linear import Linear
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation, Law, Motion, Operations, Parameter
+from hybrid_sysid_ros.core import Equation, Law, Motion, Operations, Parameter
 from hybrid_sysid_ros.models.network import Network
 
 

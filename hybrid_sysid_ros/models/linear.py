@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, parameter
+from hybrid_sysid_ros.core import Law, Motion, Operations, Variable, parameter
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from hybrid_sysid_ros.equations import Law, Operations, Variable, parameter
-from hybrid_sysid_ros.friction import stribeck
+from hybrid_sysid_ros.core import Law, Operations, Variable, parameter
+from hybrid_sysid_ros.core.friction import stribeck
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.stribeck import Stribeck
 

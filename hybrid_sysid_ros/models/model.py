@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.core import Equation
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.models.structures import assemble
 from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Operations, Recurrence, Variable
-from hybrid_sysid_ros.equations.equation import Step, parameter_tuple
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.core import Operations, Recurrence, Variable
+from hybrid_sysid_ros.core.equation import Step, parameter_tuple
+from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 

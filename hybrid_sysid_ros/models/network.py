@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Operations
+from hybrid_sysid_ros.core import Operations
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError
 
 Options = Mapping[str, float | int]
 

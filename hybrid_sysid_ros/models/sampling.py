@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError
 
 InputHandling = Literal["averaged", "sampled"]
 

@@ -15,8 +15,8 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file
 from safetensors.numpy import save as serialised
 
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.files import sha256, written_file, written_folder
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import sha256, written_file, written_folder
 
 ARRAYS = "weights.safetensors"
 MADE_BY = {"model": "identify", "policy": "policy train", "certificate": "policy certify"}

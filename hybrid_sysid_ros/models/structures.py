@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Equation, Motion
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.core import Equation, Motion
 from hybrid_sysid_ros.models.black_box import BlackBox
 from hybrid_sysid_ros.models.dahl import Dahl
 from hybrid_sysid_ros.models.hybrid import Hybrid
@@ -21,6 +20,7 @@ from hybrid_sysid_ros.models.network import Network
 from hybrid_sysid_ros.models.options import Option, Options, complete
 from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.stribeck import Stribeck
+from hybrid_sysid_ros.support.errors import UserError
 
 HYBRIDS = ("hybrid_joint", "hybrid_frozen", "hybrid")
 """Physics and network: the lecture's two on its linear model, and this project's on the rig's own equation."""
@@ -91,7 +91,7 @@ def assemble(
 ) -> Equation:
     """An equation of a named structure on a rig's own equation, with what is learned where it has such a part.
 
-    design: what :attr:`~hybrid_sysid_ros.equations.Equation.design` gave. Raises UserError for an unknown name, and
+    design: what :attr:`~hybrid_sysid_ros.core.Equation.design` gave. Raises UserError for an unknown name, and
     where the design or the weights (size,) are missing or don't fit each other.
     """
     plain: dict[str, Equation] = {

@@ -1,8 +1,6 @@
 """Reports: one HTML page about a model and the loop it runs in, which needs no network to be read."""
 
 from hybrid_sysid_ros.report.page import write
-from hybrid_sysid_ros.report.protocol import ProtocolSection, StructureResult, protocol_section
-from hybrid_sysid_ros.report.protocol_page import write_protocol
 from hybrid_sysid_ros.report.rendering import check_available
 from hybrid_sysid_ros.report.sections import (
     ClosedLoopSection,
@@ -18,14 +16,10 @@ __all__ = [
     "ClosedLoopSection",
     "FreeRun",
     "IdentificationSection",
-    "ProtocolSection",
     "Provenance",
-    "StructureResult",
     "check_available",
     "closed_loop_section",
     "identification_section",
-    "protocol_section",
     "provenance",
     "write",
-    "write_protocol",
 ]

@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from hybrid_sysid_ros.identification.residual_tests import ResidualTest
+from hybrid_sysid_ros.identification.validation.residual_tests import ResidualTest
 from hybrid_sysid_ros.rigs.sensor import Sensor
 
 Array = NDArray[np.float64]

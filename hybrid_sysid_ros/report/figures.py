@@ -8,7 +8,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from hybrid_sysid_ros.identification.horizons import HorizonErrors
+from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors
 from hybrid_sysid_ros.report.charts import (
     ERROR,
     LINES,

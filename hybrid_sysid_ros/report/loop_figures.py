@@ -7,7 +7,6 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from hybrid_sysid_ros.loop import LoopRecord
 from hybrid_sysid_ros.report.charts import (
     BOUND,
     ERROR,
@@ -24,6 +23,7 @@ from hybrid_sysid_ros.report.charts import (
     volts_and_degrees,
 )
 from hybrid_sysid_ros.report.sections import ClosedLoopSection
+from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
 TAIL_POINTS = 600  # of a distribution at most
 

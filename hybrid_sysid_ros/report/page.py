@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from hybrid_sysid_ros.report.rendering import check_available, drawn, identification_content, write_page
+from hybrid_sysid_ros.report.rendering import TEMPLATES, check_available, drawn, identification_content, write_page
 from hybrid_sysid_ros.report.sections import ClosedLoopSection, IdentificationSection, Provenance
 
 
@@ -28,7 +28,7 @@ def write(
         "provenance": provenance,
         "hashes": _hashes(identification, closed_loop, provenance),
     }
-    return write_page(path, "page.html", content)
+    return write_page(path, TEMPLATES / "page.html", content)
 
 
 def _closed(section: ClosedLoopSection) -> dict[str, Any]:

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.files import written_file
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.identifiability import at_bound
+from hybrid_sysid_ros.identification.validation.identifiability import at_bound
 from hybrid_sysid_ros.report.sections import FreeRun, IdentificationSection
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import written_file
 
 TEMPLATES = Path(__file__).parent
 NEEDED = ("jinja2", "plotly")
@@ -40,8 +40,8 @@ def check_available() -> None:
             raise UserError(f"a report needs {name}: install it with pip install 'hybrid_sysid_ros[report]'") from error
 
 
-def write_page(path: Path | str, template: str, content: Mapping[str, Any]) -> Path:
-    """Write a page; an older one is replaced once the new one is whole.
+def write_page(path: Path | str, template: Path, content: Mapping[str, Any]) -> Path:
+    """Write a page; an older one is replaced once the new one is whole. A template may use those of this package.
 
     Raises:
         UserError: the place cannot be written.
@@ -50,11 +50,14 @@ def write_page(path: Path | str, template: str, content: Mapping[str, Any]) -> P
     from plotly.offline import get_plotlyjs
 
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True
+        loader=jinja2.FileSystemLoader([template.parent, TEMPLATES]),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
     )
     filters = {"significant": significant, "probability": probability, "part": part_text, "r2": r2_text}
     environment.filters.update(filters, difference=difference_text)
-    text = environment.get_template(template).render(plotly=get_plotlyjs(), **content)
+    text = environment.get_template(template.name).render(plotly=get_plotlyjs(), **content)
     with written_file(path) as partial:
         partial.write_text(text, encoding="utf-8")
     return Path(path)

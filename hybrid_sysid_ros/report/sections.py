@@ -10,21 +10,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import simulate
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part, Scores, score
-from hybrid_sysid_ros.identification.horizons import HorizonErrors, k_step_errors
-from hybrid_sysid_ros.identification.identifiability import Doubt, correlated, doubts
 from hybrid_sysid_ros.identification.identify import experiment_of
-from hybrid_sysid_ros.identification.residual_tests import LAGS, ResidualTest, correlation_tests, independence
-from hybrid_sysid_ros.identification.resimulation import Resimulation, resimulations
-from hybrid_sysid_ros.loop import LoopRecord
+from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, k_step_errors
+from hybrid_sysid_ros.identification.validation.identifiability import Doubt, correlated, doubts
+from hybrid_sysid_ros.identification.validation.residual_tests import (
+    LAGS,
+    ResidualTest,
+    correlation_tests,
+    independence,
+)
+from hybrid_sysid_ros.identification.validation.resimulation import Resimulation, resimulations
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.model import versions
-from hybrid_sysid_ros.record import Record
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.excitation import HARDWARE_SINE, HARDWARE_STEPS, hardware_reference
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import Sensor
+from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import Law, Motion, Operations, Variable, parameter
-from hybrid_sysid_ros.friction import rational_stribeck
+from hybrid_sysid_ros.core import Law, Motion, Operations, Variable, parameter
+from hybrid_sysid_ros.core.friction import rational_stribeck
 
 SMALLEST_SQUARED_COSINE = 0.1
 """Of the crank's angle: no record comes that near to a dead centre, and beyond it the law must stay finite."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.equations import kernels
+from hybrid_sysid_ros.core import kernels
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import Filter
 

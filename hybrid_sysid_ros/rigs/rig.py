@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hybrid_sysid_ros.equations import Motion
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.bags.signals import configuration_of, load_configuration
+from hybrid_sysid_ros.core import Motion
 from hybrid_sysid_ros.rigs.cam_beam import CamBeam
 from hybrid_sysid_ros.rigs.sensor import Sensor
-from hybrid_sysid_ros.signals import configuration_of, load_configuration
+from hybrid_sysid_ros.support.errors import UserError
 
 EQUATIONS: dict[str, Motion] = {"cam_beam": CamBeam()}
 """The best physics known of each rig. The numbers are those identified from its records."""

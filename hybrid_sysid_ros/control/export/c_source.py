@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.adaptation import FARTHEST
 from hybrid_sysid_ros.control.export.c_templates import CORRECTION, FOLLOWED, HEADER, SOURCE, TEST
 from hybrid_sysid_ros.control.export.vectors import Vectors, parts
-from hybrid_sysid_ros.control.policy import Policy
-from hybrid_sysid_ros.equations.perceptron import Layers
+from hybrid_sysid_ros.control.policy.adaptation import FARTHEST
+from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.core.perceptron import Layers
 
 Array = NDArray[np.float64]
 WIDTH = 118

@@ -7,7 +7,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from hybrid_sysid_ros.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError
 
 COMPILERS = ("cc", "gcc", "clang")
 FLAGS = ("-std=c99", "-O2", "-pedantic", "-Wall", "-Wextra")

@@ -11,15 +11,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
-from hybrid_sysid_ros.control import policy as policies
-from hybrid_sysid_ros.control.certificate import Certificate
 from hybrid_sysid_ros.control.export import c_source, compiler, onnx_graph
 from hybrid_sysid_ros.control.export.vectors import NAMES, Vectors, parts, vectors
-from hybrid_sysid_ros.control.policy import SELF_CHECK_TOLERANCE, Policy
-from hybrid_sysid_ros.errors import UserError
-from hybrid_sysid_ros.files import check_folder, sha256, written_folder
+from hybrid_sysid_ros.control.policy import policy as policies
+from hybrid_sysid_ros.control.policy.policy import SELF_CHECK_TOLERANCE, Policy
+from hybrid_sysid_ros.control.safety.certificate import Certificate
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import check_folder, sha256, written_folder
 
 MANIFEST = "export.json"
 FORMAT = 1
@@ -45,7 +45,7 @@ def export(folder: Path | str, out: Path | str, *, form: Format = "both") -> lis
 
     Numbers are doubles, as the policy's own: it answers its self-check vectors to 1e-9 of the drive's unit and what is
     exported is held to the same, which single precision could not tell from a mistake. What deviates by more than
-    :data:`~hybrid_sysid_ros.control.policy.SELF_CHECK_TOLERANCE` is not written.
+    :data:`~hybrid_sysid_ros.control.policy.policy.SELF_CHECK_TOLERANCE` is not written.
 
     Raises UserError for a policy that can't be read, a place that can't be written, a missing extra or a deviation.
     """

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.adaptation import FARTHEST
 from hybrid_sysid_ros.control.export.vectors import NAMES, Vectors, parts
-from hybrid_sysid_ros.control.policy import Policy
-from hybrid_sysid_ros.equations.perceptron import Layers
-from hybrid_sysid_ros.extras import extra
+from hybrid_sysid_ros.control.policy.adaptation import FARTHEST
+from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.core.perceptron import Layers
+from hybrid_sysid_ros.support.extras import extra
 
 OPERATORS, INTERMEDIATE = 13, 8
 """Versions of ONNX's operator set and file format: what runtimes of 2021 and later read."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Status
-from hybrid_sysid_ros.control.policy import Policy
+from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.problem import Problem
 
 Array = NDArray[np.float64]

@@ -1,0 +1,133 @@
+"""A record: what one experiment measured, on one uniform time grid."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.support.errors import UserError
+
+UNIFORMITY = 1e-6  # largest deviation from the uniform grid, in sampling times
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Record:
+    """Input and output of one experiment.
+
+    name: what tables and reports call it (the bag's name).
+    time: (samples,) s, uniform, starts at 0.
+    input: (samples, inputs), in the drive's unit; input[k] holds over [time[k], time[k+1]) (its mean there).
+    output: (samples, outputs), SI units, measured at time[k].
+    channels: further signals by name, each (samples,), measured at time[k]; NaN where the bag does not tell.
+    source: path it came from; digest: SHA-256 of the content there.
+
+    Raises UserError, naming record and sample, when shapes disagree, time is not uniform or input or output not finite.
+    """
+
+    name: str
+    time: NDArray[np.float64]
+    input: NDArray[np.float64]
+    output: NDArray[np.float64]
+    channels: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    source: str = ""
+    digest: str = ""
+
+    def __post_init__(self) -> None:
+        for key in ("time", "input", "output"):
+            object.__setattr__(self, key, np.ascontiguousarray(getattr(self, key), dtype=np.float64))
+        channels = {key: np.ascontiguousarray(value, dtype=np.float64) for key, value in self.channels.items()}
+        object.__setattr__(self, "channels", channels)
+        self._check_shapes()
+        self._check_time()
+        for key in ("input", "output"):
+            self._check_finite(key)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return len(self.time)
+
+    @property
+    def sampling_time(self) -> float:
+        """Time between two samples [s]."""
+        return float(self.time[-1] / (self.samples - 1))
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last sample [s]."""
+        return float(self.time[-1])
+
+    @property
+    def fingerprint(self) -> str:
+        """Of the samples of time, input and output: one bag can be read by other signals, or in part."""
+        digest = hashlib.sha256()
+        for array in (self.time, self.input, self.output):
+            digest.update(array.tobytes())
+        return digest.hexdigest()[:16]
+
+    def part(self, start: float, stop: float, *, every: int = 1) -> Record:
+        """The samples from fraction `start` to fraction `stop` of the record (0 to 1); its time starts at 0 again.
+
+        Parts that share a fraction share no sample: part(0, .5) and part(.5, 1) together are the whole record. Cuts are
+        at multiples of `every` samples.
+
+        Raises:
+            UserError: the fractions are not 0 <= start < stop <= 1, or fewer than two samples are left.
+        """
+        if not 0.0 <= start < stop <= 1.0:
+            raise UserError(f"record {self.name}: a part needs 0 <= start < stop <= 1, not {start:g} to {stop:g}")
+        chosen = slice(self.cut(start, every), self.cut(stop, every))
+        if chosen.stop - chosen.start < 2:
+            raise UserError(f"record {self.name}: no samples from {start:g} to {stop:g} of {self.samples} samples")
+        changes: dict[str, Any] = {
+            "time": self.time[: chosen.stop - chosen.start],
+            "input": self.input[chosen],
+            "output": self.output[chosen],
+            "channels": {key: value[chosen] for key, value in self.channels.items()},
+        }
+        return replace(self, **changes)
+
+    def cut(self, fraction: float, every: int = 1) -> int:
+        """The sample at a fraction of the record, a multiple of `every`, or the number of samples for 1."""
+        return self.samples if fraction == 1.0 else every * round(fraction * self.samples / every)
+
+    def _check_shapes(self) -> None:
+        if self.time.ndim != 1 or len(self.time) < 2:
+            raise UserError(f"record {self.name}: time has shape {self.time.shape}: it needs (samples,), 2 or more")
+        for key in ("input", "output"):
+            shape = getattr(self, key).shape
+            if len(shape) != 2 or shape[0] != self.samples or shape[1] < 1:
+                raise UserError(f"record {self.name}: {key} has shape {shape}: it needs ({self.samples}, {key}s)")
+        for key, value in self.channels.items():
+            if value.shape != (self.samples,):
+                raise UserError(f"record {self.name}: channel {key} has shape {value.shape}, not ({self.samples},)")
+
+    def _check_time(self) -> None:
+        if not np.isfinite(self.time).all():
+            raise UserError(f"record {self.name}: time is not a number at sample {_first(~np.isfinite(self.time))}")
+        step = self.time[-1] / (self.samples - 1)
+        if self.time[0] != 0.0 or step <= 0.0:
+            raise UserError(
+                f"record {self.name}: time must start at 0 and rise: {self.time[0]:g} to {self.time[-1]:g} s"
+            )
+        deviation = np.abs(self.time - step * np.arange(self.samples)) > UNIFORMITY * step
+        if deviation.any():
+            k = _first(deviation)
+            raise UserError(
+                f"record {self.name}: time is not uniform at sample {k} ({self.time[k]:g} s, step {step:g} s)"
+            )
+
+    def _check_finite(self, key: str) -> None:
+        wrong = ~np.isfinite(getattr(self, key)).all(axis=1)
+        if wrong.any():
+            k = _first(wrong)
+            raise UserError(f"record {self.name}: {key} is not finite at sample {k} ({self.time[k]:g} s)")
+
+
+def _first(mask: NDArray[np.bool_]) -> int:
+    return int(np.argmax(mask))

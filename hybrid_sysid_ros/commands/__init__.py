@@ -1,0 +1,1 @@
+"""hybrid-sysid ...: a file a command."""

@@ -1,0 +1,59 @@
+"""A command line as a program: its errors and interrupts, one line each."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from typing import Any, cast
+
+import typer
+from typer.core import TyperGroup
+
+from hybrid_sysid_ros.support.errors import Interrupted, UserError
+
+UsageError = cast(type[typer.BadParameter], typer.BadParameter.__mro__[1])
+"""What typer raises for wrong arguments of any kind; it gives a name to this kind only."""
+
+
+class Commands(TyperGroup):
+    """All commands. An interrupt leaves them by a name of its own: at KeyboardInterrupt typer ends without a word."""
+
+    def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            raise Interrupted from error
+
+
+def new_app() -> typer.Typer:
+    """A program without commands yet."""
+    return typer.Typer(
+        cls=Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None
+    )
+
+
+def _usage(error: typer.BadParameter) -> str:
+    """What is wrong with the arguments, in one line; the help where there are none."""
+    told, context = error.format_message(), error.ctx
+    if context is None or told == context.get_help():
+        return told
+    line = " ".join(told.split()).rstrip(".")
+    return f"error: {line[0].lower()}{line[1:]}: see {context.command_path} --help"
+
+
+def run_app(app: typer.Typer, name: str) -> None:
+    """Run a command of a program; exit with 2 and one line for what a user can cause, with 130 and one for an
+    interrupt.
+    """
+    logging.basicConfig(level=logging.WARNING, format="%(message)s")
+    try:
+        sys.exit(app(prog_name=name, standalone_mode=False))
+    except UsageError as error:
+        sys.stderr.write(_usage(error) + "\n")
+        sys.exit(2)
+    except UserError as error:
+        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
+        sys.exit(2)
+    except (Interrupted, KeyboardInterrupt) as error:
+        sys.stderr.write(": ".join(filter(None, ("interrupted", str(error)))) + "\n")
+        sys.exit(130)

@@ -1,0 +1,75 @@
+"""What all commands share: where they print, their common options, and how they read bags."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, cast
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.errors import UserError
+
+console = Console(soft_wrap=True)
+status = Console(stderr=True, soft_wrap=True)
+
+WIDEST = 1000
+"""More characters than any table has."""
+
+RigName = Annotated[str, typer.Option("--rig", help="Rig, by the name of its configuration.")]
+SignalsFile = Annotated[Path | None, typer.Option("--signals", help="YAML with the topics and fields of your own bag.")]
+Recover = Annotated[bool, typer.Option("--recover", help="Read what can be read of a truncated bag.")]
+ReadPeriod = Annotated[
+    float,
+    typer.Option(
+        "--read-period",
+        help="Of a bag larger than the memory: keep one sample in so many seconds, the input's mean between them; "
+        "0 keeps all.",
+        min=0.0,
+    ),
+]
+PartText = Annotated[str, typer.Option("--part", help="START:STOP, the part of each bag that is used, as fractions.")]
+Seed = Annotated[int, typer.Option("--seed", help="Of everything random.", min=0)]
+InputHandling = Annotated[
+    str, typer.Option("--input", help="averaged: the input's mean over each step; sampled: read once a period.")
+]
+Step = Annotated[float, typer.Option(help="Integration step [s].")]
+Period = Annotated[float, typer.Option(help="Distance of the fitted samples [s].")]
+
+
+def print_whole(table: Table) -> None:
+    """Print a table at its own width: a narrower terminal breaks its lines, but nothing is cut."""
+    Console(width=WIDEST).print(table)
+
+
+def sampling_of(step: float, period: float, handling: str) -> Sampling:
+    """How records meet a simulation, from a command's options. Raises UserError where they don't fit together."""
+    return Sampling(step=step, period=period, input=cast(Any, handling))
+
+
+def read_records(
+    paths: list[Path], rig: str, signals: Path | None, recover: bool, period: float, sampling: Sampling
+) -> list[Record]:
+    """The records of bags, by a rig's signals or a file of the user's.
+
+    period: of the samples that are kept [s], 0 for all. Raises UserError for two bags of one name, for signals that
+    state another unit than the rig's, and where the sampling wants an input as it was at the samples, but the period
+    leaves means only.
+    """
+    if period and sampling.input == "sampled":
+        raise UserError("--read-period keeps means of the input, but the model reads it sampled; leave one out")
+    names = [bags.name_of(path) for path in paths]
+    if twins := {name for name in names if names.count(name) > 1}:
+        raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
+    chosen = Signals.load(signals) if signals is not None else Signals.of_rig(rig)
+    equation = load_rig(rig).equation
+    chosen.check_units(
+        [variable.unit for variable in equation.inputs], [equation.states[index].unit for index in equation.outputs]
+    )
+    return [bags.read(path, chosen, period=period or None, recover=recover) for path in paths]

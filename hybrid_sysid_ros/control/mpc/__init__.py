@@ -1,0 +1,1 @@
+"""The exact MPC: multiple shooting, its quadratic programs, and IPOPT beside it."""

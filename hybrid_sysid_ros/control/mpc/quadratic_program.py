@@ -1,0 +1,196 @@
+"""Small dense quadratic programs inside compiled code, solved by DAQP.
+
+Source: Arnstrom, Bemporad, Axehill (2022), A dual active-set solver for embedded quadratic programming using recursive
+LDL' updates, IEEE TAC 67(8).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import daqp
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core.compilation import OPTIONS, inner
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+
+MATRICES, GRADIENT, BOUNDS, STATES = 1 | 2, 4, 8, 16
+"""What has changed since the last solution: hessian and rows, gradient, bounds, states of the constraints."""
+
+ACTIVE, AT_LOWER, SOFT = 1, 2, 8
+"""States of a constraint: in the working set, at its lower bound, and whether it may be violated at a price."""
+
+TOLERANCE = 1e-9
+"""Largest violation of a bound, in lengths of its row."""
+
+_WORKSPACE_BYTES = 4096  # the library's own structure takes 424
+_POINTER = ctypes.c_size_t
+
+
+class _Problem(ctypes.Structure):
+    _fields_ = (
+        *((name, ctypes.c_int) for name in ("variables", "constraints", "bounds")),
+        *((name, _POINTER) for name in ("hessian", "gradient", "rows", "upper", "lower", "states", "hierarchy")),
+        *((name, ctypes.c_int) for name in ("levels", "kind")),
+    )
+
+
+class _Settings(ctypes.Structure):
+    _fields_ = (("primal_tolerance", ctypes.c_double), ("dual_tolerance", ctypes.c_double))
+
+
+class _Result(ctypes.Structure):
+    _fields_ = (
+        *((name, _POINTER) for name in ("solution", "multipliers")),
+        *((name, ctypes.c_double) for name in ("objective", "slack")),
+        *((name, ctypes.c_int) for name in ("flag", "iterations", "nodes", "filling")),
+        *((name, ctypes.c_double) for name in ("solve_time", "setup_time")),
+    )
+
+
+def _function(name: str, result: Any, *arguments: Any) -> Any:
+    function = getattr(ctypes.CDLL(daqp.__file__), name)
+    function.restype, function.argtypes = result, arguments
+    return function
+
+
+_update = _function("daqp_update_ldp", ctypes.c_int, ctypes.c_int, _POINTER, _POINTER)
+_solve = _function("daqp_solve", None, _POINTER, _POINTER)
+
+
+class Program(NamedTuple):
+    """min x'H x / 2 + f'x over lower <= [x; R x] <= upper, as compiled code takes it.
+
+    hessian (variables, variables), gradient (variables,), rows (rows, variables), lower and upper (variables + rows,),
+    states (variables + rows,) of the constraints, solution (variables,), multipliers (variables + rows,), positive at
+    an upper bound: H x + f + [I R'] multipliers = 0. result: the library's answer, addresses: of its structures.
+    """
+
+    hessian: Array
+    gradient: Array
+    rows: Array
+    lower: Array
+    upper: Array
+    states: NDArray[np.int32]
+    solution: Array
+    multipliers: Array
+    result: NDArray[np.int32]
+    addresses: NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class QuadraticProgram:
+    """The memory of a program; it must outlive all use of ``program``."""
+
+    program: Program
+    memory: tuple[Any, ...]
+
+
+def quadratic_program(
+    variables: int,
+    rows: int,
+    *,
+    soft_rows: NDArray[np.bool_] | None = None,
+    soft_weight: tuple[float, float] = (0.0, 1.0),
+) -> QuadraticProgram:
+    """A program of so many variables, bounded each, and so many rows.
+
+    soft_rows (rows,): which may be violated by s at the price of linear s + quadratic s^2, soft_weight = (linear,
+    quadratic). Raises UserError where the installed solver is not the one whose structures are known here.
+    """
+    constraints = variables + rows
+    program = Program(
+        hessian=np.eye(variables),
+        gradient=np.zeros(variables),
+        rows=np.zeros((rows, variables)),
+        lower=np.full(constraints, -1.0),
+        upper=np.full(constraints, 1.0),
+        states=np.zeros(constraints, np.int32),
+        solution=np.zeros(variables),
+        multipliers=np.zeros(constraints),
+        result=np.zeros(ctypes.sizeof(_Result) // 4, np.int32),
+        addresses=np.zeros(3, np.int64),
+    )
+    if soft_rows is not None:
+        program.states[variables:][soft_rows] = SOFT
+    problem = _Problem(
+        variables=variables,
+        constraints=constraints,
+        bounds=variables,
+        hessian=program.hessian.ctypes.data,
+        gradient=program.gradient.ctypes.data,
+        rows=program.rows.ctypes.data if rows else 0,
+        upper=program.upper.ctypes.data,
+        lower=program.lower.ctypes.data,
+        states=program.states.ctypes.data,
+    )
+    result = _Result.from_buffer(program.result.data)
+    result.solution, result.multipliers = program.solution.ctypes.data, program.multipliers.ctypes.data
+    # The settings' address is the only thing that this call writes into an empty workspace.
+    workspace = np.zeros(_WORKSPACE_BYTES // 8, np.int64)
+    place = workspace.ctypes.data
+    _function("allocate_daqp_settings", None, _POINTER)(place)
+    (settings_place,) = workspace[workspace != 0]
+    settings = _Settings.from_address(int(settings_place))
+    if (settings.primal_tolerance, settings.dual_tolerance) != (1e-6, 1e-12):
+        raise UserError("the installed daqp is another version than this package knows; install daqp>=0.11,<0.12")
+    settings.primal_tolerance = TOLERANCE
+    flag = _function("setup_daqp", ctypes.c_int, _POINTER, _POINTER, _POINTER)(ctypes.addressof(problem), place, 0)
+    if flag < 0:
+        raise UserError(f"the quadratic program can't be set up (flag {flag}); the weights may be no numbers")
+    if soft_rows is not None and np.any(soft_rows):
+        linear, quadratic = np.full(constraints, soft_weight[0]), np.full(constraints, 0.5 / soft_weight[1])
+        weigh = _function("daqp_set_soft_weights", ctypes.c_int, *[_POINTER] * 5)
+        weigh(place, *(values.ctypes.data for values in (quadratic, quadratic, linear, linear)))
+    program.addresses[:] = ctypes.addressof(problem), place, ctypes.addressof(result)
+    made = QuadraticProgram(program=program, memory=(problem, workspace, result))
+    weakref.finalize(workspace, _release, place)
+    return made
+
+
+def _release(place: int) -> None:
+    _function("free_daqp_workspace", None, _POINTER)(place)
+    _function("free_daqp_ldp", None, _POINTER)(place)
+
+
+solve: Callable[[Program, int], bool]
+
+
+@inner  # type: ignore[no-redef]
+def solve(program, changed):  # type: ignore[no-untyped-def]
+    """Solve a program of which ``changed`` has changed; True where ``solution`` and ``multipliers`` are optimal.
+
+    The search begins at the working set that ``states`` names, where they are among the changes.
+    """
+    problem, workspace, result = program.addresses
+    if _update(changed, workspace, problem) < 0:
+        return False
+    _solve(result, workspace)
+    return program.result[8] > 0
+
+
+@numba.njit(**OPTIONS)
+def factorise(program: Program) -> bool:
+    """Take in new matrices ahead of the next solution, which then has only vectors to take in."""
+    problem, workspace, _ = program.addresses
+    return bool(_update(MATRICES, workspace, problem) >= 0)
+
+
+@inner
+def remember(program: Program) -> None:
+    """Let the next search begin at the working set of this solution."""
+    for i in range(program.states.shape[0]):
+        state = program.states[i] & SOFT
+        if program.multipliers[i] > 0.0:
+            state |= ACTIVE
+        elif program.multipliers[i] < 0.0:
+            state |= ACTIVE | AT_LOWER
+        program.states[i] = state

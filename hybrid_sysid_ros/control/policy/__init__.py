@@ -1,0 +1,1 @@
+"""The approximate MPC: a network, its training on closed loops of the exact one, and its folder."""

@@ -1,0 +1,1 @@
+"""What lets a network drive: the online check, the supervisor, the certificate."""

@@ -1,0 +1,1 @@
+"""Which structure and options to take, by training data alone."""

@@ -1,0 +1,151 @@
+"""Terms of a polynomial NARX, chosen by how much of the output each explains."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from itertools import combinations_with_replacement
+from typing import Any
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core import Variable
+from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.selection.criteria import criteria
+from hybrid_sysid_ros.models.narx import Narx
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.extras import extra
+
+Array = NDArray[np.float64]
+
+MOST = 30
+"""Largest number of terms that the information criterion chooses from."""
+
+EXACT = 1e-10
+"""Relative error of one step below which a model is exact, and more terms only fit rounding."""
+
+
+def select_terms(
+    experiments: Sequence[Experiment],
+    *,
+    output_lags: int,
+    input_lags: int,
+    degree: int,
+    terms: int | None = None,
+    output: Variable = Variable(name="position", unit="rad"),
+    input: Variable = Variable(name="drive", unit="V"),
+) -> Narx:
+    """The polynomial whose terms explain most of y(k + 1) in several records, with coefficients by least squares.
+
+    Forward regression by orthogonal least squares (FROLS): of all products of at most ``degree`` lagged values, each
+    next term is the one with the largest error reduction ratio. Its matrices come from every record by itself, so that
+    no lag reaches from one record into another. Chen, Billings and Luo (1989), Orthogonal least squares methods and
+    their application to non-linear system identification, Int. J. Control 50(5); here SysIdentPy's.
+
+    terms: their number; None takes the least Bayesian information criterion of one-step errors, which is right for data
+    that a polynomial of these lags made, and too many for others: those simulate badly. output, input: their names and
+    units. The coefficients are the best for one step, not for a simulation; refine them by
+    :func:`~hybrid_sysid_ros.identification.fitting.fit`.
+
+    Raises UserError for lags, a degree or terms below 1, a record that is too short for the lags, several inputs or
+    outputs, a step that is not the period, more terms than candidates or samples, and where SysIdentPy is missing.
+    """
+    if min(output_lags, input_lags, degree, 1 if terms is None else terms) < 1:
+        raise UserError("NARX: lags, degree and terms must be 1 or more")
+    _check(experiments, max(output_lags, input_lags))
+    scales = [
+        float(f"{np.sqrt(np.mean(np.concatenate(values) ** 2)):.4g}") or 1.0
+        for values in ([item.outputs for item in experiments], [item.inputs for item in experiments])
+    ]
+    parts = [
+        _regression(item.outputs[:, 0] / scales[0], item.inputs[:, 0] / scales[1], output_lags, input_lags)
+        for item in experiments
+    ]
+    lagged, target = (np.concatenate(blocks) for blocks in zip(*parts, strict=True))
+    candidates = _exponents(output_lags + input_lags, degree)
+    values = np.stack([np.prod(lagged**term, axis=1) for term in candidates], axis=1)
+    most = min(len(candidates), len(target) - 1, MOST if terms is None else terms)
+    if terms is not None and most < terms:
+        raise UserError(
+            f"NARX: {terms} terms of {len(candidates)} candidates and {len(target)} samples; ask for {most} or fewer"
+        )
+    chosen = _forward(values, target, most)
+    if terms is None:
+        chosen = chosen[: _count(values[:, chosen], target)]
+    return Narx(
+        exponents=tuple(candidates[index] for index in chosen),
+        coefficients=tuple(np.linalg.lstsq(values[:, chosen], target, rcond=None)[0].tolist()),
+        output_lags=output_lags,
+        input_lags=input_lags,
+        output_range=_range([item.outputs for item in experiments]),
+        input_range=_range([item.inputs for item in experiments]),
+        output_scale=scales[0],
+        input_scale=scales[1],
+        output=output,
+        input=input,
+        period=experiments[0].sampling.period,
+    )
+
+
+def _check(experiments: Sequence[Experiment], lags: int) -> None:
+    for item in experiments:
+        if item.outputs.shape[1] != 1 or item.inputs.shape[1] != 1:
+            raise UserError(
+                f"{item.name}: {item.inputs.shape[1]} inputs and {item.outputs.shape[1]} outputs; a NARX has one each"
+            )
+        if item.sampling.every != 1:
+            raise UserError(
+                f"{item.name}: a NARX steps once a sample; the step of {item.sampling.step:g} s must be the period of "
+                f"{item.sampling.period:g} s"
+            )
+        if item.samples <= lags:
+            raise UserError(f"{item.name}: {item.samples} samples are too short for {lags} lags; {lags + 1} are needed")
+
+
+def _regression(outputs: Array, inputs: Array, output_lags: int, input_lags: int) -> tuple[Array, Array]:
+    """Lagged values (rows, output_lags + input_lags), latest first, and the next output (rows,) of one record."""
+    first = max(output_lags, input_lags) - 1
+    past = sliding_window_view(outputs[:-1], output_lags)[first + 1 - output_lags :, ::-1]
+    drive = sliding_window_view(inputs, input_lags)[first + 1 - input_lags :, ::-1]
+    return np.concatenate([past, drive], axis=1), outputs[first + 1 :]
+
+
+def _exponents(values: int, degree: int) -> list[tuple[int, ...]]:
+    """Exponents of all products of at most ``degree`` of so many values, the constant first."""
+    return [
+        tuple(factors.count(value) for value in range(values))
+        for size in range(degree + 1)
+        for factors in combinations_with_replacement(range(values), size)
+    ]
+
+
+def _forward(values: Array, target: Array, count: int) -> NDArray[np.intp]:
+    """Columns of values (rows, candidates) in the order in which forward regression takes them, (count,)."""
+    with extra("narx"):
+        from sysidentpy.model_structure_selection import FROLS
+    # Its Householder reflections divide by zero where a leading row has an exact zero, as at rest; any order of rows
+    # will do, so those come last.
+    order = np.argsort(-np.abs(values).min(axis=1), kind="stable")
+    selection: Any = FROLS(order_selection=False, n_terms=count, ylag=1, xlag=1)
+    padded = np.concatenate([np.zeros(selection.max_lag), target[order]])[:, None]
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        _, chosen, _ = selection.error_reduction_ratio(values[order], padded, count)
+    return np.asarray(chosen, dtype=np.intp)
+
+
+def _count(values: Array, target: Array) -> int:
+    """The number of leading columns (rows, columns) with the least information criterion."""
+    exact = EXACT**2 * float(np.mean(target**2))
+
+    def criterion(count: int) -> float:
+        errors = target - values[:, :count] @ np.linalg.lstsq(values[:, :count], target, rcond=None)[0]
+        return criteria(max(float(np.mean(errors**2)), exact), len(target), count).bic
+
+    return min(range(1, values.shape[1] + 1), key=criterion)
+
+
+def _range(arrays: Sequence[Array]) -> tuple[float, float]:
+    return float(min(array.min() for array in arrays)), float(max(array.max() for array in arrays))

@@ -1,0 +1,123 @@
+"""k-step-ahead errors: how a simulation's error grows from one sample to a free run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core import Equation, kernels
+from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, score
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+LONGEST = 200
+"""Samples of the longest horizon by default: 10 s at the usual 50 ms."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HorizonErrors:
+    """Errors of the first output over the horizon.
+
+    horizons (k,): samples ahead; seconds (k,): the same in time. rmse (k,): in the output's unit. r2 (k,): 1 - rmse^2 /
+    variance of the record's output, so that all horizons, and the free run, are measured by one and the same variance.
+    rollouts: number of initial samples. free_run: scores of the free run over the whole record, which long horizons
+    approach.
+    """
+
+    name: str
+    horizons: NDArray[np.int64]
+    seconds: Array
+    rmse: Array
+    r2: Array
+    rollouts: int
+    free_run: Scores
+
+
+def k_step_errors(
+    equation: Equation, experiment: Experiment, horizons: Sequence[int] | None = None, *, stride: int = 1
+) -> HorizonErrors:
+    """Errors k samples ahead: simulations from every ``stride``-th sample, with the measured state as initial one.
+
+    horizons: in samples, 1 to :data:`LONGEST` (or half of the record) by default. All horizons share the initial
+    samples, those from which the longest one ends within the record. The measured state is raw: at short horizons its
+    noise is part of the error, and hidden states begin as in ``experiment.states``.
+    Ljung (1999), System Identification, 2nd ed., sections 3.2 and 16.5: k-step-ahead prediction without a noise model.
+
+    Raises:
+        UserError: a horizon below 1, or none that fits into the record; a constant output.
+    """
+    chosen = default_horizons(min(LONGEST, experiment.samples // 2)) if horizons is None else horizons
+    ahead = np.unique(np.asarray(chosen, dtype=np.int64))
+    if not len(ahead) or ahead[0] < 1 or ahead[-1] >= experiment.samples or stride < 1:
+        raise UserError(
+            f"{experiment.name}: horizons must be 1 to {experiment.samples - 1} samples, and the stride 1 or more"
+        )
+    longest, sampling = int(ahead[-1]), experiment.sampling
+    begins = np.arange(0, experiment.samples - longest, stride)
+    starts = np.zeros((len(begins), 4), dtype=np.int64)
+    starts[:, 1] = begins * sampling.every
+    starts[:, 2] = longest + 1
+    starts[:, 3] = np.arange(len(begins)) * (longest + 1)
+    states = np.empty((len(begins) * (longest + 1), len(equation.states)))
+    kernels(equation).windows(
+        starts,
+        np.ascontiguousarray(experiment.states[begins]),
+        experiment.inputs,
+        equation.delay / sampling.step,
+        sampling.every,
+        equation.named,
+        equation.weights,
+        sampling.step,
+        states,
+    )
+    simulated = states[:, equation.outputs[0]].reshape(len(begins), longest + 1)[:, ahead]
+    measured = experiment.outputs[:, 0]
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares = np.mean((simulated - measured[begins[:, None] + ahead]) ** 2, axis=0)
+    squares[~np.isfinite(squares)] = np.inf
+    scores = score(measured, free_run(equation, experiment)[:, 0])
+    return HorizonErrors(
+        name=experiment.name,
+        horizons=ahead,
+        seconds=np.asarray(sampling.period * ahead, dtype=float),
+        rmse=np.sqrt(squares),
+        r2=1.0 - squares / np.var(measured),
+        rollouts=len(begins),
+        free_run=scores,
+    )
+
+
+def default_horizons(longest: int) -> NDArray[np.int64]:
+    """Some 25 horizons from 1 to ``longest`` samples, denser where they are short."""
+    return np.unique(np.geomspace(1, max(longest, 1), 25).round().astype(np.int64))
+
+
+def averaged(name: str, curves: Sequence[HorizonErrors]) -> HorizonErrors:
+    """One curve for several records, at the horizons that all of them have: root mean squares of their errors, means of
+    their R2.
+
+    Raises:
+        UserError: no curves, or no horizon that is common to all.
+    """
+    common = sorted(set.intersection(*(set(curve.horizons.tolist()) for curve in curves))) if curves else []
+    if not common:
+        raise UserError(f"{name}: the records have no common horizon to average over; give k_step_errors the horizons")
+    chosen = [np.isin(curve.horizons, common) for curve in curves]
+    limits = [curve.free_run for curve in curves]
+    return HorizonErrors(
+        name=name,
+        horizons=np.array(common, dtype=np.int64),
+        seconds=curves[0].seconds[chosen[0]],
+        rmse=np.sqrt(np.mean([curve.rmse[c] ** 2 for curve, c in zip(curves, chosen, strict=True)], axis=0)),
+        r2=np.mean([curve.r2[c] for curve, c in zip(curves, chosen, strict=True)], axis=0),
+        rollouts=sum(curve.rollouts for curve in curves),
+        free_run=Scores(
+            r2=float(np.mean([scores.r2 for scores in limits])),
+            rmse=float(np.sqrt(np.mean([scores.rmse**2 for scores in limits]))),
+            fit_percent=float(np.mean([scores.fit_percent for scores in limits])),
+        ),
+    )

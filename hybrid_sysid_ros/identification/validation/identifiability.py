@@ -1,0 +1,114 @@
+"""Identifiability: which parameters the data determine, and which only a prior or a bound does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core import Parameter
+from hybrid_sysid_ros.models import Model
+
+Array = NDArray[np.float64]
+
+HIGHLY_CORRELATED = 0.95
+UNDETERMINED = 0.5
+"""Standard error, in standard deviations of what was known before, above which the data told little."""
+AT_BOUND = 0.01
+"""Distance from a bound, as part of that between both, that counts as at the bound."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doubt:
+    """A parameter that the data don't determine. Values, errors and deviations are in its unit.
+
+    standard_error: of the fit, priors included. before: standard deviation of what was known without the data: of the
+    prior, or of a uniform distribution between the bounds, (high - low) / sqrt 12, where there is no prior.
+    at_bound: the estimate stands at a bound, where a standard error means little. correlated: parameters (and the
+    coefficients) that can change together with this one so that the simulation stays much the same, most first.
+    """
+
+    parameter: Parameter
+    value: float
+    standard_error: float
+    before: float
+    at_bound: bool
+    correlated: tuple[tuple[str, float], ...]
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What is doubtful about it."""
+        item, found = self.parameter, []
+        if self.at_bound:
+            side, bound = min((("lower", item.low), ("upper", item.high)), key=lambda end: abs(end[1] - self.value))
+            found.append(f"stands at its {side} bound {bound:g}")
+        if not self.standard_error > 0.0:
+            found.append("has no effect on the output")
+        elif self.standard_error > UNDETERMINED * self.before:
+            known = "the prior's" if item.spread else "that of any value between its bounds,"
+            found.append(f"is hardly known better than before (standard deviation of {known} {self.before:.2g})")
+        if self.correlated:
+            others = ", ".join(f"{name} ({coefficient:+.2f})" for name, coefficient in self.correlated)
+            found.append(f"can't be told apart from {others}")
+        return tuple(found)
+
+    def __str__(self) -> str:
+        unit = "" if self.parameter.unit == "1" else f" {self.parameter.unit}"
+        error = "unknown" if not self.standard_error > 0.0 else f"{self.standard_error:.2g}"
+        return f"{self.parameter.name} = {self.value:.4g}{unit} (standard error {error}) {'; '.join(self.reasons)}"
+
+
+def doubts(model: Model) -> list[Doubt]:
+    """The free physical parameters of a model that its data don't determine, each with what it is mixed up with.
+
+    A parameter is doubted if its standard error is above UNDETERMINED of what was known before the fit, it stands at a
+    bound, moves nothing, or is correlated by more than HIGHLY_CORRELATED with another. The covariance is that of the
+    linearised fit with its priors (Ljung 1999, section 9.4; a prior in it makes errors smaller than it, never larger).
+    A hybrid's physics has a second prior, the anchor to the gray box, which a model does not hold: look at the gray box
+    for what the data say.
+    """
+    errors, pairs = model.standard_errors, correlated(model.names, model.covariance)
+    found = []
+    for item, value in zip(model.equation.parameters, model.equation.values, strict=True):
+        if item.name not in errors:
+            continue
+        others = [(b if a == item.name else a, value) for a, b, value in pairs if item.name in (a, b)]
+        doubt = Doubt(
+            parameter=item,
+            value=float(value),
+            standard_error=errors[item.name],
+            before=item.spread or (item.high - item.low) / float(np.sqrt(12)),
+            at_bound=at_bound(item, float(value)),
+            correlated=tuple((name, coefficient) for name, coefficient in others if name in errors),
+        )
+        found += [doubt] if doubt.reasons else []
+    return found
+
+
+def correlated(
+    names: Sequence[str], covariance: Array, threshold: float = HIGHLY_CORRELATED
+) -> list[tuple[str, str, float]]:
+    """Pairs of estimates whose correlation is beyond +-threshold: their names and the coefficient, most first."""
+    coefficients = correlation(covariance)
+    pairs = [
+        (names[i], names[j], float(coefficients[i, j]))
+        for i in range(len(names))
+        for j in range(i)
+        if abs(coefficients[i, j]) > threshold
+    ]
+    return sorted(pairs, key=lambda pair: -abs(pair[2]))
+
+
+def correlation(covariance: Array) -> Array:
+    """Correlation coefficients (free, free) of a covariance; 0 beside a parameter without variance."""
+    deviations = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
+    scale = np.where(deviations > 0.0, deviations, np.inf)
+    return np.asarray(covariance / np.outer(scale, scale))
+
+
+def at_bound(item: Parameter, value: float) -> bool:
+    """Whether a fitted parameter stands at one of its bounds."""
+    share = (value - item.low) / (item.high - item.low)
+    return not item.fixed and not AT_BOUND < share < 1.0 - AT_BOUND

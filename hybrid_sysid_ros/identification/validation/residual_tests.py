@@ -1,0 +1,184 @@
+"""Residual tests: whether anything is left in what a model does not explain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import toeplitz
+from scipy.signal import correlate
+from scipy.stats import chi2, norm
+
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+
+CONFIDENCE = 0.99
+LAGS = 25
+SPAN = 4  # lags of the residuals' own covariance that count, in numbers of tested lags
+NO_POWER = 1e-2  # share of the largest eigenvalue below which a combination of lags was not excited
+DESCRIPTIONS = {
+    "phi_ee": "residual with itself",
+    "phi_ue": "residual with input",
+    "phi_e(eu)": "residual with residual times input",
+    "phi_(u^2)'e": "residual with input squared",
+    "phi_(u^2)'e^2": "residual squared with input squared",
+}
+"""What each of the five correlation tests compares."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ResidualTest:
+    """Correlation coefficients of residuals, and how likely they are if there is nothing left to explain.
+
+    lags (lags,): in samples. values (lags,): coefficients, -1 to 1. bound: a single coefficient is within +-bound with
+    probability `confidence`. statistic: of the tested lags together, chi-squared with `degrees` of freedom. p_value:
+    the probability of a statistic at least as large.
+    """
+
+    lags: NDArray[np.int64]
+    values: Array
+    bound: float
+    statistic: float
+    degrees: int
+    p_value: float
+    confidence: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether the statistic is one that nothing-left gives with probability `confidence`."""
+        return self.p_value >= 1.0 - self.confidence
+
+    @property
+    def outside(self) -> int:
+        """Number of coefficients beyond the bound."""
+        return int(np.sum(np.abs(self.values) > self.bound))
+
+
+def whiteness(residuals: Array, *, lags: int = LAGS, confidence: float = CONFIDENCE) -> ResidualTest:
+    """Autocorrelation of residuals (samples,) at lags 1 to `lags`; their mean is taken off first.
+
+    r(k) = R(k) / R(0), R(k) = 1/N sum e(t) e(t - k); bound N_a / sqrt N; Ljung (1999), System Identification, 2nd ed.,
+    section 16.6. The statistic is that of Ljung and Box (1978), Biometrika 65(2): N (N + 2) sum r(k)^2 / (N - k).
+    A free run of an output-error model need not pass: its residuals hold the process noise as the rig filters it.
+
+    Raises:
+        UserError: too few samples, or residuals that are constant or not finite.
+    """
+    centred = _centred(residuals, "residuals", lags)
+    samples = len(centred)
+    covariance = _covariances(centred, centred)
+    positive = np.arange(1, lags + 1)
+    values = covariance[samples - 1 + positive] / covariance[samples - 1]
+    statistic = float(samples * (samples + 2) * np.sum(values**2 / (samples - positive)))
+    return ResidualTest(
+        lags=positive,
+        values=values,
+        bound=_normal(confidence) / float(np.sqrt(samples)),
+        statistic=statistic,
+        degrees=lags,
+        p_value=float(chi2.sf(statistic, lags)),
+        confidence=confidence,
+    )
+
+
+def independence(residuals: Array, signal: Array, *, lags: int = LAGS, confidence: float = CONFIDENCE) -> ResidualTest:
+    """Cross-correlation of residuals with an input or reference, both (samples,), at lags -`lags` to `lags`.
+
+    r(k) = 1/N sum e(t) u(t - k) / (deviation of e, of u). At positive lags stands what past inputs still explain; at
+    negative ones what residuals did to later inputs, as feedback does. The residuals need not be white: with
+    R the autocovariances, sqrt(N) R_eu(k) has variance P = sum_j R_e(j) R_u(j), and two lags i, j the covariance
+    sum_l R_e(l) R_u(l + i - j); Ljung (1999), section 16.6. R_e goes through a Parzen window over SPAN * `lags`: a line
+    that the input leaves in the residuals must stand out from their spectrum, not raise it. The statistic N r' P^-1 r
+    is of lags 0 to `lags`, without the combinations in which the signals have no power. If the input was made from past
+    residuals (feedback) and these are not white, only a test against the reference has these probabilities.
+
+    Raises:
+        UserError: too few samples, or a signal that is constant or not finite.
+    """
+    error, cause = _centred(residuals, "residuals", lags), _centred(signal, "signal", lags)
+    if len(error) != len(cause):
+        raise UserError(f"residual test: {len(error)} residuals, but {len(cause)} samples of the signal")
+    samples = len(error)
+    error, cause = error / np.std(error), cause / np.std(cause)
+    all_lags = np.arange(-lags, lags + 1)
+    values = _covariances(error, cause)[samples - 1 + all_lags]
+    own = _covariances(error, error) * _parzen(np.arange(1 - samples, samples) / (SPAN * lags))
+    products = correlate(own, _covariances(cause, cause), mode="full", method="fft")
+    middle = len(products) // 2
+    variances, directions = np.linalg.eigh(toeplitz(products[middle : middle + lags + 1]))
+    excited = variances > NO_POWER * variances[-1]
+    amounts = directions.T[excited] @ values[lags:]
+    statistic = float(samples * np.sum(amounts**2 / variances[excited]))
+    degrees = int(np.sum(excited))
+    return ResidualTest(
+        lags=all_lags,
+        values=values,
+        bound=_normal(confidence) * float(np.sqrt(products[middle] / samples)),
+        statistic=statistic,
+        degrees=degrees,
+        p_value=float(chi2.sf(statistic, degrees)),
+        confidence=confidence,
+    )
+
+
+def correlation_tests(
+    residuals: Array, signal: Array, *, lags: int = LAGS, confidence: float = CONFIDENCE
+) -> dict[str, ResidualTest]:
+    """The five tests that together see linear and nonlinear terms left in residuals e; e, u (samples,) without means.
+
+        phi_ee(k) = E e(t) e(t - k)                 as from white noise: :func:`whiteness`
+        phi_ue(k) = E e(t) u(t - k)                 0 at every lag
+        phi_e(eu)(k) = E e(t) e(t - k) u(t - k)     0 for k > 0
+        phi_(u^2)'e(k) = E e(t) (u^2)'(t - k)       0 at every lag; x' is x without its mean
+        phi_(u^2)'e^2(k) = E (e^2)'(t) (u^2)'(t - k)    0 at every lag
+
+    Billings and Voon (1986), Correlation based model validity tests for non-linear models, Int. J. Control 44(1), where
+    phi_e(eu) at k + 1 is theirs at k. The last four are :func:`independence` of these signals, so their bounds hold for
+    residuals of any colour; with coloured ones those of phi_e(eu) are too tight where the residuals are correlated with
+    themselves (5 % instead of 1 % of such lags are outside for first-order residuals with a pole at .9). Which fail
+    tells what is missing: phi_ue sees a linear or odd term of the input, phi_(u^2)'e an even one, phi_(u^2)'e^2 either
+    and odd ones that have no linear part, phi_e(eu) products of input and noise.
+
+    Returns: the tests by the names in DESCRIPTIONS. A binary input has no (u^2)', so its two tests are left out.
+
+    Raises:
+        UserError: too few samples, different numbers of them, or a signal that is constant or not finite.
+    """
+    e, u = _centred(residuals, "residuals", lags), _centred(signal, "signal", lags)
+    if len(e) != len(u):
+        raise UserError(f"residual test: {len(e)} residuals, but {len(u)} samples of the signal")
+    pairs = {"phi_ue": (e, u), "phi_e(eu)": (e, e * u)}
+    if np.ptp(u**2) > 1e-9 * np.max(u**2):
+        pairs |= {"phi_(u^2)'e": (e, u**2), "phi_(u^2)'e^2": (e**2, u**2)}
+    tests = {name: independence(*pair, lags=lags, confidence=confidence) for name, pair in pairs.items()}
+    return {"phi_ee": whiteness(residuals, lags=lags, confidence=confidence), **tests}
+
+
+def _covariances(first: Array, second: Array) -> Array:
+    """1/N sum first(t) second(t - k) at k = -(N - 1) ... N - 1, shape (2 N - 1,)."""
+    return np.asarray(correlate(first, second, mode="full", method="fft") / len(first))
+
+
+def _parzen(share: Array) -> Array:
+    """Parzen's window over shares of its half width: a lag window whose spectrum is nowhere negative."""
+    a = np.abs(share)
+    return np.where(a <= 0.5, 1 - 6 * a**2 + 6 * a**3, 2 * np.clip(1 - a, 0, None) ** 3)
+
+
+def _centred(values: Array, name: str, lags: int) -> Array:
+    values = np.asarray(values, dtype=float)
+    if lags < 1 or len(values) < 2 * lags:
+        raise UserError(f"residual test: {len(values)} samples are too few for {lags} lags: use twice as many or more")
+    if not np.isfinite(values).all():
+        raise UserError(f"residual test: the {name} are not finite at sample {int(np.argmax(~np.isfinite(values)))}")
+    centred = values - values.mean()
+    if np.std(centred) <= 1e-12 * max(1.0, float(np.max(np.abs(values)))):
+        raise UserError(f"residual test: the {name} are constant: there is nothing to correlate")
+    return centred
+
+
+def _normal(confidence: float) -> float:
+    """Bound of a standard normal variable that holds with a probability, 2.58 for 99 %."""
+    return float(norm.ppf(0.5 + 0.5 * confidence))

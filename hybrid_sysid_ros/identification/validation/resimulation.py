@@ -1,0 +1,227 @@
+"""Closed-loop re-simulation: model, controller and filter from the reference alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import Equation, kernels
+from hybrid_sysid_ros.identification.experiment import Experiment, prepare
+from hybrid_sysid_ros.identification.part import Part
+from hybrid_sysid_ros.identification.validation.scores import Scores, score
+from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.sensor import Filter
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+WHOLE = Part()
+SWEEPS = 4
+"""On the beam two settle steps of 5 and 10 ms to the last digit; at 50 ms each is 15 times nearer, 4 within 1 mV."""
+LEAST_LAW = 0.5
+"""Least R2 with which the controller's law must tell a record's input: it is 1 on the rig's records and below 0 on a
+loop of the MPC."""
+WARM_UP = 1.0
+"""Seconds of the measured output that a filter sees before a part; it forgets in a quarter of that."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Resimulation:
+    """An experiment done again on a model, and how it meets the real one.
+
+    time (samples,) [s]: the model's steps, or the record's samples where these are longer. measured, simulated
+    (samples,): output in its unit. measured_input, simulated_input (samples - 1,) [V]: means between samples.
+    output, input: scores of both.
+    """
+
+    name: str
+    time: Array
+    measured: Array
+    simulated: Array
+    measured_input: Array
+    simulated_input: Array
+    output: Scores
+    input: Scores
+
+
+def resimulate(equation: Equation, record: Record, rig: Rig, *, sampling: Sampling, part: Part = WHOLE) -> Resimulation:
+    """Run an experiment of a rig again on a model of it: u = clip(gain (reference - yf), +-limit).
+
+    yf is the output behind the rig's filter, 20 Hz Butterworth of order 6 on the beam. Reference and initial state come
+    from the record, everything else is simulated, so an error of the model acts back on its input as on the rig.
+
+    The controller and its filter work at the rig's step (1 ms), the model at its own, a multiple: its parameters
+    belong to that step. Over one step of the model the filter sees the output on a straight line from the old to the
+    new one, and the model the mean of the input, or with sampling.input "sampled" the first of each period, as in its
+    fit. Since each needs the other, a step longer than the rig's is done SWEEPS times, first with the output held; how
+    the output moves within a step reaches the input through six integrations only. The filter begins settled at the
+    record's filtered position; in a part that begins within the record it has seen the measured output before.
+
+    Raises:
+        UserError: the record has no reference or was driven by another controller, the rig has more than one input or
+            output, the step is no multiple of the rig's, or the record does not fit the sampling.
+    """
+    ticks = round(sampling.step / rig.step)
+    if ticks < 1 or abs(ticks * rig.step - sampling.step) > 1e-9:
+        raise UserError(
+            f"re-simulation: the model's step of {1e3 * sampling.step:g} ms is no multiple of the rig's "
+            f"{1e3 * rig.step:g} ms; identify with a --step that is"
+        )
+    if len(equation.inputs) != 1 or len(equation.outputs) != 1:
+        raise UserError(
+            f"re-simulation: rig {rig.name} has a controller of one input and one output; the model has more"
+        )
+    used = part.of(record, sampling)
+    _check_law(used, rig)
+    grid = Sampling(step=sampling.step, period=max(sampling.step, used.sampling_time), input="averaged")
+    experiment = prepare(used, equation, grid)
+    steps = len(experiment.inputs)
+    reference = _reference(used, rig, steps * ticks)
+    states, applied = np.empty((steps + 1, len(equation.states))), np.empty(steps)
+    states[0] = experiment.states[0]
+    low_pass = Filter(rig.sensor, rig.step)
+    _loop(
+        kernels(equation).step,
+        equation.named,
+        equation.weights,
+        sampling.step,
+        equation.delay / sampling.step,
+        round(sampling.period / sampling.step) if sampling.input == "sampled" else 1,
+        1 if ticks == 1 else SWEEPS,
+        reference,
+        low_pass.transition,
+        low_pass.gain,
+        low_pass.reading,
+        _filter_state(record, rig, part.first(record, sampling), low_pass),
+        rig.feedback_gain / rig.sensor.radians_per_volt,
+        rig.input_limit,
+        equation.outputs[0],
+        states,
+        applied,
+    )
+    return _compared(used.name, experiment, states[:: grid.every, equation.outputs[0]], applied)
+
+
+def resimulations(
+    equation: Equation, records: Iterable[tuple[Record, Part]], rig: Rig, *, sampling: Sampling
+) -> tuple[dict[str, Resimulation], dict[str, str]]:
+    """Re-simulate what can be of some records: the results, and the reasons for the others, by the records' names.
+
+    Raises:
+        UserError: none of :func:`resimulate`; they are the reasons.
+    """
+    done: dict[str, Resimulation] = {}
+    skipped: dict[str, str] = {}
+    for record, part in records:
+        try:
+            done[record.name] = resimulate(equation, record, rig, sampling=sampling, part=part)
+        except UserError as error:
+            skipped[record.name] = str(error)
+    return done, skipped
+
+
+def _reference(record: Record, rig: Rig, ticks: int) -> Array:
+    """The reference at the rig's steps, (ticks,) in the output's unit."""
+    reference = record.channels.get("reference")
+    if reference is None:
+        raise UserError(f"{record.name}: has no channel reference, which a loop follows; name its topic in the signals")
+    if not np.isfinite(reference).all():
+        first = int(np.argmax(~np.isfinite(reference)))
+        raise UserError(f"{record.name}: the reference is unknown at sample {first}; use a part where it is known")
+    return np.asarray(np.interp(rig.step * np.arange(ticks), record.time, reference))
+
+
+def _check_law(record: Record, rig: Rig) -> None:
+    """A record of another controller (or of none) is no experiment that this one could do again."""
+    if not {"reference", "filtered"} <= record.channels.keys():
+        return
+    error = record.channels["reference"] - record.channels["filtered"]
+    told = np.clip(rig.feedback_gain / rig.sensor.radians_per_volt * error, -rig.input_limit, rig.input_limit)
+    known = np.isfinite(told)
+    if known.any() and score(record.input[known, 0], told[known]).r2 < LEAST_LAW:
+        raise UserError(
+            f"{record.name}: its input is not that of the rig's controller, clip(gain (reference - filtered)), so the "
+            "loop can't be done again by it"
+        )
+
+
+def _filter_state(record: Record, rig: Rig, first: int, low_pass: Filter) -> Array:
+    """Where the filter begins, at a sample of the record."""
+    ticks = min(round(first * record.sampling_time / rig.step), round(WARM_UP / rig.step))
+    times = record.sampling_time * first - rig.step * np.arange(ticks, 0, -1)
+    before = np.interp(times, record.time, record.output[:, 0])
+    filtered = record.channels.get("filtered", record.output[:, 0])
+    settled = before[0] if ticks else filtered[0] if np.isfinite(filtered[0]) else record.output[0, 0]
+    low_pass.reset(float(settled))
+    for value in before:
+        low_pass.advance(float(value))
+    return low_pass.state
+
+
+@numba.njit(error_model="numpy")
+def _loop(
+    step: Any, p: Any, w: Array, h: float, delay: float, hold: int, sweeps: int, reference: Array,
+    transition: Array, gain: Array, reading: Array, state: Array, feedback: float, limit: float,
+    output: int, states: Array, applied: Array,
+) -> None:  # fmt: skip
+    """Fill states (steps + 1, states) from their first row, and applied (steps,), the mean input over each step."""
+    steps = applied.shape[0]
+    ticks = reference.shape[0] // steps
+    delayed_whole = int(delay)
+    part = delay - delayed_whole
+    driven = np.empty(steps)
+    u = np.empty(1)
+    now, advanced = state.copy(), state.copy()
+    seen, following = state.copy(), states[0].copy()
+    for k in range(steps):
+        begin = states[k, output]
+        end = begin
+        for _ in range(sweeps):
+            now[:] = seen
+            total = first = 0.0
+            for j in range(ticks):
+                filtered = 0.0
+                for i in range(now.shape[0]):
+                    filtered += reading[i] * now[i]
+                value = min(max(feedback * (reference[k * ticks + j] - filtered), -limit), limit)
+                total += value
+                if j == 0:
+                    first = value
+                y = begin + (end - begin) * j / ticks
+                for i in range(now.shape[0]):
+                    advanced[i] = gain[i] * y
+                    for column in range(now.shape[0]):
+                        advanced[i] += transition[i, column] * now[column]
+                now[:] = advanced
+            applied[k] = total / ticks
+            driven[k] = applied[k]
+            if hold > 1:
+                driven[k] = first if k % hold == 0 else driven[k - 1]
+            late, later = max(k - delayed_whole, 0), max(k - delayed_whole - 1, 0)
+            u[0] = (1.0 - part) * driven[late] + part * driven[later]
+            step(states[k], u, p, w, h, following)
+            end = following[output]
+        seen[:] = now
+        states[k + 1] = following
+
+
+def _compared(name: str, experiment: Experiment, simulated: Array, applied: Array) -> Resimulation:
+    measured, every = experiment.outputs[:, 0], experiment.sampling.every
+    inputs = experiment.inputs[:, 0].reshape(-1, every).mean(axis=1)
+    again = applied.reshape(-1, every).mean(axis=1)
+    return Resimulation(
+        name=name,
+        time=np.asarray(experiment.sampling.period * np.arange(experiment.samples), dtype=float),
+        measured=measured,
+        simulated=simulated,
+        measured_input=inputs,
+        simulated_input=again,
+        output=score(measured, simulated),
+        input=score(inputs, again),
+    )

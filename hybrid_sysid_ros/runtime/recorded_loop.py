@@ -1,0 +1,230 @@
+"""A closed loop as a bag recorded it: tracking, input, and how late each command was."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.bags.bag import name_of
+from hybrid_sysid_ros.bags.columns import SECOND, Columns, MissingInMessageError
+from hybrid_sysid_ros.bags.contents import Contents, contents
+from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import sha256
+
+Array = NDArray[np.float64]
+
+MEASUREMENT, COMMAND, REFERENCE = "joint_states", "joint_command", "reference"
+ONE_CLOCK = SECOND  # ns, largest median distance of a measurement's stamp from its logging if both are of one clock
+
+
+@dataclass(frozen=True, kw_only=True)
+class Delays:
+    """Percentiles of delays [s]."""
+
+    p50: float
+    p99: float
+    max: float
+
+    @classmethod
+    def of(cls, delays: Array) -> Delays:
+        """Percentiles of delays (samples,) [s], NaN where there is none; all NaN without any."""
+        known = delays[np.isfinite(delays)]
+        if not len(known):
+            return cls(p50=np.nan, p99=np.nan, max=np.nan)
+        return cls(p50=float(np.percentile(known, 50)), p99=float(np.percentile(known, 99)), max=float(known.max()))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoopRecord:
+    """What happened at each measurement, by its stamp. Arrays are (samples,).
+
+    stamps: [ns]. time [s]: stamps since time zero, which is the stamp of the first reference message. position [rad]:
+    measured. reference [rad]: the newest previews, straight lines between their points; NaN before the first. input:
+    applied from this stamp to the next [drive unit]; command: what answered this measurement, NaN where nothing did.
+    delay [s]: from the stamp to the logging of the command with that stamp; NaN without one, and everywhere where
+    stamps and log are not of one clock (lockstep). turnaround [s]: from the logging of the measurement to that of the
+    command; both are the recorder's times, so what keeps the recorder waiting is in there. late: no command had come
+    when the next measurement did (in lockstep: none came at all); of the last measurement nobody knows, so it is not.
+    """
+
+    name: str
+    rig: Rig
+    stamps: NDArray[np.int64]
+    time: Array
+    position: Array
+    reference: Array
+    input: Array
+    command: Array
+    delay: Array
+    turnaround: Array
+    late: NDArray[np.bool_]
+    source: str = ""
+    digest: str = ""
+
+    @classmethod
+    def from_bag(cls, path: Path | str, rig: Rig, *, namespace: str | None = None, recover: bool = False) -> LoopRecord:
+        """Read joint_states, joint_command and reference of a rig; namespace: by default the rig's own.
+
+        Raises:
+            UserError: there is no such bag, topic or field, a number is missing, or stamps run backwards.
+        """
+        path = Path(path)
+        within = Signals.of_rig(rig.name).namespace if namespace is None else namespace
+        return _Reading(path, rig, "/" + within.strip("/"), recover=recover).loop()
+
+    @property
+    def is_real_time(self) -> bool:
+        """Whether stamps and log are of one clock, so that delays have a meaning."""
+        return bool(np.isfinite(self.delay).any())
+
+    @property
+    def error(self) -> Array:
+        """Reference minus position, (samples,) [rad]."""
+        return self.reference - self.position
+
+    def within(self, start: float, stop: float) -> NDArray[np.bool_]:
+        """Samples from `start` up to, but without, `stop` [s]."""
+        return (self.time >= start) & (self.time < stop)
+
+    def tracking_rmse(self, start: float = 0.0, stop: float = np.inf) -> float:
+        """Root mean square of reference minus measured position from `start` to `stop` [s], in volts of the sensor.
+
+        Raises:
+            UserError: the bag has no sample with a reference there.
+        """
+        error = self.error[self.within(start, stop)]
+        error = error[np.isfinite(error)]
+        if not len(error):
+            raise UserError(
+                f"{self.source}: no measurement with a reference from {start:g} to {stop:g} s: "
+                f"the bag holds {self.time[0]:g} to {self.time[-1]:g} s"
+            )
+        return float(np.sqrt(np.mean(self.rig.sensor.volts(error) ** 2)))
+
+    def missed_commands(self, start: float = 0.0, stop: float = np.inf) -> int:
+        """Measurements from `start` to `stop` [s] that were not answered before the next one was logged."""
+        return int(np.sum(self.late[self.within(start, stop)]))
+
+    def delays(self, start: float = 0.0, stop: float = np.inf) -> Delays:
+        """Percentiles of the delay from `start` to `stop` [s]."""
+        return Delays.of(self.delay[self.within(start, stop)])
+
+    def turnarounds(self, start: float = 0.0, stop: float = np.inf) -> Delays:
+        """Percentiles of the turnaround from `start` to `stop` [s]."""
+        return Delays.of(self.turnaround[self.within(start, stop)])
+
+
+class _Reading:
+    """One bag on its way into a LoopRecord."""
+
+    def __init__(self, path: Path, rig: Rig, namespace: str, *, recover: bool) -> None:
+        self.path = path
+        self.rig = rig
+        prefix = namespace.rstrip("/")
+        self.names = {topic: f"{prefix}/{topic}" for topic in (MEASUREMENT, COMMAND, REFERENCE)}
+        self.contents: Contents = contents(path, set(self.names.values()), recover=recover)
+        self.columns = {topic: self.messages(topic) for topic in self.names}
+
+    def messages(self, topic: str) -> Columns:
+        name = self.names[topic]
+        if name not in self.contents.topics:
+            raise UserError(
+                f"{self.path}: no topic {name}: the bag has {self.contents.listing}; a closed loop needs all of "
+                f"{', '.join(self.names.values())}"
+            )
+        if not self.contents.messages[name].data:
+            raise UserError(f"{self.path}: topic {name} has no messages: was its publisher running?")
+        return Columns(self.contents.messages[name], self.contents.typestore)
+
+    def values(self, topic: str, field: str) -> Array:
+        try:
+            return self.columns[topic].values(field)
+        except MissingInMessageError as error:
+            raise UserError(f"{self.path}: topic {self.names[topic]}: field {field} is missing in {error}") from error
+
+    def stamps(self, topic: str, field: str) -> NDArray[np.int64]:
+        self.values(topic, field)  # the field is there in every message
+        return self.columns[topic].stamps(field)
+
+    def loop(self) -> LoopRecord:
+        joint = self.rig.joint
+        stamps, first = self.measurements(f"position[{joint}]")
+        logged = self.columns[MEASUREMENT].messages.logged[first]
+        position = self.finite(MEASUREMENT, f"position[{joint}]")[first]
+        applied = self.values(MEASUREMENT, f"effort[{joint}]")[first]
+        answers, answered = self.answers(stamps, f"effort[{joint}]")
+        command = np.where(answered >= 0, self.finite(COMMAND, f"effort[{joint}]")[answers], np.nan)
+        replies = self.columns[COMMAND].messages.logged[answers]
+        turnaround = np.where(answered >= 0, (replies - logged) * 1e-9, np.nan)
+        one_clock = abs(np.median(logged - stamps)) <= ONE_CLOCK
+        delay = np.where((answered >= 0) & one_clock, (replies - stamps) * 1e-9, np.nan)
+        late = np.zeros(len(stamps), dtype=bool)
+        late[:-1] = (answered[:-1] < 0) | (one_clock & (replies[:-1] >= logged[1:]))
+        zero, reference = self.reference(stamps)
+        return LoopRecord(
+            name=name_of(self.path),
+            rig=self.rig,
+            stamps=stamps,
+            time=np.asarray((stamps - zero) * 1e-9),
+            position=position,
+            reference=reference,
+            input=np.append(applied[1:], applied[-1]),
+            command=command,
+            delay=delay,
+            turnaround=turnaround,
+            late=late,
+            source=str(self.path),
+            digest=sha256(self.path),
+        )
+
+    def measurements(self, field: str) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
+        """Stamps of the measurements [ns], and the message in which each came first (some may come again)."""
+        stamps = self.stamps(MEASUREMENT, field)
+        backwards = np.diff(stamps) < 0
+        if backwards.any():
+            k = int(np.argmax(backwards)) + 1
+            raise UserError(
+                f"{self.path}: topic {self.names[MEASUREMENT]}: reversed stamp at message {k} "
+                f"({(stamps[k] - stamps[0]) * 1e-9:.6g} s): two runs in one bag, or two plants: record one alone"
+            )
+        found: tuple[NDArray[np.int64], NDArray[np.intp]] = np.unique(stamps, return_index=True)
+        return found
+
+    def answers(self, stamps: NDArray[np.int64], field: str) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """For each measurement the first command with its stamp: its message (0 for none), and the same with -1."""
+        known, first = np.unique(self.stamps(COMMAND, field), return_index=True)
+        place = np.minimum(np.searchsorted(known, stamps), len(known) - 1)
+        answered = np.where(known[place] == stamps, first[place], -1)
+        return np.maximum(answered, 0), answered
+
+    def reference(self, stamps: NDArray[np.int64]) -> tuple[int, Array]:
+        """Time zero [ns], and the reference at each stamp (samples,) [rad]."""
+        try:
+            count = self.columns[REFERENCE].entries("points")
+        except MissingInMessageError as error:
+            raise UserError(f"{self.path}: topic {self.names[REFERENCE]}: {error}") from error
+        if not count:
+            raise UserError(f"{self.path}: topic {self.names[REFERENCE]}: message 0 has no points")
+        fields = [f"points[{point}].positions[{self.rig.joint}]" for point in range(count)]
+        times = np.stack([self.stamps(REFERENCE, field) for field in fields], axis=1)
+        positions = np.stack([self.finite(REFERENCE, field) for field in fields], axis=1)
+        begins = self.stamps(REFERENCE, "header.stamp.sec")
+        order = np.argsort(begins, kind="stable")[::-1]  # of one time the newest message tells
+        known, newest = np.unique(times[order].ravel(), return_index=True)
+        zero = int(begins.min())
+        seconds = (known - zero) * 1e-9
+        reference = np.interp((stamps - zero) * 1e-9, seconds, positions[order].ravel()[newest], left=np.nan)
+        return zero, np.asarray(reference)
+
+    def finite(self, topic: str, field: str) -> Array:
+        """A field of all messages, all of them numbers."""
+        values = self.values(topic, field)
+        if not np.isfinite(values).all():
+            k = int(np.argmax(~np.isfinite(values)))
+            raise UserError(f"{self.path}: topic {self.names[topic]}: {field} is {values[k]:g} in message {k}")
+        return values

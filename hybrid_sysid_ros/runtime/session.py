@@ -1,0 +1,322 @@
+"""Session: starts the nodes of a rig as processes, waits for their end and stops them; needs no ROS itself."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from queue import Empty, Queue
+from types import TracebackType
+from typing import Any
+
+from hybrid_sysid_ros.bags import METADATA
+from hybrid_sysid_ros.rigs.excitation import HARDWARE_DURATION
+from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import check_folder
+
+READY_TIMEOUT = 120.0  # s, until a node has imported and compiled everything
+START_TIMEOUT = 30.0  # s, until the loop is complete
+STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # s
+STOP_ORDER = (("plant", "reference"), ("estimator", "controller"), ("recorder",))
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a session
+REAL_TIME_PRIORITY = 10  # of the loop's processes: above every ordinary one, below what a system keeps for itself
+TICK = 0.25  # s, between two calls of progress
+
+Tell = Callable[[str], None]
+Progress = Callable[[float, float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """How a run went.
+
+    diagnostics: the last values of each node by key (see /diagnostics), numbers as numbers.
+    interrupted: it was ended from outside. bag: what was recorded, if anything.
+    """
+
+    diagnostics: Mapping[str, Mapping[str, Any]]
+    interrupted: bool
+    bag: Path | None
+
+
+@dataclass(kw_only=True)
+class Child:
+    """A node's process, the words it has said on its standard output, and the last line of its complaints."""
+
+    node: str
+    process: subprocess.Popen[str]
+    listeners: list[threading.Thread] = field(default_factory=list)
+    words: set[str] = field(default_factory=set)
+    diagnostics: dict[str, Any] = field(default_factory=dict)
+    complaint: str = ""
+
+
+class Session:
+    """Processes of nodes, as a context that leaves none behind. `tell` gets what they log, line by line."""
+
+    def __init__(self, rig: str, *, domain: int | None = None, tell: Tell = print) -> None:
+        """domain: ROS_DOMAIN_ID; by default the environment's. Raises UserError without ROS for this Python."""
+        if importlib.util.find_spec("rclpy") is None:
+            raise UserError("no rclpy for this Python: install hybrid_sysid_ros[ros], or source a ROS 2 Jazzy")
+        if domain is not None and not 0 <= domain <= 232:
+            raise UserError(f"ROS domain {domain}: it must be within 0 and 232")
+        self.rig = rig
+        self.children: dict[str, Child] = {}
+        self._tell = tell
+        self._namespace = configuration.namespace(rig)
+        self._environment = _environment(domain)
+        self._lines: Queue[tuple[str, str, str]] = Queue()
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def command(self, node: str, values: Mapping[str, Any]) -> list[str]:
+        """Command that starts a node with these parameters; the others have their defaults.
+
+        Raises:
+            UserError: a parameter is unknown or not allowed.
+        """
+        known = configuration.parameters(self.rig, node)
+        command = [sys.executable, "-m", f"hybrid_sysid_ros.nodes.{node}", "--ros-args"]
+        command += ["-r", f"__ns:=/{self._namespace}", "-p", f"rig:={self.rig}"]
+        for name, value in values.items():
+            if name not in known:
+                raise UserError(f"{node}: unknown parameter {name}: known are {', '.join(known)}")
+            try:
+                command += ["-p", f"{name}:={json.dumps(known[name].checked(value))}"]
+            except UserError as error:
+                raise UserError(f"{node}: {error}") from error
+        return command
+
+    def start(self, node: str, command: Sequence[str]) -> None:
+        """Start a node's process."""
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            errors="replace",
+            env=self._environment,
+            start_new_session=True,  # Ctrl-C comes here, and they are stopped in their order
+        )
+        child = self.children[node] = Child(node=node, process=process)
+        for stream in ("stdout", "stderr"):
+            child.listeners.append(threading.Thread(target=self._listen, args=(child, stream), daemon=True))
+            child.listeners[-1].start()
+
+    def wait_for(self, word: str, nodes: Sequence[str], timeout: float) -> None:
+        """Wait until each of the nodes has said a word ("ready", "started").
+
+        Raises:
+            UserError: one of all the nodes ended, or the time is over.
+        """
+        end = time.monotonic() + timeout
+        while waiting := [node for node in nodes if word not in self.children[node].words]:
+            self._hear(TICK)
+            for child in self.children.values():
+                self._check(child)
+            if time.monotonic() > end:
+                raise UserError(f"{', '.join(waiting)} not {word} after {timeout:g} s: is the machine overloaded?")
+
+    def wait_for_end(self, nodes: Sequence[str], progress: Callable[[float], None]) -> None:
+        """Wait until one of these nodes has ended well; `progress` gets the seconds waited.
+
+        Raises:
+            UserError: a node ended that should not, or did not end well.
+        """
+        begin = time.monotonic()
+        while True:
+            self._hear(TICK)
+            progress(time.monotonic() - begin)
+            for child in self.children.values():
+                if child.node in nodes and child.process.poll() == 0:
+                    return
+                self._check(child)
+
+    def stop(self) -> dict[str, dict[str, Any]]:
+        """Stop all nodes, the plant first and the recorder last; return the last diagnostics of each."""
+        for group in STOP_ORDER:
+            running = [self.children[node] for node in group if node in self.children]
+            for number, timeout in STOP_TIMEOUTS:
+                end = time.monotonic() + timeout
+                running = [child for child in running if child.process.poll() is None]
+                for child in running:
+                    if number == signal.SIGKILL:
+                        self._tell(f"{child.node} does not end: killed")
+                    # Before it is ready, Python itself would complain about an interrupt.
+                    child.process.send_signal(number if "ready" in child.words else max(number, signal.SIGTERM))
+                while time.monotonic() < end and any(child.process.poll() is None for child in running):
+                    self._hear(0.02)
+        for child in self.children.values():
+            self._hear_last(child)
+        return {child.node: child.diagnostics for child in self.children.values()}
+
+    def check_end(self) -> None:
+        """Raise UserError for a node that told of a failure, such as a recorder that could not write."""
+        for child in self.children.values():
+            if (child.process.poll() or 0) > 0:
+                self._check(child)
+
+    def _check(self, child: Child) -> None:
+        if child.process.poll() is None:
+            return
+        self._hear_last(child)
+        why = child.complaint.removeprefix("error: ") or "without a word"
+        raise UserError(f"{child.node} ended with status {child.process.returncode}: {why}")
+
+    def _listen(self, child: Child, stream: str) -> None:
+        with getattr(child.process, stream) as lines:
+            for line in lines:
+                self._lines.put((child.node, stream, line.rstrip()))
+
+    def _hear_last(self, child: Child) -> None:
+        """Take in the last words of a node that has ended."""
+        for listener in child.listeners:
+            listener.join(STOP_TIMEOUTS[-1][1])
+        self._hear(0.0)
+
+    def _hear(self, timeout: float) -> None:
+        """Take in what the nodes say, for `timeout` [s] if they say nothing."""
+        try:
+            entry = self._lines.get(timeout=timeout) if timeout else self._lines.get_nowait()
+            while True:
+                self._take(*entry)
+                entry = self._lines.get_nowait()
+        except Empty:
+            return
+
+    def _take(self, node: str, stream: str, line: str) -> None:
+        child = self.children[node]
+        if stream == "stdout" and line.startswith("{"):
+            child.diagnostics.update(json.loads(line))
+        elif stream == "stdout":
+            child.words.add(line)
+        elif line:
+            child.complaint = line
+            if not line.startswith("error: "):  # that one becomes the session's own error
+                self._tell(f"{node}: {line}")
+
+
+def run(
+    *,
+    rig: str = configuration.DEFAULT_RIG,
+    policy: str = "supervised",
+    policy_path: Path | str = "",
+    model: Path | str = "",
+    rate: float = 200.0,
+    duration: float = 0.0,
+    lockstep: bool = False,
+    reference: str = "hardware",
+    bag: Path | str | None = None,
+    overwrite: bool = False,
+    domain: int | None = None,
+    priority: int | None = None,
+    parameters: Mapping[str, Mapping[str, Any]] | None = None,
+    tell: Tell = print,
+    progress: Progress = lambda seconds, duration: None,
+) -> Outcome:
+    """Run plant, estimator, controller and reference of a rig, each in a process, until the reference has ended.
+
+    priority: of plant, estimator and controller as real-time processes; None: a modest one where the system permits it.
+    duration: of the reference [s]; 0: its own (51 s for "hardware"), or until Ctrl-C. lockstep: as fast as the nodes
+    are, in simulated time. bag: folder to record all topics into. parameters: more of them, by node and name.
+    tell: gets lines for the user. progress: gets the seconds since the start, and how many there will be (0: unknown).
+
+    Raises:
+        UserError: no ROS, a parameter is wrong, the bag can't be written, or a node could not start or ended too early.
+    """
+    if bag is not None:
+        check_folder(bag, marker=METADATA, replace=overwrite)
+    lock, latency = {"lockstep": lockstep}, {"latency": 0.0} if lockstep else {}
+    values: dict[str, dict[str, Any]] = {
+        "reference": {"kind": reference, "duration": duration, **lock},
+        "estimator": {"model": str(model), "rate": rate, **latency},
+        "controller": {"model": str(model), "policy": policy, "policy_path": str(policy_path), **lock, **latency},
+        "plant": {"rate": rate, **lock, "wait_for_readers": 2 if bag is None else 3},
+    }
+    values |= {} if bag is None else {"recorder": {"path": str(bag), "overwrite": overwrite}}
+    chosen = permitted_priority() if priority is None and not lockstep else priority or 0
+    for node in ("plant", "estimator", "controller"):
+        values[node]["priority"] = chosen
+    for node, more in (parameters or {}).items():
+        if node not in values:
+            raise UserError(f"parameters of {node}: no such node runs here: known are {', '.join(values)}")
+        values[node].update(more)
+    own = HARDWARE_DURATION if values["reference"]["kind"] == "hardware" else 0.0
+    expected = 0.0 if lockstep else values["reference"]["duration"] or own
+    interrupted = False
+    with _interruptible(), Session(rig, domain=domain, tell=tell) as session:
+        try:
+            commands = {node: session.command(node, given) for node, given in values.items()}
+            for node, command in commands.items():
+                session.start(node, command)
+            session.wait_for("ready", list(values), READY_TIMEOUT)
+            session.wait_for("started", ["plant"], START_TIMEOUT)
+            session.wait_for_end(["reference", "plant"], lambda seconds: progress(seconds, expected))
+        except KeyboardInterrupt:
+            interrupted = True
+        diagnostics = session.stop()
+        session.check_end()
+    return Outcome(diagnostics=diagnostics, interrupted=interrupted, bag=None if bag is None else Path(bag))
+
+
+def permitted_priority() -> int:
+    """REAL_TIME_PRIORITY where this process may have one (as root, or by `ulimit -r`), else 0."""
+    try:
+        before = os.sched_getscheduler(0)
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
+        os.sched_setscheduler(0, before, os.sched_param(0))
+    except (OSError, AttributeError):  # not permitted, or no Linux
+        return 0
+    return REAL_TIME_PRIORITY
+
+
+def _environment(domain: int | None) -> dict[str, str]:
+    """Environment of the nodes. What the user has set stays."""
+    environment = dict(os.environ)
+    if domain is not None:
+        environment["ROS_DOMAIN_ID"] = str(domain)
+    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # a loop's matrices are too small for more
+        environment.setdefault(name, "1")
+    if "HOME" not in environment:
+        environment.setdefault("ROS_LOG_DIR", str(Path(tempfile.gettempdir()) / "ros_log"))
+    return environment
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Any of the SIGNALS interrupts once; further ones do nothing, so that no node is left behind."""
+    if threading.current_thread() is not threading.main_thread():
+        return (yield)
+
+    def interrupt(number: int, frame: object) -> None:
+        for each in before:
+            signal.signal(each, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    before = {each: signal.getsignal(each) for each in SIGNALS}
+    for each in before:
+        signal.signal(each, interrupt)
+    try:
+        yield
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)

@@ -1,0 +1,173 @@
+"""Files and folders written beside their place, then renamed: what is on disk is old and whole, or new and whole."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from hybrid_sysid_ros.support.errors import UserError
+
+
+@contextmanager
+def written_file(path: Path | str) -> Iterator[Path]:
+    """Yield a path of the same name in a temporary folder beside `path`; rename it into place if the body succeeds.
+
+    Missing parent folders are made. If the body raises, `path` stays as it was.
+
+    Raises:
+        UserError: the place cannot be written, or `path` is a folder.
+    """
+    target = Path(os.path.realpath(path))
+    _check_no_folder(Path(path), target)
+    with _partial(target) as partial:
+        yield partial
+        os.replace(partial, target)
+
+
+@contextmanager
+def written_folder(path: Path | str, *, marker: str, replace: bool = True, force: bool = False) -> Iterator[Path]:
+    """Yield a new, empty folder beside `path`; put it in place if the body succeeds. The old one is kept until then.
+
+    marker: the file that shows that a folder is of our kind ("metadata.yaml" for a bag, "model.yaml" for a model). A
+        folder that exists is replaced only if it is empty or holds this file, and never if `replace` is false.
+    force: replace the folder whatever it holds.
+
+    Raises:
+        UserError: the place cannot be written, or holds something that may not be replaced.
+    """
+    target = Path(os.path.realpath(path))
+    _check_replaceable(Path(path), target, marker=marker, replace=replace, force=force)
+    with _partial(target) as partial:
+        partial.mkdir()
+        yield partial
+        old = partial.with_name(f"{partial.name}.old")
+        had_old = target.exists()
+        if had_old:
+            os.rename(target, old)
+        try:
+            os.rename(partial, target)
+        except OSError:
+            if had_old:
+                os.rename(old, target)
+            raise
+
+
+def check_file(path: Path | str) -> None:
+    """Whether written_file() could write there, to be asked before long work.
+
+    Raises:
+        UserError: the place cannot be written, or `path` is a folder.
+    """
+    target = Path(os.path.realpath(path))
+    _check_no_folder(Path(path), target)
+    _check_writable(target)
+
+
+def check_folder(path: Path | str, *, marker: str, replace: bool = True) -> None:
+    """Whether written_folder() could write there, to be asked before long work.
+
+    Raises:
+        UserError: the place cannot be written, or holds something that may not be replaced.
+    """
+    target = Path(os.path.realpath(path))
+    _check_replaceable(Path(path), target, marker=marker, replace=replace, force=False)
+    _check_writable(target)
+
+
+def beside(path: Path | str, suffix: str) -> Path:
+    """The place next to a file or folder, of its name and a suffix; of ".", next to the current folder."""
+    target = Path(os.path.realpath(path))
+    return target.with_name(f"{target.name}{suffix}")
+
+
+def sha256(path: Path | str) -> str:
+    """Hexadecimal SHA-256 of a file, or of a folder.
+
+    A folder's is that of its list of files, sorted by relative path, as `sha256sum` prints it ("<digest>  <path>").
+
+    Raises:
+        UserError: there is no such file or folder, or it cannot be read.
+    """
+    path = Path(path)
+    try:
+        if path.is_dir():
+            names = sorted(file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file())
+            listing = "".join(f"{sha256(path / name)}  {name}\n" for name in names)
+            return hashlib.sha256(listing.encode()).hexdigest()
+        digest = hashlib.sha256()
+        with path.open("rb") as file:
+            while block := file.read(1 << 20):
+                digest.update(block)
+        return digest.hexdigest()
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def _check_no_folder(path: Path, target: Path) -> None:
+    if os.path.isdir(target):
+        raise UserError(f"{path}: is a folder, not a file: choose another name")
+
+
+def _check_replaceable(path: Path, target: Path, *, marker: str, replace: bool, force: bool) -> None:
+    if not os.path.exists(target):
+        return
+    if not target.is_dir():
+        raise UserError(f"{path}: is a file, not a folder: choose another name")
+    if Path.cwd().is_relative_to(target):
+        raise UserError(f"{path}: is the current folder or above it, so it is not replaced: choose another name")
+    try:
+        empty = not any(target.iterdir())
+    except OSError as error:
+        raise _unwritable(target, error) from error
+    if force or empty:
+        return
+    if not os.path.isfile(target / marker):
+        raise UserError(f"{path}: holds other files (no {marker}), so it is not replaced: choose another name")
+    if not replace:
+        raise UserError(f"{path}: exists already: choose another name or move it away")
+
+
+def _check_writable(target: Path) -> None:
+    """Make a folder where the target's parents begin, and remove it: permissions alone don't tell of /proc, or of a
+    disk that is full or may only be read.
+    """
+    ancestor = next(folder for folder in target.parents if os.path.exists(folder))
+    try:
+        tempfile.TemporaryDirectory(prefix=f"{target.name}.partial-", dir=ancestor).cleanup()
+    except OSError as error:
+        raise _unwritable(target, error) from error
+
+
+@contextmanager
+def _partial(target: Path) -> Iterator[Path]:
+    """Yield a free path with the target's name inside a temporary folder next to it, and remove that folder at exit."""
+    container: Path | None = None
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        container = Path(tempfile.mkdtemp(prefix=f"{target.name}.partial-", dir=target.parent))
+        yield container / target.name
+    except OSError as error:
+        if _concerns(error, target, container):
+            raise _unwritable(target, error) from error
+        raise
+    finally:
+        if container is not None:
+            shutil.rmtree(container, ignore_errors=True)
+
+
+def _unwritable(target: Path, error: OSError) -> UserError:
+    return UserError(f"{target}: cannot be written ({error.strerror}): choose another place")
+
+
+def _concerns(error: OSError, target: Path, container: Path | None) -> bool:
+    """Whether an error of the operating system is about the place that is written (and not about a file read)."""
+    if error.strerror is None:
+        return False
+    if error.filename is None or container is None:
+        return True
+    return str(error.filename).startswith((str(container), str(target)))

@@ -1,0 +1,1 @@
+"""What one paper or lecture did, on the library."""

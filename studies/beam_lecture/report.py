@@ -1,0 +1,140 @@
+"""A protocol: many structures, identified on the same parts of the same records and judged on the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.identification import Part, free_run
+from hybrid_sysid_ros.identification.identify import experiment_of
+from hybrid_sysid_ros.identification.selection.criteria import Judgement, judge
+from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, averaged
+from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.report.sections import IdentificationSection, identification_section
+from hybrid_sysid_ros.rigs.sensor import Sensor
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StructureResult:
+    """How one structure did.
+
+    r2: free-run R2 by record, one mapping for each seed. published: somebody else's, by record, as far as known.
+    seconds: time of one fit. chosen: this is the protocol's pick; by its cross_validation score, R2, not by the r2 of
+    the test records. model, runs: what to show in full, a model of one seed and the (parts of) records to run it over.
+    """
+
+    name: str
+    r2: Sequence[Mapping[str, float]]
+    seconds: float
+    published: Mapping[str, float] | None = None
+    chosen: bool = False
+    cross_validation: float | None = None
+    model: Model | None = None
+    runs: Sequence[tuple[Record, Part]] = ()
+
+    @property
+    def mean(self) -> dict[str, float]:
+        """R2 by record, mean over seeds."""
+        return {name: float(np.mean([seed[name] for seed in self.r2])) for name in self.r2[0]}
+
+    @property
+    def range(self) -> dict[str, tuple[float, float]]:
+        """R2 by record, lowest and highest of the seeds."""
+        return {name: (min(seed[name] for seed in self.r2), max(seed[name] for seed in self.r2)) for name in self.r2[0]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProtocolSection:
+    """Structures and records; details: free runs of the structures that have a model, the pick first; judgements:
+    information criteria on the training data, by structure.
+    """
+
+    title: str
+    about: str
+    results: Sequence[StructureResult]
+    details: Mapping[str, IdentificationSection] = field(default_factory=dict)
+    judgements: Mapping[str, Judgement] = field(default_factory=dict)
+
+    @property
+    def records(self) -> list[str]:
+        """Names of the columns."""
+        return list(self.results[0].r2[0])
+
+    @property
+    def pick(self) -> StructureResult | None:
+        """The structure that was chosen."""
+        return next((result for result in self.results if result.chosen), None)
+
+    @property
+    def sensor(self) -> Sensor:
+        """The rig's sensor, in whose volts errors are shown."""
+        return next(iter(self.details.values())).sensor
+
+    @property
+    def horizons(self) -> list[HorizonErrors]:
+        """Errors over the horizon of each structure that has free runs, over its records."""
+        return [
+            averaged(name, [run.horizons for run in section.runs])
+            for name, section in self.details.items()
+            if section.runs
+        ]
+
+
+def protocol_section(
+    title: str,
+    results: Sequence[StructureResult],
+    *,
+    about: str = "",
+    training: Sequence[tuple[Record, Part]] = (),
+) -> ProtocolSection:
+    """Work out what a protocol's page shows: free runs, tests, horizons and loops of the structures with a model.
+
+    training: what the models were fitted to; with it all of those that are scored at one period get information
+    criteria, every weight of a network counted as a parameter.
+
+    Raises:
+        UserError: no structure, one without a seed or a record that others have, two of one name or two picks; a record
+            that does not fit a model.
+    """
+    if not results:
+        raise UserError(f"{title}: no structure to report")
+    names = [result.name for result in results]
+    if twins := {name for name in names if names.count(name) > 1}:
+        raise UserError(f"{title}: two structures are called {min(twins)}; results go by the name")
+    if sum(result.chosen for result in results) > 1:
+        raise UserError(f"{title}: more than one structure is chosen")
+    for result in results:
+        if not result.r2 or any(list(seed) != list(results[0].r2[0]) for seed in result.r2):
+            raise UserError(f"{title}: structure {result.name} has no seed, or other records than {names[0]}")
+    details = {
+        result.name: identification_section(result.model, result.runs)
+        for result in sorted(results, key=lambda result: not result.chosen)
+        if result.model is not None
+    }
+    models = {result.name: result.model for result in results if result.model is not None}
+    return ProtocolSection(
+        title=title, about=about, results=tuple(results), details=details, judgements=_judged(models, training)
+    )
+
+
+def _judged(models: Mapping[str, Model], training: Sequence[tuple[Record, Part]]) -> dict[str, Judgement]:
+    """Criteria of the models that are scored at the first one's period and don't diverge."""
+    if not training or not models:
+        return {}
+    period = next(iter(models.values())).sampling.period
+    residuals: dict[str, tuple[list[Array], int]] = {}
+    for name, model in models.items():
+        if model.sampling.period != period:
+            continue
+        experiments = [experiment_of(model, record, part=part) for record, part in training]
+        errors = [item.outputs[:, 0] - free_run(model.equation, item)[:, 0] for item in experiments]
+        if all(np.isfinite(error).all() for error in errors):
+            residuals[name] = (errors, model.free_numbers)
+    return judge(residuals) if residuals else {}
