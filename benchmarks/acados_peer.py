@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control import Plan, Problem, Status
-from hybrid_sysid_ros.core import Equation
-from hybrid_sysid_ros.core.casadi_form import symbolic_step
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.symbolic import symbolic_step
 
 Array = NDArray[np.float64]
 
@@ -35,11 +35,11 @@ class AcadosMpc:
     and read after them.
     """
 
-    def __init__(self, equation: Equation, problem: Problem, *, real_time: bool = False) -> None:
+    def __init__(self, equation: System, problem: Problem, *, real_time: bool = False) -> None:
         from acados_template import AcadosModel, AcadosOcp, AcadosOcpSolver  # type: ignore[import-not-found]
 
         self.horizon, self.period, self.problem, self.real_time = problem.horizon, problem.period, problem, real_time
-        self._states, self._output = len(equation.states), equation.outputs[0]
+        self._states, self._output = len(equation.states), equation.measured[0]
         step = symbolic_step(
             equation,
             step=problem.period / problem.substeps,

@@ -134,7 +134,7 @@ def proportional_loop(
         u = balance + rig.feedback_gain * (wanted - filtered / scale)
         u = min(max(u, -rig.input_limit), rig.input_limit)
         if k % every == 0:
-            rows.append((plant.time, plant.state[rig.equation.outputs[0]], filtered, scale * wanted, u))
+            rows.append((plant.time, plant.state[rig.equation.measured[0]], filtered, scale * wanted, u))
         plant.advance(u)
     time, position, estimate, target, inputs = np.array(rows).T
     statuses = Counter({Status.FEEDBACK: len(rows)})

@@ -23,7 +23,7 @@ from benchmarks import acados_peer, result
 from benchmarks.network_plant import NetworkPlant
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
-from hybrid_sysid_ros.core import Equation, simulate
+from hybrid_sysid_ros.core import System, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.rigs.excitation import hardware_reference
@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 class Case:
     """A closed loop: its model is the plant, noise (states,) is added to the state at each of the samples."""
 
-    equation: Equation
+    equation: System
     problem: Problem
     reference: Callable[[Array], Array]
     samples: int
@@ -107,7 +107,7 @@ def loop(case: Case, seed: int, controller: Any, other: Any = None) -> dict[str,
     """One closed loop; ``other`` answers some of the same questions."""
     random = np.random.default_rng(seed)
     problem, equation = case.problem, case.equation
-    states, output = len(equation.states), equation.outputs[0]
+    states, output = len(equation.states), equation.measured[0]
     noise = np.zeros(states)
     noise[: len(case.noise)] = case.noise
     x, u = np.zeros(states), np.zeros(1)

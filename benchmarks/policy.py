@@ -36,7 +36,8 @@ from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.sampling import Spread, drawn, reference
 from hybrid_sysid_ros.control.policy.training_settings import Settings
-from hybrid_sysid_ros.core import Equation, kernels
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.adapters import kernels
 from hybrid_sysid_ros.core.compilation import OPTIONS
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
@@ -223,7 +224,7 @@ def beam(train: bool) -> dict[str, Any]:
 def costs(
     controller: Controller,
     problem: Problem,
-    equation: Equation,
+    equation: System,
     spread: Spread,
     questions: list[tuple[Array, ...]] | None = None,
 ) -> Array:
@@ -242,7 +243,7 @@ def costs(
 def cost(
     controller: Controller,
     problem: Problem,
-    equation: Equation,
+    equation: System,
     spread: Spread,
     random: np.random.Generator,
     questions: list[tuple[Array, ...]] | None,

@@ -27,7 +27,7 @@ from rich.table import Table
 
 from benchmarks import result
 from benchmarks.estimators.runs import PERIOD, Run, beam, drawn
-from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation import METHODS, Channel, Filter, Tuning
 from hybrid_sysid_ros.estimation.consistency import band, normalised_errors
 from hybrid_sysid_ros.models import load as load_model
@@ -130,7 +130,7 @@ def watched(make: Callable[[], Any], runs: Sequence[Run], volt: float) -> dict[s
     }
 
 
-def delayed(method: type[Filter], rig: Rig, equation: Equation, tuning: Tuning) -> dict[str, Any]:
+def delayed(method: type[Filter], rig: Rig, equation: System, tuning: Tuning) -> dict[str, Any]:
     """Position RMSE with frames of a second sensor that come late, and the time of one frame's call."""
     volt = rig.sensor.radians_per_volt
     tuning = replace(tuning, channels={"camera": Channel(state=0, noise=FRAME_NOISE * volt)})
@@ -159,7 +159,7 @@ def delayed(method: type[Filter], rig: Rig, equation: Equation, tuning: Tuning) 
 
 def followed(method: type[Filter], rig: Rig) -> dict[str, Any]:
     """Friction and centre jump under a model that was right: how soon and how near they are found."""
-    truth = rig.equation.named
+    truth = rig.equation.values
     coulomb, centre = FRICTION_RISE * truth.coulomb, truth.centre - CENTRE_FALL
     changes = {10.0: {"coulomb": coulomb}, 20.0: {"centre": centre}}
     tunings = {

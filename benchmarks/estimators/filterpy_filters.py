@@ -9,7 +9,8 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation, kernels
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.adapters import kernels
 from hybrid_sysid_ros.estimation import Tuning
 
 Array = NDArray[np.float64]
@@ -34,9 +35,9 @@ class Augmented:
     Our compiled step is what it calls for each point; the inputs are delayed here, as it knows no delay.
     """
 
-    def __init__(self, equation: Equation, tuning: Tuning, *, period: float) -> None:
+    def __init__(self, equation: System, tuning: Tuning, *, period: float) -> None:
         self.period = period
-        self.step, self.parameters, self.weights = kernels(equation).step, equation.named, equation.weights
+        self.step, self.parameters, self.weights = kernels(equation).step, equation.values, equation.weights
         drift = np.array([*tuning.process_noise, tuning.disturbance_noise, tuning.hum_noise, tuning.hum_noise])
         self.process = period * np.diag(drift**2)
         self.start = 100.0 * np.diag(drift**2)
@@ -88,7 +89,7 @@ class Peer:
 
     filter: Any
 
-    def __init__(self, equation: Equation, tuning: Tuning, *, period: float) -> None:
+    def __init__(self, equation: System, tuning: Tuning, *, period: float) -> None:
         self.model = Augmented(equation, tuning, period=period)
         self.started = False
 
@@ -111,7 +112,7 @@ class Peer:
 class Extended(Peer):
     """filterpy.kalman.ExtendedKalmanFilter, its prediction given as its documentation says."""
 
-    def __init__(self, equation: Equation, tuning: Tuning, *, period: float) -> None:
+    def __init__(self, equation: System, tuning: Tuning, *, period: float) -> None:
         super().__init__(equation, tuning, period=period)
         self.filter = ExtendedKalmanFilter(dim_x=5, dim_z=1)
         self.filter.predict_x = self.advance
@@ -131,7 +132,7 @@ class Extended(Peer):
 class Unscented(Peer):
     """filterpy.kalman.UnscentedKalmanFilter with Merwe's scaled sigma points."""
 
-    def __init__(self, equation: Equation, tuning: Tuning, *, period: float) -> None:
+    def __init__(self, equation: System, tuning: Tuning, *, period: float) -> None:
         super().__init__(equation, tuning, period=period)
         row, points = self.model.row, MerweScaledSigmaPoints(5, **SIGMA_POINTS)
         self.filter = UnscentedKalmanFilter(

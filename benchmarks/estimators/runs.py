@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation, kernels
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.adapters import kernels
 from hybrid_sysid_ros.estimation import Tuning
 from hybrid_sysid_ros.rigs.excitation import multisine, random_steps
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -69,10 +70,10 @@ def beam(
     return Run(measured=measured, inputs=inputs, states=states)
 
 
-def drawn(equation: Equation, tuning: Tuning, seed: int, *, samples: int) -> Run:
+def drawn(equation: System, tuning: Tuning, seed: int, *, samples: int) -> Run:
     """A plant that is the model, with the start, the noise and the disturbance that the tuning says, drawn afresh."""
     random = np.random.default_rng(seed)
-    step, parameters, weights = kernels(equation).step, equation.named, equation.weights
+    step, parameters, weights = kernels(equation).step, equation.values, equation.weights
     drift = np.array([*tuning.process_noise, tuning.disturbance_noise, tuning.hum_noise, tuning.hum_noise])
     start = 10.0 * drift
     start[0], start[3:] = 0.0, tuning.hum_amplitude

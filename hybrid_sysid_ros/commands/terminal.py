@@ -70,6 +70,6 @@ def read_records(
     chosen = Signals.load(signals) if signals is not None else Signals.of_rig(rig)
     equation = load_rig(rig).equation
     chosen.check_units(
-        [variable.unit for variable in equation.inputs], [equation.states[index].unit for index in equation.outputs]
+        [variable.unit for variable in equation.inputs], [equation.states[index].unit for index in equation.measured]
     )
     return [bags.read(path, chosen, period=period or None, recover=recover) for path in paths]

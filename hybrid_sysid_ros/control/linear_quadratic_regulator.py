@@ -10,8 +10,8 @@ from scipy.linalg import LinAlgError, solve_discrete_are
 
 from hybrid_sysid_ros.control.controller import Plan, Status
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.core import Equation
-from hybrid_sysid_ros.core.linearisation import linearisation, workspace
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.adapters import linearisation, workspace
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ class LinearQuadraticRegulator:
     """
 
     def __init__(
-        self, equation: Equation, problem: Problem, *, smoothing: float | None = None, preview: bool = True
+        self, equation: System, problem: Problem, *, smoothing: float | None = None, preview: bool = True
     ) -> None:
         """smoothing: of stick-slip where the model is linearised [rad/s], the problem's by default: a resting beam
         sticks, and what a linear law takes dry friction for is a choice. preview: without it the reference is taken to
@@ -48,7 +48,7 @@ class LinearQuadraticRegulator:
         self.problem = problem
         self.horizon = problem.horizon
         self.period = problem.period
-        self.output = equation.outputs[0]
+        self.output = equation.measured[0]
         self._previewing = preview
         smoothing = problem.smoothing if smoothing is None else smoothing
         self.rest, self.transition, self.gain = _rest(equation, problem, smoothing)
@@ -80,15 +80,15 @@ class LinearQuadraticRegulator:
         return Plan(input=inputs[0], inputs=inputs, states=np.zeros((0, len(self.transition))), status=status)
 
 
-def _rest(equation: Equation, problem: Problem, smoothing: float) -> tuple[Array, Array, Array]:
+def _rest(equation: System, problem: Problem, smoothing: float) -> tuple[Array, Array, Array]:
     """[x, u] (states + 1,) at rest with output 0, and there A (states, states) and B (states, 1) of an interval."""
-    states, output = len(equation.states), equation.outputs[0]
+    states, output = len(equation.states), equation.measured[0]
     linearise, rows = linearisation(equation, smoothing=smoothing), workspace(equation)
     point, following = np.zeros(states + 1), np.zeros(states)
     transition, gain = np.zeros((states, states)), np.zeros((states, 1))
     step = problem.period / problem.substeps
     for _ in range(NEWTON_STEPS):
-        given = (point[:-1], point[-1:], equation.named, equation.weights, step, problem.substeps)
+        given = (point[:-1], point[-1:], equation.values, equation.weights, step, problem.substeps)
         linearise(*given, rows, following, transition, gain)
         moved = np.append(following - point[:-1], point[output])
         if not np.all(np.isfinite(moved)):

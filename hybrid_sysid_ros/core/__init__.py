@@ -1,29 +1,31 @@
-"""An equation is written once; from it come the compiled simulation, its derivatives and the casadi_form."""
+"""Systems: their law written once, stepped, compiled, simulated with derivatives, and exported to CasADi."""
 
-from hybrid_sysid_ros.core.equation import Equation, Step, Variable
-from hybrid_sysid_ros.core.linearisation import linearisation, workspace
-from hybrid_sysid_ros.core.motion import Law, Motion
-from hybrid_sysid_ros.core.operations import COMPILED, Operations
-from hybrid_sysid_ros.core.parameters import Parameter, parameter
-from hybrid_sysid_ros.core.perceptron import Perceptron
-from hybrid_sysid_ros.core.recurrence import Recurrence
-from hybrid_sysid_ros.core.simulation import Kernels, kernels, simulate
+from hybrid_sysid_ros.core.compiled import compiled
+from hybrid_sysid_ros.core.contacts import Bristles, Contact, Dry, Viscous
+from hybrid_sysid_ros.core.networks import Perceptron, Softsign
+from hybrid_sysid_ros.core.parameters import Parameter, bounded
+from hybrid_sysid_ros.core.rollout import Sensitivities, rollouts, simulate
+from hybrid_sysid_ros.core.steppers import ImplicitFriction, RungeKutta, Sampled, Stepper
+from hybrid_sysid_ros.core.system import Recurrence, System, Variable
 
 __all__ = [
-    "COMPILED",
-    "Equation",
-    "Kernels",
-    "Law",
-    "Motion",
-    "Operations",
+    "Bristles",
+    "Contact",
+    "Dry",
+    "ImplicitFriction",
     "Parameter",
     "Perceptron",
     "Recurrence",
-    "Step",
+    "RungeKutta",
+    "Sampled",
+    "Sensitivities",
+    "Softsign",
+    "Stepper",
+    "System",
     "Variable",
-    "kernels",
-    "linearisation",
-    "parameter",
+    "Viscous",
+    "bounded",
+    "compiled",
+    "rollouts",
     "simulate",
-    "workspace",
 ]

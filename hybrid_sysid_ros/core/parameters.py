@@ -2,29 +2,34 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
+import inspect
+import textwrap
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """One named number of an equation.
-
-    low, high: bounds that hold in every fit. start: where a fit begins. spread: standard deviation of a prior about
-    ``start`` for shape parameters that data may leave undetermined (None: no prior). fixed: set from the range of the
-    training data, not fitted. term: the part of the equation that goes when the parameter is neutral, "" for none.
-    """
+    """One named number of a system."""
 
     name: str
     unit: str
     low: float
     high: float
+    """Bounds that hold in every fit."""
     start: float
+    """Where a fit begins."""
     spread: float | None
+    """Standard deviation of a prior about ``start``, for shape parameters that data may leave undetermined."""
     fixed: bool
+    """Set from the range of the training data, not fitted."""
     term: str
+    """The part of the equation that goes when the parameter is neutral, "" for none."""
     description: str
+    """The docstring under the field."""
 
     @property
     def scale(self) -> float:
@@ -37,39 +42,51 @@ class Parameter:
         return 0.0 if self.low <= 0.0 <= self.high else self.start
 
 
-def parameter(
+def bounded(
     value: float,
     low: float,
     high: float,
     *,
     unit: str,
-    description: str,
     start: float | None = None,
     spread: float | None = None,
     fixed: bool = False,
     term: str = "",
 ) -> Any:
-    """Declare a dataclass field as a parameter: its value, bounds, unit and meaning in one place."""
+    """Declare a field of a system as a parameter: its value, bounds and unit. The docstring under it says what it is.
+
+    start: where a fit begins, the value by default; see :class:`Parameter` for the others.
+    Raises ValueError for a value or a start outside of the bounds.
+    """
     begin = value if start is None else start
     if not low <= value <= high or not low <= begin <= high:
-        raise ValueError(f"{description}: value {value} or start {begin} is outside [{low}, {high}]")
-    metadata = {
-        "unit": unit,
-        "low": low,
-        "high": high,
-        "start": begin,
-        "spread": spread,
-        "fixed": fixed,
-        "term": term,
-        "description": description,
-    }
-    return dataclasses.field(default=value, metadata={"parameter": metadata})
+        raise ValueError(f"bounded: value {value} or start {begin} is outside [{low}, {high}]")
+    told = {"unit": unit, "low": low, "high": high, "start": begin, "spread": spread, "fixed": fixed, "term": term}
+    return dataclasses.field(default=value, metadata={"parameter": told})
 
 
 def declared(kind: type) -> tuple[Parameter, ...]:
     """The parameters that a dataclass declares, in order."""
+    told = _docstrings(kind)
     return tuple(
-        Parameter(name=field.name, **field.metadata["parameter"])
+        Parameter(name=field.name, description=told.get(field.name, ""), **field.metadata["parameter"])
         for field in dataclasses.fields(kind)
         if "parameter" in field.metadata
     )
+
+
+def _docstrings(kind: type) -> dict[str, str]:
+    """The docstring under each field of a class and its bases, where the source is there."""
+    found: dict[str, str] = {}
+    for base in reversed(kind.__mro__[:-1]):
+        try:
+            (tree,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
+        except (OSError, TypeError, SyntaxError, ValueError):
+            continue
+        body = getattr(tree, "body", [])
+        for field, after in pairwise(body):
+            named = isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+            text = after.value.value if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) else None
+            if named and isinstance(text, str):
+                found[field.target.id] = " ".join(text.split())
+    return found

@@ -174,34 +174,3 @@ def passes(network: Perceptron) -> Passes:
         gradient=numba.njit(gradient, **OPTIONS),
         values=begins[-1],
     )
-
-
-def compiled(network: Perceptron) -> Callable[..., Any]:
-    """network(z, w) of plain numbers: z a tuple (features,), w the packed weights; the first output."""
-    forward, output, values = passes(network).forward, passes(network).output, passes(network).values
-    features, scratch = network.widths[0], registers.scratch
-
-    def evaluate(z: Any, w: Any) -> float:
-        memory = scratch(values)
-        for j in range(features):
-            memory[j] = z[j]
-        forward(w, memory)
-        return output(w, memory, 0)
-
-    return numba.njit(evaluate, **OPTIONS)
-
-
-def unrolled(network: Perceptron, tanh: Callable[[Any], Any]) -> Callable[..., Any]:
-    """network(z, w) written out with any ``tanh``; the first output."""
-
-    def evaluate(z: Any, w: Any) -> Any:
-        values = list(z)
-        *hidden, (matrix, bias) = network.unpacked(w)
-        for rows, biases in hidden:
-            values = [tanh(weighed(row, values, b)) for row, b in zip(rows, biases, strict=True)]
-        return weighed(matrix[0], values, bias[0])
-
-    def weighed(row: Any, values: Any, start: Any) -> Any:
-        return sum((a * value for a, value in zip(row, values, strict=True)), start)
-
-    return evaluate

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba.np.unsafe.ndarray import to_fixed_tuple
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation, Recurrence, kernels
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.adapters import kernels
 from hybrid_sysid_ros.core.compilation import inner
-from hybrid_sysid_ros.core.equation import parameter_tuple
+from hybrid_sysid_ros.core.rollout import stepped
 from hybrid_sysid_ros.estimation.cholesky import factorise
 from hybrid_sysid_ros.estimation.memory import LONGEST_STEP
 from hybrid_sysid_ros.estimation.tuning import Tuning
@@ -62,34 +62,17 @@ class Augmented:
 _COMPILED: dict[tuple[Any, ...], Augmented] = {}
 
 
-def augmented(equation: Equation) -> Augmented:
-    """The functions of an equation's form, compiled once in a process.
-
-    A recurrence has no parameters to follow: what its step reads is data, which the compiled code holds.
-    """
+def augmented(equation: System) -> Augmented:
+    """The functions of an equation's form, compiled once in a process."""
     key = equation.form
-    if isinstance(equation, Recurrence):
-        key = (*key, *(np.asarray(value).tobytes() for value in equation.named))
     if key not in _COMPILED:
         _COMPILED[key] = _compile(equation)
     return _COMPILED[key]
 
 
-def _compile(equation: Equation) -> Augmented:
+def _compile(equation: System) -> Augmented:
     step = kernels(equation).step
-    states, parameters, weights = len(equation.states), len(equation.parameters), len(equation.weights)
-    named = parameter_tuple(tuple(item.name for item in equation.parameters))
-    data = equation.named
-
-    @inner
-    def read(numbers: Array) -> Any:
-        return named(*to_fixed_tuple(numbers, parameters))
-
-    @inner
-    def held(numbers: Array) -> Any:
-        return data
-
-    parameters_of = held if isinstance(equation, Recurrence) else read
+    states, weights = len(equation.states), len(equation.weights)
 
     @inner
     def move(core: Any, z: Array, drive: float, h: float, following: Array) -> None:
@@ -97,7 +80,7 @@ def _compile(equation: Equation) -> Augmented:
             core.numbers[core.followed[i - states - 3]] = min(max(z[i], core.low[i]), core.high[i])
             following[i] = z[i]
         core.drive[0] = drive + z[states]
-        step(z[:states], core.drive, parameters_of(core.numbers), core.weights[:weights], h, following[:states])
+        step(z[:states], core.drive, core.numbers, core.weights[:weights], h, following[:states])
         following[states] = z[states]
         cosine, sine = math.cos(core.turning * h), math.sin(core.turning * h)
         following[states + 1] = cosine * z[states + 1] + sine * z[states + 2]
@@ -156,22 +139,20 @@ def _compile(equation: Equation) -> Augmented:
     return Augmented(move=move, linearise=linearise)
 
 
-def offset_gains(equation: Equation, tuning: Tuning) -> Array | None:
+def offset_gains(equation: System, tuning: Tuning) -> Array | None:
     """For each followed parameter the input offset that does the same, per unit of it: (followed,), 0 where none does.
 
     None where no parameter is like an offset of the input. Raises UserError where one is and the disturbance is to be
     estimated as well: no measurement tells the two apart.
     """
     gains = np.zeros(len(tuning.followed))
-    step, numbers = kernels(equation).step, equation.values
+    numbers = equation.values
     names = [item.name for item in equation.parameters]
     random = np.random.default_rng(0)
     samples = [(random.normal(size=len(equation.states)), random.uniform(-5.0, 5.0, 1)) for _ in range(64)]
 
     def moved(values: Array, x: Array, u: Array) -> Array:
-        out = np.zeros(len(x))
-        step(x, u, equation.with_values(values).named, equation.weights, LONGEST_STEP, out)
-        return out
+        return stepped(equation.with_values(values), x, u, step=LONGEST_STEP)
 
     for k, name in enumerate(tuning.followed):
         index = names.index(name)

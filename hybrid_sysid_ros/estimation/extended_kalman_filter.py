@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.estimation.augmented import Augmented
 from hybrid_sysid_ros.estimation.filter import Filter
@@ -29,11 +29,11 @@ class ExtendedKalmanFilter(Filter):
     Smoothing, algorithm 5.4; the Joseph form: Bar-Shalom, Li, Kirubarajan (2001), eq. (5.2.3-18).
     """
 
-    def kernels(self, equation: Equation) -> Kernels:
+    def kernels(self, equation: System) -> Kernels:
         return recursive(equation, "ekf", covariance_belief)
 
 
-def covariance_belief(equation: Equation, parts: Augmented) -> Belief:
+def covariance_belief(equation: System, parts: Augmented) -> Belief:
     """A belief whose root is the covariance itself."""
     linearise = parts.linearise
     states = len(equation.states)

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation, Recurrence
+from hybrid_sysid_ros.core import Recurrence, System
 from hybrid_sysid_ros.estimation.augmented import offset_gains
 from hybrid_sysid_ros.estimation.estimate import Counters, Estimate
 from hybrid_sysid_ros.estimation.kernels import LATE, LOST, Kernels
@@ -36,7 +36,7 @@ class Filter(ABC):
     windowed: ClassVar[bool] = False
     """Whether the method optimises over a window of nodes."""
 
-    def __init__(self, equation: Equation, tuning: Tuning, *, period: float, latency: float = 0.0) -> None:
+    def __init__(self, equation: System, tuning: Tuning, *, period: float, latency: float = 0.0) -> None:
         """period: of the measurements [s]. latency: from a measurement to its command at the rig [s].
 
         Raises UserError where no estimator can be made of these.
@@ -64,7 +64,7 @@ class Filter(ABC):
         self.reset()
 
     @abstractmethod
-    def kernels(self, equation: Equation) -> Kernels:
+    def kernels(self, equation: System) -> Kernels:
         """The compiled code of the method."""
 
     def window_of(self, tuning: Tuning, period: float) -> float:

@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import OPTIONS, inner
 from hybrid_sysid_ros.estimation.history import Inputs, begin_history, mean_input, remember
 from hybrid_sysid_ros.estimation.memory import MAIN, RESET
@@ -72,7 +72,7 @@ def restart(core: Any, channels: Channels, node: Any, states: int, spread: Any) 
     node.outliers, node.fate = 0, RESET
 
 
-def beginning(equation: Equation, spread: Callable[..., None]) -> Callable[..., None]:
+def beginning(equation: System, spread: Callable[..., None]) -> Callable[..., None]:
     """See :class:`Kernels`, begin."""
     states = len(equation.states)
 
@@ -93,7 +93,7 @@ def beginning(equation: Equation, spread: Callable[..., None]) -> Callable[..., 
     return numba.njit(begin, **OPTIONS)  # type: ignore[no-any-return]
 
 
-def _looking_ahead(equation: Equation, move: Callable[..., None]) -> Callable[..., None]:
+def _looking_ahead(equation: System, move: Callable[..., None]) -> Callable[..., None]:
     """ahead(core, nodes, inputs, lead, out): the state later; every input that acts until then is known already."""
     states = len(equation.states)
 
@@ -115,7 +115,7 @@ def _looking_ahead(equation: Equation, move: Callable[..., None]) -> Callable[..
 
 
 def assemble(
-    equation: Equation,
+    equation: System,
     *,
     move: Callable[..., None],
     begin: Callable[..., None],

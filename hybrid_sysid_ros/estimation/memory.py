@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation, Recurrence
+from hybrid_sysid_ros.core import Recurrence, System
 from hybrid_sysid_ros.estimation.tuning import Tuning
 
 LONGEST_STEP = 0.005
@@ -104,13 +104,13 @@ def core_type(size: int, parameters: int, weights: int) -> np.dtype[np.void]:
     )
 
 
-def memory_of(equation: Equation, tuning: Tuning, *, period: float, span: float, window: bool) -> Memory:
+def memory_of(equation: System, tuning: Tuning, *, period: float, span: float, window: bool) -> Memory:
     """A memory for measurements every ``period`` [s] that reaches back over ``span`` [s].
 
     window: whether the method optimises over the span. A recurrence has one step only, its own period.
     """
     states, followed = len(equation.states), len(tuning.followed)
-    size, output = states + 3 + followed, equation.outputs[0]
+    size, output = states + 3 + followed, equation.measured[0]
     # Sampled at a multiple of its period a hum looks like a position: then it can only count as noise.
     hum = tuning.hum_hertz > 0 and abs(np.sin(np.pi * tuning.hum_hertz * period)) > HUM_OBSERVABLE
     hum_variance = tuning.hum_amplitude**2

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import OPTIONS, inner
 from hybrid_sysid_ros.estimation.augmented import Augmented, augmented
 from hybrid_sysid_ros.estimation.cholesky import factorise, solve_factorised
@@ -54,7 +54,7 @@ class MovingHorizonEstimator(Filter):
 
     windowed = True
 
-    def kernels(self, equation: Equation) -> Kernels:
+    def kernels(self, equation: System) -> Kernels:
         return _kernels(equation)
 
     def window_of(self, tuning: Tuning, period: float) -> float:
@@ -64,14 +64,14 @@ class MovingHorizonEstimator(Filter):
 _COMPILED: dict[Augmented, Kernels] = {}
 
 
-def _kernels(equation: Equation) -> Kernels:
+def _kernels(equation: System) -> Kernels:
     parts = augmented(equation)
     if parts not in _COMPILED:
         _COMPILED[parts] = _compile(equation, parts)
     return _COMPILED[parts]
 
 
-def _compile(equation: Equation, parts: Augmented) -> Kernels:
+def _compile(equation: System, parts: Augmented) -> Kernels:
     move = parts.move
     begin_at = beginning(equation, diagonal)
     forward = _forward(equation, parts)
@@ -174,7 +174,7 @@ def _guess(core: Any, inputs: Inputs, before: Any, node: Any, move: Any) -> None
         copy(before.mean, node.mean)
 
 
-def _forward(equation: Equation, parts: Augmented) -> Callable[..., None]:
+def _forward(equation: System, parts: Augmented) -> Callable[..., None]:
     """A Kalman filter over the problem linearised about the trajectory, from the first node's prior on."""
     linearise, belief = parts.linearise, covariance_belief(equation, parts)
     observe, condense = belief.observe, belief.condense

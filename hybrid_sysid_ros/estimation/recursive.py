@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.estimation.augmented import Augmented, augmented
 from hybrid_sysid_ros.estimation.history import Inputs
@@ -51,7 +51,7 @@ class Belief:
 _COMPILED: dict[tuple[str, Augmented], Kernels] = {}
 
 
-def recursive(equation: Equation, method: str, carry: Callable[[Equation, Augmented], Belief]) -> Kernels:
+def recursive(equation: System, method: str, carry: Callable[[System, Augmented], Belief]) -> Kernels:
     """The kernels of a recursive method and an equation's form, compiled once in a process."""
     parts = augmented(equation)
     key = (method, parts)
@@ -60,7 +60,7 @@ def recursive(equation: Equation, method: str, carry: Callable[[Equation, Augmen
     return _COMPILED[key]
 
 
-def _compile(equation: Equation, parts: Augmented, belief: Belief) -> Kernels:
+def _compile(equation: System, parts: Augmented, belief: Belief) -> Kernels:
     states = len(equation.states)
     predict, observe, condense, spread = belief.predict, belief.observe, belief.condense, belief.spread
 

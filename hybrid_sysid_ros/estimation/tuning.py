@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.errors import UserError
 
 
@@ -48,7 +48,7 @@ class Tuning:
     window: float = 0.2
     horizon: int = 20
 
-    def check(self, equation: Equation) -> None:
+    def check(self, equation: System) -> None:
         """Raise UserError where an estimator of the equation can't be made from these numbers."""
         name, states = type(equation).__name__, len(equation.states)
         if len(equation.outputs) != 1 or len(equation.inputs) != 1:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.estimation.augmented import Augmented
 from hybrid_sysid_ros.estimation.filter import Filter
@@ -35,11 +35,11 @@ class UnscentedKalmanFilter(Filter):
     correction is exact, and Potter's: Kaminski, Bryson, Schmidt (1971), IEEE TAC 16(6), eq. (19).
     """
 
-    def kernels(self, equation: Equation) -> Kernels:
+    def kernels(self, equation: System) -> Kernels:
         return recursive(equation, "ukf", square_root_belief)
 
 
-def square_root_belief(equation: Equation, parts: Augmented) -> Belief:
+def square_root_belief(equation: System, parts: Augmented) -> Belief:
     """A belief whose root is a square root of the covariance."""
     move = parts.move
     hum_state = len(equation.states) + 1

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -35,7 +35,7 @@ class Experiment:
         return len(self.outputs)
 
 
-def prepare(record: Record, equation: Equation, sampling: Sampling) -> Experiment:
+def prepare(record: Record, equation: System, sampling: Sampling) -> Experiment:
     """Resample a record.
 
     Raises UserError where its channels are not those of the equation, it is too short, or its rate does not fit the
@@ -75,7 +75,7 @@ def prepare(record: Record, equation: Equation, sampling: Sampling) -> Experimen
     )
 
 
-def check_range(experiment: Experiment, equation: Equation) -> None:
+def check_range(experiment: Experiment, equation: System) -> None:
     """Raise UserError for an experiment that leaves the range in which an equation may be used, with what left it."""
     states = experiment.states
     for item, value in equation.trained_on(states.min(axis=0), states.max(axis=0)).outside:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
-from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.covariance import covariances
 from hybrid_sysid_ros.identification.experiment import Experiment, check_range
 from hybrid_sysid_ros.identification.problem import Map, Problem
@@ -60,7 +60,7 @@ class Fit:
     evaluations: simulations of all records, with or without derivatives.
     """
 
-    equation: Equation
+    equation: System
     names: tuple[str, ...]
     covariance: Array
     spreads: Array
@@ -71,7 +71,7 @@ class Fit:
 
 
 def fit(
-    equation: Equation,
+    equation: System,
     experiments: Sequence[Experiment],
     *,
     stages: Sequence[int | None] = STAGES,
@@ -89,7 +89,7 @@ def fit(
     physics can't explain is left to a network. ridge, bias, hold: see
     :class:`~hybrid_sysid_ros.identification.problem.Problem`. starts: points where the first stage begins, all but the
     first random by ``seed``; the best one goes on. Trust-region least squares with bounds; the Jacobian is exact
-    in the physics and of forward differences in weights, simulated in parallel threads.
+    and simulated in parallel threads.
 
     Raises UserError for records without excitation or beyond the equation's range, and where every simulation
     diverges.
@@ -107,7 +107,7 @@ def fit(
     problem = Problem(equation, experiments, centres=centres, spreads=spreads, ridge=ridge, bias=bias, hold=hold)
     first = problem.residuals(STAGES[0])
     first(problem.start)  # compile outside the measured time
-    problem.jacobian(STAGES[0], first, map)(problem.start)
+    problem.jacobian(STAGES[0], map)(problem.start)
     problem.evaluations = 0
     began = time.perf_counter()
     points = problem.starts(starts, seed)
@@ -145,7 +145,7 @@ def _solve(problem: Problem, horizon: int | None, point: Array, tolerance: float
     return least_squares(
         residuals,
         np.clip(point, lower, upper),
-        problem.jacobian(horizon, residuals, run),
+        problem.jacobian(horizon, run),
         bounds=(lower, upper),
         method="trf",
         ftol=tolerance,

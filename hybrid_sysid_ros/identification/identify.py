@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.experiment import Experiment, check_range, prepare
 from hybrid_sysid_ros.identification.fitting import Progress
 from hybrid_sysid_ros.identification.part import Part
@@ -82,7 +82,7 @@ def check_record(record: Record, rig: Rig, sampling: Sampling) -> None:
     for column, variable in enumerate(rig.equation.inputs):
         if column < record.input.shape[1] and np.ptp(record.input[:, column]) == 0.0:
             raise UserError(f"{record.name}: input {variable.name} is constant: no excitation; leave the record out")
-    for column, state in enumerate(rig.equation.outputs):
+    for column, state in enumerate(rig.equation.measured):
         if column < record.output.shape[1] and np.ptp(record.output[:, column]) == 0.0:
             name = rig.equation.states[state].name
             raise UserError(f"{record.name}: output {name} is constant, so it can't be scored; leave the record out")
@@ -103,7 +103,7 @@ def experiment_of(model: Model, record: Record, *, part: Part = Part()) -> Exper
     return prepare(part.of(record, model.sampling), model.equation, model.sampling)
 
 
-def _scores(equation: Equation, experiment: Experiment) -> Scores:
+def _scores(equation: System, experiment: Experiment) -> Scores:
     try:
         return score(experiment.outputs[:, 0], free_run(equation, experiment)[:, 0])
     except UserError as error:

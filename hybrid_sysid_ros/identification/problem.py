@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation, kernels
-from hybrid_sysid_ros.core.forward_sensitivity import forward_sensitivity
+from hybrid_sysid_ros.core import Sensitivities, System, rollouts
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -26,9 +25,6 @@ CORRELATION_SECONDS = 1.0
 INITIAL_SPREAD = 0.1
 """Prior deviation of a record's initial state about the measured one, as part of the state's deviation."""
 
-DIFFERENCE = 1e-5
-"""Step of the forward differences by weights."""
-
 SHARES = 4
 """Parts of one simulation with derivatives that may run side by side."""
 
@@ -44,7 +40,7 @@ class Problem:
 
     def __init__(
         self,
-        equation: Equation,
+        equation: System,
         experiments: Sequence[Experiment],
         *,
         centres: Array | None = None,
@@ -66,7 +62,6 @@ class Problem:
         self.first_steps = np.cumsum([0, *(len(experiment.inputs) for experiment in experiments)])[:-1]
         self.deviation = np.std(np.concatenate([item.outputs - item.outputs.mean(0) for item in experiments]), axis=0)
         _check_excitation(equation, self.inputs, self.deviation)
-        self.kernels = kernels(equation)
         declared = equation.parameters
         self.free = [index for index, item in enumerate(declared) if not item.fixed and item.name not in hold]
         self.scales = np.concatenate([[declared[i].scale for i in self.free], np.ones(len(equation.weights))])
@@ -79,7 +74,7 @@ class Problem:
             f"weight_{index}" for index in range(len(equation.weights))
         )
         self.shared = len(self.scales)
-        self.moved_states = sorted({*equation.outputs, *(equation.kinematics.get(i, i) for i in equation.outputs)})
+        self.moved_states = sorted({*equation.measured, *(equation.kinematics.get(i, i) for i in equation.measured)})
         states = np.concatenate([item.states for item in experiments])
         units = [INITIAL_SPREAD * max(float(np.std(states[:, i])), 1e-9) for i in self.moved_states]
         units += [bias] * self.inputs.shape[1] if bias > 0 else []
@@ -118,7 +113,7 @@ class Problem:
         """Rows of the residuals where each record begins, and where the last one ends: (records + 1,)."""
         return self.windows(horizon)[3] * len(self.equation.outputs)
 
-    def with_point(self, point: Array) -> Equation:
+    def with_point(self, point: Array) -> System:
         """The equation at a point."""
         values = self.equation.values
         shared = point[: self.shared] * self.scales
@@ -161,8 +156,8 @@ class Problem:
 
     def placed(
         self, point: Array, starts: NDArray[np.int64], states: Array, edges: NDArray[np.int64]
-    ) -> tuple[Equation, Array, Array]:
-        """Equation, initial states (windows, states) and inputs (steps, inputs) at a point."""
+    ) -> tuple[System, Array, Array]:
+        """System, initial states (windows, states) and inputs (steps, inputs) at a point."""
         nuisances, moved = self.nuisances(point), len(self.moved_states)
         inputs = self.inputs
         if np.any(nuisances[:moved]):
@@ -177,67 +172,49 @@ class Problem:
     def residuals(self, horizon: int | None) -> Residuals:
         """Weighted output errors of all rollouts, followed by the priors."""
         starts, states, outputs, edges = self.windows(horizon)
-        measured = list(self.equation.outputs)
         weight = self.weight(outputs)
         step = self.sampling.step
 
         def evaluate(point: Array) -> Array:
             equation, initial, inputs = self.placed(point, starts, states, edges)
-            out = np.empty((len(outputs), len(equation.states)))
-            self.kernels.windows(
-                starts,
-                initial,
-                inputs,
-                equation.delay / step,
-                self.sampling.every,
-                equation.named,
-                equation.weights,
-                step,
-                out,
-            )
+            _, out = rollouts(equation, starts, initial, inputs, step=step, every=self.sampling.every)
             self.evaluations += 1
-            errors = ((out[:, measured] - outputs) * weight).ravel()
+            errors = ((out - outputs) * weight).ravel()
             # A diverging simulation must repel the search, not stop it.
             errors = np.nan_to_num(np.clip(errors, -1e6, 1e6), nan=1e6)
             return np.concatenate([errors, self.priors(point)])
 
         return evaluate
 
-    def jacobian(self, horizon: int | None, residuals: Residuals, run: Map) -> Residuals:
-        """Derivatives (rows, point): those by physical parameters and nuisances exact, from one simulation that carries
-        them along; those by weights by forward differences. ``run`` maps the simulations, in parallel or not.
+    def jacobian(self, horizon: int | None, run: Map) -> Residuals:
+        """Derivatives (rows, point), exact: from one simulation that carries them along. ``run`` maps its parts, in
+        parallel or not.
         """
-        physical, records, moved = len(self.free), len(self.experiments), len(self.moved_states)
+        records, moved = len(self.experiments), len(self.moved_states)
         starts, states, outputs, edges = self.windows(horizon)
-        rows, count = outputs.size, len(self.equation.outputs)
+        rows, count = outputs.size, outputs.shape[1]
         weight = self.weight(outputs)
-        names = self.names[:physical]
-        sensitivity = forward_sensitivity(self.equation, names)
+        sensitivities = Sensitivities(self.equation)
+        columns = sensitivities.columns
+        unfixed = list(columns.parameters)
+        shared = [unfixed.index(i) for i in self.free]
+        shared += range(len(unfixed), len(unfixed) + columns.weights)
+        first = len(unfixed) + columns.weights
+        nuisances = [first + i for i in self.moved_states]
+        nuisances += range(first + columns.states, first + columns.states + columns.inputs)
         shares = np.array_split(starts, min(SHARES, len(starts)))
-        first = 1 + physical
-        lanes = [first + i for i in self.moved_states]
-        lanes += range(first + len(self.equation.states), first + len(self.equation.states) + self.inputs.shape[1])
         begins = np.isin(starts[:, 3], edges[:-1])
         inside = np.repeat(begins, starts[:, 2])
 
         def tangent(at: Array) -> Array:
-            """Weighted derivatives (samples, outputs, lanes)."""
+            """Weighted derivatives (samples, outputs, columns)."""
             equation, initial, inputs = self.placed(at, starts, states, edges)
-            out = np.empty((len(outputs), count, sensitivity.lanes))
+            out = np.empty((len(outputs), count, sensitivities.count))
 
             def simulate(share: NDArray[np.int64]) -> None:
                 at = np.searchsorted(starts[:, 3], share[:, 3])
-                sensitivity.windows(
-                    share,
-                    initial[at],
-                    inputs,
-                    equation.delay / self.sampling.step,
-                    self.sampling.every,
-                    equation.named,
-                    equation.weights,
-                    self.sampling.step,
-                    sensitivity.workspace,
-                    out,
+                sensitivities.rollouts(
+                    equation, share, initial[at], inputs, step=self.sampling.step, every=self.sampling.every, out=out
                 )
 
             list(run(simulate, shares))
@@ -246,21 +223,16 @@ class Problem:
 
         def evaluate(at: Array) -> Array:
             result = np.zeros((rows + len(at), len(at)))
-            if physical or len(self.nuisance_units):
-                out = tangent(at)
-                result[:rows, :physical] = (out[:, :, 1:first] * self.scales[:physical]).reshape(rows, physical)
-                for kind, (lane, unit) in enumerate(zip(lanes, self.nuisance_units, strict=False)):
-                    change = unit * out[:, :, lane] * (inside[:, None] if kind < moved else 1.0)
-                    for record in range(records):
-                        part = slice(edges[record], edges[record + 1])
-                        column = self.shared + kind * records + record
-                        result[part.start * count : part.stop * count, column] = change[part].ravel()
-            if self.shared > physical:
-                base = residuals(at)[:rows]
-                points = [at + DIFFERENCE * _unit(i, len(at)) for i in range(physical, self.shared)]
-                for i, column in zip(range(physical, self.shared), run(residuals, points), strict=True):
-                    result[:rows, i] = (column[:rows] - base) / DIFFERENCE
+            out = tangent(at)
+            result[:rows, : self.shared] = (out[:, :, shared] * self.scales).reshape(rows, self.shared)
+            for kind, (column, unit) in enumerate(zip(nuisances, self.nuisance_units, strict=False)):
+                change = unit * out[:, :, column] * (inside[:, None] if kind < moved else 1.0)
+                for record in range(records):
+                    part = slice(edges[record], edges[record + 1])
+                    place = self.shared + kind * records + record
+                    result[part.start * count : part.stop * count, place] = change[part].ravel()
             priors = np.ones(len(at))
+            physical = len(self.free)
             priors[:physical] = self.scales[:physical] / self.spreads
             priors[physical : self.shared] = np.sqrt(self.ridge)
             result[rows + np.arange(len(at)), np.arange(len(at))] = priors
@@ -269,16 +241,10 @@ class Problem:
         return evaluate
 
 
-def _unit(index: int, length: int) -> Array:
-    unit = np.zeros(length)
-    unit[index] = 1.0
-    return unit
-
-
-def _check_excitation(equation: Equation, inputs: Array, deviation: Array) -> None:
+def _check_excitation(equation: System, inputs: Array, deviation: Array) -> None:
     for output, value in enumerate(deviation):
         if value < 1e-9:
-            name = equation.states[equation.outputs[output]].name
+            name = equation.outputs[output].name
             raise UserError(f"identification: output {name} is constant in every record; nothing to identify")
     for column in range(inputs.shape[1]):
         if np.ptp(inputs[:, column]) < 1e-9:

@@ -1,34 +1,38 @@
-"""The lecture's black box: a state-space network."""
+"""The black box: a state-space network."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Law, Motion, Operations, Variable, parameter
+from hybrid_sysid_ros.core import System, Viscous, bounded
+from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.models.network import Network
 
 
 @dataclass(frozen=True, kw_only=True)
-class BlackBox(Motion):
+class BlackBox(System):
     """v' = gain u - damping v + n(q, v, u): a network for the acceleration, with its straight part written out so that
     a fit starts from a stable simulation.
     """
 
-    states = (Variable(name="position", unit="rad"), Variable(name="velocity", unit="rad/s"))
-    inputs = (Variable(name="drive", unit="V"),)
-    kinematics: ClassVar[Mapping[int, int]] = {0: 1}
-    friction_state = 1
+    states = ("position [rad]", "velocity [rad/s]")
+    inputs = ("drive [V]",)
+    contacts = (Viscous(on="velocity", viscous="damping"),)
+    delays = {"drive": "input_delay"}
 
     network: Network
     network_weights: NDArray[np.float64]
-    gain: float = parameter(4.0, 0.0, 400.0, unit="rad/(s^2 V)", description="straight part, input")
-    damping: float = parameter(20.0, 0.0, 150.0, unit="1/s", description="straight part, velocity")
-    input_delay: float = parameter(0.004, 0.0, 0.03, unit="s", description="delay of the drive")
+    gain: float = bounded(4.0, 0.0, 400.0, unit="rad/(s^2 V)")
+    """Straight part, input."""
+    damping: float = bounded(20.0, 0.0, 150.0, unit="1/s")
+    """Straight part, velocity."""
+    input_delay: float = bounded(0.004, 0.0, 0.03, unit="s")
+    """Delay of the drive."""
 
     @property
     def form(self) -> tuple[Any, ...]:
@@ -45,10 +49,5 @@ class BlackBox(Motion):
     def with_weights(self, weights: NDArray[np.float64]) -> BlackBox:
         return replace(self, network_weights=weights)
 
-    def law(self, operations: Operations) -> Law:
-        network = self.network.function(operations)
-
-        def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
-            return (x[1], p.gain * u[0] + network(x, u, w)), (0.0, 0.0, p.damping)
-
-        return law
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return x[1], self.gain * u[0] + self.network(x, u)

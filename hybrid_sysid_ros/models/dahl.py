@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-from hybrid_sysid_ros.core import Law, Operations, Variable, parameter
+from hybrid_sysid_ros.core import Bristles, bounded
 from hybrid_sysid_ros.models.linear import Linear
 
 
@@ -16,15 +15,9 @@ class Dahl(Linear):
     z: deflection of the bristles, hidden; s0 = bristle_stiffness, Fc = coulomb. Source: Dahl (1968), with exponent 1.
     """
 
-    states = (*Linear.states, Variable(name="deflection", unit="rad"))
-    bristle_state = 2
+    contacts = (Bristles(on="velocity", level="coulomb", stiffness="bristle_stiffness", viscous="damping"),)
 
-    coulomb: float = parameter(1.0, 0.0, 100.0, unit="rad/s^2", description="friction level")
-    bristle_stiffness: float = parameter(500.0, 1.0, 1e5, unit="1/s^2", description="of the bristles")
-
-    def law(self, operations: Operations) -> Law:
-        def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
-            rates = (x[1], p.gain * (u[0] - p.centre) - p.stiffness * x[0], 0.0)
-            return rates, (p.coulomb, p.bristle_stiffness, 0.0, p.damping)
-
-        return law
+    coulomb: float = bounded(1.0, 0.0, 100.0, unit="rad/s^2")
+    """Friction level."""
+    bristle_stiffness: float = bounded(500.0, 1.0, 1e5, unit="1/s^2")
+    """Of the bristles."""

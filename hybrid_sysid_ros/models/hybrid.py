@@ -9,24 +9,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation, Law, Motion, Operations, Parameter
+from hybrid_sysid_ros.core import Parameter, System
+from hybrid_sysid_ros.core.mathematics import Scalar
+from hybrid_sysid_ros.core.steppers import Motion
 from hybrid_sysid_ros.models.network import Network
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hybrid(Motion):
-    """x' = f(x, u) + e_v n(x, u): the physics' equation with a bounded network added to one of its rates.
+class Hybrid(System):
+    """x' = f(x, u) + e_v n(x, u): the physics with a bounded network added to one of its rates.
 
-    The network acts on the state that carries the friction, or the last one where none does.
+    The network acts on the state that carries the first contact, or the last one where none does.
     """
 
-    physics: Motion
+    physics: System
     network: Network
     network_weights: NDArray[np.float64]
 
     def __post_init__(self) -> None:
         # A wrapper has the states and inputs of what it wraps.
-        for name in ("states", "inputs", "outputs", "kinematics", "friction_state", "bristle_state"):
+        for name in ("states", "inputs", "outputs", "contacts", "stepper", "delays"):
             object.__setattr__(self, name, getattr(self.physics, name))
 
     @property
@@ -41,8 +43,8 @@ class Hybrid(Motion):
     def values(self) -> NDArray[np.float64]:
         return self.physics.values
 
-    def with_values(self, values: NDArray[np.float64]) -> Hybrid:
-        return replace(self, physics=_motion(self.physics.with_values(values)))
+    def bound(self, values: Sequence[Scalar]) -> Hybrid:
+        return replace(self, physics=self.physics.bound(values))
 
     @property
     def design(self) -> dict[str, Any]:
@@ -56,19 +58,23 @@ class Hybrid(Motion):
         return replace(self, network_weights=weights)
 
     def trained_on(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> Hybrid:
-        return replace(self, physics=_motion(self.physics.trained_on(low, high)))
+        return replace(self, physics=self.physics.trained_on(low, high))
 
-    def law(self, operations: Operations) -> Law:
-        physics = operations.function(self.physics.law(operations))
-        network = self.network.function(operations)
-        index = len(self.states) - 1 if self.friction_state is None else self.friction_state
-        after = index + 1
+    def motion(self) -> Motion:
+        """That of the physics, with the network among its rates."""
+        motion = self.physics.motion()
+        names = list(motion.names)
+        index = names.index(self.contacts[0].on) if self.contacts else len(self.declared_states) - 1
 
-        def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
-            rates, friction = physics(x, u, p, w)
-            return (*rates[:index], rates[index] + network(x, u, w), *rates[after:]), friction
+        def rates(x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+            found = list(motion.rates(x, u))
+            found[index] = found[index] + self.network(x, u)
+            return found
 
-        return law
+        return replace(motion, rates=rates)
+
+    def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return self.physics.output(x, u)
 
 
 def averaged(members: Sequence[Hybrid]) -> Hybrid:
@@ -78,13 +84,7 @@ def averaged(members: Sequence[Hybrid]) -> Hybrid:
     weights[:, -1] /= len(members)
     return replace(
         members[0],
-        physics=_motion(members[0].physics.with_values(np.mean([member.values for member in members], axis=0))),
+        physics=members[0].physics.with_values(np.mean([member.values for member in members], axis=0)),
         network=replace(network, units=network.units * len(members)),
         network_weights=weights.ravel(),
     )
-
-
-def _motion(equation: Equation) -> Motion:
-    """What changing values leaves a motion, for the type checker."""
-    assert isinstance(equation, Motion)
-    return equation

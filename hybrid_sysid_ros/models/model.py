@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.models.structures import assemble
@@ -35,7 +35,7 @@ class Model:
 
     rig: str
     structure: str
-    equation: Equation
+    equation: System
     sampling: Sampling
     names: tuple[str, ...]
     covariance: Array

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Operations, Recurrence, Variable
-from hybrid_sysid_ros.core.equation import Step, parameter_tuple
+from hybrid_sysid_ros.core import Recurrence, Variable
+from hybrid_sysid_ros.core.mathematics import Scalar, clip
+from hybrid_sysid_ros.core.networks import Polynomial
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -36,7 +37,7 @@ class Narx(Recurrence):
     Billings (2013), Nonlinear system identification: NARMAX methods, section 2.2.
 
     exponents: e, of each term (ny + nu,), in the order of r. coefficients: theta, what is learned. output_range,
-    input_range: lowest and highest value in the training data. output, input: their names and units.
+    input_range: lowest and highest value in the training data. output_variable, input_variable: names and units.
     Raises UserError for terms that don't fit the lags or the coefficients.
     """
 
@@ -48,8 +49,8 @@ class Narx(Recurrence):
     input_range: tuple[float, float]
     output_scale: float = 1.0
     input_scale: float = 1.0
-    output: Variable = Variable(name="position", unit="rad")
-    input: Variable = Variable(name="drive", unit="V")
+    output_variable: Variable = Variable(name="position", unit="rad")
+    input_variable: Variable = Variable(name="drive", unit="V")
 
     def __post_init__(self) -> None:
         lags = self.output_lags + self.input_lags
@@ -61,9 +62,13 @@ class Narx(Recurrence):
                 f"NARX: {len(self.coefficients)} coefficients don't fit {len(self.exponents)} terms, or the terms "
                 f"don't have {lags} exponents of 0 or more each"
             )
-        states = (*_lagged(self.output, range(self.output_lags)), *_lagged(self.input, range(1, self.input_lags)))
+        states = (
+            *_lagged(self.output_variable, range(self.output_lags)),
+            *_lagged(self.input_variable, range(1, self.input_lags)),
+        )
         object.__setattr__(self, "states", states)
-        object.__setattr__(self, "inputs", (self.input,))
+        object.__setattr__(self, "inputs", (self.input_variable,))
+        object.__setattr__(self, "outputs", (self.output_variable,))
 
     @classmethod
     def of(cls, design: Mapping[str, Any], weights: Array) -> Narx:
@@ -72,8 +77,8 @@ class Narx(Recurrence):
             "exponents": lambda terms: tuple(tuple(term) for term in terms),
             "output_range": tuple,
             "input_range": tuple,
-            "output": lambda variable: Variable(**variable),
-            "input": lambda variable: Variable(**variable),
+            "output_variable": lambda variable: Variable(**variable),
+            "input_variable": lambda variable: Variable(**variable),
         }
         fields = {name: read[name](value) if name in read else value for name, value in design.items()}
         return cls(**fields, coefficients=tuple(float(value) for value in weights))
@@ -94,45 +99,23 @@ class Narx(Recurrence):
         return dataclasses.replace(self, coefficients=tuple(float(value) for value in weights))
 
     @property
-    def named(self) -> Any:
-        """What the step reads. Lags and terms are data of it, not code: all polynomials share one compiled form."""
-        factors = [[i for i, power in enumerate(term) for _ in range(power)] for term in self.exponents]
-        values: dict[str, Any] = {
-            "output_lags": self.output_lags,
-            "factors": np.array([i for term in factors for i in term], dtype=np.int64),
-            "degrees": np.array([len(term) for term in factors], dtype=np.int64),
-            "output_scale": self.output_scale,
-            "input_scale": self.input_scale,
-        }
-        for name, held in (("output", self.output_range), ("input", self.input_range)):
-            values[f"{name}_low"], values[f"{name}_high"] = _band(held)
-        return parameter_tuple(tuple(values))(**values)
+    def form(self) -> tuple[Any, ...]:
+        return (type(self), *self.design_key)
 
-    def advance(self, operations: Operations) -> Step:
-        minimum, maximum = operations.minimum, operations.maximum
+    @property
+    def design_key(self) -> tuple[Any, ...]:
+        """What the printed code holds."""
+        ranges = (self.output_range, self.input_range, self.output_scale, self.input_scale)
+        return (self.exponents, self.output_lags, self.input_lags, *ranges)
 
-        def step(x: Any, u: Any, p: Any, w: Any, h: Any, following: Any) -> None:
-            present = minimum(maximum(u[0], p.input_low), p.input_high)
-            lags = p.output_lags
-            total = 0.0
-            k = 0
-            for j in range(len(p.degrees)):
-                product = w[j]
-                for _ in range(p.degrees[j]):
-                    i = p.factors[k]
-                    if i < lags:
-                        product = product * (x[i] / p.output_scale)
-                    else:
-                        product = product * ((present if i == lags else x[i - 1]) / p.input_scale)
-                    k += 1
-                total = total + product
-            for i in range(len(x) - 1, 0, -1):
-                following[i] = x[i - 1]
-            if len(x) > lags:
-                following[lags] = present
-            following[0] = minimum(maximum(total * p.output_scale, p.output_low), p.output_high)
-
-        return step
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        lags = self.output_lags
+        present = clip(u[0], *_band(self.input_range))
+        polynomial = Polynomial(exponents=self.exponents, features=lags + self.input_lags)
+        drives = [present, *x[lags:]]
+        lagged = [*(value / self.output_scale for value in x[:lags]), *(value / self.input_scale for value in drives)]
+        following = clip(self.output_scale * polynomial(lagged)[0], *_band(self.output_range))
+        return [following, *x[: lags - 1], *drives[: self.input_lags - 1]]
 
     def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
         """States (samples, states) from the record's own past.

@@ -1,15 +1,16 @@
-"""A small bounded network, as a plain function over scalars."""
+"""A small bounded network of states and inputs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Operations
+from hybrid_sysid_ros.core import Softsign
+from hybrid_sysid_ros.core.mathematics import Scalar, saturate
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,35 +31,23 @@ class Network:
         return cls(**{**design, "feature_scales": tuple(design["feature_scales"])})
 
     @property
+    def block(self) -> Softsign:
+        """Its hidden layer."""
+        return Softsign(features=len(self.feature_scales), units=self.units)
+
+    @property
     def size(self) -> int:
         """Number of weights: for each unit one per feature, a bias and an output weight."""
-        return self.units * (len(self.feature_scales) + 2)
+        return self.block.size
 
     def initial(self, seed: int, *, output: float = 0.0) -> NDArray[np.float64]:
         """Random hidden weights; output weights normal with deviation ``output``. Shape (size,)."""
-        random = np.random.default_rng(seed)
-        weights = random.normal(size=(self.units, len(self.feature_scales) + 2))
-        weights[:, -2] *= 0.5
-        weights[:, -1] *= output
-        return weights.ravel()
+        return self.block.initial(seed, output=output)
 
-    def function(self, operations: Operations) -> Callable[..., Any]:
-        """network(x, u, w): features are the states followed by the inputs."""
-        absolute, saturate = operations.absolute, operations.saturate
-        units, clip, scale = self.units, self.clip, self.scale
-        scales = tuple(1.0 / value for value in self.feature_scales)
-        features = len(scales)
-        width = features + 2
-
-        def network(x: Any, u: Any, w: Any) -> Any:
-            states = len(x)
-            total = 0.0
-            for i in range(units):
-                s = w[width * i + features]
-                for j in range(features):
-                    value = x[j] if j < states else u[j - states]
-                    s += w[width * i + j] * saturate(value * scales[j], clip)
-                total += w[width * i + features + 1] * s / (1.0 + absolute(s))
-            return scale * total
-
-        return operations.function(network)
+    def __call__(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
+        """The output for states followed by inputs, inside a law."""
+        features = [
+            saturate(value * (1.0 / scale), self.clip)
+            for value, scale in zip([*x, *u], self.feature_scales, strict=True)
+        ]
+        return self.scale * self.block(features)[0]

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Operations, Recurrence, Variable
-from hybrid_sysid_ros.core.equation import Step, parameter_tuple
+from hybrid_sysid_ros.core import Recurrence, Variable
+from hybrid_sysid_ros.core.mathematics import Scalar
+from hybrid_sysid_ros.core.networks import GatedUnits
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -44,8 +45,7 @@ class Recurrent(Recurrence):
     Raises UserError where they don't fit the units.
     """
 
-    inputs = (Variable(name="drive", unit="V"),)
-    kinematics: ClassVar[Mapping[int, int]] = {0: 1}
+    inputs = ("drive [V]",)
 
     units: int = 24
     position_scale: float = 1.0
@@ -63,6 +63,7 @@ class Recurrent(Recurrence):
         hidden = (Variable(name=f"hidden_{i + 1}", unit="") for i in range(self.units))
         position, rate = Variable(name="position", unit="rad"), Variable(name="velocity", unit="rad/s")
         object.__setattr__(self, "states", (position, rate, *hidden))
+        object.__setattr__(self, "outputs", (position,))
 
     @classmethod
     def of(cls, design: Mapping[str, Any], weights: Array) -> Recurrent:
@@ -74,6 +75,10 @@ class Recurrent(Recurrence):
         """Everything but the weights as plain data, from which :meth:`of` builds the equation again."""
         names = ("period", "units", "position_scale", "rate_scale", "drive_scale")
         return {name: getattr(self, name) for name in names}
+
+    @property
+    def kinematics(self) -> Mapping[int, int]:
+        return {0: 1}
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
@@ -122,41 +127,14 @@ class Recurrent(Recurrence):
         return self.with_weights(weights)
 
     @property
-    def named(self) -> Any:
-        """What the step reads. Scales and units are data of it, not code: all networks share one compiled form."""
-        values = {"position_scale": self.position_scale, "drive_scale": self.drive_scale, "period": self.period}
-        return parameter_tuple(tuple(values))(*(float(value) for value in values.values()))
+    def form(self) -> tuple[Any, ...]:
+        return (type(self), self.units, self.position_scale, self.drive_scale, self.period)
 
-    def advance(self, operations: Operations) -> Step:
-        tanh = operations.tanh
-
-        def step(x: Any, u: Any, p: Any, w: Any, h: Any, following: Any) -> None:
-            units = len(x) - READ
-            drive = u[0] / p.drive_scale
-            bias = 3 * units
-            matrix = bias + 3 * units
-            reset_bias = matrix + 3 * units * units
-            readout = reset_bias + units
-            position = w[readout + units]
-            for i in range(units):
-                reset = w[i] * drive + w[bias + i]
-                keep = w[units + i] * drive + w[bias + units + i]
-                new = w[2 * units + i] * drive + w[bias + 2 * units + i]
-                memory = w[reset_bias + i]
-                row = matrix + i * units
-                for j in range(units):
-                    hidden = x[READ + j]
-                    reset = reset + w[row + j] * hidden
-                    keep = keep + w[row + units * units + j] * hidden
-                    memory = memory + w[row + 2 * units * units + j] * hidden
-                new = tanh(new + (0.5 + 0.5 * tanh(0.5 * reset)) * memory)
-                kept = 0.5 + 0.5 * tanh(0.5 * keep)
-                following[READ + i] = new + kept * (x[READ + i] - new)
-                position = position + w[readout + i] * following[READ + i]
-            following[0] = p.position_scale * position
-            following[1] = (following[0] - x[0]) / p.period
-
-        return step
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        layer = GatedUnits(units=self.units, size=len(self.weights))
+        readout, *hidden = layer([u[0] / self.drive_scale, *x[READ:]])
+        position = self.position_scale * readout
+        return [position, (position - x[0]) / self.period, *hidden]
 
     def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
         """States (samples, states): the measured position and rate, and the hidden states that the encoder gives."""

@@ -1,12 +1,14 @@
-"""The lecture's model with Stribeck friction."""
+"""A one-joint rig with Stribeck's friction."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
-from hybrid_sysid_ros.core import Law, Operations, parameter
+from hybrid_sysid_ros.core import Contact, Dry, bounded
 from hybrid_sysid_ros.core.friction import stribeck
+from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.models.linear import Linear
 
 
@@ -17,19 +19,15 @@ class Stribeck(Linear):
     The printed law of the lecture lost sgn(v); this is the corrected one. Fs = coulomb + static_excess.
     """
 
-    coulomb: float = parameter(1.0, 0.0, 100.0, unit="rad/s^2", description="friction level at speed")
-    static_excess: float = parameter(
-        0.2, 0.0, 100.0, spread=0.5, unit="rad/s^2", description="friction at rest above that level"
-    )
-    stribeck_speed: float = parameter(
-        0.05, 0.005, 2.0, spread=0.05, unit="rad/s", description="speed at which the excess is gone"
-    )
+    contacts: ClassVar[tuple[Contact, ...]] = (Dry(on="velocity", level="friction", viscous="damping"),)
 
-    def law(self, operations: Operations) -> Law:
-        friction_level = stribeck(operations)
+    coulomb: float = bounded(1.0, 0.0, 100.0, unit="rad/s^2")
+    """Friction level at speed."""
+    static_excess: float = bounded(0.2, 0.0, 100.0, spread=0.5, unit="rad/s^2")
+    """Friction at rest above that level."""
+    stribeck_speed: float = bounded(0.05, 0.005, 2.0, spread=0.05, unit="rad/s")
+    """Speed at which the excess is gone."""
 
-        def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
-            level = friction_level(x[1], p.coulomb, p.coulomb + p.static_excess, p.stribeck_speed)
-            return (x[1], p.gain * (u[0] - p.centre) - p.stiffness * x[0]), (level, 0.0, p.damping)
-
-        return law
+    def friction(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
+        """Level of the dry friction [rad/s^2]."""
+        return stribeck(x[1], self.coulomb, self.coulomb + self.static_excess, self.stribeck_speed)

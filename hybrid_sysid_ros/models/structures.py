@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation, Motion
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models.black_box import BlackBox
 from hybrid_sysid_ros.models.dahl import Dahl
 from hybrid_sysid_ros.models.hybrid import Hybrid
@@ -68,7 +68,7 @@ _OPTIONS: Mapping[str, Mapping[str, Option]] = {
 }
 
 
-def options_of(structure: str, physics: Motion) -> dict[str, Option]:
+def options_of(structure: str, physics: System) -> dict[str, Option]:
     """The options of a structure; on a rig's own equation also its terms, each 0 (left out) or 1.
 
     Raises UserError for an unknown name.
@@ -84,17 +84,17 @@ def options_of(structure: str, physics: Motion) -> dict[str, Option]:
 
 def assemble(
     structure: str,
-    physics: Motion,
+    physics: System,
     *,
     design: Mapping[str, Any] | None = None,
     weights: NDArray[np.float64] | None = None,
-) -> Equation:
+) -> System:
     """An equation of a named structure on a rig's own equation, with what is learned where it has such a part.
 
-    design: what :attr:`~hybrid_sysid_ros.core.Equation.design` gave. Raises UserError for an unknown name, and
+    design: what :attr:`~hybrid_sysid_ros.core.System.design` gave. Raises UserError for an unknown name, and
     where the design or the weights (size,) are missing or don't fit each other.
     """
-    plain: dict[str, Equation] = {
+    plain: dict[str, System] = {
         "linear": Linear(),
         "stribeck": Stribeck(),
         "dahl": Dahl(),
@@ -121,8 +121,8 @@ def assemble(
 
 
 def build(
-    structure: str, physics: Motion, *, scales: NDArray[np.float64], seed: int, options: Options | None = None
-) -> tuple[Equation, tuple[str, ...]]:
+    structure: str, physics: System, *, scales: NDArray[np.float64], seed: int, options: Options | None = None
+) -> tuple[System, tuple[str, ...]]:
     """A structure before its fit, every parameter where a fit begins, so that no earlier result leaks in; and the names
     of the parameters that the fit must leave as they are, since their term is switched off.
 

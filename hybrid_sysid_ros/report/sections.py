@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import simulate
+from hybrid_sysid_ros.core import rollouts
 from hybrid_sysid_ros.identification import Part, Scores, score
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, k_step_errors
@@ -141,8 +141,9 @@ def free_run_of(model: Model, record: Record, part: Part) -> FreeRun:
     """
     experiment = experiment_of(model, record, part=part)
     sampling, used = model.sampling, part.of(record, model.sampling)
-    states = simulate(model.equation, experiment.states[0], experiment.inputs, step=sampling.step)
-    simulated = states[:, model.equation.outputs[0]]
+    starts = np.array([[0, 0, 1 + len(experiment.inputs), 0]])
+    _, outputs = rollouts(model.equation, starts, experiment.states[:1].copy(), experiment.inputs, step=sampling.step)
+    simulated = outputs[:, 0]
     residuals = experiment.outputs[:, 0] - simulated[:: sampling.every]
     inputs = experiment.inputs[:, 0].reshape(-1, sampling.every).mean(axis=1)
     reference = used.channels.get("reference")

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import kernels
+from hybrid_sysid_ros.core import compiled
+from hybrid_sysid_ros.core.rollout import advance
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import Filter
 
@@ -34,8 +35,8 @@ class Plant:
         self.noisy = noisy
         self._random = np.random.default_rng(seed)
         self._phase = self._random.uniform(0, 2 * np.pi)
-        self._step = kernels(rig.equation).step
-        self._parameters = rig.equation.named
+        self._step = compiled(rig.equation).step
+        self._parameters = rig.equation.values
         self._weights = rig.equation.weights
         delay = rig.equation.delay / rig.step
         self._whole, self._part = int(delay), delay % 1.0
@@ -54,7 +55,9 @@ class Plant:
 
     def change(self, **parameters: float) -> None:
         """From here on parameters of the equation have other values, as friction when it warms up; the delay stays."""
-        self._parameters = self._parameters._replace(**parameters)
+        names = [item.name for item in self.rig.equation.parameters]
+        for name, value in parameters.items():
+            self._parameters[names.index(name)] = value
 
     @property
     def time(self) -> float:
@@ -67,7 +70,7 @@ class Plant:
         late, later = self._past[self._whole], self._past[self._whole + 1]
         self._drive[0] = (1.0 - self._part) * late + self._part * later + self.bias
         self._filter.advance(self._position)
-        self._step(self.state, self._drive, self._parameters, self._weights, self.rig.step, self._following)
+        advance(self._step, self.state, self._drive, self._parameters, self._weights, self.rig.step, self._following)
         self.state[:] = self._following
         self._ticks += 1
         self._read()

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hybrid_sysid_ros.bags.signals import configuration_of, load_configuration
-from hybrid_sysid_ros.core import Motion
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.rigs.cam_beam import CamBeam
 from hybrid_sysid_ros.rigs.sensor import Sensor
 from hybrid_sysid_ros.support.errors import UserError
 
-EQUATIONS: dict[str, Motion] = {"cam_beam": CamBeam()}
+EQUATIONS: dict[str, System] = {"cam_beam": CamBeam()}
 """The best physics known of each rig. The numbers are those identified from its records."""
 
 
@@ -23,7 +23,7 @@ class Rig:
 
     name: str
     joint: str
-    equation: Motion
+    equation: System
     sensor: Sensor
     step: float
     input_limit: float

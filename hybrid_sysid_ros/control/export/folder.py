@@ -85,7 +85,7 @@ def identifier(text: str) -> str:
 def about(policy: Policy, seal: str) -> dict[str, str]:
     """What an exported policy tells of itself."""
     rig = load_rig(policy.rig)
-    drive, output = rig.equation.inputs[0].unit, rig.equation.states[rig.equation.outputs[0]].unit
+    drive, output = rig.equation.inputs[0].unit, rig.equation.states[rig.equation.measured[0]].unit
     states = [f"{state.name} [{state.unit}]" for state in rig.equation.states]
     problem = policy.problem
     told = {

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Plan, Status
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.core import Equation
-from hybrid_sysid_ros.core.casadi_form import symbolic_step
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.symbolic import symbolic_step
 
 Array = NDArray[np.float64]
 
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 class InteriorPointMpc:
     """Multiple shooting on the CasADi form, from the last solution moved on by one interval."""
 
-    def __init__(self, equation: Equation, problem: Problem, *, tolerance: float = 1e-6) -> None:
+    def __init__(self, equation: System, problem: Problem, *, tolerance: float = 1e-6) -> None:
         self.equation = equation
         self.problem = problem
         self.horizon = problem.horizon
@@ -36,7 +36,7 @@ class InteriorPointMpc:
         )
         outputs, changes, inputs = problem.weights
         difference = u - casadi.vertcat(previous, u[:-1])
-        cost = casadi.dot(outputs, (x[equation.outputs[0], 1:].T - preview) ** 2)
+        cost = casadi.dot(outputs, (x[equation.measured[0], 1:].T - preview) ** 2)
         cost += casadi.dot(changes, difference**2) + casadi.dot(inputs, u**2)
         slack = casadi.vec(outside) / problem.output_scale
         cost += problem.soft_linear * casadi.sum1(slack) + problem.soft_quadratic * casadi.sumsqr(slack)

@@ -14,7 +14,7 @@ from hybrid_sysid_ros.control.mpc.quadratic_program import factorise
 from hybrid_sysid_ros.control.mpc.sensitivity import sensitivity
 from hybrid_sysid_ros.control.mpc.shooting import Shooting, shooting
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core import System
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class ExactMpc:
 
     def __init__(
         self,
-        equation: Equation,
+        equation: System,
         problem: Problem,
         *,
         real_time: bool = False,

@@ -19,8 +19,8 @@ from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.horizon import SECANTS, Horizon
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, Program, QuadraticProgram
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.core import Equation, kernels
-from hybrid_sysid_ros.core.linearisation import linearisation, workspace
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.adapters import kernels, linearisation, workspace
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -78,7 +78,7 @@ class Shooting:
     shift: Callable[..., None]
 
 
-def shooting(equation: Equation, problem: Problem) -> Shooting:
+def shooting(equation: System, problem: Problem) -> Shooting:
     """Make the memory and the functions; those are compiled once for each form of equation (some seconds).
 
     Raises UserError for equations of several inputs, and bounds that are not as many as the states.
@@ -103,7 +103,7 @@ def shooting(equation: Equation, problem: Problem) -> Shooting:
         free=np.zeros((count, states, states)),
         driven=np.zeros((count, states, count)),
         forced=np.zeros((count, states)),
-        output=equation.outputs[0],
+        output=equation.measured[0],
         weights=problem.weights,
         input_limit=problem.input_limit,
         rate_limit=problem.rate_limit,
@@ -118,7 +118,7 @@ def shooting(equation: Equation, problem: Problem) -> Shooting:
         rows=workspace(equation),
     )
     model = Prediction(
-        parameters=equation.named,
+        parameters=equation.values,
         network=equation.weights,
         step=problem.period / problem.substeps,
         substeps=problem.substeps,
@@ -131,7 +131,7 @@ def shooting(equation: Equation, problem: Problem) -> Shooting:
 _COMPILED: dict[Any, dict[str, Any]] = {}
 
 
-def _compiled(equation: Equation, smoothing: float) -> dict[str, Any]:
+def _compiled(equation: System, smoothing: float) -> dict[str, Any]:
     """The functions that depend on the equation."""
     linearise = linearisation(equation, smoothing=smoothing)
     if linearise in _COMPILED:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ class Adaptation:
             if not 0.0 < spread < np.inf:
                 raise UserError(f"policy: {name} can't be followed by {spread:g}: give a spread above 0, in its unit")
 
-    def nominal(self, equation: Equation) -> Array:
+    def nominal(self, equation: System) -> Array:
         """The equation's own values (parameters,). Raises UserError where it has no such parameter."""
         known = {item.name: float(value) for item, value in zip(equation.parameters, equation.values, strict=True)}
         for name in self.names:
@@ -44,7 +44,7 @@ class Adaptation:
                 raise UserError(f"policy: {type(equation).__name__} has no parameter {name} to follow")
         return np.array([known[name] for name in self.names])
 
-    def shifted(self, equation: Equation, index: int, spreads: float) -> Equation:
+    def shifted(self, equation: System, index: int, spreads: float) -> System:
         """The equation with one of the parameters moved by so many of its spreads."""
         names = [item.name for item in equation.parameters]
         values = equation.values.copy()

@@ -11,7 +11,8 @@ from hybrid_sysid_ros.control.controller import Controller, Plan, Status
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.policy.adaptation import Adaptation
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.core import Equation, kernels
+from hybrid_sysid_ros.core import System, compiled
+from hybrid_sysid_ros.core.rollout import advance
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps, swept_sine
 
 Array = NDArray[np.float64]
@@ -123,7 +124,7 @@ def _magnitude(random: np.random.Generator, least: float) -> float:
     return float(least ** random.uniform())
 
 
-def drawn(equation: Equation, deviation: float, random: np.random.Generator) -> Equation:
+def drawn(equation: System, deviation: float, random: np.random.Generator) -> System:
     """A plant near the model: each free physical parameter moved by a relative deviation, within its bounds."""
     values = [
         value if item.fixed else min(max(value * (1.0 + deviation * random.normal()), item.low), item.high)
@@ -133,7 +134,7 @@ def drawn(equation: Equation, deviation: float, random: np.random.Generator) -> 
 
 
 def sample(
-    equation: Equation,
+    equation: System,
     problem: Problem,
     spread: Spread,
     seed: int,
@@ -164,9 +165,9 @@ def sample(
     periods = round(EPISODE_SECONDS / problem.period)
     wanted = scale * target(problem.period * np.arange(1, periods + horizon + 1))
     disturbance = np.zeros(1)
-    output = equation.outputs[0]
+    output = equation.measured[0]
     following = np.empty(states)
-    advance, parameters, weights = kernels(plant).step, plant.named, plant.weights
+    address, parameters, weights = compiled(plant).step, plant.values, plant.weights
     step = problem.period / problem.substeps
     kept = np.zeros(periods, dtype=bool)
     found = Samples(
@@ -216,7 +217,7 @@ def sample(
         found.costs[k] = problem.rate_weight * (float(given.input[0]) - u) ** 2
         u = float(given.input[0])
         for _ in range(problem.substeps):
-            advance(state, np.array([u]) + disturbance, parameters, weights, step, following)
+            advance(address, state, np.array([u]) + disturbance, parameters, weights, step, following)
             state = following.copy()
         found.costs[k] += problem.output_weight * ((state[output] - preview[0]) / scale) ** 2
         found.costs[k] += problem.input_weight * u**2

@@ -131,7 +131,7 @@ def _fit(
 ) -> tuple[torch.nn.Module, Policy]:
     if not len(samples.inputs) or not len(held.inputs):
         raise UserError("policy: the exact MPC found no solution in its closed loops; allow it more iterations")
-    output, limit = model.equation.outputs[0], problem.input_limit
+    output, limit = model.equation.measured[0], problem.input_limit
     raw = samples.features(output)
     centre, deviation = raw.mean(axis=0), raw.std(axis=0)
     scale = np.where(deviation > LEAST_DEVIATION, deviation, 1.0)

@@ -16,7 +16,8 @@ from hybrid_sysid_ros.control.mpc.quadratic_program import SOFT
 from hybrid_sysid_ros.control.mpc.shooting import Shooting, shooting
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.online_check import ACCEPTED, WAITING, Tolerances, online_check, trial
-from hybrid_sysid_ros.core import Equation, kernels
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.adapters import kernels
 
 Array = NDArray[np.float64]
 
@@ -82,8 +83,8 @@ class Bench:
 
     def __init__(
         self,
-        plant: Equation,
-        model: Equation,
+        plant: System,
+        model: System,
         policy: Policy,
         tolerances: Tolerances,
         *,
@@ -134,7 +135,7 @@ def set_plan(horizon: Any, states: Array, inputs: Array) -> None:
 _COMPILED: dict[tuple[Any, ...], Callable[..., None]] = {}
 
 
-def closed_loop(plant: Equation, model: Equation, policy: Policy, mpc: Shooting) -> Callable[..., None]:
+def closed_loop(plant: System, model: System, policy: Policy, mpc: Shooting) -> Callable[..., None]:
     """The compiled loop of these forms, made once in a process."""
     key = (plant.form, model.form, policy.kernels, mpc.solve)
     if key not in _COMPILED:
@@ -142,7 +143,7 @@ def closed_loop(plant: Equation, model: Equation, policy: Policy, mpc: Shooting)
     return _COMPILED[key]
 
 
-def _compile(plant: Equation, model: Equation, policy: Policy, mpc: Shooting) -> Callable[..., None]:
+def _compile(plant: System, model: System, policy: Policy, mpc: Shooting) -> Callable[..., None]:
     advance, answer = kernels(plant).step, policy.kernels.answer
     check, follow = online_check(model, policy).check, online_check(model, policy).follow
     begin, solve, shift = mpc.begin, mpc.solve, mpc.shift

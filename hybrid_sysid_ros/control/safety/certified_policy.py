@@ -22,7 +22,7 @@ from hybrid_sysid_ros.control.safety.certified_loop import (
     Track,
 )
 from hybrid_sysid_ros.control.safety.online_check import REASONS, Tolerances
-from hybrid_sysid_ros.core import Equation
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -65,8 +65,8 @@ class Subject:
 
     policy: Policy
     seal: str
-    plant: Equation
-    model: Equation
+    plant: System
+    model: System
     distribution: Distribution
     criteria: Criteria
     tolerances: Tolerances
@@ -125,7 +125,7 @@ class Subject:
                     np.full(periods, random.normal() * given.disturbance_error),
                 ]
             ),
-            parameters=plant.named,
+            parameters=plant.values,
             network=plant.weights,
         )
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.mpc.horizon import OPTIONS, inner
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.core import Equation, kernels
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.adapters import kernels
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -93,7 +94,7 @@ class OnlineCheck:
 _COMPILED: dict[tuple[Any, ...], OnlineCheck] = {}
 
 
-def online_check(equation: Equation, policy: Policy) -> OnlineCheck:
+def online_check(equation: System, policy: Policy) -> OnlineCheck:
     """The check of a policy by its model's equation, compiled once in a process for each form of them."""
     key = (*equation.form, policy.kernels)
     if key not in _COMPILED:
@@ -101,7 +102,7 @@ def online_check(equation: Equation, policy: Policy) -> OnlineCheck:
     return _COMPILED[key]
 
 
-def _compile(equation: Equation, policy: Policy) -> OnlineCheck:
+def _compile(equation: System, policy: Policy) -> OnlineCheck:
     advance = kernels(equation).step
     answer, inside = policy.kernels.answer, policy.kernels.inside
     count = len(equation.states)

@@ -83,8 +83,8 @@ def select_terms(
         input_range=_range([item.inputs for item in experiments]),
         output_scale=scales[0],
         input_scale=scales[1],
-        output=output,
-        input=input,
+        output_variable=output,
+        input_variable=input,
         period=experiments[0].sampling.period,
     )
 

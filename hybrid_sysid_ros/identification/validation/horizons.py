@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation, kernels
+from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, score
 from hybrid_sysid_ros.support.errors import UserError
@@ -38,7 +38,7 @@ class HorizonErrors:
 
 
 def k_step_errors(
-    equation: Equation, experiment: Experiment, horizons: Sequence[int] | None = None, *, stride: int = 1
+    equation: System, experiment: Experiment, horizons: Sequence[int] | None = None, *, stride: int = 1
 ) -> HorizonErrors:
     """Errors k samples ahead: simulations from every ``stride``-th sample, with the measured state as initial one.
 
@@ -62,19 +62,15 @@ def k_step_errors(
     starts[:, 1] = begins * sampling.every
     starts[:, 2] = longest + 1
     starts[:, 3] = np.arange(len(begins)) * (longest + 1)
-    states = np.empty((len(begins) * (longest + 1), len(equation.states)))
-    kernels(equation).windows(
+    _, outputs = rollouts(
+        equation,
         starts,
         np.ascontiguousarray(experiment.states[begins]),
         experiment.inputs,
-        equation.delay / sampling.step,
-        sampling.every,
-        equation.named,
-        equation.weights,
-        sampling.step,
-        states,
+        step=sampling.step,
+        every=sampling.every,
     )
-    simulated = states[:, equation.outputs[0]].reshape(len(begins), longest + 1)[:, ahead]
+    simulated = outputs[:, 0].reshape(len(begins), longest + 1)[:, ahead]
     measured = experiment.outputs[:, 0]
     with np.errstate(over="ignore", invalid="ignore"):
         squares = np.mean((simulated - measured[begins[:, None] + ahead]) ** 2, axis=0)

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import Equation, kernels
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.adapters import kernels
 from hybrid_sysid_ros.identification.experiment import Experiment, prepare
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.validation.scores import Scores, score
@@ -50,7 +51,7 @@ class Resimulation:
     input: Scores
 
 
-def resimulate(equation: Equation, record: Record, rig: Rig, *, sampling: Sampling, part: Part = WHOLE) -> Resimulation:
+def resimulate(equation: System, record: Record, rig: Rig, *, sampling: Sampling, part: Part = WHOLE) -> Resimulation:
     """Run an experiment of a rig again on a model of it: u = clip(gain (reference - yf), +-limit).
 
     yf is the output behind the rig's filter, 20 Hz Butterworth of order 6 on the beam. Reference and initial state come
@@ -88,7 +89,7 @@ def resimulate(equation: Equation, record: Record, rig: Rig, *, sampling: Sampli
     low_pass = Filter(rig.sensor, rig.step)
     _loop(
         kernels(equation).step,
-        equation.named,
+        equation.values,
         equation.weights,
         sampling.step,
         equation.delay / sampling.step,
@@ -101,15 +102,15 @@ def resimulate(equation: Equation, record: Record, rig: Rig, *, sampling: Sampli
         _filter_state(record, rig, part.first(record, sampling), low_pass),
         rig.feedback_gain / rig.sensor.radians_per_volt,
         rig.input_limit,
-        equation.outputs[0],
+        equation.measured[0],
         states,
         applied,
     )
-    return _compared(used.name, experiment, states[:: grid.every, equation.outputs[0]], applied)
+    return _compared(used.name, experiment, states[:: grid.every, equation.measured[0]], applied)
 
 
 def resimulations(
-    equation: Equation, records: Iterable[tuple[Record, Part]], rig: Rig, *, sampling: Sampling
+    equation: System, records: Iterable[tuple[Record, Part]], rig: Rig, *, sampling: Sampling
 ) -> tuple[dict[str, Resimulation], dict[str, str]]:
     """Re-simulate what can be of some records: the results, and the reasons for the others, by the records' names.
 

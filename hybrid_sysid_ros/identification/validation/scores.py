@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Equation, simulate
+from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -40,8 +40,10 @@ def score(measured: Array, simulated: Array) -> Scores:
     return Scores(r2=1 - ratio, rmse=float(np.sqrt(squares / len(error))), fit_percent=100 * (1 - ratio**0.5))
 
 
-def free_run(equation: Equation, experiment: Experiment) -> Array:
+def free_run(equation: System, experiment: Experiment) -> Array:
     """Strict free run: simulated outputs (samples, outputs) from one measured initial state, never re-initialised."""
     sampling = experiment.sampling
-    states = simulate(equation, experiment.states[0], experiment.inputs, step=sampling.step, every=sampling.every)
-    return states[:, list(equation.outputs)]
+    starts = np.array([[0, 0, experiment.samples, 0]])
+    first, every = experiment.states[:1].copy(), sampling.every
+    _, outputs = rollouts(equation, starts, first, experiment.inputs, step=sampling.step, every=every)
+    return outputs

@@ -1,0 +1,102 @@
+"""Blocks: learned functions inside a law, opaque to its trace.
+
+A law that is traced calls a block with its features and gets symbols for the outputs; the printed code then calls the
+block's own compiled functions, and the chain rule joins their derivatives to those of the law.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi
+
+from hybrid_sysid_ros.core.mathematics import Scalar
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Call:
+    """One evaluation of a block within a trace."""
+
+    block: Block
+    features: casadi.SX
+    """(features,)."""
+    outputs: casadi.SX
+    """Symbols (outputs,) that stand for what the block gives."""
+    slopes: casadi.SX
+    """Symbols (outputs, features) that stand for its derivatives."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Calls:
+    """What a trace has called so far."""
+
+    weights: casadi.SX | None = None
+    """Where blocks are to be written out: the weights (weights,) to do it with; None: they stay opaque."""
+    made: list[Call] = field(default_factory=list)
+
+
+_current: ContextVar[Calls | None] = ContextVar("calls", default=None)
+
+
+@contextmanager
+def tracing(calls: Calls) -> Iterator[Calls]:
+    """Collect the calls of blocks here."""
+    token = _current.set(calls)
+    try:
+        yield calls
+    finally:
+        _current.reset(token)
+
+
+class Block(ABC):
+    """A learned function y = block(z; w) of features z, called inside a law.
+
+    features, outputs: how many. size: of its weights. at: where those begin among the weights of the system.
+    """
+
+    features: int
+    outputs: int
+    size: int
+    at: int = 0
+
+    @property
+    @abstractmethod
+    def code(self) -> str:
+        """A Python expression that makes the block again, of names that :data:`~.printing.PRELUDE` imports."""
+
+    @property
+    @abstractmethod
+    def kernels(self) -> tuple[Callable[..., None], Callable[..., None], Callable[..., None]]:
+        """Compiled functions: value(w, at, z, y): y (outputs,) from z (features,) with the weights w[at:].
+        slopes(w, at, z, y, by_z): and the derivatives (outputs x features) along rows. weight_slopes(w, at, z, factors,
+        row, start): adds sum_k factors[k] dy_k / dw to row[start:], one entry a weight.
+        """
+
+    @abstractmethod
+    def symbolic(self, z: Sequence[Scalar], w: Sequence[Scalar]) -> Sequence[Scalar]:
+        """The outputs written out, from features and its own weights (size,)."""
+
+    def __call__(self, z: Sequence[Scalar]) -> list[Scalar]:
+        """The outputs for features (features,), inside a law that is being traced."""
+        calls = _current.get()
+        if calls is None:
+            raise RuntimeError("a block can be called in a law that is traced only")
+        if len(z) != self.features:
+            raise ValueError(f"a block of {self.features} features was given {len(z)}")
+        if calls.weights is not None:
+            weights: list[Any] = casadi.vertsplit(calls.weights[self.at : self.at + self.size])
+            return list(self.symbolic(list(z), weights))
+        number = len(calls.made)
+        call = Call(
+            block=self,
+            features=casadi.vertcat(*z),
+            outputs=casadi.SX.sym(f"y{number}", self.outputs),
+            slopes=casadi.SX.sym(f"g{number}", self.outputs, self.features),
+        )
+        calls.made.append(call)
+        return list(casadi.vertsplit(call.outputs))

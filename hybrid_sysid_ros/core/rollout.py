@@ -1,0 +1,244 @@
+"""Rollouts: free runs of a system from given states, many at once, with or without derivatives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core.call import call_slopes, call_value, pointer
+from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.core.compiled import compiled
+from hybrid_sysid_ros.core.system import System
+
+Array = NDArray[np.float64]
+Starts = NDArray[np.int64]
+"""Of rollouts (windows, 4): first row of the record's inputs, row to begin at, samples, and row of the result."""
+
+
+@inner
+def delayed(inputs: Any, delays: Any, first: int, k: int, u: Any) -> None:
+    """The inputs (inputs,) that act over step k, of ``inputs`` (steps, inputs) that hold over each step.
+
+    delays (inputs,), in steps: a held input seen through a delay of (whole + part) steps is a mean over each step.
+    Before the row ``first`` it is taken as that one's.
+    """
+    for j in range(u.shape[0]):
+        whole = int(delays[j])
+        part = delays[j] - whole
+        last = inputs.shape[0] - 1
+        late = min(max(k - whole, first), last)
+        later = min(max(k - whole - 1, first), last)
+        u[j] = (1.0 - part) * inputs[late, j] + part * inputs[later, j]
+
+
+@kernel
+def _rollouts(
+    step: int,
+    output: int,
+    starts: Starts,
+    x0: Array,
+    inputs: Array,
+    delays: Array,
+    every: int,
+    p: Array,
+    w: Array,
+    h: float,
+    states: Array,
+    outputs: Array,
+) -> None:
+    """States (samples, states) and outputs (samples, outputs) of all rollouts, by the addresses of step and output."""
+    x, following, u, y = (
+        np.empty(x0.shape[1]),
+        np.empty(x0.shape[1]),
+        np.empty(inputs.shape[1]),
+        np.empty(outputs.shape[1]),
+    )
+    for window in range(starts.shape[0]):
+        first, k, samples, row = starts[window]
+        for i in range(x.shape[0]):
+            x[i] = x0[window, i]
+        for sample in range(samples):
+            if sample > 0:
+                for _ in range(every):
+                    delayed(inputs, delays, first, k, u)
+                    call_value(step, x, u, p, w, h, 0.0, following)
+                    x, following = following, x
+                    k += 1
+            for i in range(x.shape[0]):
+                states[row + sample, i] = x[i]
+            delayed(inputs, delays, first, k, u)
+            call_value(output, x, u, p, w, h, 0.0, y)
+            for i in range(y.shape[0]):
+                outputs[row + sample, i] = y[i]
+
+
+def rollouts(
+    system: System, starts: Starts, x0: Array, inputs: Array, *, step: float, every: int = 1
+) -> tuple[Array, Array]:
+    """Free runs without re-initialisation: states (samples, states) and outputs (samples, outputs) of all.
+
+    starts: see :data:`Starts`. x0 (windows, states). inputs (steps, inputs): mean of each input over each ``step`` [s].
+    A sample comes every ``every`` steps, the first one is x0.
+    """
+    functions, total = compiled(system), int((starts[:, 2] + starts[:, 3]).max())
+    states, outputs = np.empty((total, len(system.states))), np.empty((total, len(system.outputs)))
+    _rollouts(
+        functions.step,
+        functions.output,
+        starts,
+        x0,
+        inputs,
+        system.input_delays / step,
+        every,
+        system.values,
+        system.weights,
+        step,
+        states,
+        outputs,
+    )
+    return states, outputs
+
+
+def simulate(system: System, initial_state: Array, inputs: Array, *, step: float, every: int = 1) -> Array:
+    """States (1 + steps // every, states) of one free run from one initial state (states,); see :func:`rollouts`."""
+    starts = np.array([[0, 0, 1 + len(inputs) // every, 0]])
+    x0 = np.ascontiguousarray(initial_state, dtype=float)[None]
+    states, _ = rollouts(system, starts, x0, np.ascontiguousarray(inputs, dtype=float), step=step, every=every)
+    return states
+
+
+@kernel
+def advance(step: int, x: Array, u: Array, p: Array, w: Array, h: float, following: Array) -> None:
+    """One step by the address of a compiled one, from Python; ``following`` (states,) receives the new state."""
+    call_value(step, x, u, p, w, h, 0.0, following)
+
+
+def stepped(system: System, x: Array, u: Array, *, step: float) -> Array:
+    """The states (states,) one step [s] after x (states,) under inputs u (inputs,) that act now, without delay."""
+    following = np.empty(len(system.states))
+    given = np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(u, dtype=float)
+    advance(compiled(system).step, *given, system.values, system.weights, step, following)
+    return following
+
+
+class Sensitivities:
+    """Rollouts with the derivatives of their outputs: the tangent-linear model, or forward sensitivity.
+
+    Exact for the discrete simulation, in one pass (Maly & Petzold 1996, Appl. Numer. Math. 20). Where dry friction
+    begins or ceases to stick they jump, as the simulation has a corner. The columns are the parameters that are not
+    fixed, the weights, the states where a window begins, and constants added to the inputs.
+    """
+
+    def __init__(self, system: System) -> None:
+        functions = compiled(system)
+        self._step, self.columns = functions.slopes(learn=True)
+        self._output, _ = functions.slopes(output=True, learn=True)
+        free = self.columns.parameters
+        names = [system.parameters[i].name for i in free]
+        held = [system.delays.get(item.name) for item in system.inputs]
+        self._delayed = np.array([names.index(name) if name in names else -1 for name in held], dtype=np.int64)
+        self._free = len(free)
+
+    @property
+    def count(self) -> int:
+        """Number of columns."""
+        return len(self.columns.parameters) + self.columns.weights + self.columns.states + self.columns.inputs
+
+    def rollouts(
+        self, system: System, starts: Starts, x0: Array, inputs: Array, *, step: float, every: int, out: Array
+    ) -> None:
+        """Derivatives into ``out`` (samples, outputs, columns); see :func:`rollouts`."""
+        _tangents(
+            self._step,
+            self._output,
+            starts,
+            x0,
+            inputs,
+            system.input_delays / step,
+            self._delayed,
+            every,
+            system.values,
+            system.weights,
+            step,
+            self._free,
+            out,
+        )
+
+
+@kernel
+def _tangents(
+    step: int,
+    output: int,
+    starts: Starts,
+    x0: Array,
+    inputs: Array,
+    delays: Array,
+    delay_columns: NDArray[np.int64],
+    every: int,
+    p: Array,
+    w: Array,
+    h: float,
+    free: int,
+    out: Array,
+) -> None:
+    """Both functions have slopes by states, inputs, ``free`` parameters and weights; delay_columns (inputs,): which of
+    the parameters is the delay of each input, -1: none.
+    """
+    n, m, rows = x0.shape[1], inputs.shape[1], out.shape[1]
+    learnt = out.shape[2] - n - m  # parameters and weights
+    wide, count = n + m + learnt, out.shape[2]
+    x, following, u = np.empty(n), np.empty(n), np.empty(m)
+    y, slopes, by_output = np.empty(rows), np.empty((n, wide)), np.empty((rows, wide))
+    tangent, moved, drive = np.empty((n, count)), np.empty((n, count)), np.zeros((m, count))
+    for window in range(starts.shape[0]):
+        first, k, samples, row = starts[window]
+        tangent[:, :] = 0.0
+        drive[:, :] = 0.0
+        for i in range(n):
+            x[i] = x0[window, i]
+            tangent[i, learnt + i] = 1.0
+        for j in range(m):
+            drive[j, learnt + n + j] = 1.0
+        for sample in range(samples):
+            for repeat in range(every + 1):
+                if sample == 0 and repeat < every:
+                    continue
+                delayed(inputs, delays, first, k, u)
+                for j in range(m):
+                    if delay_columns[j] >= 0:
+                        last = inputs.shape[0] - 1
+                        whole = int(delays[j])
+                        late = min(max(k - whole, first), last)
+                        before = min(max(k - whole - 1, first), last)
+                        drive[j, delay_columns[j]] = (inputs[before, j] - inputs[late, j]) / h
+                if repeat < every:
+                    call_slopes(step, x, u, p, w, h, 0.0, following, slopes)
+                    _chain(slopes, tangent, drive, learnt, moved)
+                    x, following = following, x
+                    tangent, moved = moved, tangent
+                    k += 1
+                else:
+                    call_slopes(output, x, u, p, w, h, 0.0, y, by_output)
+                    _chain(by_output, tangent, drive, learnt, out[row + sample])
+
+
+@inner
+def _chain(slopes: Any, tangent: Any, drive: Any, learnt: int, out: Any) -> None:
+    """The chain rule: out = slopes_x tangent + slopes_u drive + [slopes by parameters and weights, 0]."""
+    n, m, count, width = tangent.shape[0], drive.shape[0], tangent.shape[1], slopes.shape[1]
+    rows = slopes.shape[0]
+    # Bare memory: an index that could be negative keeps the compiler from making vectors of a loop.
+    s, t, d, o = pointer(slopes), pointer(tangent), pointer(drive), pointer(out)
+    for i in range(rows):
+        for c in range(learnt):
+            o[i * count + c] = s[i * width + n + m + c]
+        for c in range(learnt, count):
+            o[i * count + c] = 0.0
+        for a in range(n + m):
+            slope = s[i * width + a]
+            row = t if a < n else d
+            first = (a if a < n else a - n) * count
+            for c in range(count):
+                o[i * count + c] += slope * row[first + c]

@@ -1,0 +1,42 @@
+"""A system as CasADi functions, for IPOPT, do-mpc, acados and anyone's own script."""
+
+from __future__ import annotations
+
+import casadi
+
+from hybrid_sysid_ros.core import trace
+from hybrid_sysid_ros.core.system import System
+from hybrid_sysid_ros.core.trace import Trace
+
+
+def symbolic_step(
+    system: System, *, step: float, substeps: int = 1, smoothing: float = 0.0, parametric: bool = False
+) -> casadi.Function:
+    """The step as a CasADi function (x, u) -> following over ``substeps`` steps of ``step`` [s] with u held.
+
+    The input delays are not part of it: u is the input that acts now. smoothing: rounds the corners of stick-slip, in
+    the unit of the velocity; 0 gives the compiled form exactly. parametric: the parameters are a third argument p.
+    """
+    traced = trace.step_of(system, smooth=smoothing > 0.0, weights=casadi.SX(casadi.DM(system.weights)))
+    one = _function("one", traced, "following")
+    x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u", len(system.inputs))
+    p = casadi.SX.sym("p", len(system.parameters))
+    values = p if parametric else casadi.DM(system.values)
+    state = x
+    for _ in range(substeps):
+        state = one(state, u, values, step, smoothing)
+    given, names = ([x, u, p], ["x", "u", "p"]) if parametric else ([x, u], ["x", "u"])
+    return casadi.Function("step", given, [state], names, ["following"])
+
+
+def symbolic_output(system: System) -> casadi.Function:
+    """The output map as a CasADi function (x, u) -> y."""
+    traced = trace.output_of(system, weights=casadi.SX(casadi.DM(system.weights)))
+    x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u", len(system.inputs))
+    y = _function("output", traced, "y")(x, u, casadi.DM(system.values), 0.0, 0.0)
+    return casadi.Function("output", [x, u], [y], ["x", "u"], ["y"])
+
+
+def _function(name: str, traced: Trace, result: str) -> casadi.Function:
+    given = [traced.x, traced.u, traced.p, traced.h, traced.s]
+    return casadi.Function(name, given, [traced.result], ["x", "u", "p", "h", "s"], [result])

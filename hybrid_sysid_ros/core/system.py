@@ -1,0 +1,288 @@
+"""A system: named states, inputs and outputs, and the law that moves them, written once."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core.contacts import Contact
+from hybrid_sysid_ros.core.mathematics import Scalar
+from hybrid_sysid_ros.core.parameters import Parameter, declared
+from hybrid_sysid_ros.core.steppers import ImplicitFriction, Motion, Sampled, Stepper
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variable:
+    """A state, an input or an output."""
+
+    name: str
+    unit: str
+
+    @classmethod
+    def of(cls, text: str | Variable) -> Variable:
+        """From "position [rad]"; without a unit it has none."""
+        if isinstance(text, Variable):
+            return text
+        name, _, rest = text.partition("[")
+        return cls(name=name.strip(), unit=rest.removesuffix("]").strip())
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit}]"
+
+
+Declared = Any
+"""tuple[Variable, ...] for whoever reads it; "name [unit]" as a subclass writes it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class System:
+    """x' = law(x, u(t - delay)), y = output(x, u), with its parameters as fields (:func:`~.parameters.bounded`).
+
+    A subclass names its states, inputs and outputs as "position [rad]" and writes the law. Whoever reads
+    them gets :class:`Variable`: subclasses are read when they are made.
+    """
+
+    states: ClassVar[Declared]
+    """Those of the law; the deflections of bristles come after them by themselves."""
+    inputs: ClassVar[Declared]
+    outputs: ClassVar[Declared] = ()
+    """What is measured: names of states, unless :meth:`output` says otherwise. Default: the first state."""
+    contacts: ClassVar[tuple[Contact, ...]] = ()
+    """Friction, each on its own velocity."""
+    stepper: ClassVar[Stepper] = ImplicitFriction()
+    """How the law becomes a step."""
+    delays: ClassVar[Mapping[str, str | float]] = {}
+    """Delay of an input [s]: a number, or the name of the parameter that has it."""
+    doubtful_terms: ClassVar[tuple[str, ...]] = ()
+    """Terms that fits leave out unless asked for: records hardly tell them from others."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        own = cls.__dict__
+        if "states" in own:
+            cls._declared = tuple(Variable.of(text) for text in own["states"])
+        if "inputs" in own:
+            cls.inputs = tuple(Variable.of(text) for text in own["inputs"])
+        known = getattr(cls, "_declared", ())
+        hidden = (Variable.of(contact.state) for contact in cls.contacts if contact.state)
+        cls.states = (*known, *hidden)
+        units = {item.name: item for item in known}
+        if "outputs" in own:
+            found = (Variable.of(text) for text in own["outputs"])
+            cls.outputs = tuple(item if item.unit else units.get(item.name, item) for item in found)
+        elif not cls.outputs:
+            cls.outputs = known[:1]
+
+    _declared: ClassVar[tuple[Variable, ...]] = ()
+
+    # ------------------------------------------------------------------ what a rig writes
+
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        """Rates x' of the states (without deflections) from states and inputs, friction of the contacts left out."""
+        raise NotImplementedError
+
+    def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        """What the sensors would show without noise, (outputs,); here the states of the outputs' names."""
+        return [x[index] for index in self.measured]
+
+    # ------------------------------------------------------------------ what steppers read
+
+    def motion(self) -> Motion:
+        """The law and its contacts, checked, as a stepper takes them. Raises UserError where they don't fit."""
+        kind, names = type(self).__name__, [item.name for item in self.states]
+        carriers = [contact.on for contact in self.contacts]
+        for name in carriers:
+            if name not in names:
+                raise UserError(f"{kind}: a contact is on {name!r}, which is no state: {', '.join(names)}")
+            if carriers.count(name) > 1:
+                raise UserError(f"{kind}: two contacts are on {name}; join them into one")
+        if carriers and not self.stepper.takes_contacts:
+            raise UserError(f"{kind}: {type(self.stepper).__name__} takes no contacts; use ImplicitFriction")
+        return Motion(rates=self._rates, contacts=self.contacts, field=self._field, names=names)
+
+    def _rates(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        kind, count = type(self).__name__, len(self.declared_states)
+        try:
+            rates = list(self.law(x, u))
+        except UserError:
+            raise
+        except Exception as error:  # a user's law can raise anything
+            raise UserError(f"{kind}: law(x, u) can't be traced: {_cause(error)}") from error
+        if len(rates) != count:
+            raise UserError(f"{kind}: law(x, u) gives {len(rates)} rates for {count} states")
+        return rates
+
+    def _field(self, value: str | float, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
+        """A field of a contact: a number, a parameter or a method."""
+        if not isinstance(value, str):
+            return value
+        found = getattr(self, value, None)
+        if found is None:
+            raise UserError(f"{type(self).__name__}: a contact names {value!r}, which is neither parameter nor method")
+        return found(x, u) if callable(found) else found
+
+    # ------------------------------------------------------------------ what it is made of
+
+    @property
+    def form(self) -> tuple[Any, ...]:
+        """What decides the compiled code: the class and its options, not the values of its parameters."""
+        return (type(self),)
+
+    @property
+    def design(self) -> dict[str, Any] | None:
+        """What a learned part is made of, as plain data from which :mod:`~hybrid_sysid_ros.models.structures` builds it
+        again; None where nothing is learned.
+        """
+        return None
+
+    @property
+    def declared_states(self) -> tuple[Variable, ...]:
+        """The states that the law moves, without the deflections of bristles."""
+        states: tuple[Variable, ...] = self.states
+        return states[: len(states) - sum(contact.state is not None for contact in self.contacts)]
+
+    @property
+    def measured(self) -> tuple[int, ...]:
+        """The state that each output is. Raises UserError where one is none."""
+        names = [item.name for item in self.states]
+        for item in self.outputs:
+            if item.name not in names:
+                raise UserError(f"{type(self).__name__}: output {item.name} is no state, and there is no output(x, u)")
+        return tuple(names.index(item.name) for item in self.outputs)
+
+    @property
+    def plain_outputs(self) -> bool:
+        """Whether every output is a state."""
+        return type(self).output is System.output
+
+    @property
+    def kinematics(self) -> Mapping[int, int]:
+        """Position state -> the velocity state that is its rate."""
+        from hybrid_sysid_ros.core.trace import kinematics_of
+
+        return kinematics_of(self)
+
+    # ------------------------------------------------------------------ parameters and weights
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        kind: Any = type(self)
+        return declared(kind)
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """The terms that can be switched off, in the order of their parameters."""
+        return tuple(dict.fromkeys(item.term for item in self.parameters if item.term))
+
+    def without(self, terms: Collection[str]) -> tuple[System, tuple[str, ...]]:
+        """The system with terms switched off, and the names of the parameters that must stay as they are for that."""
+        off = {item.name: item.neutral for item in self.parameters if item.term in terms}
+        values = [off.get(item.name, value) for item, value in zip(self.parameters, self.values, strict=True)]
+        return self.with_values(values), tuple(off)
+
+    @property
+    def values(self) -> Array:
+        """Parameter values, (parameters,)."""
+        return np.array([getattr(self, item.name) for item in self.parameters], dtype=float)
+
+    @property
+    def named(self) -> dict[str, float]:
+        """Parameter values by name."""
+        return dict(zip((item.name for item in self.parameters), self.values.tolist(), strict=True))
+
+    def bound(self, values: Sequence[Scalar]) -> System:
+        """A copy with other parameter values (parameters,), numbers or symbols."""
+        changed = copy.copy(self)
+        for item, value in zip(self.parameters, values, strict=True):
+            object.__setattr__(changed, item.name, value)
+        return changed
+
+    def with_values(self, values: Sequence[float] | Array) -> System:
+        """A copy with other parameter values, (parameters,)."""
+        return self.bound([float(value) for value in values])
+
+    @property
+    def weights(self) -> Array:
+        """Weights of the learned part, (weights,); empty where nothing is learned."""
+        return np.zeros(0)
+
+    def with_weights(self, weights: Array) -> System:
+        if len(weights):
+            raise UserError(f"{type(self).__name__} has no learned part, but {len(weights)} weights were given")
+        return self
+
+    def trained_on(self, low: Array, high: Array) -> System:
+        """The same system told the range of the states in its training data, low and high (states,)."""
+        return self
+
+    @property
+    def input_delays(self) -> Array:
+        """Delay of each input [s], (inputs,)."""
+        values = self.named
+        found = (self.delays.get(item.name, 0.0) for item in self.inputs)
+        return np.array([values[value] if isinstance(value, str) else value for value in found], dtype=float)
+
+    @property
+    def delay(self) -> float:
+        """The longest input delay [s]."""
+        return float(np.max(self.input_delays))
+
+    # ------------------------------------------------------------------ how it meets records, and checks
+
+    def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
+        """States (samples, states) as far as a record shows them: where simulations begin.
+
+        outputs, rates (samples, outputs): measured ones and their rates of change; inputs (samples, inputs) since each
+        sample. Outputs that are states, and their rates where those are states too; the rest zero.
+        """
+        states = np.zeros((len(outputs), len(self.states)))
+        names = [item.name for item in self.states]
+        direct = {names.index(item.name): k for k, item in enumerate(self.outputs) if item.name in names}
+        for state, column in direct.items():
+            velocity = self.kinematics.get(state)
+            if velocity is not None and velocity not in direct:
+                states[:, velocity] = rates[:, column]
+        for state, column in direct.items():
+            states[:, state] = outputs[:, column]
+        return states
+
+    @property
+    def outside(self) -> tuple[tuple[Parameter, float], ...]:
+        """Parameters that are not finite or outside their bounds, with their values."""
+        pairs = zip(self.parameters, self.values.tolist(), strict=True)
+        return tuple((item, value) for item, value in pairs if not item.low <= value <= item.high)
+
+    def check(self) -> None:
+        """Raise UserError for a parameter that is not finite or outside its bounds."""
+        for item, value in self.outside:
+            raise UserError(
+                f"{type(self).__name__}: parameter {item.name} = {value:g} {item.unit} is outside "
+                f"[{item.low:g}, {item.high:g}]; correct it or fit again"
+            )
+        if not np.all(np.isfinite(self.weights)):
+            raise UserError(f"{type(self).__name__}: a network weight is not finite; fit again")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recurrence(System):
+    """x(k + 1) = law(x(k), u(k)), u(k) the mean input over the sample; it holds at its own period only."""
+
+    stepper = Sampled()
+
+    period: float = 0.05
+    """Sampling time [s]."""
+
+
+def _cause(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    if "truth value" in text or "scalar nodes" in text.lower() or "__bool__" in text:
+        return "Python's if, and, min and max can't look at a state; use select, minimum and maximum"
+    return f"{type(error).__name__}: {text[:200]}"
