@@ -35,13 +35,13 @@ class AcadosMpc:
     and read after them.
     """
 
-    def __init__(self, equation: System, problem: Problem, *, real_time: bool = False) -> None:
+    def __init__(self, system: System, problem: Problem, *, real_time: bool = False) -> None:
         from acados_template import AcadosModel, AcadosOcp, AcadosOcpSolver  # type: ignore[import-not-found]
 
         self.horizon, self.period, self.problem, self.real_time = problem.horizon, problem.period, problem, real_time
-        self._states, self._output = len(equation.states), equation.measured[0]
+        self._states, self._output = len(system.states), system.measured[0]
         step = symbolic_step(
-            equation,
+            system,
             step=problem.period / problem.substeps,
             substeps=problem.substeps,
             smoothing=problem.smoothing,

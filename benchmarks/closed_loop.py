@@ -134,7 +134,7 @@ def proportional_loop(
         u = balance + rig.feedback_gain * (wanted - filtered / scale)
         u = min(max(u, -rig.input_limit), rig.input_limit)
         if k % every == 0:
-            rows.append((plant.time, plant.state[rig.equation.measured[0]], filtered, scale * wanted, u))
+            rows.append((plant.time, plant.state[rig.system.measured[0]], filtered, scale * wanted, u))
         plant.advance(u)
     time, position, estimate, target, inputs = np.array(rows).T
     statuses = Counter({Status.FEEDBACK: len(rows)})
@@ -144,17 +144,17 @@ def proportional_loop(
 def competitors(rig: Rig, model: Model) -> tuple[Problem, dict[str, Timed], dict[str, Drive]]:
     """The problem of the MPC, the controllers, and how each controller or law drives a loop, by name."""
     imitation = policy.load(configuration.shipped(RIG, "policy"), model=model)
-    problem, equation = imitation.problem, model.equation
+    problem, system = imitation.problem, model.system
     tolerances = check_tolerances(configuration.defaults(RIG, "controller"), rig, problem)
     timed = {
         "LQR": Timed(
-            LinearQuadraticRegulator(equation, problem, smoothing=REGULATOR_SMOOTHING, preview=False),
+            LinearQuadraticRegulator(system, problem, smoothing=REGULATOR_SMOOTHING, preview=False),
         ),
-        "LQR with preview": Timed(LinearQuadraticRegulator(equation, problem, smoothing=REGULATOR_SMOOTHING)),
-        "exact MPC": Timed(ExactMpc(equation, problem)),
-        ITERATED: Timed(ExactMpc(equation, problem, real_time=True)),
+        "LQR with preview": Timed(LinearQuadraticRegulator(system, problem, smoothing=REGULATOR_SMOOTHING)),
+        "exact MPC": Timed(ExactMpc(system, problem)),
+        ITERATED: Timed(ExactMpc(system, problem, real_time=True)),
         "policy": Timed(imitation),
-        SUPERVISED: Timed(Supervisor(imitation, ExactMpc(equation, problem), tolerances)),
+        SUPERVISED: Timed(Supervisor(imitation, ExactMpc(system, problem), tolerances)),
     }
 
     def proportional(balance: float) -> Drive:

@@ -62,8 +62,8 @@ def lost_input(record: Record) -> float:
 
 def r2(model: Model, record: Record, sampling: Sampling) -> float:
     """Of the free run under one handling of the input."""
-    experiment = prepare(record, model.equation, sampling)
-    return score(experiment.outputs[:, 0], free_run(model.equation, experiment)[:, 0]).r2
+    experiment = prepare(record, model.system, sampling)
+    return score(experiment.outputs[:, 0], free_run(model.system, experiment)[:, 0]).r2
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 class Case:
     """A closed loop: its model is the plant, noise (states,) is added to the state at each of the samples."""
 
-    equation: System
+    system: System
     problem: Problem
     reference: Callable[[Array], Array]
     samples: int
@@ -60,17 +60,17 @@ def cases() -> dict[str, Case]:
     )
     return {
         "network": Case(
-            equation=NetworkPlant(),
+            system=NetworkPlant(),
             problem=network,
             reference=lambda t: np.where((0.2 * t) % 1.0 < 0.5, 2.0, -2.0),
             samples=150,
             noise=(0.02, 0.3),
         ),
         "lecture": Case(
-            equation=lecture_model(), problem=lecture, reference=hardware_reference, samples=1000, noise=(0.02,)
+            system=lecture_model(), problem=lecture, reference=hardware_reference, samples=1000, noise=(0.02,)
         ),
         "beam": Case(
-            equation=load_model(configuration.shipped("cam_beam", "model")).equation,
+            system=load_model(configuration.shipped("cam_beam", "model")).system,
             problem=configuration.mpc_problem(configuration.defaults("cam_beam", "controller"), rig),
             reference=lambda t: scale * hardware_reference(t),
             samples=2500,
@@ -106,8 +106,8 @@ def lecture_model() -> Narx:
 def loop(case: Case, seed: int, controller: Any, other: Any = None) -> dict[str, Any]:
     """One closed loop; ``other`` answers some of the same questions."""
     random = np.random.default_rng(seed)
-    problem, equation = case.problem, case.equation
-    states, output = len(equation.states), equation.measured[0]
+    problem, system = case.problem, case.system
+    states, output = len(system.states), system.measured[0]
     noise = np.zeros(states)
     noise[: len(case.noise)] = case.noise
     x, u = np.zeros(states), np.zeros(1)
@@ -134,7 +134,7 @@ def loop(case: Case, seed: int, controller: Any, other: Any = None) -> dict[str,
         controller.prepare(problem.period)
         times["prepare"].append(perf_counter() - began)
         held = np.tile(u, (problem.substeps, 1))
-        x = simulate(equation, x, held, step=problem.period / problem.substeps)[-1] + noise * random.normal(size=states)
+        x = simulate(system, x, held, step=problem.period / problem.substeps)[-1] + noise * random.normal(size=states)
         error = (x[output] - preview[0]) / problem.output_scale
         cost += problem.output_weight * error**2 + problem.rate_weight * change**2
         cost += problem.input_weight * float(u[0]) ** 2
@@ -149,9 +149,9 @@ def main() -> int:
         "problem", "solver", "p50", "p99", "max", "solved", "first input off IPOPT", "cost", title="one call [ms]"
     )
     for name, case in cases().items():
-        yardstick = InteriorPointMpc(case.equation, case.problem, tolerance=1e-9)
-        exact = ExactMpc(case.equation, case.problem)
-        quick = ExactMpc(case.equation, case.problem, real_time=True)
+        yardstick = InteriorPointMpc(case.system, case.problem, tolerance=1e-9)
+        exact = ExactMpc(case.system, case.problem)
+        quick = ExactMpc(case.system, case.problem, real_time=True)
         for controller in (exact, quick):  # the first loop compiles
             loop(case, SEEDS[0], controller)
         converged = [loop(case, seed, exact, yardstick) for seed in SEEDS]
@@ -179,7 +179,7 @@ def main() -> int:
         }
         if acados_peer.installed():
             for mode in ("converged", "real_time"):
-                peer = acados_peer.AcadosMpc(case.equation, case.problem, real_time=mode == "real_time")
+                peer = acados_peer.AcadosMpc(case.system, case.problem, real_time=mode == "real_time")
                 runs = [loop(case, seed, peer) for seed in SEEDS]
                 ratio = np.array([b["cost"] / a["cost"] for a, b in zip(converged, runs, strict=True)])
                 share = np.mean([status is Status.SOLVED for run in runs for status in run["statuses"]])

@@ -94,7 +94,7 @@ def lecture() -> dict[str, Any]:
     model = Model(
         rig="lecture",
         structure="narx",
-        equation=case.equation,
+        system=case.system,
         sampling=Sampling(),
         names=(),
         covariance=np.zeros((0, 0)),
@@ -104,7 +104,7 @@ def lecture() -> dict[str, Any]:
     with extra("train"):
         from hybrid_sysid_ros.control.policy.training import train
     policies = [train(model, case.problem, LECTURE_SPREAD, LECTURE_SETTINGS, seed=seed) for seed in SEEDS]
-    runs = [loop(case, seed, InteriorPointMpc(case.equation, case.problem)) for seed in SEEDS]
+    runs = [loop(case, seed, InteriorPointMpc(case.system, case.problem)) for seed in SEEDS]
     ipopt = result.percentiles(1e3 * np.concatenate([run["times"]["call"] for run in runs]))
     questions, answers = hardware_run(case)
     times = result.percentiles(1e3 * np.array(call_times(policies[0], questions)))
@@ -144,7 +144,7 @@ def hardware_run(case: Case) -> tuple[list[tuple[Array, ...]], Array]:
             return plan
 
     for seed in SEEDS:
-        loop(case, seed, Heard(case.equation, case.problem))
+        loop(case, seed, Heard(case.system, case.problem))
     return questions, np.array(answers)
 
 
@@ -155,7 +155,7 @@ def answered(imitation: Policy, questions: list[tuple[Array, ...]]) -> Array:
 
 def cost_ratio(case: Case, imitation: Policy, seed: int) -> float:
     """Cost of the loop under a policy to that under the exact MPC, with the same noise."""
-    costs = [loop(case, seed, each)["cost"] for each in (imitation, ExactMpc(case.equation, case.problem))]
+    costs = [loop(case, seed, each)["cost"] for each in (imitation, ExactMpc(case.system, case.problem))]
     return float(costs[0] / costs[1])
 
 
@@ -190,9 +190,9 @@ def beam(train: bool) -> dict[str, Any]:
     rig, model = load_rig(RIG), load_model(configuration.shipped(RIG, "model"))
     shipped = policy.load(configuration.shipped(RIG, "policy"), model=model)
     spread = configuration.sampling_spread(rig)
-    exact = costs(ExactMpc(model.equation, shipped.problem), shipped.problem, rig.equation, spread)
+    exact = costs(ExactMpc(model.system, shipped.problem), shipped.problem, rig.system, spread)
     questions: list[tuple[Array, ...]] = []
-    own = costs(shipped, shipped.problem, rig.equation, spread, questions)
+    own = costs(shipped, shipped.problem, rig.system, spread, questions)
     ratios, totals = own / exact, own.sum(axis=1) / exact.sum(axis=1)
     found: dict[str, Any] = {
         "loops": ratios.size,
@@ -210,7 +210,7 @@ def beam(train: bool) -> dict[str, Any]:
     }
     if train:
         trained = [train_policy(model, seed=seed, progress=_told()) for seed in SEEDS]
-        totals = np.array([costs(each, each.problem, rig.equation, spread).sum() for each in trained]) / exact.sum()
+        totals = np.array([costs(each, each.problem, rig.system, spread).sum() for each in trained]) / exact.sum()
         found |= {
             "cost to exact, by seeds of training": result.spread(totals),
             "validation MSE, by seeds of training [V^2]": result.spread(
@@ -224,7 +224,7 @@ def beam(train: bool) -> dict[str, Any]:
 def costs(
     controller: Controller,
     problem: Problem,
-    equation: System,
+    system: System,
     spread: Spread,
     questions: list[tuple[Array, ...]] | None = None,
 ) -> Array:
@@ -236,20 +236,20 @@ def costs(
     for row, seed in enumerate(SEEDS):
         for column in range(LOOPS):
             random = np.random.default_rng(FIRST_SEED + 1000 * seed + column)
-            found[row, column] = cost(controller, problem, equation, spread, random, questions)
+            found[row, column] = cost(controller, problem, system, spread, random, questions)
     return found
 
 
 def cost(
     controller: Controller,
     problem: Problem,
-    equation: System,
+    system: System,
     spread: Spread,
     random: np.random.Generator,
     questions: list[tuple[Array, ...]] | None,
 ) -> float:
     """Cost of one loop, by the weights of the problem."""
-    target, plant = reference(random, spread.amplitude), drawn(equation, spread.parameters, random)
+    target, plant = reference(random, spread.amplitude), drawn(system, spread.parameters, random)
     offset = np.array([random.normal() * spread.disturbance])
     scale, periods = problem.output_scale, round(SECONDS / problem.period)
     wanted = scale * target(problem.period * np.arange(1, periods + problem.horizon + 1))

@@ -55,7 +55,7 @@ class ControllerNode(RigNode):
         model = model_of(self.rig, self.settings["model"])
         self.network: Policy | None = None
         self.controller = self.new_controller(model)
-        self.ahead = round((model.equation.delay + self.settings["latency"]) * SECOND)
+        self.ahead = round((model.system.delay + self.settings["latency"]) * SECOND)
         period, horizon = self.controller.period, self.controller.horizon
         self.grid = np.round(period * np.arange(1, horizon + 1) * SECOND).astype(np.int64)
         self.message = joint_state([self.rig.joint])
@@ -91,7 +91,7 @@ class ControllerNode(RigNode):
         limit = math.inf if self.lockstep else self.settings["time_limit"] or math.inf
         clock = None if math.isinf(limit) else perf_counter
         real_time = self.settings["real_time"]
-        return ExactMpc(model.equation, problem, real_time=real_time, time_limit=limit, clock=clock)
+        return ExactMpc(model.system, problem, real_time=real_time, time_limit=limit, clock=clock)
 
     def look_at(self, network: Policy, path: Path, asked: Problem) -> None:
         """Say what a user should know about a network; refuse one that is not certified where that is required."""

@@ -40,7 +40,7 @@ class EstimatorNode(RigNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("estimator", **options)
-        self.equation = model_of(self.rig, self.settings["model"]).equation
+        self.system = model_of(self.rig, self.settings["model"]).system
         joint = self.rig.joint
         self.camera = f"{joint}_{CAMERA}"
         self.estimates: Publisher | None = None
@@ -49,7 +49,7 @@ class EstimatorNode(RigNode):
         followed = tuple(self.filter.tuning.followed)
         self.message = joint_state([joint, f"{joint}_ahead", *(f"{joint}_{name}" for name in followed)])
         self.unknown = (math.nan,) * len(followed)  # a parameter has no velocity and no effort
-        self.covariance_message = _labelled(self.equation.states, followed)
+        self.covariance_message = _labelled(self.system.states, followed)
         for k in range(1, 4):  # compiles, and has seen it all once before it matters
             self.on_measurement(fill(joint_state([joint]), k * SECOND // 100, position=(0.0,), effort=(0.0,)))
         self.begin()
@@ -60,7 +60,7 @@ class EstimatorNode(RigNode):
         """Begin anew, nothing estimated and nothing counted."""
         settings = self.settings
         self.filter = METHODS[settings["method"]](
-            self.equation,
+            self.system,
             estimator_tuning(settings, self.rig),
             period=1.0 / settings["rate"],
             latency=settings["latency"],

@@ -18,7 +18,7 @@ def model_of(rig: Rig, path: str) -> Model:
     model = load(folder)
     if model.rig != rig.name:
         raise UserError(f"{folder}: is a model of the rig {model.rig}, not of {rig.name}")
-    states = len(model.equation.states)
-    if states != 2 or dict(model.equation.kinematics) != {0: 1}:
+    states = len(model.system.states)
+    if states != 2 or dict(model.system.kinematics) != {0: 1}:
         raise UserError(f"{folder}: has {states} states; the nodes carry the position and velocity of one joint")
     return model

@@ -176,12 +176,12 @@ def kind(request: pytest.FixtureRequest) -> type[Filter]:
 @pytest.fixture(scope="session")
 def linear_records() -> list[Record]:
     """Three experiments of 12 s on a linear beam, noise-free, the widest first: at most 6, 4 and 2 V about balance."""
-    equation = Linear(gain=5.0, centre=0.9, stiffness=24.0, damping=22.0, input_delay=0.005)
+    system = Linear(gain=5.0, centre=0.9, stiffness=24.0, damping=22.0, input_delay=0.005)
     found = []
     for seed, volts in enumerate((6.0, 4.0, 2.0)):
-        levels = np.random.default_rng(seed).uniform(-volts, volts, 40) + equation.centre
+        levels = np.random.default_rng(seed).uniform(-volts, volts, 40) + system.centre
         drive = levels.repeat(60)[:, None]
-        position = simulate(equation, np.zeros(2), drive, step=0.005)[:-1, :1]
+        position = simulate(system, np.zeros(2), drive, step=0.005)[:-1, :1]
         time = np.arange(len(drive), dtype=np.float64) * 0.005
         found.append(Record(name=f"linear_{volts:g}V", time=time, input=drive, output=position))
     return found
@@ -194,7 +194,7 @@ def model_folder(rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> Path:
     Model(
         rig=rig.name,
         structure="gray",
-        equation=rig.equation,
+        system=rig.system,
         sampling=Sampling(),
         names=(),
         covariance=np.zeros((0, 0)),
@@ -257,7 +257,7 @@ def place(tmp_path: Path) -> str:
 def simulated_record(rig: Rig, reference: Reference, *, seconds: float, name: str, seed: int, noisy: bool) -> Record:
     """The simulated rig driven as the author's: u = clip(3 (ref - yf), +-10), after a second of rest."""
     plant = Plant(rig, seed=seed, noisy=noisy)
-    plant.reset(np.zeros(len(rig.equation.states)))
+    plant.reset(np.zeros(len(rig.system.states)))
     scale, samples = rig.sensor.radians_per_volt, round(seconds / rig.step)
     time = np.arange(samples, dtype=np.float64) * rig.step
     wanted = np.where(time < 1.0, 0.0, reference(time))

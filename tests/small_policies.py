@@ -79,12 +79,12 @@ def questions(count, seed=0):
 
 
 def model_of(seal=""):
-    equation = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
-    names = tuple(item.name for item in equation.parameters)
+    system = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
+    names = tuple(item.name for item in system.parameters)
     return Model(
         rig="cam_beam",
         structure="linear",
-        equation=equation,
+        system=system,
         sampling=Sampling(),
         names=names,
         covariance=np.eye(len(names)),

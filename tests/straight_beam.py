@@ -4,14 +4,14 @@ from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.rigs.cam_beam import CamBeam
 
 
-def straight(equation: Linear) -> CamBeam:
+def straight(system: Linear) -> CamBeam:
     """The linear equation as the rig's own, which is compiled anyway: on no crank, without friction."""
     return CamBeam(
-        gain=equation.gain,
-        centre=equation.centre,
-        stiffness=equation.stiffness,
-        damping=equation.damping,
-        input_delay=equation.input_delay,
+        gain=system.gain,
+        centre=system.centre,
+        stiffness=system.stiffness,
+        damping=system.damping,
+        input_delay=system.input_delay,
         coulomb=0.0,
         stribeck_excess=0.0,
         asymmetry=0.0,

@@ -26,9 +26,9 @@ LUGRE = LuGre(
 )
 
 
-def step(equation, state, push, h):
+def step(system, state, push, h):
     following = np.empty(3)
-    kernels(equation).step(np.array(state), np.array([push]), equation.named, equation.weights, h, following)
+    kernels(system).step(np.array(state), np.array([push]), system.named, system.weights, h, following)
     return following
 
 
@@ -37,21 +37,21 @@ def pushes(t):
     return 6.0 * np.sin(2 * np.pi * t)
 
 
-def solved(equation, seconds):
+def solved(system, seconds):
     """The differential equation as it is printed, by an ordinary solver."""
     level_at = stribeck(COMPILED)
 
     def level(v):
-        if isinstance(equation, Dahl):
-            return equation.coulomb
-        static = equation.coulomb + equation.static_excess
-        return level_at(v, equation.coulomb, static, equation.stribeck_speed)
+        if isinstance(system, Dahl):
+            return system.coulomb
+        static = system.coulomb + system.static_excess
+        return level_at(v, system.coulomb, static, system.stribeck_speed)
 
     def rates(t, x):
         _, v, z = x
-        bending = v - abs(v) * z * equation.bristle_stiffness / level(v)
-        s1 = getattr(equation, "bristle_damping", 0.0)
-        friction = equation.bristle_stiffness * z + s1 * bending + equation.damping * v
+        bending = v - abs(v) * z * system.bristle_stiffness / level(v)
+        s1 = getattr(system, "bristle_damping", 0.0)
+        friction = system.bristle_stiffness * z + s1 * bending + system.damping * v
         return [v, pushes(t) - friction, bending]
 
     exact = solve_ivp(rates, (0.0, seconds), np.zeros(3), method="LSODA", rtol=1e-9, atol=1e-11, max_step=1e-3)
@@ -60,13 +60,13 @@ def solved(equation, seconds):
 
 
 @pytest.mark.parametrize("equation", [DAHL, LUGRE], ids=["Dahl", "LuGre"])
-def test_it_moves_as_its_differential_equation_through_sliding_and_reversal(equation):
+def test_it_moves_as_its_differential_equation_through_sliding_and_reversal(system):
     seconds = 1.3
-    exact = solved(equation, seconds)
+    exact = solved(system, seconds)
     errors = []
     for h in (2e-4, 1e-4, 5e-5):
         middles = (np.arange(round(seconds / h)) + 0.5) * h
-        end = simulate(equation, np.zeros(3), pushes(middles)[:, None], step=h)[-1]
+        end = simulate(system, np.zeros(3), pushes(middles)[:, None], step=h)[-1]
         errors.append(np.max(np.abs(end - exact) / np.abs(exact)))
     assert errors[-1] < 2e-3
     assert errors[2] < 0.6 * errors[1] < 0.4 * errors[0]  # first order, as the scheme for dry friction
@@ -79,12 +79,12 @@ def test_the_step_is_backward_euler_to_the_last_digits():
         stiffness, damping = 10 ** random.uniform(0, 5), random.choice([0.0, 10 ** random.uniform(-2, 2)])
         level, h = 10 ** random.uniform(-3, 1), 10 ** random.uniform(-5, -2)
         # A Stribeck curve without an excess is a constant.
-        equation = dataclasses.replace(
+        system = dataclasses.replace(
             LUGRE, damping=0.0, coulomb=level, static_excess=0.0, bristle_stiffness=stiffness, bristle_damping=damping
         )
         state = [0.0, random.normal(), 1.5 * random.uniform(-1, 1) * level / stiffness]
         push = 5.0 * random.normal()
-        _, v, z = step(equation, state, push, h)
+        _, v, z = step(system, state, push, h)
         bending = v - abs(v) * stiffness * z / level
         assert z == pytest.approx(state[2] + h * bending, rel=1e-6, abs=1e-9 * level / stiffness)
         expected = state[1] + h * (push - stiffness * z - damping * (z - state[2]) / h)
@@ -93,9 +93,9 @@ def test_the_step_is_backward_euler_to_the_last_digits():
 
 @pytest.mark.parametrize("push", [2.5, -7.0])
 def test_a_block_that_slides_steadily_is_held_back_by_the_friction_level(push):
-    equation = dataclasses.replace(DAHL, damping=4.0)
-    x = simulate(equation, np.zeros(3), np.full((4000, 1), push), step=0.001)[-1]
-    assert equation.bristle_stiffness * x[2] == pytest.approx(np.sign(push) * 2.0, rel=1e-6)
+    system = dataclasses.replace(DAHL, damping=4.0)
+    x = simulate(system, np.zeros(3), np.full((4000, 1), push), step=0.001)[-1]
+    assert system.bristle_stiffness * x[2] == pytest.approx(np.sign(push) * 2.0, rel=1e-6)
     assert x[1] == pytest.approx(np.sign(push) * (abs(push) - 2.0) / 4.0, rel=1e-6)
 
 
@@ -110,10 +110,10 @@ def test_before_it_slides_friction_grows_by_dahls_exponential():
 
 def test_a_small_pull_bends_a_spring_and_is_given_back():
     """At a hundredth of the level bristles are a spring of s0: the block moves by u / s0, and returns."""
-    equation = dataclasses.replace(DAHL, damping=50.0)
+    system = dataclasses.replace(DAHL, damping=50.0)
     pull = 0.02
     inputs = np.repeat([pull, 0.0], 4000)[:, None]
-    x = simulate(equation, np.zeros(3), inputs, step=0.001)
+    x = simulate(system, np.zeros(3), inputs, step=0.001)
     assert x[4000, 0] == pytest.approx(pull / 500.0, rel=0.01)
     assert abs(x[-1, 0]) < 0.01 * x[4000, 0]
 
@@ -126,8 +126,8 @@ def test_a_block_on_its_bristles_swings_with_the_root_of_their_stiffness():
 
 def test_stiff_bristles_are_dry_friction():
     """A sliding block stops after v^2 / (2 F), as on a dry table."""
-    equation = dataclasses.replace(DAHL, bristle_stiffness=1e5)
-    x = simulate(equation, np.array([0.0, 0.5, 0.0]), np.zeros((10_000, 1)), step=1e-4)
+    system = dataclasses.replace(DAHL, bristle_stiffness=1e5)
+    x = simulate(system, np.array([0.0, 0.5, 0.0]), np.zeros((10_000, 1)), step=1e-4)
     assert x[-1, 0] == pytest.approx(0.5**2 / (2 * 2.0), rel=2e-3)
     assert abs(x[-1, 1]) < 1e-4  # Dahl's bristles alone hardly damp what is left
 
@@ -135,20 +135,20 @@ def test_stiff_bristles_are_dry_friction():
 def anywhere(random):
     """A model, a state with its bristles bent beyond what they bear at times, a push and a step."""
     model = random.choice([0, 1])
-    equation = dataclasses.replace(
+    system = dataclasses.replace(
         (DAHL, LUGRE)[model], bristle_stiffness=10 ** random.uniform(0, 5), coulomb=10 ** random.uniform(-3, 1)
     )
-    bent = 2.0 * random.uniform(-1, 1) * equation.coulomb / equation.bristle_stiffness
-    return equation, [0.0, random.normal(), bent], 10 * random.normal(), 10 ** random.uniform(-5, -1)
+    bent = 2.0 * random.uniform(-1, 1) * system.coulomb / system.bristle_stiffness
+    return system, [0.0, random.normal(), bent], 10 * random.normal(), 10 ** random.uniform(-5, -1)
 
 
 def test_bristles_never_bear_more_than_the_friction_level():
     random = np.random.default_rng(0)
     for _ in range(3000):
-        equation, state, push, h = anywhere(random)
-        level = equation.coulomb + getattr(equation, "static_excess", 0.0)
-        most = max(equation.bristle_stiffness * abs(state[2]), level)
-        assert equation.bristle_stiffness * abs(step(equation, state, push, h)[2]) <= most * (1 + 1e-9)
+        system, state, push, h = anywhere(random)
+        level = system.coulomb + getattr(system, "static_excess", 0.0)
+        most = max(system.bristle_stiffness * abs(state[2]), level)
+        assert system.bristle_stiffness * abs(step(system, state, push, h)[2]) <= most * (1 + 1e-9)
 
 
 def test_a_block_that_is_left_alone_never_gains_energy():
@@ -159,23 +159,23 @@ def test_a_block_that_is_left_alone_never_gains_energy():
     random = np.random.default_rng(1)
     for _ in range(1000):
         drawn, state, _, h = anywhere(random)
-        equation = dataclasses.replace(DAHL, coulomb=drawn.coulomb, bristle_stiffness=drawn.bristle_stiffness)
-        energy = [state[1] ** 2 + equation.bristle_stiffness * state[2] ** 2]
+        system = dataclasses.replace(DAHL, coulomb=drawn.coulomb, bristle_stiffness=drawn.bristle_stiffness)
+        energy = [state[1] ** 2 + system.bristle_stiffness * state[2] ** 2]
         for _ in range(5):
-            state = step(equation, state, 0.0, h)
-            energy.append(state[1] ** 2 + equation.bristle_stiffness * state[2] ** 2)
+            state = step(system, state, 0.0, h)
+            energy.append(state[1] ** 2 + system.bristle_stiffness * state[2] ** 2)
         assert np.all(np.diff(energy) <= 1e-9 * energy[0])
 
 
 @pytest.mark.parametrize("equation", [DAHL, LUGRE], ids=["Dahl", "LuGre"])
-def test_a_step_of_5_ms_is_stable_on_the_stiffest_bristles(equation):
+def test_a_step_of_5_ms_is_stable_on_the_stiffest_bristles(system):
     """h sqrt(s0) = 1.6: an explicit step would be near its limit, and h s0 |v| / F = 250 |v| far beyond it."""
-    stiff = dataclasses.replace(equation, bristle_stiffness=1e5, damping=5.0)
+    stiff = dataclasses.replace(system, bristle_stiffness=1e5, damping=5.0)
     volts = np.random.default_rng(0).uniform(-10, 10, 400).repeat(50)[:, None]
     x = simulate(stiff, np.zeros(3), volts, step=0.005)
     assert np.max(np.abs(x[:, 1])) <= (10.0 - 2.0) / 5.0 + 1e-9  # terminal speed: (push - Fc) / D
     assert np.max(np.abs(x[:, 1])) > 0.5
-    assert np.max(np.abs(1e5 * x[:, 2])) <= equation.coulomb + getattr(equation, "static_excess", 0.0) + 1e-9
+    assert np.max(np.abs(1e5 * x[:, 2])) <= system.coulomb + getattr(system, "static_excess", 0.0) + 1e-9
     fine = simulate(stiff, np.zeros(3), volts.repeat(10, axis=0), step=0.0005, every=10)
     assert np.sqrt(np.mean((x - fine)[:, 1] ** 2)) < 0.02 * np.std(fine[:, 1])
 
@@ -184,16 +184,16 @@ def test_a_step_of_5_ms_is_stable_on_the_stiffest_bristles(equation):
 @pytest.mark.parametrize("speed", [0.02, 0.1, -0.1, 0.4])
 def test_steady_lugre_friction_is_the_stribeck_curve(speed, bristle_damping):
     """F(v) + D v, on the falling part too; the bristles' own damping has no part in it, since z' = 0."""
-    equation = dataclasses.replace(LUGRE, damping=50.0, bristle_damping=bristle_damping)
+    system = dataclasses.replace(LUGRE, damping=50.0, bristle_damping=bristle_damping)
     curve = 2.0 + 1.0 * np.exp(-((speed / 0.1) ** 2))
     push = np.sign(speed) * curve + 50.0 * speed
-    x = simulate(equation, np.zeros(3), np.full((20_000, 1), push), step=0.001)[-1]
+    x = simulate(system, np.zeros(3), np.full((20_000, 1), push), step=0.001)[-1]
     assert x[1] == pytest.approx(speed, rel=1e-6)
     assert 500.0 * x[2] == pytest.approx(np.sign(speed) * curve, rel=1e-6)
 
 
 def test_bristles_without_a_level_do_not_hold_anything():
-    equation = dataclasses.replace(DAHL, coulomb=0.0)
-    x = simulate(equation, np.zeros(3), np.full((1000, 1), 2.5), step=0.001)
+    system = dataclasses.replace(DAHL, coulomb=0.0)
+    x = simulate(system, np.zeros(3), np.full((1000, 1), 2.5), step=0.001)
     np.testing.assert_allclose(x[-1, 1], 2.5, rtol=1e-9)
     assert np.all(np.abs(x[:, 2]) < 1e-9)

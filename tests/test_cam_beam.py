@@ -102,14 +102,14 @@ def test_a_straight_beam_without_friction_is_the_linear_one():
     linear = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.004)
     random = np.random.default_rng(0)
     start, inputs = random.normal(size=2), random.uniform(-10.0, 10.0, (200, 1))
-    beam, expected = (simulate(equation, start, inputs, step=0.005) for equation in (straight(linear), linear))
+    beam, expected = (simulate(system, start, inputs, step=0.005) for system in (straight(linear), linear))
     np.testing.assert_allclose(beam, expected, rtol=1e-12)
 
 
 def test_the_records_stay_away_from_the_dead_centres(records, rig):
     """The crank's angle, asin(q sqrt(cam_curvature)), stays below 65 degrees: the law's own limit is 71.6."""
     widest = max(float(np.max(np.abs(record.output))) for record in records.values())
-    assert np.rad2deg(np.arcsin(widest * rig.equation.cam_curvature**0.5)) < 65.0
+    assert np.rad2deg(np.arcsin(widest * rig.system.cam_curvature**0.5)) < 65.0
     assert np.rad2deg(np.arccos(SMALLEST_SQUARED_COSINE**0.5)) == pytest.approx(71.6, abs=0.05)
 
 
@@ -168,7 +168,7 @@ def resting(rig):
     plant = Plant(rig, seed=3)
     volts = np.empty(3000)
     for k in range(len(volts)):
-        plant.advance(rig.equation.centre)
+        plant.advance(rig.system.centre)
         volts[k] = plant.measure().position / rig.sensor.radians_per_volt
     return volts
 
@@ -271,7 +271,7 @@ def test_a_whole_experiment_follows_from_its_reference_alone(experiments, rig):
 
 
 def drive(plant, volts, steps=300):
-    plant.reset(np.zeros(2), drive=plant.rig.equation.centre)
+    plant.reset(np.zeros(2), drive=plant.rig.system.centre)
     for _ in range(steps):
         plant.advance(volts)
     return plant.state.copy()
@@ -294,7 +294,7 @@ def test_a_command_that_is_not_a_number_is_zero(rig):
 def test_a_bias_is_a_voltage_that_no_command_shows(rig):
     biased, plain = Plant(rig, seed=0, bias=0.5), Plant(rig, seed=0)
     np.testing.assert_allclose(drive(biased, 4.0, 50), drive(plain, 4.5, 50), rtol=0.05)
-    assert moves(dataclasses.replace(rig.equation, creep=0.0), rig.equation.centre + 0.5)[0]
+    assert moves(dataclasses.replace(rig.system, creep=0.0), rig.system.centre + 0.5)[0]
 
 
 def test_the_plant_is_its_equation(rig):
@@ -306,7 +306,7 @@ def test_the_plant_is_its_equation(rig):
     for u in volts:
         plant.advance(u)
         states.append(plant.state.copy())
-    np.testing.assert_allclose(states, simulate(rig.equation, np.zeros(2), volts[:, None], step=rig.step), atol=1e-12)
+    np.testing.assert_allclose(states, simulate(rig.system, np.zeros(2), volts[:, None], step=rig.step), atol=1e-12)
     assert plant.time == pytest.approx(2.0)
 
 

@@ -200,7 +200,7 @@ def by_hand(subject, draw, driver):
 def test_the_compiled_loop_is_the_loop_of_ordinary_objects(broken, rig, driver):
     """On a plant that is not the model: the beam with its friction, under the MPC of a linear one."""
     subject = dataclasses.replace(
-        subject_of(broken, plant=rig.equation), criteria=dataclasses.replace(CRITERIA, input_error=math.inf)
+        subject_of(broken, plant=rig.system), criteria=dataclasses.replace(CRITERIA, input_error=math.inf)
     )
     bench = subject.bench()
     for loop in range(12):

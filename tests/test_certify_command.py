@@ -25,7 +25,7 @@ def linear_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     Model(
         rig="cam_beam",
         structure="linear",
-        equation=LINEAR,
+        system=LINEAR,
         sampling=Sampling(),
         names=(),
         covariance=np.zeros((0, 0)),
@@ -188,5 +188,5 @@ def test_the_loops_are_twice_the_horizon_and_of_what_the_configuration_says(rig:
     assert 9.9 < inputs.max() <= 10.0
     pushes = np.concatenate([draw.pushes for draw in draws])
     assert np.mean(np.any(pushes != 0.0, axis=1)) == pytest.approx(0.05, rel=0.1)
-    gains = np.array([draw.parameters.gain for draw in draws]) / rig.equation.named.gain
+    gains = np.array([draw.parameters.gain for draw in draws]) / rig.system.named.gain
     assert gains.std() == pytest.approx(0.1, rel=0.05)

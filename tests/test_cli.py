@@ -106,7 +106,7 @@ def test_a_bag_can_be_read_at_a_longer_period(command, tmp_path):
     for model, more in zip(models, ([], ["--read-period", "0.05"]), strict=True):
         status, _, error = command(*arguments, *more, "--out", model)
         assert status == 0, error
-    one, two = (load(model).equation for model in models)
+    one, two = (load(model).system for model in models)
     assert two.values == pytest.approx(one.values, rel=0.02)
     refused(command(*arguments, "--read-period", "0.05", "--input", "sampled", "--out", tmp_path / "m"), "sampled")
     refused(command(*arguments, "--read-period", "0.0333", "--out", tmp_path / "m"), "multiple")

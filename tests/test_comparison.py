@@ -29,7 +29,7 @@ def candidate(structure, scores, *, parameters):
     model = Model(
         rig="cam_beam",
         structure="linear",
-        equation=Linear(),
+        system=Linear(),
         sampling=Sampling(),
         names=names,
         covariance=np.eye(parameters),
@@ -83,11 +83,11 @@ def test_failed_candidates_are_not_chosen():
 def test_weights_count_as_parameters_once():
     """A fit that names its weights, as a black box's does, and one that does not, as a recurrent network's."""
     network = Network(units=2, feature_scales=(1.0, 1.0, 1.0), scale=1.0)
-    equation = BlackBox(network=network, network_weights=network.initial(0))
+    system = BlackBox(network=network, network_weights=network.initial(0))
     weights = tuple(f"weight_{i}" for i in range(network.size))
     plain = candidate("black_box", [0.9, 0.9], parameters=0)
     for names, expected in ((("gain", "damping", *weights), 12), (("gain",), 11), ((), 10)):
-        model = replace(plain.models[0], equation=equation, names=names)
+        model = replace(plain.models[0], system=system, names=names)
         assert replace(plain, models=[model]).parameters == expected
 
 
@@ -212,7 +212,7 @@ def assert_alike(one, two):
         assert mine == pytest.approx(other, rel=1e-9)
     if one.validation is not None:
         assert one.validation.scores == pytest.approx(two.validation.scores, rel=1e-9)
-        np.testing.assert_allclose(one.models[0].equation.values, two.models[0].equation.values, rtol=1e-9)
+        np.testing.assert_allclose(one.models[0].system.values, two.models[0].system.values, rtol=1e-9)
         np.testing.assert_allclose(one.models[0].covariance, two.models[0].covariance, rtol=1e-6, atol=1e-12)
 
 

@@ -46,7 +46,7 @@ def test_what_two_nodes_share_has_one_default() -> None:
 
 def test_the_preview_reaches_beyond_the_horizon(rig: Rig) -> None:
     reference, controller = (configuration.defaults("cam_beam", node) for node in ("reference", "controller"))
-    needed = controller["horizon"] * controller["period"] + controller["latency"] + rig.equation.delay
+    needed = controller["horizon"] * controller["period"] + controller["latency"] + rig.system.delay
     assert reference["preview_seconds"] >= needed + reference["publish_period"]
 
 

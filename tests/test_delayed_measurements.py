@@ -35,8 +35,8 @@ def driven(samples):
     inputs = np.repeat(random.uniform(-4.0, 6.0, samples // 20 + 1), 20)[:samples]
     fine = np.repeat(inputs[1:], 5)[:, None]
     delayed = np.concatenate([np.full((4, 1), inputs[0]), fine])[: len(fine)]
-    equation = dataclasses.replace(LINEAR, input_delay=0.0)
-    states = simulate(equation, np.zeros(2), delayed, step=0.001)[::5]
+    system = dataclasses.replace(LINEAR, input_delay=0.0)
+    states = simulate(system, np.zeros(2), delayed, step=0.001)[::5]
     return states[:, 0] + 5e-4 * random.normal(size=samples), inputs, states
 
 

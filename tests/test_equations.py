@@ -22,16 +22,16 @@ MOTIONS = [name for name in STRUCTURES if name not in ("narx", "recurrent")]
 def structure(name, seed=0):
     """A structure with every parameter away from its start, and a network that matters."""
     random = np.random.default_rng(seed)
-    equation, _ = build(name, CamBeam(), scales=RANGE, seed=seed)
-    values = [item.start + 0.1 * item.scale * random.uniform(-1, 1) for item in equation.parameters]
-    bounded = [np.clip(v, item.low, item.high) for v, item in zip(values, equation.parameters, strict=True)]
-    equation = equation.with_values(np.array(bounded))
-    return equation.with_weights(random.normal(size=len(equation.weights))) if len(equation.weights) else equation
+    system, _ = build(name, CamBeam(), scales=RANGE, seed=seed)
+    values = [item.start + 0.1 * item.scale * random.uniform(-1, 1) for item in system.parameters]
+    bounded = [np.clip(v, item.low, item.high) for v, item in zip(values, system.parameters, strict=True)]
+    system = system.with_values(np.array(bounded))
+    return system.with_weights(random.normal(size=len(system.weights))) if len(system.weights) else system
 
 
-def compiled_step(equation, x, u, h):
-    following = np.empty(len(equation.states))
-    kernels(equation).step(x, u, equation.named, equation.weights, h, following)
+def compiled_step(system, x, u, h):
+    following = np.empty(len(system.states))
+    kernels(system).step(x, u, system.named, system.weights, h, following)
     return following
 
 
@@ -45,25 +45,25 @@ def points(count=200, seed=1):
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_the_compiled_and_the_casadi_form_agree(name):
-    equation = structure(name)
-    symbolic = symbolic_step(equation, step=0.005)
+    system = structure(name)
+    symbolic = symbolic_step(system, step=0.005)
     random = np.random.default_rng(2)
     for x in points():
-        hidden = DEFLECTION * random.uniform(-1, 1, len(equation.states) - 2)
+        hidden = DEFLECTION * random.uniform(-1, 1, len(system.states) - 2)
         state = np.concatenate([x[:2], hidden])
         expected = np.array(symbolic(state, x[2:])).ravel()
-        np.testing.assert_allclose(compiled_step(equation, state, x[2:], 0.005), expected, rtol=1e-11, atol=1e-14)
+        np.testing.assert_allclose(compiled_step(system, state, x[2:], 0.005), expected, rtol=1e-11, atol=1e-14)
 
 
 @pytest.mark.parametrize("name", ["stribeck", "gray", "hybrid"])
 def test_the_smooth_form_is_off_by_half_its_smoothing_at_most(name):
     # (sqrt((x + L)^2 + s^2) - sqrt((x - L)^2 + s^2)) / 2 lies within s / 2 of x held within +-L.
-    equation = structure(name)
+    system = structure(name)
     largest = []
     for smoothing in (1e-2, 1e-4, 1e-6):
-        symbolic = symbolic_step(equation, step=0.005, smoothing=smoothing)
+        symbolic = symbolic_step(system, step=0.005, smoothing=smoothing)
         errors = [
-            abs(compiled_step(equation, x[:2], x[2:], 0.005)[1] - float(symbolic(x[:2], x[2:])[1])) for x in points()
+            abs(compiled_step(system, x[:2], x[2:], 0.005)[1] - float(symbolic(x[:2], x[2:])[1])) for x in points()
         ]
         assert max(errors) <= smoothing / 2 * (1 + 1e-6)
         largest.append(max(errors))
@@ -71,23 +71,23 @@ def test_the_smooth_form_is_off_by_half_its_smoothing_at_most(name):
 
 
 def test_substeps_are_steps_in_turn():
-    equation = structure("gray")
+    system = structure("gray")
     x, u = np.array([0.02, -0.1]), np.array([3.0])
     expected = x
     for _ in range(4):
-        expected = compiled_step(equation, expected, u, 0.005)
-    symbolic = symbolic_step(equation, step=0.005, substeps=4)
+        expected = compiled_step(system, expected, u, 0.005)
+    symbolic = symbolic_step(system, step=0.005, substeps=4)
     np.testing.assert_allclose(np.array(symbolic(x, u)).ravel(), expected, rtol=1e-12)
 
 
 def test_the_linear_simulation_tends_to_the_matrix_exponential():
-    equation = Linear(gain=5.0, centre=0.7, stiffness=30.0, damping=4.0, input_delay=0.0)
+    system = Linear(gain=5.0, centre=0.7, stiffness=30.0, damping=4.0, input_delay=0.0)
     x, u, seconds = np.array([0.1, -0.4]), 2.5, 0.8
     matrix = np.array([[0.0, 1.0, 0.0], [-30.0, -4.0, 5.0 * (u - 0.7)], [0.0, 0.0, 0.0]])
     exact = (expm(matrix * seconds) @ np.append(x, 1.0))[:2]
     errors = []
     for steps in (800, 1600, 3200):
-        simulated = simulate(equation, x, np.full((steps, 1), u), step=seconds / steps)[-1]
+        simulated = simulate(system, x, np.full((steps, 1), u), step=seconds / steps)[-1]
         errors.append(np.linalg.norm(simulated - exact))
     assert errors[-1] < 1e-3 * np.linalg.norm(exact)
     np.testing.assert_allclose(np.array(errors[:-1]) / errors[1:], 2.0, rtol=0.02)  # first order
@@ -95,11 +95,11 @@ def test_the_linear_simulation_tends_to_the_matrix_exponential():
 
 def test_viscous_friction_converges_with_the_square_of_the_step():
     """v' = -D v from v(0) is v(0) exp(-D t); Euler's would converge with the step only."""
-    equation = Linear(gain=5.0, centre=0.0, stiffness=0.0, damping=26.0, input_delay=0.0)
+    system = Linear(gain=5.0, centre=0.0, stiffness=0.0, damping=26.0, input_delay=0.0)
     exact = 0.7 * np.exp(-26.0 * 0.1)
     errors = []
     for steps in (10, 20, 40, 80):
-        speed = simulate(equation, np.array([0.0, 0.7]), np.zeros((steps, 1)), step=0.1 / steps)[-1, 1]
+        speed = simulate(system, np.array([0.0, 0.7]), np.zeros((steps, 1)), step=0.1 / steps)[-1, 1]
         errors.append(abs(speed - exact))
     assert errors[1] < 0.02 * exact  # at the 5 ms of identification
     np.testing.assert_allclose(np.array(errors[:-1]) / errors[1:], 4.0, rtol=0.05)
@@ -107,16 +107,16 @@ def test_viscous_friction_converges_with_the_square_of_the_step():
 
 def test_viscous_friction_stops_at_the_terminal_speed_at_any_step():
     """Drive over damping, gain u / D: what the step does to the way there, it does not do to the end."""
-    equation = Linear(gain=5.0, centre=0.5, stiffness=0.0, damping=26.0, input_delay=0.0)
+    system = Linear(gain=5.0, centre=0.5, stiffness=0.0, damping=26.0, input_delay=0.0)
     for step in (1e-3, 5e-3, 0.05):
-        states = simulate(equation, np.zeros(2), np.full((round(3.0 / step), 1), 2.5), step=step)
+        states = simulate(system, np.zeros(2), np.full((round(3.0 / step), 1), 2.5), step=step)
         assert states[-1, 1] == pytest.approx(5.0 * (2.5 - 0.5) / 26.0, rel=1e-9)
 
 
 def test_an_undamped_spring_swings_for_ever():
     # Semi-implicit Euler is symplectic: explicit Euler would gain exp(h w^2 t / 2) = e^1000 here.
-    equation = Linear(gain=5.0, centre=0.0, stiffness=400.0, damping=0.0, input_delay=0.0)
-    x = simulate(equation, np.array([0.1, 0.0]), np.zeros((1_000_000, 1)), step=0.005, every=10)
+    system = Linear(gain=5.0, centre=0.0, stiffness=400.0, damping=0.0, input_delay=0.0)
+    x = simulate(system, np.array([0.1, 0.0]), np.zeros((1_000_000, 1)), step=0.005, every=10)
     energy = 0.5 * x[:, 1] ** 2 + 200.0 * x[:, 0] ** 2
     assert np.all(np.abs(energy / energy[0] - 1) < 0.06)  # h w / 2 = 5 %
 
@@ -168,22 +168,22 @@ def test_a_delay_shifts_the_held_input_and_averages_it_over_each_step(slider, de
 
 def test_a_delay_of_two_and_a_half_steps_by_hand(slider):
     inputs = np.array([[4.0], [6.0], [3.0], [9.0], [9.0]])
-    equation = dataclasses.replace(slider, input_delay=0.25)
-    speeds = simulate(equation, np.zeros(2), inputs, step=0.1)[:, 1]
+    system = dataclasses.replace(slider, input_delay=0.25)
+    speeds = simulate(system, np.zeros(2), inputs, step=0.1)[:, 1]
     # The input seen is 4 until 0.35 s, 6 until 0.45 s, then 3: its means over each 0.1 s follow.
     np.testing.assert_allclose(np.diff(speeds) / 0.1 + 2.0, [4.0, 4.0, 4.0, 5.0, 4.5])
 
 
 def test_every_record_of_several_begins_with_its_own_input(slider):
     """No input leaks from the record before through the delay."""
-    equation = dataclasses.replace(slider, input_delay=0.012)
+    system = dataclasses.replace(slider, input_delay=0.012)
     inputs = np.concatenate([np.full((40, 1), 9.0), np.full((40, 1), 3.0)])
     out = np.empty((18, 2))
     starts = np.array([[0, 0, 9, 0], [40, 40, 9, 9]])
-    kernels(equation).windows(
-        starts, np.zeros((2, 2)), inputs, 0.012 / 0.005, 5, equation.named, equation.weights, 0.005, out
+    kernels(system).windows(
+        starts, np.zeros((2, 2)), inputs, 0.012 / 0.005, 5, system.named, system.weights, 0.005, out
     )
-    np.testing.assert_array_equal(out[9:], simulate(equation, np.zeros(2), inputs[40:], step=0.005, every=5))
+    np.testing.assert_array_equal(out[9:], simulate(system, np.zeros(2), inputs[40:], step=0.005, every=5))
 
 
 def test_nothing_grows_outside_the_range_that_was_identified():
@@ -203,14 +203,14 @@ def test_nothing_grows_outside_the_range_that_was_identified():
 
 @pytest.mark.parametrize("name", ["black_box", "hybrid"])
 def test_a_network_is_bounded_however_far_it_is_asked(name):
-    equation = structure(name)
-    silent = equation.with_weights(np.zeros(len(equation.weights)))
-    output_weights = equation.weights.reshape(-1, 5)[:, -1]
-    bound = equation.network.scale * np.sum(np.abs(output_weights))
-    law = equation.law(COMPILED)
+    system = structure(name)
+    silent = system.with_weights(np.zeros(len(system.weights)))
+    output_weights = system.weights.reshape(-1, 5)[:, -1]
+    bound = system.network.scale * np.sum(np.abs(output_weights))
+    law = system.law(COMPILED)
     for x in points():
         for far in (x, 1e3 * x):
-            rates = [law(far[:2], far[2:], item.named, item.weights)[0][1] for item in (equation, silent)]
+            rates = [law(far[:2], far[2:], item.named, item.weights)[0][1] for item in (system, silent)]
             assert abs(rates[0] - rates[1]) <= bound * (1 + 1e-9)
 
 
@@ -242,12 +242,12 @@ def test_two_joints_on_a_spring_move_as_their_differential_equation(flexible_joi
 
 def test_two_joints_agree_in_both_forms(flexible_joint, motor):
     random = np.random.default_rng(0)
-    for equation in (flexible_joint, motor):
-        symbolic = symbolic_step(equation, step=0.002)
+    for system in (flexible_joint, motor):
+        symbolic = symbolic_step(system, step=0.002)
         for _ in range(100):
-            x, u = random.normal(size=len(equation.states)), random.normal(size=1)
+            x, u = random.normal(size=len(system.states)), random.normal(size=1)
             expected = np.array(symbolic(x, u)).ravel()
-            np.testing.assert_allclose(compiled_step(equation, x, u, 0.002), expected, rtol=1e-12, atol=1e-14)
+            np.testing.assert_allclose(compiled_step(system, x, u, 0.002), expected, rtol=1e-12, atol=1e-14)
 
 
 def test_the_motor_of_a_flexible_joint_holds_the_link_by_friction(flexible_joint):

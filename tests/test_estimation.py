@@ -17,20 +17,20 @@ from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_estimation import HUM, LINEAR, PERIOD, QUIET
 
 
-def matrices(equation, h):
+def matrices(system, h):
     """Textbook form of one step of the linear model with its input disturbance, z = [q, v, d]: z+ = F z + b."""
-    half = 0.5 * h * equation.damping  # trapezoidal damping
-    velocity = np.array([-h * equation.stiffness, 1 - half, h * equation.gain]) / (1 + half)
+    half = 0.5 * h * system.damping  # trapezoidal damping
+    velocity = np.array([-h * system.stiffness, 1 - half, h * system.gain]) / (1 + half)
     transition = np.array([np.array([1.0, 0.0, 0.0]) + h * velocity, velocity, [0.0, 0.0, 1.0]])
-    return transition, h * equation.gain / (1 + half) * np.array([h, 1.0, 0.0])
+    return transition, h * system.gain / (1 + half) * np.array([h, 1.0, 0.0])
 
 
 class TextbookFilter:
     """Kalman (1960): predict and correct, the covariance in its plain form."""
 
-    def __init__(self, equation, tuning, state, covariance, h):
-        self.f, self.b = matrices(equation, h)
-        self.centre = equation.centre
+    def __init__(self, system, tuning, state, covariance, h):
+        self.f, self.b = matrices(system, h)
+        self.centre = system.centre
         self.q = h * np.diag([*tuning.process_noise, tuning.disturbance_noise]) ** 2
         self.r = tuning.measurement_noise**2
         self.z, self.p = state, covariance
@@ -112,7 +112,7 @@ def test_innovations_of_a_rig_as_noisy_as_it_is_told_are_white_with_their_varian
 def loop(kind, rig, *, seconds=20.0, period=PERIOD, seed=0, bias=0.0, noisy=True, latency=0.0):
     """The beam on a multisine under its P controller, watched by the filter as it is shipped."""
     tuning = configuration.estimator_tuning(configuration.defaults("cam_beam", "estimator"), rig)
-    ours = kind(rig.equation, tuning, period=period, latency=latency)
+    ours = kind(rig.system, tuning, period=period, latency=latency)
     plant = Plant(rig, seed=seed, bias=bias, noisy=noisy)
     reference = multisine(1, amplitude=4.0, low=0.1, high=1.5, lines=15, period=10.0)
     scale, u = rig.sensor.radians_per_volt, 0.0
@@ -157,7 +157,7 @@ def test_on_the_beam_it_is_not_more_certain_than_it_may_be(watched):
 
 def test_numbers_that_no_rig_has_leave_a_finite_estimate(kind, rig):
     tuning = configuration.estimator_tuning(configuration.defaults("cam_beam", "estimator"), rig)
-    ours = kind(rig.equation, tuning, period=PERIOD, latency=0.001)
+    ours = kind(rig.system, tuning, period=PERIOD, latency=0.001)
     for k, u in enumerate([0.0, 1.0, 1e300, -1e308, 1e200, 1.0, 1.0, 1.0]):
         estimate = ours.update(k * PERIOD, np.array([0.01]), np.array([u]))
         for value in (estimate.state, estimate.ahead, estimate.disturbance, estimate.covariance):
@@ -178,11 +178,11 @@ def test_the_covariance_stays_symmetric_and_positive(kind, rig):
 @pytest.mark.parametrize("latency", [0.0, 0.004])
 def test_ahead_is_where_the_beam_will_be_when_the_command_acts(kind, rig, latency):
     """The command of the last sample holds over the latency here, so the plant may be asked a delay later."""
-    equation = dataclasses.replace(rig.equation, input_delay=0.008)
-    slow = dataclasses.replace(rig, equation=equation)
+    system = dataclasses.replace(rig.system, input_delay=0.008)
+    slow = dataclasses.replace(rig, system=system)
     _, estimates, _, fine = loop(kind, slow, noisy=False, latency=latency, seconds=10.0)
     per_sample = round(PERIOD / rig.step)
-    later = round((equation.delay + latency) / rig.step)
+    later = round((system.delay + latency) / rig.step)
     ahead, now = [], []
     for k, estimate in enumerate(estimates[200:-10], start=200):
         truth = fine[k * per_sample + later]
@@ -200,8 +200,8 @@ def test_without_any_delay_ahead_is_now(kind):
 
 
 def test_ahead_on_a_linear_model_is_its_simulation(kind):
-    equation = dataclasses.replace(LINEAR, input_delay=0.010)
-    ours = kind(equation, QUIET, period=PERIOD)
+    system = dataclasses.replace(LINEAR, input_delay=0.010)
+    ours = kind(system, QUIET, period=PERIOD)
     inputs = np.random.default_rng(0).uniform(-5, 5, 50)
     ours.update(0.0, np.array([0.0]), inputs[:1])
     for k, u in enumerate(inputs, start=1):

@@ -56,14 +56,14 @@ TUNING = Tuning(
 FORCED = dataclasses.replace(TUNING, process_noise=(1e-3, 0.05), input_noise=0.3)
 
 
-def advanced(z, u, equation=PULL):
+def advanced(z, u, system=PULL):
     """The equation's own step with a disturbance, z = [q, v, d]."""
     following = np.empty(2)
-    kernels(equation).step(np.array(z[:2]), np.array([u + z[2]]), equation.named, equation.weights, PERIOD, following)
+    kernels(system).step(np.array(z[:2]), np.array([u + z[2]]), system.named, system.weights, PERIOD, following)
     return np.array([*following, z[2]])
 
 
-def drawn(tuning, seed, samples, equation=PULL):
+def drawn(tuning, seed, samples, system=PULL):
     """A run of a plant drawn from what the tuning says, the start included: measurements, inputs and states."""
     random = np.random.default_rng(seed)
     steps = np.sqrt(PERIOD) * np.array([*tuning.process_noise, tuning.disturbance_noise])
@@ -76,7 +76,7 @@ def drawn(tuning, seed, samples, equation=PULL):
         states.append(z)
         force = tuning.input_noise / np.sqrt(PERIOD) * random.normal()
         push = np.array([0.0, 0.0, force])
-        z = advanced(z + push, u, equation) - push + steps * random.normal(size=3)
+        z = advanced(z + push, u, system) - push + steps * random.normal(size=3)
     return np.array(measured), np.roll(inputs, 1), np.array(states)
 
 
@@ -86,19 +86,19 @@ PLANTS = {"plain": (TUNING, PULL), "forced": (FORCED, PULL), "sticking": (FORCED
 @cache
 def run_of(plant, seed):
     """A run that every method is given."""
-    tuning, equation = PLANTS[plant]
-    return drawn(tuning, seed, 400, equation)
+    tuning, system = PLANTS[plant]
+    return drawn(tuning, seed, 400, system)
 
 
 @pytest.mark.parametrize("plant", PLANTS)
 @pytest.mark.parametrize("method", METHODS)
 def test_squared_errors_of_a_plant_as_the_filter_believes_it_to_be_are_in_their_band(method, plant):
     """Mean of 40 independent runs at some moments, chi-square of 120 degrees of freedom; NIS over all."""
-    tuning, equation = PLANTS[plant]
+    tuning, system = PLANTS[plant]
     moments, squares, errors, covariances = [50, 100, 200, 300, 399], [], [], []
     for seed in range(40):
         measured, inputs, states = run_of(plant, seed)
-        ours = METHODS[method](equation, tuning, period=PERIOD)
+        ours = METHODS[method](system, tuning, period=PERIOD)
         estimates = [ours.update(k * PERIOD, measured[k : k + 1], inputs[k : k + 1]) for k in range(len(measured))]
         errors.append([np.array([*estimates[k].state, *estimates[k].disturbance]) - states[k] for k in moments])
         covariances.append([estimates[k].covariance[:3, :3] for k in moments])

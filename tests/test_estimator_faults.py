@@ -113,7 +113,7 @@ def test_a_stamp_in_the_far_future_without_a_number_does_not_hold_the_filter_up(
 def test_rubbish_in_any_order_leaves_a_working_filter(kind, rig):
     """NaN, outliers, gaps, repeats and steps back, at random, and then the truth."""
     tuning = configuration.estimator_tuning(configuration.defaults("cam_beam", "estimator"), rig)
-    ours = kind(rig.equation, tuning, period=PERIOD, latency=0.001)
+    ours = kind(rig.system, tuning, period=PERIOD, latency=0.001)
     random = np.random.default_rng(0)
     ours.update(0.0, np.zeros(1), np.ones(1))
     t = 0.0
@@ -125,7 +125,7 @@ def test_rubbish_in_any_order_leaves_a_working_filter(kind, rig):
             assert np.all(np.isfinite(value))
     t = max(t, estimate.time)
     for k in range(1, 1500):
-        estimate = ours.update(t + k * PERIOD, np.array([0.02]), np.array([rig.equation.centre]))
+        estimate = ours.update(t + k * PERIOD, np.array([0.02]), np.array([rig.system.centre]))
     assert estimate.state[0] == pytest.approx(0.02, abs=2e-3)
     assert abs(estimate.state[1]) < 0.02
     counters = ours.counters

@@ -19,8 +19,8 @@ STILL = "damping=1e-9"  # followed as well, and hardly moving: two parameters ar
 @pytest.fixture(scope="module")
 def changed(rig):
     """Measurements and inputs of a beam with 30 % more friction and its centre .3 V lower, under its P controller."""
-    beam = dataclasses.replace(rig.equation, coulomb=1.3 * rig.equation.coulomb, centre=rig.equation.centre - 0.3)
-    plant = Plant(dataclasses.replace(rig, equation=beam), seed=4)
+    beam = dataclasses.replace(rig.system, coulomb=1.3 * rig.system.coulomb, centre=rig.system.centre - 0.3)
+    plant = Plant(dataclasses.replace(rig, system=beam), seed=4)
     reference = multisine(2, amplitude=4.0, low=0.1, high=1.5, lines=15, period=10.0)
     u, rows = 0.0, []
     for _ in range(6000):
@@ -39,14 +39,14 @@ def tuning(rig, followed, **changes):
 
 def test_friction_and_centre_are_found_while_the_beam_moves(kind, rig, changed):
     beam, rows = changed
-    ours = kind(rig.equation, tuning(rig, "coulomb=0.2 centre=0.05", disturbance_noise=0.0), period=PERIOD)
+    ours = kind(rig.system, tuning(rig, "coulomb=0.2 centre=0.05", disturbance_noise=0.0), period=PERIOD)
     estimates = [ours.update(t, np.array([y]), np.array([u])) for t, y, u in rows]
     coulomb, centre = np.mean([e.parameters for e in estimates[-2000:]], axis=0)
     assert coulomb == pytest.approx(beam.coulomb, rel=0.1)
     assert centre == pytest.approx(beam.centre, abs=0.05)
     # To whoever has the equation as it was, a centre .3 V lower is an input .3 V higher.
     offsets = [e.disturbance[0] for e in estimates[-2000:]]
-    assert np.mean(offsets) == pytest.approx(rig.equation.centre - centre, abs=1e-6)
+    assert np.mean(offsets) == pytest.approx(rig.system.centre - centre, abs=1e-6)
     assert estimates[-1].covariance.shape == (7, 7)
     deviations = np.sqrt(np.diag(estimates[-1].covariance))[5:]
     assert np.all((deviations > 0) & (deviations < [0.6, 0.3]))
@@ -57,7 +57,7 @@ def test_a_followed_parameter_makes_the_innovations_as_small_as_they_are_said_to
     _, rows = changed
     means = []
     for followed in ("", f"coulomb=0.2 {STILL}"):
-        ours = METHODS["ekf"](rig.equation, tuning(rig, followed), period=PERIOD)
+        ours = METHODS["ekf"](rig.system, tuning(rig, followed), period=PERIOD)
         squares = [ours.update(t, np.array([y]), np.array([u])).normalised_innovation for t, y, u in rows]
         means.append(np.mean(squares[2000:]))
     assert means[1] < means[0]
@@ -65,7 +65,7 @@ def test_a_followed_parameter_makes_the_innovations_as_small_as_they_are_said_to
 
 def test_a_followed_parameter_stays_within_its_bounds(kind, rig):
     """The beam is said to be stuck under full drive: no friction of the equation explains it."""
-    ours = kind(rig.equation, tuning(rig, f"coulomb=20.0 {STILL}", disturbance_noise=0.0, gate=1e6), period=PERIOD)
+    ours = kind(rig.system, tuning(rig, f"coulomb=20.0 {STILL}", disturbance_noise=0.0, gate=1e6), period=PERIOD)
     for k in range(1000):
         estimate = ours.update(k * PERIOD, np.zeros(1), np.array([10.0 if k % 200 < 150 else -10.0]))
         assert 0.0 <= estimate.parameters[0] <= 40.0
@@ -74,12 +74,12 @@ def test_a_followed_parameter_stays_within_its_bounds(kind, rig):
 
 def test_the_centre_and_the_disturbance_are_one(kind, rig):
     with pytest.raises(UserError, match="parameter centre can't be told from the input disturbance: set disturbance"):
-        kind(rig.equation, tuning(rig, "centre=0.02"), period=PERIOD)
+        kind(rig.system, tuning(rig, "centre=0.02"), period=PERIOD)
 
 
 def test_of_a_hybrid_the_centre_is_nearly_an_input(rig):
     """Its network reads the input as well, and not the centre: to whoever has the model as it was, still an offset."""
-    hybrid = load(configuration.shipped("cam_beam", "model")).equation
+    hybrid = load(configuration.shipped("cam_beam", "model")).system
     with pytest.raises(UserError, match="parameter centre can't be told from the input disturbance"):
         METHODS["ukf"](hybrid, tuning(rig, "centre=0.05"), period=PERIOD)
     ours = METHODS["ukf"](hybrid, tuning(rig, "centre=0.05 coulomb=0.1", disturbance_noise=0.0), period=PERIOD)
@@ -104,13 +104,13 @@ def test_of_a_hybrid_the_centre_is_nearly_an_input(rig):
 )
 def test_what_can_t_be_followed_is_told(rig, followed, reason):
     with pytest.raises(UserError, match=reason):
-        METHODS["ekf"](rig.equation, tuning(rig, followed), period=PERIOD)
+        METHODS["ekf"](rig.system, tuning(rig, followed), period=PERIOD)
 
 
 def test_a_plant_that_changes_goes_on_as_the_other_one(rig):
     """Noise-free: from where it is, it moves as a plant that always had the new friction."""
-    beam = dataclasses.replace(rig.equation, coulomb=4.0)
-    other = Plant(dataclasses.replace(rig, equation=beam), seed=0, noisy=False)
+    beam = dataclasses.replace(rig.system, coulomb=4.0)
+    other = Plant(dataclasses.replace(rig, system=beam), seed=0, noisy=False)
     plant = Plant(rig, seed=0, noisy=False)
     for _ in range(200):
         plant.advance(5.0)
@@ -120,4 +120,4 @@ def test_a_plant_that_changes_goes_on_as_the_other_one(rig):
         plant.advance(5.0)
         other.advance(5.0)
     np.testing.assert_array_equal(plant.state, other.state)
-    assert rig.equation.coulomb != 4.0
+    assert rig.system.coulomb != 4.0

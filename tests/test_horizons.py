@@ -22,10 +22,10 @@ def block(slider):
     return dataclasses.replace(slider, friction=0.0, input_delay=0.013)
 
 
-def pushed(equation, offset=0.0, seed=0, samples=101):
+def pushed(system, offset=0.0, seed=0, samples=101):
     """A frictionless block under a random push; ``offset`` is a push that the record does not show."""
     push = np.random.default_rng(seed).normal(size=((samples - 1) * SAMPLING.every, 1))
-    states = simulate(equation, np.array([0.3, -0.2]), push + offset, step=SAMPLING.step, every=SAMPLING.every)
+    states = simulate(system, np.array([0.3, -0.2]), push + offset, step=SAMPLING.step, every=SAMPLING.every)
     return experiment(states[:, :1], states, push)
 
 

@@ -9,7 +9,7 @@ from hybrid_sysid_ros.identification.validation.identifiability import correlate
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs import rig as rigs
 
-EQUATION = rigs.load("cam_beam").equation
+EQUATION = rigs.load("cam_beam").system
 FREE = [item for item in EQUATION.parameters if not item.fixed]
 
 
@@ -30,7 +30,7 @@ def model(errors=None, correlations=None, values=None):
     return Model(
         rig="cam_beam",
         structure="gray",
-        equation=dataclasses.replace(EQUATION, **middle),
+        system=dataclasses.replace(EQUATION, **middle),
         sampling=Sampling(),
         names=tuple(names),
         covariance=coefficients * np.outer(deviations, deviations),

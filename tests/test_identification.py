@@ -24,11 +24,11 @@ def test_a_simulated_beam_gives_its_parameters_back(simulated_records, rig):
     """All within three standard errors, and those that shape every motion within ten percent."""
     model = identify(simulated_records, rig, "gray", sampling=FAST)
     for name, error in model.standard_errors.items():
-        assert abs(getattr(model.equation, name) - getattr(rig.equation, name)) < 3 * error, name
+        assert abs(getattr(model.system, name) - getattr(rig.system, name)) < 3 * error, name
     for name in ("gain", "damping", "coulomb"):
-        assert getattr(model.equation, name) == pytest.approx(getattr(rig.equation, name), rel=0.1)
-    assert model.equation.named.centre == pytest.approx(rig.equation.named.centre, abs=0.02)
-    assert model.equation.delay == pytest.approx(rig.equation.delay, abs=0.003)
+        assert getattr(model.system, name) == pytest.approx(getattr(rig.system, name), rel=0.1)
+    assert model.system.named.centre == pytest.approx(rig.system.named.centre, abs=0.02)
+    assert model.system.delay == pytest.approx(rig.system.delay, abs=0.003)
     assert all(scores["r2"] > 0.995 for scores in model.scores.values())
 
 
@@ -47,9 +47,9 @@ def linear_bench():
 
 def test_linear_data_without_noise_give_the_linear_parameters_exactly(linear_bench):
     u, y, _ = linear_bench
-    equation, _ = build("linear", CamBeam(), scales=np.ones(3), seed=0)
-    fitted = fit(equation, [prepare(record_of(u, y, 0.005), equation, Sampling())])
-    np.testing.assert_allclose(fitted.equation.values, TRUTH, rtol=2e-3)
+    system, _ = build("linear", CamBeam(), scales=np.ones(3), seed=0)
+    fitted = fit(system, [prepare(record_of(u, y, 0.005), system, Sampling())])
+    np.testing.assert_allclose(fitted.system.values, TRUTH, rtol=2e-3)
     assert fitted.relative_error < 1e-3
 
 
@@ -62,7 +62,7 @@ def test_a_linear_fit_is_the_least_squares_solution(linear_bench, rig):
     u, y, noise = linear_bench
     record = record_of(u, y + noise, 0.005)
     model = identify([record], rig, "linear", sampling=Sampling())
-    experiment = prepare(record, rig.equation, Sampling())
+    experiment = prepare(record, rig.system, Sampling())
     # Errors are taken as RELATIVE_ERROR of the deviation, one independent observation in CORRELATION_SECONDS.
     weight = 1 / (RELATIVE_ERROR * np.std(experiment.outputs) * np.sqrt(CORRELATION_SECONDS / 0.05))
     spread = INITIAL_SPREAD * np.std(experiment.states, axis=0)
@@ -79,11 +79,11 @@ def test_a_linear_fit_is_the_least_squares_solution(linear_bench, rig):
     naive = np.sqrt(np.diag(inverse))[:5]
     robust = np.sqrt(np.diag(inverse @ white @ inverse))[:5]
     # The fit stops when its cost stands still, well within what the data can tell.
-    np.testing.assert_allclose((model.equation.values - best.x[:5]) / naive, 0, atol=0.05)
-    fitted = fit(model.equation, [experiment], stages=(None,))
+    np.testing.assert_allclose((model.system.values - best.x[:5]) / naive, 0, atol=0.05)
+    fitted = fit(model.system, [experiment], stages=(None,))
     np.testing.assert_allclose(fitted.spreads, naive, rtol=0.1)
     np.testing.assert_allclose([model.standard_errors[name] for name in model.names], robust, rtol=0.3)
-    assert np.all(np.abs(model.equation.values - TRUTH) < 3 * robust)
+    assert np.all(np.abs(model.system.values - TRUTH) < 3 * robust)
 
 
 def test_biases_of_the_records_inputs_are_found_beside_the_parameters(linear_bench):
@@ -94,32 +94,32 @@ def test_biases_of_the_records_inputs_are_found_beside_the_parameters(linear_ben
         u = held_levels(seed, 4001, hold=60)
         y = linear_run(TRUTH, u[:-1, 0] + bias, np.zeros(2), 0.005)[:, :1]
         records.append(record_of(u, y, 0.005, name=f"bench {seed}"))
-    equation, _ = build("linear", CamBeam(), scales=np.ones(3), seed=0)
-    experiments = [prepare(record, equation, Sampling()) for record in records]
-    blind, seeing = fit(equation, experiments), fit(equation, experiments, bias=1.0)
+    system, _ = build("linear", CamBeam(), scales=np.ones(3), seed=0)
+    experiments = [prepare(record, system, Sampling()) for record in records]
+    blind, seeing = fit(system, experiments), fit(system, experiments, bias=1.0)
     np.testing.assert_allclose(seeing.nuisances[-1], biases, atol=0.01)
-    np.testing.assert_allclose(seeing.equation.values, TRUTH, rtol=0.02)
+    np.testing.assert_allclose(seeing.system.values, TRUTH, rtol=0.02)
     assert seeing.relative_error < 0.1 * blind.relative_error
 
 
 def test_a_parameter_that_is_held_stays_where_it_is(linear_bench):
     u, y, _ = linear_bench
-    equation = Linear(gain=4.0, centre=0.5, stiffness=10.0, damping=20.0, input_delay=0.002)
-    fitted = fit(equation, [prepare(record_of(u, y, 0.005), equation, Sampling())], hold=("damping", "input_delay"))
+    system = Linear(gain=4.0, centre=0.5, stiffness=10.0, damping=20.0, input_delay=0.002)
+    fitted = fit(system, [prepare(record_of(u, y, 0.005), system, Sampling())], hold=("damping", "input_delay"))
     assert fitted.names == ("gain", "centre", "stiffness")
-    assert (fitted.equation.named.damping, fitted.equation.delay) == (20.0, 0.002)
-    assert fitted.equation.named.centre == pytest.approx(0.9, abs=0.02)
+    assert (fitted.system.named.damping, fitted.system.delay) == (20.0, 0.002)
+    assert fitted.system.named.centre == pytest.approx(0.9, abs=0.02)
 
 
 def test_the_best_of_several_starts_goes_on(linear_bench):
     """And on linear data all of them lead to one least cost."""
     u, y, noise = linear_bench
     record = record_of(u, y + noise, 0.005)
-    equation, _ = build("linear", CamBeam(), scales=np.ones(3), seed=0)
-    experiments = [prepare(record, equation, Sampling())]
-    one, five = fit(equation, experiments, starts=1), fit(equation, experiments, starts=5, seed=3)
+    system, _ = build("linear", CamBeam(), scales=np.ones(3), seed=0)
+    experiments = [prepare(record, system, Sampling())]
+    one, five = fit(system, experiments, starts=1), fit(system, experiments, starts=5, seed=3)
     assert five.evaluations > 2 * one.evaluations
-    np.testing.assert_allclose(five.equation.values, one.equation.values, rtol=0.01)
+    np.testing.assert_allclose(five.system.values, one.system.values, rtol=0.01)
 
 
 def test_shape_parameters_that_data_do_not_show_stay_at_their_prior(rig):
@@ -129,21 +129,21 @@ def test_shape_parameters_that_data_do_not_show_stay_at_their_prior(rig):
     model = identify([record_of(u, y, 0.005)], rig, "gray", sampling=Sampling(), options={"stribeck": 1})
     assert model.standard_errors["stribeck_speed"] == pytest.approx(0.05, rel=0.1)
     assert model.standard_errors["friction_slope"] == pytest.approx(3.0, rel=0.1)
-    assert model.equation.named.coulomb < 0.1
-    assert abs(model.equation.named.friction_slope) < 3.0
+    assert model.system.named.coulomb < 0.1
+    assert abs(model.system.named.friction_slope) < 3.0
 
 
 def test_terms_that_are_doubted_are_fitted_if_they_are_asked_for(rig, driven):
     """A beam that creeps: the default gray box keeps its creep at zero, and has no error for it."""
-    creeping = dataclasses.replace(rig, equation=dataclasses.replace(rig.equation, creep=0.01))
+    creeping = dataclasses.replace(rig, system=dataclasses.replace(rig.system, creep=0.01))
     steps = random_steps(2, amplitude=4.0, hold=0.5, duration=20.0)
     record = driven(creeping, steps, seconds=20.0, name="steps", seed=0, noisy=False)
     plain = identify([record], rig, "gray", sampling=FAST)
     asked = identify([record], rig, "gray", sampling=FAST, options={"creep": 1})
-    assert plain.equation.named.creep == 0.0
+    assert plain.system.named.creep == 0.0
     assert "creep" not in plain.standard_errors
     # Its prior, 0.002 rad/s, pulls it down.
-    assert abs(asked.equation.named.creep - 0.01) < 3 * asked.standard_errors["creep"]
+    assert abs(asked.system.named.creep - 0.01) < 3 * asked.standard_errors["creep"]
     assert asked.fit["relative_error"] < 0.5 * plain.fit["relative_error"]
     assert asked.fit["options"]["creep"] == 1
 
@@ -153,7 +153,7 @@ def test_a_hybrid_learns_what_its_physics_lacks(rig):
 
     def record(seed, name):
         u = held_levels(seed, 6001, hold=100)
-        beam, x = rig.equation, np.zeros(2)
+        beam, x = rig.system, np.zeros(2)
         outputs = np.empty((len(u), 1))
         for k in range(len(u)):
             outputs[k] = x[0]
@@ -181,8 +181,8 @@ def test_a_seed_decides_a_network(linear_bench, rig):
     u, y, _ = linear_bench
     record = record_of(u, y, 0.005).part(0.0, 0.3)
     models = [identify([record], rig, "black_box", sampling=Sampling(), seed=seed) for seed in (0, 0, 1)]
-    np.testing.assert_array_equal(models[0].equation.weights, models[1].equation.weights)
-    assert not np.array_equal(models[0].equation.weights, models[2].equation.weights)
+    np.testing.assert_array_equal(models[0].system.weights, models[1].system.weights)
+    assert not np.array_equal(models[0].system.weights, models[2].system.weights)
 
 
 def test_a_motor_of_three_states_gives_its_parameters_back(motor):
@@ -193,9 +193,9 @@ def test_a_motor_of_three_states_gives_its_parameters_back(motor):
     experiment = prepare(record_of(u, outputs, 0.005), motor, Sampling())
     start = motor.with_values(np.array([item.start for item in motor.parameters]))
     fitted = fit(start, [experiment])
-    np.testing.assert_allclose(fitted.equation.values, motor.values, rtol=5e-3)
+    np.testing.assert_allclose(fitted.system.values, motor.values, rtol=5e-3)
     assert fitted.names == ("resistance", "inductance", "torque")
-    np.testing.assert_allclose(free_run(fitted.equation, experiment), experiment.outputs, atol=1e-2)
+    np.testing.assert_allclose(free_run(fitted.system, experiment), experiment.outputs, atol=1e-2)
 
 
 def test_a_model_remembers_its_records_and_their_range(rig):
@@ -207,4 +207,4 @@ def test_a_model_remembers_its_records_and_their_range(rig):
     low, high = model.training_range["position"]
     assert half.output.min() <= low < high <= half.output.max()
     assert model.training_range["drive"][1] <= 6.0
-    assert isinstance(model.equation, Linear)
+    assert isinstance(model.system, Linear)

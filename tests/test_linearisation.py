@@ -23,8 +23,8 @@ SUBSTEPS, STEP = 3, 0.005
 
 
 def recurrent():
-    equation = Recurrent(units=5, position_scale=0.05, rate_scale=0.2, drive_scale=4.0)
-    return equation.with_weights(np.random.default_rng(0).normal(size=len(equation.weights)))
+    system = Recurrent(units=5, position_scale=0.05, rate_scale=0.2, drive_scale=4.0)
+    return system.with_weights(np.random.default_rng(0).normal(size=len(system.weights)))
 
 
 def polynomial():
@@ -67,10 +67,10 @@ def test_only_dry_friction_has_corners(name):
     def refused(x, limit):
         raise AssertionError("a corner")
 
-    equation = EQUATIONS[name]()
-    x, u = casadi.SX.sym("x", len(equation.states)), casadi.SX.sym("u", len(equation.inputs))
-    given = casadi.vertsplit(x), casadi.vertsplit(u), equation.named, equation.weights.tolist()
-    equation.advance(replace(symbolic(), saturate=refused))(*given, STEP, [None] * len(equation.states))
+    system = EQUATIONS[name]()
+    x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u", len(system.inputs))
+    given = casadi.vertsplit(x), casadi.vertsplit(u), system.named, system.weights.tolist()
+    system.advance(replace(symbolic(), saturate=refused))(*given, STEP, [None] * len(system.states))
 
 
 @pytest.mark.parametrize(
@@ -78,30 +78,30 @@ def test_only_dry_friction_has_corners(name):
     [(name, smoothing) for name in EQUATIONS for smoothing in ((0.005,) if name in CORNERLESS else (0.0, 0.005))],
 )
 def test_the_jacobian_of_several_steps_is_that_of_the_casadi_form(name, smoothing):
-    equation = EQUATIONS[name]()
-    states, inputs = len(equation.states), len(equation.inputs)
-    step = symbolic_step(equation, step=STEP, substeps=SUBSTEPS, smoothing=smoothing)
+    system = EQUATIONS[name]()
+    states, inputs = len(system.states), len(system.inputs)
+    step = symbolic_step(system, step=STEP, substeps=SUBSTEPS, smoothing=smoothing)
     x, u = casadi.SX.sym("x", states), casadi.SX.sym("u", inputs)
     following = step(x, u)
     expected = casadi.Function("j", [x, u], [following, casadi.jacobian(following, x), casadi.jacobian(following, u)])
-    linearise, rows = linearisation(equation, smoothing=smoothing), workspace(equation)
+    linearise, rows = linearisation(system, smoothing=smoothing), workspace(system)
     end, by_state, by_input = np.zeros(states), np.zeros((states, states)), np.zeros((states, inputs))
     random = np.random.default_rng(3)
     for _ in range(20):
         state = random.uniform(-1, 1, states) * np.append(RANGE[:2], np.full(states - 2, 0.005))
         drive = random.uniform(-1, 1, inputs) * RANGE[2]
-        linearise(state, drive, equation.named, equation.weights, STEP, SUBSTEPS, rows, end, by_state, by_input)
+        linearise(state, drive, system.named, system.weights, STEP, SUBSTEPS, rows, end, by_state, by_input)
         for found, wanted in zip((end, by_state, by_input), expected(state, drive), strict=True):
             np.testing.assert_allclose(found, np.array(wanted).reshape(found.shape), rtol=1e-9, atol=1e-12)
 
 
 def test_without_rounding_the_linearised_step_is_the_simulated_one():
-    equation = structure("hybrid")
-    linearise, rows = linearisation(equation, smoothing=0.0), workspace(equation)
+    system = structure("hybrid")
+    linearise, rows = linearisation(system, smoothing=0.0), workspace(system)
     state, drive, end = np.array([0.02, -0.3]), np.array([4.0]), np.zeros(2)
-    linearise(state, drive, equation.named, equation.weights, STEP, 1, rows, end, np.zeros((2, 2)), np.zeros((2, 1)))
+    linearise(state, drive, system.named, system.weights, STEP, 1, rows, end, np.zeros((2, 2)), np.zeros((2, 1)))
     following = np.zeros(2)
-    kernels(equation).step(state, drive, equation.named, equation.weights, STEP, following)
+    kernels(system).step(state, drive, system.named, system.weights, STEP, following)
     np.testing.assert_allclose(end, following, rtol=1e-13)
 
 

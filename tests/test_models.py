@@ -45,18 +45,18 @@ def begun(structure, seed):
 def model_of(structure, seed=0):
     """A model of a structure with numbers that need every digit."""
     random = np.random.default_rng(seed)
-    equation = begun(structure, seed)
-    values = [v + (h - v) * random.uniform(0, 0.1) for v, h in zip(equation.values, high(equation), strict=True)]
-    equation = equation.with_values(np.array(values))
-    if len(equation.weights):
-        equation = equation.with_weights(random.normal(size=len(equation.weights)) / 3)
-    free = tuple(item.name for item in equation.parameters if not item.fixed)
-    free += tuple(f"weight_{k}" for k in range(len(equation.weights)))
+    system = begun(structure, seed)
+    values = [v + (h - v) * random.uniform(0, 0.1) for v, h in zip(system.values, high(system), strict=True)]
+    system = system.with_values(np.array(values))
+    if len(system.weights):
+        system = system.with_weights(random.normal(size=len(system.weights)) / 3)
+    free = tuple(item.name for item in system.parameters if not item.fixed)
+    free += tuple(f"weight_{k}" for k in range(len(system.weights)))
     root = random.normal(size=(len(free), len(free)))
     return Model(
         rig="cam_beam",
         structure=structure,
-        equation=equation,
+        system=system,
         sampling=Sampling(step=0.005, period=0.05, input="sampled"),
         names=free,
         covariance=root @ root.T / 7,
@@ -67,8 +67,8 @@ def model_of(structure, seed=0):
     )
 
 
-def high(equation):
-    return [item.high for item in equation.parameters]
+def high(system):
+    return [item.high for item in system.parameters]
 
 
 @pytest.fixture
@@ -82,15 +82,15 @@ def test_a_model_comes_back_to_the_last_bit(tmp_path, structure):
     model = model_of(structure)
     model.save(tmp_path / "model")
     back = models.load(tmp_path / "model")
-    np.testing.assert_array_equal(back.equation.values, model.equation.values)
-    np.testing.assert_array_equal(back.equation.weights, model.equation.weights)
+    np.testing.assert_array_equal(back.system.values, model.system.values)
+    np.testing.assert_array_equal(back.system.weights, model.system.weights)
     np.testing.assert_array_equal(back.covariance, model.covariance)
     for name in ("rig", "structure", "sampling", "names", "training_range", "records", "scores", "fit"):
         assert getattr(back, name) == getattr(model, name), name
-    assert type(back.equation) is type(model.equation)
+    assert type(back.system) is type(model.system)
     assert back.standard_errors == model.standard_errors
     inputs = np.random.default_rng(0).uniform(-9, 9, (500, 1))
-    runs = [simulate(item.equation, np.zeros(len(model.equation.states)), inputs, step=0.005) for item in (model, back)]
+    runs = [simulate(item.system, np.zeros(len(model.system.states)), inputs, step=0.005) for item in (model, back)]
     np.testing.assert_array_equal(runs[0], runs[1])
 
 
@@ -227,12 +227,12 @@ def test_a_folder_that_is_no_model_is_not_replaced(tmp_path):
 def test_a_structure_begins_where_no_earlier_fit_leaks_in():
     """The rig's identified values are not the start of a fit."""
     for structure in BUILT:
-        equation, held = build(structure, CamBeam(), scales=SCALES, seed=0)
+        system, held = build(structure, CamBeam(), scales=SCALES, seed=0)
         other, _ = build(structure, CamBeam(gain=9.0, coulomb=0.3), scales=SCALES, seed=0)
-        starts = [item.neutral if item.name in held else item.start for item in equation.parameters]
-        np.testing.assert_array_equal(equation.values, starts)
-        np.testing.assert_array_equal(equation.values, other.values)
-        equation.check()
+        starts = [item.neutral if item.name in held else item.start for item in system.parameters]
+        np.testing.assert_array_equal(system.values, starts)
+        np.testing.assert_array_equal(system.values, other.values)
+        system.check()
 
 
 def test_doubtful_terms_are_left_out_and_held_unless_they_are_asked_for():
@@ -299,21 +299,21 @@ def test_an_unknown_structure_names_those_that_are_known():
 
 @pytest.mark.parametrize("structure", sorted(set(STRUCTURES) - {"linear", "stribeck", "dahl", "lugre", "gray"}))
 def test_a_learned_part_needs_its_design_and_its_weights(structure):
-    equation = begun(structure, 0)
+    system = begun(structure, 0)
     for missing in ({"design": None}, {"weights": None}):
-        given = {"design": equation.design, "weights": equation.weights, **missing}
+        given = {"design": system.design, "weights": system.weights, **missing}
         with pytest.raises(UserError, match=f"structure {structure}: .*missing"):
             assemble(structure, CamBeam(), **given)
     with pytest.raises(UserError):
-        assemble(structure, CamBeam(), design=equation.design, weights=equation.weights[:-1])
+        assemble(structure, CamBeam(), design=system.design, weights=system.weights[:-1])
 
 
 def test_a_rig_of_positions_on_one_side_only_can_be_saved(tmp_path):
     """Records that never cross zero set a range on one side of it."""
     for low, high in ((0.02, 0.11), (-0.11, -0.02)):
-        equation = CamBeam().trained_on(np.array([low, -1.0]), np.array([high, 1.0]))
-        equation.check()
-        assert (equation.range_low, equation.range_high) == (low, high)
+        system = CamBeam().trained_on(np.array([low, -1.0]), np.array([high, 1.0]))
+        system.check()
+        assert (system.range_low, system.range_high) == (low, high)
 
 
 def test_a_period_is_a_multiple_of_the_step():
@@ -348,12 +348,12 @@ def test_a_period_has_no_more_steps_than_can_be_kept(step):
 
 
 def test_a_network_counts_with_every_weight():
-    equation, _ = build("hybrid", CamBeam(), scales=np.ones(3), seed=0)
-    names = tuple(item.name for item in equation.parameters if not item.fixed)
+    system, _ = build("hybrid", CamBeam(), scales=np.ones(3), seed=0)
+    names = tuple(item.name for item in system.parameters if not item.fixed)
     physical = Model(
         rig="cam_beam",
         structure="hybrid",
-        equation=equation,
+        system=system,
         sampling=Sampling(),
         names=names,
         covariance=np.eye(len(names)),
@@ -368,11 +368,11 @@ def test_a_network_counts_with_every_weight():
 @pytest.mark.parametrize("structure", ["linear", "stribeck", "dahl", "lugre", "gray", "hybrid_joint", "hybrid"])
 def test_no_spring_pushes_so_no_free_run_grows_without_bound(structure):
     """Ten minutes at full drive from far outside any record: a damped mass on a spring that pulls comes to rest."""
-    equation, _ = build(structure, CamBeam(), scales=np.array([0.1, 0.4, 5.0]), seed=0)
-    bounds = {item.name: item.low for item in equation.parameters}
+    system, _ = build(structure, CamBeam(), scales=np.array([0.1, 0.4, 5.0]), seed=0)
+    bounds = {item.name: item.low for item in system.parameters}
     assert bounds["stiffness"] == 0.0
-    equation = equation.trained_on(np.array([-0.1, -1.0]), np.array([0.1, 1.0]))
-    start = np.zeros(len(equation.states))
+    system = system.trained_on(np.array([-0.1, -1.0]), np.array([0.1, 1.0]))
+    start = np.zeros(len(system.states))
     start[:2] = 3.0, -20.0
-    states = simulate(equation, start, np.full((120_000, 1), 10.0), step=0.005, every=1000)
+    states = simulate(system, start, np.full((120_000, 1), 10.0), step=0.005, every=1000)
     np.testing.assert_allclose(states[-1, :2], states[-2, :2], atol=1e-6)

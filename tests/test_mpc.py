@@ -124,7 +124,7 @@ def test_a_disturbance_is_answered_by_its_opposite(bounded):
 
 @pytest.fixture(scope="module")
 def beam_mpc(rig):
-    return ExactMpc(rig.equation, dataclasses.replace(PROBLEM, output_scale=rig.sensor.radians_per_volt))
+    return ExactMpc(rig.system, dataclasses.replace(PROBLEM, output_scale=rig.sensor.radians_per_volt))
 
 
 ABSURD = [1e3, -1e6, 1e12, 1e300, np.inf, -np.inf, np.nan]
@@ -178,7 +178,7 @@ def test_a_question_without_numbers_gets_the_rest_of_the_last_plan(bounded):
 
 
 def test_out_of_iterations_it_says_so(rig):
-    hasty = ExactMpc(rig.equation, dataclasses.replace(PROBLEM, max_iterations=1))
+    hasty = ExactMpc(rig.system, dataclasses.replace(PROBLEM, max_iterations=1))
     plan = hasty.control(*question(0, size=2.0))
     assert plan.status is Status.NOT_CONVERGED
     assert np.all(np.abs(plan.inputs) <= 10.0)
@@ -186,22 +186,22 @@ def test_out_of_iterations_it_says_so(rig):
 
 def test_at_rest_on_its_reference_the_beam_is_left_alone(beam_mpc, rig):
     beam_mpc.reset()
-    plan = beam_mpc.control(np.zeros(2), np.zeros(1), np.array([rig.equation.centre]), np.zeros(10))
-    np.testing.assert_allclose(plan.inputs, rig.equation.centre, atol=0.02)
+    plan = beam_mpc.control(np.zeros(2), np.zeros(1), np.array([rig.system.centre]), np.zeros(10))
+    np.testing.assert_allclose(plan.inputs, rig.system.centre, atol=0.02)
 
 
 def test_a_step_that_is_announced_is_begun_before_it_comes(beam_mpc, rig):
     """That is what a preview is for."""
     beam_mpc.reset()
     preview = np.where(np.arange(1, 11) > 6, 0.04, 0.0)
-    plan = beam_mpc.control(np.zeros(2), np.zeros(1), np.array([rig.equation.centre]), preview)
+    plan = beam_mpc.control(np.zeros(2), np.zeros(1), np.array([rig.system.centre]), preview)
     assert plan.states[4, 0] > 0.001
     assert plan.inputs[:, 0].max() > 5.0
 
 
 def test_there_is_no_offset_at_rest_under_a_constant_disturbance():
     """On the linear rig, to the last millivolt: the filter finds the bias and the MPC takes it away."""
-    equation = dataclasses.replace(LINEAR, input_delay=0.006)
+    system = dataclasses.replace(LINEAR, input_delay=0.006)
     tuning = Tuning(
         measurement_noise=5e-4,
         process_noise=(1e-5, 0.3),
@@ -213,8 +213,8 @@ def test_there_is_no_offset_at_rest_under_a_constant_disturbance():
         gate=1e6,
         patience=5,
     )
-    estimator = ExtendedKalmanFilter(straight(equation), tuning, period=0.02)
-    controller = ExactMpc(equation, PROBLEM)
+    estimator = ExtendedKalmanFilter(straight(system), tuning, period=0.02)
+    controller = ExactMpc(system, PROBLEM)
     x, u, bias, target = np.zeros(2), 0.0, 0.6, 0.06
     past = [u] * 2
     for k in range(400):
@@ -231,9 +231,9 @@ def test_there_is_no_offset_at_rest_under_a_constant_disturbance():
 def test_the_noisy_beam_comes_to_rest_on_its_reference_despite_a_bias(rig):
     settings = configuration.defaults("cam_beam", "estimator")
     tuning = configuration.estimator_tuning(settings, rig)
-    estimator = ExtendedKalmanFilter(rig.equation, tuning, period=0.02)
+    estimator = ExtendedKalmanFilter(rig.system, tuning, period=0.02)
     problem = dataclasses.replace(PROBLEM, output_scale=rig.sensor.radians_per_volt)
-    controller = ExactMpc(rig.equation, problem)
+    controller = ExactMpc(rig.system, problem)
     loop = run_loop(
         Plant(rig, seed=0, bias=0.4),
         estimator,
@@ -241,7 +241,7 @@ def test_the_noisy_beam_comes_to_rest_on_its_reference_despite_a_bias(rig):
         lambda t: np.where(np.asarray(t) < 2.0, 2.5, -1.0),
         duration=4.0,
         period=0.02,
-        lead=rig.equation.delay,
+        lead=rig.system.delay,
     )
     volts = rig.sensor.volts(loop.position)
     assert np.mean(volts[75:95]) == pytest.approx(2.5, abs=0.06)
@@ -250,15 +250,15 @@ def test_the_noisy_beam_comes_to_rest_on_its_reference_despite_a_bias(rig):
     assert loop.statuses[Status.SOLVED] > 0.95 * len(volts)
 
 
-def settle(equation, problem, target, output, seconds):
+def settle(system, problem, target, output, seconds):
     """Where a model under its own MPC is after some seconds, and how fast."""
-    controller = ExactMpc(equation, problem)
-    x, u = np.zeros(len(equation.states)), np.zeros(1)
+    controller = ExactMpc(system, problem)
+    x, u = np.zeros(len(system.states)), np.zeros(1)
     for _ in range(round(seconds / problem.period)):
         u = controller.control(x, np.zeros(1), u, np.full(problem.horizon, target)).input
         controller.prepare(problem.period)
         held = np.tile(u, (problem.substeps, 1))
-        x = simulate(equation, x, held, step=problem.period / problem.substeps)[-1]
+        x = simulate(system, x, held, step=problem.period / problem.substeps)[-1]
     return x[output], x[-1]
 
 
@@ -337,8 +337,8 @@ def cost_by_hand(problem, plan, previous, preview):
 @pytest.mark.parametrize("option", OPTIONS)
 def test_on_the_beam_it_finds_what_an_interior_point_solver_finds(rig, option):
     problem = dataclasses.replace(PROBLEM, output_scale=rig.sensor.radians_per_volt, **OPTIONS[option])
-    exact = ExactMpc(rig.equation, problem, tolerance=1e-7)
-    yardstick = InteriorPointMpc(rig.equation, dataclasses.replace(problem, max_iterations=500), tolerance=1e-9)
+    exact = ExactMpc(rig.system, problem, tolerance=1e-7)
+    yardstick = InteriorPointMpc(rig.system, dataclasses.replace(problem, max_iterations=500), tolerance=1e-9)
     solved, ratios = 0, []
     for seed in range(12):
         exact.reset()
@@ -358,7 +358,7 @@ def test_on_the_beam_it_finds_what_an_interior_point_solver_finds(rig, option):
 
 def test_changes_of_the_input_stay_within_their_limit(rig):
     problem = dataclasses.replace(PROBLEM, output_scale=rig.sensor.radians_per_volt, rate_limit=0.7)
-    controller = ExactMpc(rig.equation, problem)
+    controller = ExactMpc(rig.system, problem)
     for seed in range(5):
         state, d, previous, preview = question(seed, size=2.0)
         plan = controller.control(state, d, previous, preview)

@@ -267,7 +267,7 @@ def test_refinement_lowers_the_error_of_the_simulation():
     records = {"lengths": (800, 800), "offsets": (0.5, -0.5)}
     noisy, clean = benches(noise=0.05, **records), benches(**records)
     first = select_terms(noisy, output_lags=2, input_lags=2, degree=2, terms=5)
-    refined = fit(first, [started(first, item) for item in noisy], ridge=1e-6).equation
+    refined = fit(first, [started(first, item) for item in noisy], ridge=1e-6).system
 
     def error(narx):
         return np.mean([score(item.outputs[:, 0], free_run(narx, started(narx, item))[:, 0]).rmse for item in clean])
@@ -311,7 +311,7 @@ def test_a_record_of_the_beam_is_simulated(records, rig):
     pytest.importorskip("sysidentpy")
     record: Record = records["06_multisine_02"]
     halves = [record.part(start, stop) for start, stop in pairwise((0.0, 0.5, 1.0))]
-    first = select_terms([prepare(halves[0], rig.equation, SAMPLING)], output_lags=1, input_lags=2, degree=3, terms=4)
+    first = select_terms([prepare(halves[0], rig.system, SAMPLING)], output_lags=1, input_lags=2, degree=3, terms=4)
     seen, unseen = (prepare(half, first, SAMPLING) for half in halves)
-    refined = fit(first, [seen], ridge=1e-6).equation
+    refined = fit(first, [seen], ridge=1e-6).system
     assert score(unseen.outputs[:, 0], free_run(refined, unseen)[:, 0]).r2 > 0.8

@@ -127,10 +127,10 @@ def test_a_correction_survives_a_round_trip_and_must_fit(tmp_path):
 
 
 def test_a_parameter_to_follow_must_be_the_model_s():
-    equation = model_of().equation
-    assert Adaptation(names=("gain",), spread=(0.5,)).nominal(equation) == [5.0]
+    system = model_of().system
+    assert Adaptation(names=("gain",), spread=(0.5,)).nominal(system) == [5.0]
     with pytest.raises(UserError, match="Linear has no parameter mass"):
-        Adaptation(names=("mass",), spread=(1.0,)).nominal(equation)
+        Adaptation(names=("mass",), spread=(1.0,)).nominal(system)
     with pytest.raises(UserError, match="spread above 0"):
         Adaptation(names=("gain",), spread=(0.0,))
 

@@ -35,7 +35,7 @@ def trained(tmp_path_factory):
 
 def test_a_tiny_training_imitates_better_than_a_constant(trained):
     policy, _ = trained
-    fresh = sample(model_of().equation, PROBLEM, SPREAD, 424242)
+    fresh = sample(model_of().system, PROBLEM, SPREAD, 424242)
     rows = zip(fresh.states, fresh.disturbances, fresh.previous, fresh.previews, strict=True)
     answers = [policy.control(x, np.array([d]), np.array([u]), q).input[0] for x, d, u, q in rows]
     assert np.mean((np.array(answers) - fresh.inputs[:, 0]) ** 2) < 0.3 * np.var(fresh.inputs[:, 0])
@@ -97,14 +97,14 @@ def rich():
 
 def test_a_training_with_derivatives_and_a_followed_parameter_imitates_the_mpc_of_another_plant(rich):
     """Told of another centre, the policy is nearer to the MPC that knows it than a policy that is not told."""
-    equation = model_of().equation
-    other = dataclasses.replace(equation, centre=equation.centre + 0.5)
+    system = model_of().system
+    other = dataclasses.replace(system, centre=system.centre + 0.5)
     fresh = sample(other, PROBLEM, dataclasses.replace(SPREAD, kick=(0.0, 0.0)), 424242)
     rows = list(zip(fresh.states, fresh.disturbances, fresh.previous, fresh.previews, strict=True))
     errors = []
-    for centre in (equation.centre, other.centre):
+    for centre in (system.centre, other.centre):
         rich.adapt({"centre": centre})
         answers = [rich.control(x, np.array([d]), np.array([u]), q).input[0] for x, d, u, q in rows]
         errors.append(np.sqrt(np.mean((np.array(answers) - fresh.inputs[:, 0]) ** 2)))
-    rich.adapt({"centre": equation.centre})
+    rich.adapt({"centre": system.centre})
     assert errors[1] < 0.7 * errors[0]

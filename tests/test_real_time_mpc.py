@@ -23,8 +23,8 @@ PROBLEM = Problem(
 
 def test_a_real_time_iteration_follows_the_optimum(rig):
     """One step a call on a slowly moving reference stays near the converged solution."""
-    converged, iterated = ExactMpc(rig.equation, PROBLEM), ExactMpc(rig.equation, PROBLEM, real_time=True)
-    x, u, apart = np.zeros(2), np.array([rig.equation.centre]), []
+    converged, iterated = ExactMpc(rig.system, PROBLEM), ExactMpc(rig.system, PROBLEM, real_time=True)
+    x, u, apart = np.zeros(2), np.array([rig.system.centre]), []
     for k in range(150):
         preview = 0.05 * np.sin(2 * np.pi * 0.5 * PROBLEM.period * (k + np.arange(1, 11)))
         exact, quick = (each.control(x, np.zeros(1), u, preview) for each in (converged, iterated))
@@ -33,25 +33,25 @@ def test_a_real_time_iteration_follows_the_optimum(rig):
         u = quick.input
         for each in (converged, iterated):
             each.prepare(PROBLEM.period)
-        x = simulate(rig.equation, x, np.tile(u, (4, 1)), step=0.005)[-1]
+        x = simulate(rig.system, x, np.tile(u, (4, 1)), step=0.005)[-1]
     assert np.median(apart) < 0.001  # but for the moments when the beam turns round
 
 
 def test_on_the_lecture_s_polynomial_one_iteration_a_call_costs_little():
     """Its gain changes sign within the inputs' range: a step by the curvature of another moment runs away."""
     case = dataclasses.replace(cases()["lecture"], samples=100)
-    converged, iterated = (ExactMpc(case.equation, case.problem, real_time=quick) for quick in (False, True))
+    converged, iterated = (ExactMpc(case.system, case.problem, real_time=quick) for quick in (False, True))
     assert loop(case, 0, iterated)["cost"] < 1.02 * loop(case, 0, converged)["cost"]
 
 
 def test_out_of_time_the_rest_of_the_last_plan_stands_in(rig):
     seconds = iter(np.arange(0.0, 1e6, 1.0))  # every look at this clock is a second later
-    controller = ExactMpc(rig.equation, PROBLEM, tolerance=0.0, time_limit=0.5, clock=lambda: next(seconds))
+    controller = ExactMpc(rig.system, PROBLEM, tolerance=0.0, time_limit=0.5, clock=lambda: next(seconds))
     state, d, previous = np.array([0.03, -0.1]), np.array([0.2]), np.array([2.0])
     preview = 0.05 * np.linspace(-1.0, 1.0, 10)
     assert controller.control(state, d, previous, preview).status is Status.LATE  # no plan yet: the input before
     assert controller.control(state, d, previous, preview).input[0] == previous[0]
-    patient = ExactMpc(rig.equation, PROBLEM, time_limit=1e9, clock=lambda: 0.0)
+    patient = ExactMpc(rig.system, PROBLEM, time_limit=1e9, clock=lambda: 0.0)
     plan = patient.control(state, d, previous, preview)
     assert plan.status is Status.SOLVED
     patient._tolerance, patient._time_limit, patient._clock = 0.0, 0.5, lambda: next(seconds)

@@ -22,15 +22,15 @@ SAMPLING = Sampling(step=0.05)
 
 def network(units=5, seed=0, **scales):
     """A network whose weights all matter."""
-    equation = Recurrent(units=units, position_scale=0.05, rate_scale=0.2, drive_scale=4.0, **scales)
-    return equation.with_weights(np.random.default_rng(seed).normal(size=len(equation.weights)))
+    system = Recurrent(units=units, position_scale=0.05, rate_scale=0.2, drive_scale=4.0, **scales)
+    return system.with_weights(np.random.default_rng(seed).normal(size=len(system.weights)))
 
 
-def by_hand(equation, x, u):
+def by_hand(system, x, u):
     """One step as Cho et al. write it, in matrices."""
-    parts, units = equation.parts(equation.weights), equation.units
+    parts, units = system.parts(system.weights), system.units
     h = x[2:]
-    driven = parts["drive"] @ np.atleast_1d(u / equation.drive_scale) + parts["bias"]
+    driven = parts["drive"] @ np.atleast_1d(u / system.drive_scale) + parts["bias"]
     r, k, n = (slice(i * units, (i + 1) * units) for i in range(3))
 
     def sigmoid(a):
@@ -40,60 +40,60 @@ def by_hand(equation, x, u):
     keep = sigmoid(driven[k] + parts["recurrent"][k] @ h)
     new = np.tanh(driven[n] + reset * (parts["recurrent"][n] @ h + parts["reset_bias"]))
     after = keep * h + (1 - keep) * new
-    position = equation.position_scale * (parts["readout"] @ after + parts["readout_bias"][0])
-    return np.array([position, (position - x[0]) / equation.period, *after])
+    position = system.position_scale * (parts["readout"] @ after + parts["readout_bias"][0])
+    return np.array([position, (position - x[0]) / system.period, *after])
 
 
 def test_the_compiled_and_the_casadi_form_are_the_textbook_step():
-    equation, random = network(period=0.05), np.random.default_rng(1)
-    symbolic = symbolic_step(equation, step=0.05)
+    system, random = network(period=0.05), np.random.default_rng(1)
+    symbolic = symbolic_step(system, step=0.05)
     for _ in range(100):
         x, u = random.uniform(-1, 1, 7), random.normal(size=1) * 6.0
         following = np.empty(7)
-        kernels(equation).step(x, u, equation.named, equation.weights, 0.05, following)
-        np.testing.assert_allclose(following, by_hand(equation, x, u), rtol=1e-12, atol=1e-14)
+        kernels(system).step(x, u, system.named, system.weights, 0.05, following)
+        np.testing.assert_allclose(following, by_hand(system, x, u), rtol=1e-12, atol=1e-14)
         np.testing.assert_allclose(np.array(symbolic(x, u)).ravel(), following, rtol=1e-12, atol=1e-14)
 
 
 def test_torch_simulates_as_the_compiled_form_does():
     torch = pytest.importorskip("torch")
-    equation, random = network(period=0.025), np.random.default_rng(2)
+    system, random = network(period=0.025), np.random.default_rng(2)
     starts, inputs = random.normal(size=(2, 4)) * [[0.05], [0.2]], random.normal(size=(60, 4)) * 5.0
     expected = []
     for i in range(4):
-        start = equation.observed(starts[:1, i : i + 1], starts[1:, i : i + 1], inputs[:1, i : i + 1])[0]
-        expected.append(simulate(equation, start, inputs[:, i : i + 1], step=0.025, every=2)[1:, 0])
-    found = rollout(equation, torch.from_numpy(equation.weights), starts, inputs, 2)
+        start = system.observed(starts[:1, i : i + 1], starts[1:, i : i + 1], inputs[:1, i : i + 1])[0]
+        expected.append(simulate(system, start, inputs[:, i : i + 1], step=0.025, every=2)[1:, 0])
+    found = rollout(system, torch.from_numpy(system.weights), starts, inputs, 2)
     np.testing.assert_allclose(found.numpy(), np.transpose(expected), rtol=1e-10, atol=1e-13)
 
 
 @pytest.mark.parametrize("drive", [1e6, -1e6, 1e300])
 def test_no_input_drives_the_position_beyond_its_bound(drive):
-    equation = network()
-    parts = equation.parts(equation.weights)
-    bound = equation.position_scale * (np.abs(parts["readout"]).sum() + abs(parts["readout_bias"][0]))
+    system = network()
+    parts = system.parts(system.weights)
+    bound = system.position_scale * (np.abs(parts["readout"]).sum() + abs(parts["readout_bias"][0]))
     inputs = np.full((400, 1), drive)
     inputs[::2] *= -1
-    start = equation.observed(np.array([[1e3]]), np.array([[-1e3]]), inputs[:1])[0]
-    states = simulate(equation, start, inputs, step=equation.period)
+    start = system.observed(np.array([[1e3]]), np.array([[-1e3]]), inputs[:1])[0]
+    states = simulate(system, start, inputs, step=system.period)
     assert np.all(np.abs(states[1:, 0]) <= bound)
     assert np.all(np.abs(states[:, 2:]) <= 1.0)
 
 
 def test_the_velocity_is_the_difference_of_positions():
-    equation = network()
-    states = simulate(equation, np.zeros(7), np.random.default_rng(3).normal(size=(50, 1)), step=equation.period)
-    np.testing.assert_allclose(states[1:, 1], np.diff(states[:, 0]) / equation.period, rtol=1e-12)
+    system = network()
+    states = simulate(system, np.zeros(7), np.random.default_rng(3).normal(size=(50, 1)), step=system.period)
+    np.testing.assert_allclose(states[1:, 1], np.diff(states[:, 0]) / system.period, rtol=1e-12)
 
 
 def test_a_design_goes_through_yaml_and_gives_the_same_network():
-    equation = network(period=0.025)
-    again = Recurrent.of(yaml.safe_load(yaml.safe_dump(equation.design)), equation.weights)
-    assert again.design == equation.design
-    assert again.states == equation.states
-    np.testing.assert_array_equal(again.weights, equation.weights)
+    system = network(period=0.025)
+    again = Recurrent.of(yaml.safe_load(yaml.safe_dump(system.design)), system.weights)
+    assert again.design == system.design
+    assert again.states == system.states
+    np.testing.assert_array_equal(again.weights, system.weights)
     with pytest.raises(UserError, match=r"recurrent network: 3 weights, but 5 units have 131"):
-        Recurrent.of(equation.design, np.zeros(3))
+        Recurrent.of(system.design, np.zeros(3))
 
 
 def spring_record(seed, *, seconds=60.0, name="spring"):
@@ -126,20 +126,20 @@ def spring():
 
 def test_training_learns_a_spring_from_steps(spring):
     fitted, heard = spring
-    unseen = prepare(spring_record(9), fitted.equation, SAMPLING)
-    assert score(unseen.outputs[:, 0], free_run(fitted.equation, unseen)[:, 0]).r2 > 0.995
+    unseen = prepare(spring_record(9), fitted.system, SAMPLING)
+    assert score(unseen.outputs[:, 0], free_run(fitted.system, unseen)[:, 0]).r2 > 0.995
     assert fitted.relative_error == min(error for _, _, error in heard) < 0.06
     assert fitted.evaluations == heard[-1][1] == 400
 
 
 def test_the_trained_network_answers_a_step_as_the_spring_does(spring):
     """Of q'' + 4 q' + 16 q = 5 from rest: q = 5 / 16 (1 - e^(-2 t) (cos w t + 2 / w sin w t)), w = sqrt(12)."""
-    equation = spring[0].equation
+    system = spring[0].system
     time = np.arange(61) * 0.05
     w = np.sqrt(12.0)
     exact = 5 / 16 * (1 - np.exp(-2 * time) * (np.cos(w * time) + 2 / w * np.sin(w * time)))
-    start = equation.observed(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))[0]
-    simulated = simulate(equation, start, np.full((60, 1), 5.0), step=0.05)[:, 0]
+    start = system.observed(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))[0]
+    simulated = simulate(system, start, np.full((60, 1), 5.0), step=0.05)[:, 0]
     assert np.max(np.abs(simulated - exact)) < 0.05 * 5 / 16
 
 
@@ -149,9 +149,7 @@ SHORT = Schedule(stages=((10, 20),), check=10)
 def test_the_same_seed_trains_the_same_network():
     pytest.importorskip("torch")
     experiments = [prepare(spring_record(seed, seconds=10.0), Recurrent(), SAMPLING) for seed in range(2)]
-    first, again, other = (
-        train(experiments, units=3, seed=seed, schedule=SHORT).equation.weights for seed in (0, 0, 1)
-    )
+    first, again, other = (train(experiments, units=3, seed=seed, schedule=SHORT).system.weights for seed in (0, 0, 1))
     np.testing.assert_array_equal(first, again)
     assert np.max(np.abs(first - other)) > 1e-3
 
@@ -160,10 +158,10 @@ def test_a_network_may_run_faster_than_it_is_scored():
     pytest.importorskip("torch")
     sampling = Sampling(step=0.01)
     fitted = train([prepare(spring_record(0, seconds=10.0), Recurrent(), sampling)], units=3, schedule=SHORT)
-    assert isinstance(fitted.equation, Recurrent)
-    assert fitted.equation.period == 0.01
-    experiment = prepare(spring_record(0, seconds=10.0), fitted.equation, sampling)
-    error = (free_run(fitted.equation, experiment) - experiment.outputs)[:, 0] / np.std(experiment.outputs)
+    assert isinstance(fitted.system, Recurrent)
+    assert fitted.system.period == 0.01
+    experiment = prepare(spring_record(0, seconds=10.0), fitted.system, sampling)
+    error = (free_run(fitted.system, experiment) - experiment.outputs)[:, 0] / np.std(experiment.outputs)
     assert np.sqrt(np.mean(error**2)) == pytest.approx(fitted.relative_error, rel=1e-9)
 
 

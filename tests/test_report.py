@@ -65,7 +65,7 @@ def record(name, seed, duration=12.0):
     time = PERIOD * np.arange(round(duration * RATE) + 1)
     reference = multisine(seed, amplitude=4.0, low=0.1, high=2.0, lines=20, period=duration)(time)
     drive = (1.0 + reference)[:, None]
-    states = simulate(RIG.equation, np.zeros(2), drive[:-1], step=PERIOD)
+    states = simulate(RIG.system, np.zeros(2), drive[:-1], step=PERIOD)
     noise = 5e-4 * np.random.default_rng(seed).normal(size=len(time))
     return Record(
         name=name,
@@ -79,13 +79,13 @@ def record(name, seed, duration=12.0):
 
 def model_of(training, correlation=0.99):
     """The rig's own equation as a model; two of its parameters are correlated."""
-    names = tuple(item.name for item in RIG.equation.parameters if not item.fixed)
+    names = tuple(item.name for item in RIG.system.parameters if not item.fixed)
     covariance = np.diag(np.full(len(names), 0.01**2))
     covariance[0, 3] = covariance[3, 0] = correlation * 0.01**2
     return Model(
         rig="cam_beam",
         structure="gray",
-        equation=RIG.equation,
+        system=RIG.system,
         sampling=Sampling(step=PERIOD, period=0.05),
         names=names,
         covariance=covariance,
@@ -174,7 +174,7 @@ def test_every_record_is_there_with_its_scores(text, model, first):
 
 def test_parameters_stand_with_error_unit_and_correlation(text):
     page = Page(text).text
-    for item in RIG.equation.parameters:
+    for item in RIG.system.parameters:
         assert f"{item.name} {item.description.replace('^2', '²')}" in page
     assert "damping gain \N{GREEK SMALL LETTER RHO} = 0.990" in page
     assert "rad/(s² V)" in page
@@ -299,7 +299,7 @@ PUBLISHED = {"<first> & only": 0.95, "second": 0.5}
 @pytest.fixture(scope="module")
 def protocol(model, first):
     runs = [(first, Part(start=0.5)), (record("second", 2), Part())]
-    weak = dataclasses.replace(model, structure="weak", equation=dataclasses.replace(model.equation, gain=3.0))
+    weak = dataclasses.replace(model, structure="weak", system=dataclasses.replace(model.system, gain=3.0))
     return protocol_section(
         "two records",
         [

@@ -19,7 +19,7 @@ from hybrid_sysid_ros.rigs.sensor import Filter
 from hybrid_sysid_ros.support.errors import UserError
 
 LOADED = rigs.load("cam_beam")
-RIG = dataclasses.replace(LOADED, equation=CamBeam(centre=0.0))  # rests at 0 without input
+RIG = dataclasses.replace(LOADED, system=CamBeam(centre=0.0))  # rests at 0 without input
 EXACT = Sampling(step=RIG.step)
 
 
@@ -53,7 +53,7 @@ def loop() -> Record:
 
 
 def test_the_rig_itself_does_the_experiment_again_exactly(loop):
-    again = resimulate(RIG.equation, loop, RIG, sampling=EXACT)
+    again = resimulate(RIG.system, loop, RIG, sampling=EXACT)
     np.testing.assert_allclose(again.simulated, loop.output[:, 0], atol=1e-9)
     np.testing.assert_allclose(again.simulated_input, loop.input[:-1, 0], atol=1e-6)
     assert again.output.r2 == pytest.approx(1.0)
@@ -62,7 +62,7 @@ def test_the_rig_itself_does_the_experiment_again_exactly(loop):
 
 def test_what_limits_the_input_limits_it_again():
     record = driven(amplitude=12.0)
-    again = resimulate(RIG.equation, record, RIG, sampling=EXACT)
+    again = resimulate(RIG.system, record, RIG, sampling=EXACT)
     assert np.max(np.abs(again.simulated_input)) == RIG.input_limit
     np.testing.assert_allclose(again.simulated, record.output[:, 0], atol=1e-9)
 
@@ -72,7 +72,7 @@ def test_what_limits_the_input_limits_it_again():
 def test_output_and_input_are_those_of_one_loop(loop, step, handling):
     """The model answers the input as in open loop, and the rig's controller the output on its straight lines."""
     sampling = Sampling(step=step, input=handling)
-    again = resimulate(RIG.equation, loop, RIG, sampling=sampling)
+    again = resimulate(RIG.system, loop, RIG, sampling=sampling)
     ticks = round(step / RIG.step)
     low_pass, u = Filter(RIG.sensor, RIG.step), []
     low_pass.reset(0.0)
@@ -84,17 +84,17 @@ def test_output_and_input_are_those_of_one_loop(loop, step, handling):
     np.testing.assert_allclose(again.simulated_input, blocks.mean(axis=1), atol=1e-4)
     first = np.repeat(blocks[:: sampling.every, 0], sampling.every)[: len(blocks)]
     inputs = blocks.mean(axis=1) if handling == "averaged" else first
-    open_loop = simulate(RIG.equation, np.zeros(2), inputs[:, None], step=step)
+    open_loop = simulate(RIG.system, np.zeros(2), inputs[:, None], step=step)
     np.testing.assert_allclose(again.simulated, open_loop[:, 0], atol=1e-6)
 
 
 def test_a_finer_step_changes_little(loop):
-    coarse = resimulate(RIG.equation, loop, RIG, sampling=Sampling(step=0.005))
+    coarse = resimulate(RIG.system, loop, RIG, sampling=Sampling(step=0.005))
     assert coarse.output.r2 > 0.995
 
 
 def test_a_part_begins_with_the_filter_as_it_was(loop):
-    again = resimulate(RIG.equation, loop, RIG, sampling=EXACT, part=Part(start=0.5))
+    again = resimulate(RIG.system, loop, RIG, sampling=EXACT, part=Part(start=0.5))
     assert again.input.r2 > 0.9999
     assert again.simulated_input[0] == pytest.approx(loop.input[round(0.5 * loop.samples), 0], abs=1e-6)
 
@@ -108,7 +108,7 @@ def test_slower_records_are_scored_at_their_samples(loop):
         input=np.append(loop.input[:-1].reshape(-1, 5).mean(axis=1), 0.0)[:, None],
         channels={name: values[chosen] for name, values in loop.channels.items()},
     )
-    again = resimulate(RIG.equation, slow, RIG, sampling=EXACT)
+    again = resimulate(RIG.system, slow, RIG, sampling=EXACT)
     np.testing.assert_array_equal(again.time, slow.time)
     assert again.output.r2 > 0.999
     assert again.input.r2 > 0.999
@@ -130,7 +130,7 @@ def test_records_without_a_reference_are_skipped_with_the_reason(loop):
         "hole": dataclasses.replace(loop, channels={"reference": unknown}),
     }
     named = [(dataclasses.replace(record, name=name), Part()) for name, record in records.items()]
-    done, skipped = resimulations(RIG.equation, named, RIG, sampling=EXACT)
+    done, skipped = resimulations(RIG.system, named, RIG, sampling=EXACT)
     assert list(done) == ["good"]
     assert "no channel reference" in skipped["none"]
     assert "unknown at sample 7" in skipped["hole"]
@@ -140,17 +140,17 @@ def test_a_loop_of_another_controller_is_not_done_again_by_the_rig_s(loop):
     """Half the gain and a lag: what another law would have done to the same signals."""
     other = np.roll(0.5 * loop.input, 300, axis=0)
     with pytest.raises(UserError, match="loop: its input is not that of the rig's controller"):
-        resimulate(RIG.equation, dataclasses.replace(loop, input=other), RIG, sampling=EXACT)
+        resimulate(RIG.system, dataclasses.replace(loop, input=other), RIG, sampling=EXACT)
 
 
 def test_a_record_without_its_filtered_position_begins_settled(loop):
-    again = resimulate(RIG.equation, without(loop, "filtered"), RIG, sampling=EXACT)
+    again = resimulate(RIG.system, without(loop, "filtered"), RIG, sampling=EXACT)
     assert again.output.r2 == pytest.approx(1.0)
 
 
 def test_a_step_that_the_rig_has_not_is_refused(loop):
     with pytest.raises(UserError, match=r"step of 2\.5 ms is no multiple of the rig's 1 ms"):
-        resimulate(RIG.equation, loop, RIG, sampling=Sampling(step=0.0025))
+        resimulate(RIG.system, loop, RIG, sampling=Sampling(step=0.0025))
 
 
 def test_the_real_records_are_loops_of_this_law(experiments):

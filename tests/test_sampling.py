@@ -15,12 +15,12 @@ from hybrid_sysid_ros.control.policy.sampling_pool import SamplingPool
 
 def test_samples_are_answers_of_the_exact_mpc():
     model = model_of()
-    samples = sample(model.equation, PROBLEM, SPREAD, 7)
+    samples = sample(model.system, PROBLEM, SPREAD, 7)
     assert len(samples.inputs) + samples.dropped == round(8.0 / PROBLEM.period)
     assert np.all(np.abs(samples.inputs) <= 10.0)
     assert np.max(np.abs(samples.previews)) <= 4.0 * PROBLEM.output_scale * (1 + 1e-9)
     assert len(np.unique(samples.disturbances)) < 15  # it jumps now and then
-    expert = ExactMpc(model.equation, PROBLEM)
+    expert = ExactMpc(model.system, PROBLEM)
     for k in range(0, len(samples.inputs), 10):
         expert.reset()
         again = expert.control(
@@ -31,38 +31,38 @@ def test_samples_are_answers_of_the_exact_mpc():
 
 def test_what_a_solver_does_not_solve_gives_no_samples(rig):
     hopeless = dataclasses.replace(PROBLEM, max_iterations=1)
-    samples = sample(rig.equation, hopeless, SPREAD, 7)
+    samples = sample(rig.system, hopeless, SPREAD, 7)
     assert len(samples.inputs) + samples.dropped == round(8.0 / PROBLEM.period)
     assert samples.dropped > 100
 
 
 def test_plants_are_drawn_about_the_model_within_bounds():
-    equation, random = model_of().equation, np.random.default_rng(0)
-    values = np.array([drawn(equation, 0.1, random).values for _ in range(2000)])
-    for item, nominal, column in zip(equation.parameters, equation.values, values.T, strict=True):
+    system, random = model_of().system, np.random.default_rng(0)
+    values = np.array([drawn(system, 0.1, random).values for _ in range(2000)])
+    for item, nominal, column in zip(system.parameters, system.values, values.T, strict=True):
         assert np.all((column >= item.low) & (column <= item.high))
         assert np.std(column) == pytest.approx(0.1 * abs(nominal), rel=0.1)
         assert np.mean(column) == pytest.approx(nominal, abs=0.01 * abs(nominal))
-    np.testing.assert_array_equal(drawn(equation, 0.0, random).values, equation.values)
+    np.testing.assert_array_equal(drawn(system, 0.0, random).values, system.values)
 
 
 def test_other_plants_make_other_loops_for_the_same_mpc():
-    equation = model_of().equation
-    same, other = (sample(equation, PROBLEM, dataclasses.replace(SPREAD, parameters=p), 7) for p in (0.0, 0.2))
+    system = model_of().system
+    same, other = (sample(system, PROBLEM, dataclasses.replace(SPREAD, parameters=p), 7) for p in (0.0, 0.2))
     assert np.max(np.abs(same.previews[0] - other.previews[0])) < 1e-12
     assert np.max(np.abs(same.states[20] - other.states[20])) > 1e-4
 
 
 def test_shifts_are_derivatives_of_the_plan_by_the_followed_parameters():
     """Against differences over a tenth of the step, of plans that are solved afresh."""
-    equation = model_of().equation
+    system = model_of().system
     adaptation = Adaptation(names=("gain", "centre"), spread=(0.5, 0.2))
-    samples = sample(equation, PROBLEM, SPREAD, 7, adaptation=adaptation)
+    samples = sample(system, PROBLEM, SPREAD, 7, adaptation=adaptation)
     assert samples.shifts.shape == (len(samples.inputs), 2, 4)
     inside = np.flatnonzero(np.all(np.abs(samples.inputs) < 9.0, axis=1))[::8]
     assert len(inside) > 5
     for index in range(2):
-        pair = [ExactMpc(adaptation.shifted(equation, index, side), PROBLEM, tolerance=1e-9) for side in (-0.05, 0.05)]
+        pair = [ExactMpc(adaptation.shifted(system, index, side), PROBLEM, tolerance=1e-9) for side in (-0.05, 0.05)]
         for k in inside:
             question = (
                 samples.states[k],
@@ -78,10 +78,10 @@ def test_shifts_are_derivatives_of_the_plan_by_the_followed_parameters():
 
 def test_the_offset_of_the_input_shifts_the_first_plan_one_to_one():
     """A beam's centre acts as an offset of its input: plans of low weight on changes move with it."""
-    equation = model_of().equation
+    system = model_of().system
     problem = dataclasses.replace(PROBLEM, rate_weight=0.0, input_limit=1e3)
     adaptation = Adaptation(names=("centre",), spread=(0.2,))
-    samples = sample(equation, problem, SPREAD, 3, adaptation=adaptation)
+    samples = sample(system, problem, SPREAD, 3, adaptation=adaptation)
     np.testing.assert_allclose(samples.shifts[:, 0], 0.2, atol=1e-3)
 
 
@@ -96,7 +96,7 @@ def test_slopes_by_features_say_of_a_linear_answer_what_those_by_questions_say()
 
 
 def test_slopes_are_taken_of_a_share_of_the_answers():
-    samples = sample(model_of().equation, PROBLEM, SPREAD, 7, slope_share=0.5)
+    samples = sample(model_of().system, PROBLEM, SPREAD, 7, slope_share=0.5)
     known = np.isfinite(samples.slopes).all(axis=1)
     assert 0.3 < np.mean(known) < 0.7
     # Further up it is pulled down, with a reference further up it is driven there.
@@ -106,7 +106,7 @@ def test_slopes_are_taken_of_a_share_of_the_answers():
 
 
 def test_a_loop_has_one_cost_and_it_goes_with_the_errors_of_the_loop():
-    found = [sample(model_of().equation, PROBLEM, SPREAD, seed) for seed in range(10)]
+    found = [sample(model_of().system, PROBLEM, SPREAD, seed) for seed in range(10)]
     errors = []
     for samples in found:
         assert len(np.unique(samples.costs)) == 1

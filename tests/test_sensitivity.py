@@ -76,7 +76,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 def test_on_the_beam_they_are_what_solutions_differ_by(rig, option):
     """Where neighbouring solutions keep the same active constraints; at their borders a derivative has two sides."""
     problem = dataclasses.replace(PROBLEM, **OPTIONS[option])
-    mpc = ExactMpc(rig.equation, problem, tolerance=1e-9)
+    mpc = ExactMpc(rig.system, problem, tolerance=1e-9)
     random = np.random.default_rng(1)
     alike = bounded = compared = 0
     for _ in range(60):
@@ -107,7 +107,7 @@ def test_at_a_bound_the_first_input_does_not_move():
 def test_taking_them_changes_no_later_answer(rig):
     random = np.random.default_rng(3)
     questions = [asked(random) for _ in range(10)]
-    plain, other = ExactMpc(rig.equation, PROBLEM), ExactMpc(rig.equation, PROBLEM)
+    plain, other = ExactMpc(rig.system, PROBLEM), ExactMpc(rig.system, PROBLEM)
     for p in questions:
         first, second = answered(plain, p), answered(other, p)
         np.testing.assert_array_equal(first.inputs, second.inputs)

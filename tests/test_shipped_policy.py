@@ -21,7 +21,7 @@ def shipped():
 
 def test_the_shipped_policy_imitates_the_exact_mpc_of_the_shipped_model(shipped):
     model, policy = shipped
-    expert = ExactMpc(model.equation, policy.problem)
+    expert = ExactMpc(model.system, policy.problem)
     errors = []
     for row in policy.check[0]:
         state, d, previous, preview = row[:2], row[2:3], row[3:4], row[4:] + row[0]
@@ -39,12 +39,12 @@ def test_the_shipped_policy_tracks_the_author_s_reference(shipped, rig):
     latency = 0.001
     loop = run_loop(
         Plant(rig, seed=5, bias=0.03),
-        ExtendedKalmanFilter(model.equation, tuning, period=0.005, latency=latency),
+        ExtendedKalmanFilter(model.system, tuning, period=0.005, latency=latency),
         policy,
         hardware_reference,
         duration=51.0,
         period=0.005,
-        lead=model.equation.delay + latency,
+        lead=model.system.delay + latency,
     )
     scale = rig.sensor.radians_per_volt
     assert loop.tracking_rmse(0.0, 29.0) / scale <= 0.42

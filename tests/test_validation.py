@@ -106,7 +106,7 @@ def test_a_structure_that_diverges_scores_at_worst_minus_one_a_block(linear_reco
     def diverging(recipe, blocks):
         fitted, sampling = plain(recipe, blocks)
         unstable = Linear(gain=5.0, centre=0.9, stiffness=-500.0, damping=0.0)
-        return replace(fitted, equation=unstable), sampling
+        return replace(fitted, system=unstable), sampling
 
     monkeypatch.setattr(Recipe, "fit", diverging)
     found = cross_validate(linear_records, rig, "linear", sampling=Sampling())

@@ -62,20 +62,20 @@ def main() -> int:
     """Run, print tables, write the results."""
     machine = result.machine()
     rig = load("cam_beam")
-    equation = load_model(configuration.shipped(rig.name, "model")).equation
+    system = load_model(configuration.shipped(rig.name, "model")).system
     tuning = tuning_of(rig)
     volt = rig.sensor.radians_per_volt
     kinds: dict[str, Callable[..., Any]] = {**METHODS, **peers()}
-    made = {name: partial(kind, equation, tuning, period=PERIOD) for name, kind in kinds.items()}
+    made = {name: partial(kind, system, tuning, period=PERIOD) for name, kind in kinds.items()}
     biases = np.random.default_rng(0).uniform(-BIAS, BIAS, RUNS)
     groups = {
         "beam": [beam(rig, seed, seconds=SECONDS, bias=float(biases[seed])) for seed in range(RUNS)],
-        "drawn": [drawn(equation, tuning, seed, samples=round(SECONDS / PERIOD / 2)) for seed in range(RUNS)],
+        "drawn": [drawn(system, tuning, seed, samples=round(SECONDS / PERIOD / 2)) for seed in range(RUNS)],
     }
     results: dict[str, Any] = {"runs": RUNS}
     for group, runs in groups.items():
         results[group] = {name: watched(make, runs, volt) for name, make in made.items()}
-    results["delayed"] = {name: delayed(method, rig, equation, tuning) for name, method in METHODS.items()}
+    results["delayed"] = {name: delayed(method, rig, system, tuning) for name, method in METHODS.items()}
     results["followed"] = {name: followed(method, rig) for name, method in METHODS.items()}
     show(results)
     print(result.write(NAME, results, on=machine))
@@ -130,7 +130,7 @@ def watched(make: Callable[[], Any], runs: Sequence[Run], volt: float) -> dict[s
     }
 
 
-def delayed(method: type[Filter], rig: Rig, equation: System, tuning: Tuning) -> dict[str, Any]:
+def delayed(method: type[Filter], rig: Rig, system: System, tuning: Tuning) -> dict[str, Any]:
     """Position RMSE with frames of a second sensor that come late, and the time of one frame's call."""
     volt = rig.sensor.radians_per_volt
     tuning = replace(tuning, channels={"camera": Channel(state=0, noise=FRAME_NOISE * volt)})
@@ -140,7 +140,7 @@ def delayed(method: type[Filter], rig: Rig, equation: System, tuning: Tuning) ->
         run = beam(rig, seed, seconds=SECONDS)
         noise = FRAME_NOISE * volt * np.random.default_rng(seed).normal(size=len(run.measured))
         for kind, found in errors.items():
-            estimator = method(equation, tuning, period=PERIOD)
+            estimator = method(system, tuning, period=PERIOD)
             wait = 0 if kind == "punctual" else FRAME_DELAY
             for k, (time, output, applied) in enumerate(run):
                 estimate = estimator.update(time, output, applied)
@@ -159,7 +159,7 @@ def delayed(method: type[Filter], rig: Rig, equation: System, tuning: Tuning) ->
 
 def followed(method: type[Filter], rig: Rig) -> dict[str, Any]:
     """Friction and centre jump under a model that was right: how soon and how near they are found."""
-    truth = rig.equation.values
+    truth = rig.system.values
     coulomb, centre = FRICTION_RISE * truth.coulomb, truth.centre - CENTRE_FALL
     changes = {10.0: {"coulomb": coulomb}, 20.0: {"centre": centre}}
     tunings = {
@@ -170,7 +170,7 @@ def followed(method: type[Filter], rig: Rig) -> dict[str, Any]:
     for seed in range(FOLLOWED_RUNS):
         run = beam(rig, seed, seconds=30.0, changes=changes)
         for name, tuning in tunings.items():
-            estimator = method(rig.equation, tuning, period=PERIOD)
+            estimator = method(rig.system, tuning, period=PERIOD)
             rows[name].append([estimator.update(*given) for given in run])
         rows.setdefault("states", []).append(run.states)
     parameters = np.array([[estimate.parameters for estimate in row] for row in rows["following"]])

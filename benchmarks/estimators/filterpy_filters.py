@@ -35,9 +35,9 @@ class Augmented:
     Our compiled step is what it calls for each point; the inputs are delayed here, as it knows no delay.
     """
 
-    def __init__(self, equation: System, tuning: Tuning, *, period: float) -> None:
+    def __init__(self, system: System, tuning: Tuning, *, period: float) -> None:
         self.period = period
-        self.step, self.parameters, self.weights = kernels(equation).step, equation.values, equation.weights
+        self.step, self.parameters, self.weights = kernels(system).step, system.values, system.weights
         drift = np.array([*tuning.process_noise, tuning.disturbance_noise, tuning.hum_noise, tuning.hum_noise])
         self.process = period * np.diag(drift**2)
         self.start = 100.0 * np.diag(drift**2)
@@ -48,7 +48,7 @@ class Augmented:
         self.row = np.array([[1.0, 0.0, 0.0, 1.0, 0.0]])
         angle = 2.0 * np.pi * tuning.hum_hertz * period
         self.turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        whole, self.part = divmod(equation.delay / period, 1.0)
+        whole, self.part = divmod(system.delay / period, 1.0)
         self.past = [0.0] * (int(whole) + 2)
 
     def begin(self, filter: Any, output: Array, applied: Array) -> None:
@@ -89,8 +89,8 @@ class Peer:
 
     filter: Any
 
-    def __init__(self, equation: System, tuning: Tuning, *, period: float) -> None:
-        self.model = Augmented(equation, tuning, period=period)
+    def __init__(self, system: System, tuning: Tuning, *, period: float) -> None:
+        self.model = Augmented(system, tuning, period=period)
         self.started = False
 
     def step(self, drive: float, output: Array) -> None:
@@ -112,8 +112,8 @@ class Peer:
 class Extended(Peer):
     """filterpy.kalman.ExtendedKalmanFilter, its prediction given as its documentation says."""
 
-    def __init__(self, equation: System, tuning: Tuning, *, period: float) -> None:
-        super().__init__(equation, tuning, period=period)
+    def __init__(self, system: System, tuning: Tuning, *, period: float) -> None:
+        super().__init__(system, tuning, period=period)
         self.filter = ExtendedKalmanFilter(dim_x=5, dim_z=1)
         self.filter.predict_x = self.advance
 
@@ -132,8 +132,8 @@ class Extended(Peer):
 class Unscented(Peer):
     """filterpy.kalman.UnscentedKalmanFilter with Merwe's scaled sigma points."""
 
-    def __init__(self, equation: System, tuning: Tuning, *, period: float) -> None:
-        super().__init__(equation, tuning, period=period)
+    def __init__(self, system: System, tuning: Tuning, *, period: float) -> None:
+        super().__init__(system, tuning, period=period)
         row, points = self.model.row, MerweScaledSigmaPoints(5, **SIGMA_POINTS)
         self.filter = UnscentedKalmanFilter(
             dim_x=5, dim_z=1, dt=period, hx=lambda z: row @ z, fx=self.model.advance, points=points

@@ -70,10 +70,10 @@ def beam(
     return Run(measured=measured, inputs=inputs, states=states)
 
 
-def drawn(equation: System, tuning: Tuning, seed: int, *, samples: int) -> Run:
+def drawn(system: System, tuning: Tuning, seed: int, *, samples: int) -> Run:
     """A plant that is the model, with the start, the noise and the disturbance that the tuning says, drawn afresh."""
     random = np.random.default_rng(seed)
-    step, parameters, weights = kernels(equation).step, equation.values, equation.weights
+    step, parameters, weights = kernels(system).step, system.values, system.weights
     drift = np.array([*tuning.process_noise, tuning.disturbance_noise, tuning.hum_noise, tuning.hum_noise])
     start = 10.0 * drift
     start[0], start[3:] = 0.0, tuning.hum_amplitude
@@ -81,7 +81,7 @@ def drawn(equation: System, tuning: Tuning, seed: int, *, samples: int) -> Run:
     z[2] = np.clip(z[2], -tuning.disturbance_limit, tuning.disturbance_limit)
     levels = np.repeat(random.uniform(-6.0, 8.0, samples // 40 + 1), 40)[:samples]
     past = np.concatenate([np.full(20, levels[0]), levels])  # levels[k] acts from sample k - 1 to k, a delay later
-    whole, part = divmod(equation.delay / PERIOD, 1.0)
+    whole, part = divmod(system.delay / PERIOD, 1.0)
     angle = 2.0 * np.pi * tuning.hum_hertz * PERIOD
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     measured, states, following = np.empty(samples), np.empty((samples, 2)), np.empty(2)

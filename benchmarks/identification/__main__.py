@@ -98,7 +98,7 @@ def identified(rig: Rig, structure: str, training: Parts, unseen: Parts) -> dict
 def fitted(rig: Rig, peer: Peer, training: Parts, unseen: Parts) -> dict[str, Any]:
     """The same of a peer: the settings it chose on the training records, its fit with them, R2 as the fit went on."""
     known, unknown = (
-        [prepare(part.of(record, peer.sampling), rig.equation, peer.sampling) for record, part in parts]
+        [prepare(part.of(record, peer.sampling), rig.system, peer.sampling) for record, part in parts]
         for parts in (training, unseen)
     )
     candidate, choosing = peer.choose(known)

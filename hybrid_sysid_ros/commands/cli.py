@@ -133,7 +133,7 @@ def evaluate_command(
     records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling)
     scores = {record.name: asdict(evaluate(loaded, record, part=chosen)) for record in records}
     again, skipped = resimulations(
-        loaded.equation, [(record, chosen) for record in records], described, sampling=loaded.sampling
+        loaded.system, [(record, chosen) for record in records], described, sampling=loaded.sampling
     )
     loops = {name: asdict(item.output) for name, item in again.items()}
     for reason in skipped.values():
@@ -219,7 +219,7 @@ def parameter_table(model: Model) -> Table:
     table = Table("parameter", "value", "standard error", "unit", title=f"{model.structure} {model.rig}")
     table.title_justify = "left"
     errors = model.standard_errors
-    for item, value in zip(model.equation.parameters, model.equation.values, strict=True):
+    for item, value in zip(model.system.parameters, model.system.values, strict=True):
         error = errors.get(item.name)
         table.add_row(item.name, f"{value:.4g}", "set" if error is None else f"{error:.2g}", item.unit)
     return table

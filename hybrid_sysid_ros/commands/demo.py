@@ -97,7 +97,7 @@ def demo(
     loop = LoopRecord.from_bag(bag, rig)
     console.print("[bold]3[/] comparing with the exact MPC on the same plant")
     approximate = simulated_loop(rig, used, imitation)
-    exact = simulated_loop(rig, used, ExactMpc(used.equation, imitation.problem))
+    exact = simulated_loop(rig, used, ExactMpc(used.system, imitation.problem))
     summary = {
         "identification": {
             "records": records.source,
@@ -158,7 +158,7 @@ def simulated_loop(
     """A reference under a controller at its own period, in one process, without delays of computation."""
     values = configuration.defaults(rig.name, "estimator")
     estimator = ExtendedKalmanFilter(
-        model.equation, configuration.estimator_tuning(values, rig), period=controller.period, latency=0.0
+        model.system, configuration.estimator_tuning(values, rig), period=controller.period, latency=0.0
     )
     plant = Plant(rig, seed=seed, bias=configuration.defaults(rig.name, "plant")["bias"])
     controller.reset()
@@ -169,7 +169,7 @@ def simulated_loop(
         reference,
         duration=duration,
         period=controller.period,
-        lead=model.equation.delay,
+        lead=model.system.delay,
     )
 
 

@@ -68,8 +68,8 @@ def read_records(
     if twins := {name for name in names if names.count(name) > 1}:
         raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
     chosen = Signals.load(signals) if signals is not None else Signals.of_rig(rig)
-    equation = load_rig(rig).equation
+    system = load_rig(rig).system
     chosen.check_units(
-        [variable.unit for variable in equation.inputs], [equation.states[index].unit for index in equation.measured]
+        [variable.unit for variable in system.inputs], [system.states[index].unit for index in system.measured]
     )
     return [bags.read(path, chosen, period=period or None, recover=recover) for path in paths]

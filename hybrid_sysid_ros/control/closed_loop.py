@@ -61,7 +61,7 @@ def run_loop(
     steps = round(period / plant.rig.step)
     ahead = lead + controller.period * np.arange(1, controller.horizon + 1)
     u = 0.0
-    output = plant.rig.equation.measured[0]
+    output = plant.rig.system.measured[0]
     statuses: Counter[Status] = Counter()
     rows = []
     for _ in range(round(duration / period)):

@@ -35,7 +35,7 @@ class LinearQuadraticRegulator:
     """
 
     def __init__(
-        self, equation: System, problem: Problem, *, smoothing: float | None = None, preview: bool = True
+        self, system: System, problem: Problem, *, smoothing: float | None = None, preview: bool = True
     ) -> None:
         """smoothing: of stick-slip where the model is linearised [rad/s], the problem's by default: a resting beam
         sticks, and what a linear law takes dry friction for is a choice. preview: without it the reference is taken to
@@ -43,15 +43,15 @@ class LinearQuadraticRegulator:
 
         Raises UserError for a model that doesn't rest at output 0, or that the weights don't stabilise.
         """
-        if len(equation.inputs) != 1:
-            raise UserError(f"{type(equation).__name__}: the regulator takes models of one input")
+        if len(system.inputs) != 1:
+            raise UserError(f"{type(system).__name__}: the regulator takes models of one input")
         self.problem = problem
         self.horizon = problem.horizon
         self.period = problem.period
-        self.output = equation.measured[0]
+        self.output = system.measured[0]
         self._previewing = preview
         smoothing = problem.smoothing if smoothing is None else smoothing
-        self.rest, self.transition, self.gain = _rest(equation, problem, smoothing)
+        self.rest, self.transition, self.gain = _rest(system, problem, smoothing)
         self.feedback, self.feedforward, self.target = _gains(self.transition, self.gain, self.output, problem)
 
     def reset(self) -> None:
@@ -80,15 +80,15 @@ class LinearQuadraticRegulator:
         return Plan(input=inputs[0], inputs=inputs, states=np.zeros((0, len(self.transition))), status=status)
 
 
-def _rest(equation: System, problem: Problem, smoothing: float) -> tuple[Array, Array, Array]:
+def _rest(system: System, problem: Problem, smoothing: float) -> tuple[Array, Array, Array]:
     """[x, u] (states + 1,) at rest with output 0, and there A (states, states) and B (states, 1) of an interval."""
-    states, output = len(equation.states), equation.measured[0]
-    linearise, rows = linearisation(equation, smoothing=smoothing), workspace(equation)
+    states, output = len(system.states), system.measured[0]
+    linearise, rows = linearisation(system, smoothing=smoothing), workspace(system)
     point, following = np.zeros(states + 1), np.zeros(states)
     transition, gain = np.zeros((states, states)), np.zeros((states, 1))
     step = problem.period / problem.substeps
     for _ in range(NEWTON_STEPS):
-        given = (point[:-1], point[-1:], equation.values, equation.weights, step, problem.substeps)
+        given = (point[:-1], point[-1:], system.values, system.weights, step, problem.substeps)
         linearise(*given, rows, following, transition, gain)
         moved = np.append(following - point[:-1], point[output])
         if not np.all(np.isfinite(moved)):
@@ -96,7 +96,7 @@ def _rest(equation: System, problem: Problem, smoothing: float) -> tuple[Array, 
         if np.max(np.abs(moved)) <= ROUNDING_ERROR * (1.0 + np.max(np.abs(point))):
             return point, transition, gain
         point = point - np.linalg.lstsq(_resting(transition, gain, output), moved, rcond=None)[0]
-    raise UserError(f"{type(equation).__name__}: does not rest at output 0, so it can't be linearised there")
+    raise UserError(f"{type(system).__name__}: does not rest at output 0, so it can't be linearised there")
 
 
 def _resting(transition: Array, gain: Array, output: int) -> Array:

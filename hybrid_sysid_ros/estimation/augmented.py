@@ -62,17 +62,17 @@ class Augmented:
 _COMPILED: dict[tuple[Any, ...], Augmented] = {}
 
 
-def augmented(equation: System) -> Augmented:
+def augmented(system: System) -> Augmented:
     """The functions of an equation's form, compiled once in a process."""
-    key = equation.form
+    key = system.form
     if key not in _COMPILED:
-        _COMPILED[key] = _compile(equation)
+        _COMPILED[key] = _compile(system)
     return _COMPILED[key]
 
 
-def _compile(equation: System) -> Augmented:
-    step = kernels(equation).step
-    states, weights = len(equation.states), len(equation.weights)
+def _compile(system: System) -> Augmented:
+    step = kernels(system).step
+    states, weights = len(system.states), len(system.weights)
 
     @inner
     def move(core: Any, z: Array, drive: float, h: float, following: Array) -> None:
@@ -139,20 +139,20 @@ def _compile(equation: System) -> Augmented:
     return Augmented(move=move, linearise=linearise)
 
 
-def offset_gains(equation: System, tuning: Tuning) -> Array | None:
+def offset_gains(system: System, tuning: Tuning) -> Array | None:
     """For each followed parameter the input offset that does the same, per unit of it: (followed,), 0 where none does.
 
     None where no parameter is like an offset of the input. Raises UserError where one is and the disturbance is to be
     estimated as well: no measurement tells the two apart.
     """
     gains = np.zeros(len(tuning.followed))
-    numbers = equation.values
-    names = [item.name for item in equation.parameters]
+    numbers = system.values
+    names = [item.name for item in system.parameters]
     random = np.random.default_rng(0)
-    samples = [(random.normal(size=len(equation.states)), random.uniform(-5.0, 5.0, 1)) for _ in range(64)]
+    samples = [(random.normal(size=len(system.states)), random.uniform(-5.0, 5.0, 1)) for _ in range(64)]
 
     def moved(values: Array, x: Array, u: Array) -> Array:
-        return stepped(equation.with_values(values), x, u, step=LONGEST_STEP)
+        return stepped(system.with_values(values), x, u, step=LONGEST_STEP)
 
     for k, name in enumerate(tuning.followed):
         index = names.index(name)

@@ -29,14 +29,14 @@ class ExtendedKalmanFilter(Filter):
     Smoothing, algorithm 5.4; the Joseph form: Bar-Shalom, Li, Kirubarajan (2001), eq. (5.2.3-18).
     """
 
-    def kernels(self, equation: System) -> Kernels:
-        return recursive(equation, "ekf", covariance_belief)
+    def kernels(self, system: System) -> Kernels:
+        return recursive(system, "ekf", covariance_belief)
 
 
-def covariance_belief(equation: System, parts: Augmented) -> Belief:
+def covariance_belief(system: System, parts: Augmented) -> Belief:
     """A belief whose root is the covariance itself."""
     linearise = parts.linearise
-    states = len(equation.states)
+    states = len(system.states)
     hum_state = states + 1
 
     @inner

@@ -36,35 +36,35 @@ class Filter(ABC):
     windowed: ClassVar[bool] = False
     """Whether the method optimises over a window of nodes."""
 
-    def __init__(self, equation: System, tuning: Tuning, *, period: float, latency: float = 0.0) -> None:
+    def __init__(self, system: System, tuning: Tuning, *, period: float, latency: float = 0.0) -> None:
         """period: of the measurements [s]. latency: from a measurement to its command at the rig [s].
 
         Raises UserError where no estimator can be made of these.
         """
-        tuning.check(equation)
-        if isinstance(equation, Recurrence):
-            if abs(period - equation.period) > 1e-9 or tuning.channels:
+        tuning.check(system)
+        if isinstance(system, Recurrence):
+            if abs(period - system.period) > 1e-9 or tuning.channels:
                 raise UserError(
-                    f"{type(equation).__name__} steps by {equation.period:g} s: give it one measurement for each step"
+                    f"{type(system).__name__} steps by {system.period:g} s: give it one measurement for each step"
                 )
             self._window = 0.0
         else:
             self._window = self.window_of(tuning, period)
-        self.equation = equation
+        self.system = system
         self.tuning = tuning
         self.period = period
         self.counters = Counters()
         self._channels = {name: MAIN + 1 + k for k, name in enumerate(tuning.channels)}
-        self._lead = equation.delay + latency
-        self._states = len(equation.states)
+        self._lead = system.delay + latency
+        self._states = len(system.states)
         self._size = self._states + 3 + len(tuning.followed)
-        self._offsets = offset_gains(equation, tuning)
-        self._memory = memory_of(equation, tuning, period=period, span=self._window, window=self.windowed)
-        self._kernels = self.kernels(equation)
+        self._offsets = offset_gains(system, tuning)
+        self._memory = memory_of(system, tuning, period=period, span=self._window, window=self.windowed)
+        self._kernels = self.kernels(system)
         self.reset()
 
     @abstractmethod
-    def kernels(self, equation: System) -> Kernels:
+    def kernels(self, system: System) -> Kernels:
         """The compiled code of the method."""
 
     def window_of(self, tuning: Tuning, period: float) -> float:

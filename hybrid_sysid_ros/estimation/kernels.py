@@ -72,9 +72,9 @@ def restart(core: Any, channels: Channels, node: Any, states: int, spread: Any) 
     node.outliers, node.fate = 0, RESET
 
 
-def beginning(equation: System, spread: Callable[..., None]) -> Callable[..., None]:
+def beginning(system: System, spread: Callable[..., None]) -> Callable[..., None]:
     """See :class:`Kernels`, begin."""
-    states = len(equation.states)
+    states = len(system.states)
 
     def begin(
         cores: Any, channels: Channels, nodes: Nodes, inputs: Inputs, time: float, value: float, applied: float
@@ -93,9 +93,9 @@ def beginning(equation: System, spread: Callable[..., None]) -> Callable[..., No
     return numba.njit(begin, **OPTIONS)  # type: ignore[no-any-return]
 
 
-def _looking_ahead(equation: System, move: Callable[..., None]) -> Callable[..., None]:
+def _looking_ahead(system: System, move: Callable[..., None]) -> Callable[..., None]:
     """ahead(core, nodes, inputs, lead, out): the state later; every input that acts until then is known already."""
-    states = len(equation.states)
+    states = len(system.states)
 
     @inner
     def ahead(core: Any, nodes: Nodes, inputs: Inputs, lead: float, out: Array) -> None:
@@ -115,7 +115,7 @@ def _looking_ahead(equation: System, move: Callable[..., None]) -> Callable[...,
 
 
 def assemble(
-    equation: System,
+    system: System,
     *,
     move: Callable[..., None],
     begin: Callable[..., None],
@@ -128,7 +128,7 @@ def assemble(
     channel, since): put a measurement in its place and bring the beliefs up to date; its node or LATE.
     covariance(root, out): the covariance of a belief.
     """
-    ahead_of = _looking_ahead(equation, move)
+    ahead_of = _looking_ahead(system, move)
 
     def answer(
         cores: Any, channels: Channels, nodes: Nodes, inputs: Inputs, lead: float, ahead: Array, out: Array

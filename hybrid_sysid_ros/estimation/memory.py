@@ -104,37 +104,37 @@ def core_type(size: int, parameters: int, weights: int) -> np.dtype[np.void]:
     )
 
 
-def memory_of(equation: System, tuning: Tuning, *, period: float, span: float, window: bool) -> Memory:
+def memory_of(system: System, tuning: Tuning, *, period: float, span: float, window: bool) -> Memory:
     """A memory for measurements every ``period`` [s] that reaches back over ``span`` [s].
 
     window: whether the method optimises over the span. A recurrence has one step only, its own period.
     """
-    states, followed = len(equation.states), len(tuning.followed)
-    size, output = states + 3 + followed, equation.measured[0]
+    states, followed = len(system.states), len(tuning.followed)
+    size, output = states + 3 + followed, system.measured[0]
     # Sampled at a multiple of its period a hum looks like a position: then it can only count as noise.
     hum = tuning.hum_hertz > 0 and abs(np.sin(np.pi * tuning.hum_hertz * period)) > HUM_OBSERVABLE
     hum_variance = tuning.hum_amplitude**2
-    names = [item.name for item in equation.parameters]
+    names = [item.name for item in system.parameters]
     chosen = [names.index(name) for name in tuning.followed]
     drift = np.array([*tuning.followed.values()], dtype=float)
 
-    core = np.zeros(1, core_type(size, len(names), len(equation.weights)))
-    core["delay"], core["gate"], core["patience"] = equation.delay, tuning.gate, tuning.patience
-    recurrent = isinstance(equation, Recurrence)
-    step = core["step"] = equation.period if isinstance(equation, Recurrence) else LONGEST_STEP
+    core = np.zeros(1, core_type(size, len(names), len(system.weights)))
+    core["delay"], core["gate"], core["patience"] = system.delay, tuning.gate, tuning.patience
+    recurrent = isinstance(system, Recurrence)
+    step = core["step"] = system.period if isinstance(system, Recurrence) else LONGEST_STEP
     core["slack"] = 0.5 if recurrent else 1e-6
     core["span"] = span
     core["input_noise"] = tuning.input_noise**2
     core["turning"] = 2 * np.pi * tuning.hum_hertz if hum else 0.0
-    core["numbers"][0, : len(names)] = equation.values
-    core["weights"][0, : len(equation.weights)] = equation.weights
+    core["numbers"][0, : len(names)] = system.values
+    core["weights"][0, : len(system.weights)] = system.weights
     core["followed"][0, :followed] = chosen
-    core["given"][0, :followed] = equation.values[chosen]
+    core["given"][0, :followed] = system.values[chosen]
     low, high, process, start = (core[name][0] for name in ("low", "high", "process", "start"))
     low[:], high[:] = -np.inf, np.inf
     low[states], high[states] = -tuning.disturbance_limit, tuning.disturbance_limit
-    low[states + 3 :] = [equation.parameters[index].low for index in chosen]
-    high[states + 3 :] = [equation.parameters[index].high for index in chosen]
+    low[states + 3 :] = [system.parameters[index].low for index in chosen]
+    high[states + 3 :] = [system.parameters[index].high for index in chosen]
     hum_drift = tuning.hum_noise if hum else 0.0
     process[:] = np.array([*tuning.process_noise, tuning.disturbance_noise, hum_drift, hum_drift, *drift]) ** 2
     start[:] = 100 * process
@@ -148,5 +148,5 @@ def memory_of(equation: System, tuning: Tuning, *, period: float, span: float, w
     )
     keep = (2 + math.ceil((span + LONGEST_GAP) / min(period, step))) * len(channels)
     core["keep"] = keep
-    length = math.ceil((span + equation.delay) / period) + 64
+    length = math.ceil((span + system.delay) / period) + 64
     return Memory(core, channels, np.zeros(2 * keep + 2, node_type(size, window=window)), np.zeros(length, INPUT))

@@ -54,8 +54,8 @@ class MovingHorizonEstimator(Filter):
 
     windowed = True
 
-    def kernels(self, equation: System) -> Kernels:
-        return _kernels(equation)
+    def kernels(self, system: System) -> Kernels:
+        return _kernels(system)
 
     def window_of(self, tuning: Tuning, period: float) -> float:
         return tuning.horizon * period
@@ -64,17 +64,17 @@ class MovingHorizonEstimator(Filter):
 _COMPILED: dict[Augmented, Kernels] = {}
 
 
-def _kernels(equation: System) -> Kernels:
-    parts = augmented(equation)
+def _kernels(system: System) -> Kernels:
+    parts = augmented(system)
     if parts not in _COMPILED:
-        _COMPILED[parts] = _compile(equation, parts)
+        _COMPILED[parts] = _compile(system, parts)
     return _COMPILED[parts]
 
 
-def _compile(equation: System, parts: Augmented) -> Kernels:
+def _compile(system: System, parts: Augmented) -> Kernels:
     move = parts.move
-    begin_at = beginning(equation, diagonal)
-    forward = _forward(equation, parts)
+    begin_at = beginning(system, diagonal)
+    forward = _forward(system, parts)
 
     def begin(
         cores: Any, channels: Channels, nodes: Nodes, inputs: Inputs, time: float, value: float, applied: float
@@ -122,7 +122,7 @@ def _compile(equation: System, parts: Augmented) -> Kernels:
             core.count, node = 1, 0
         return node  # type: ignore[no-any-return]
 
-    return assemble(equation, move=move, begin=numba.njit(begin, **OPTIONS), put=put, covariance=copied)
+    return assemble(system, move=move, begin=numba.njit(begin, **OPTIONS), put=put, covariance=copied)
 
 
 @inner
@@ -174,11 +174,11 @@ def _guess(core: Any, inputs: Inputs, before: Any, node: Any, move: Any) -> None
         copy(before.mean, node.mean)
 
 
-def _forward(equation: System, parts: Augmented) -> Callable[..., None]:
+def _forward(system: System, parts: Augmented) -> Callable[..., None]:
     """A Kalman filter over the problem linearised about the trajectory, from the first node's prior on."""
-    linearise, belief = parts.linearise, covariance_belief(equation, parts)
+    linearise, belief = parts.linearise, covariance_belief(system, parts)
     observe, condense = belief.observe, belief.condense
-    states = len(equation.states)
+    states = len(system.states)
 
     @inner
     def weigh(core: Any, channels: Channels, node: Any, judge: bool) -> None:

@@ -51,17 +51,17 @@ class Belief:
 _COMPILED: dict[tuple[str, Augmented], Kernels] = {}
 
 
-def recursive(equation: System, method: str, carry: Callable[[System, Augmented], Belief]) -> Kernels:
+def recursive(system: System, method: str, carry: Callable[[System, Augmented], Belief]) -> Kernels:
     """The kernels of a recursive method and an equation's form, compiled once in a process."""
-    parts = augmented(equation)
+    parts = augmented(system)
     key = (method, parts)
     if key not in _COMPILED:
-        _COMPILED[key] = _compile(equation, parts, carry(equation, parts))
+        _COMPILED[key] = _compile(system, parts, carry(system, parts))
     return _COMPILED[key]
 
 
-def _compile(equation: System, parts: Augmented, belief: Belief) -> Kernels:
-    states = len(equation.states)
+def _compile(system: System, parts: Augmented, belief: Belief) -> Kernels:
+    states = len(system.states)
     predict, observe, condense, spread = belief.predict, belief.observe, belief.condense, belief.spread
 
     @inner
@@ -118,9 +118,9 @@ def _compile(equation: System, parts: Augmented, belief: Belief) -> Kernels:
         return node  # type: ignore[no-any-return]
 
     return assemble(
-        equation,
+        system,
         move=parts.move,
-        begin=beginning(equation, spread),
+        begin=beginning(system, spread),
         put=put,
         covariance=belief.covariance,
     )

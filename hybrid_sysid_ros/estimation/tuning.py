@@ -48,10 +48,10 @@ class Tuning:
     window: float = 0.2
     horizon: int = 20
 
-    def check(self, equation: System) -> None:
+    def check(self, system: System) -> None:
         """Raise UserError where an estimator of the equation can't be made from these numbers."""
-        name, states = type(equation).__name__, len(equation.states)
-        if len(equation.outputs) != 1 or len(equation.inputs) != 1:
+        name, states = type(system).__name__, len(system.states)
+        if len(system.outputs) != 1 or len(system.inputs) != 1:
             raise UserError(f"{name}: the filter takes one input and one output")
         if len(self.process_noise) != states:
             raise UserError(f"process_noise has {len(self.process_noise)} entries; the model has {states} states")
@@ -61,7 +61,7 @@ class Tuning:
             raise UserError(f"input_noise is {self.input_noise:g}: it must be 0 at least")
         if self.horizon < 1 or not 0.0 <= self.window < math.inf:
             raise UserError(f"horizon is {self.horizon}, window {self.window:g} s: one measurement, 0 s at least")
-        known = {item.name: item for item in equation.parameters}
+        known = {item.name: item for item in system.parameters}
         for parameter, drift in self.followed.items():
             if parameter not in known:
                 raise UserError(f"{name} has no parameter {parameter} to follow: it has {', '.join(known)}")

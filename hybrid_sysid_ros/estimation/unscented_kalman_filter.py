@@ -35,14 +35,14 @@ class UnscentedKalmanFilter(Filter):
     correction is exact, and Potter's: Kaminski, Bryson, Schmidt (1971), IEEE TAC 16(6), eq. (19).
     """
 
-    def kernels(self, equation: System) -> Kernels:
-        return recursive(equation, "ukf", square_root_belief)
+    def kernels(self, system: System) -> Kernels:
+        return recursive(system, "ukf", square_root_belief)
 
 
-def square_root_belief(equation: System, parts: Augmented) -> Belief:
+def square_root_belief(system: System, parts: Augmented) -> Belief:
     """A belief whose root is a square root of the covariance."""
     move = parts.move
-    hum_state = len(equation.states) + 1
+    hum_state = len(system.states) + 1
 
     @inner
     def predict(core: Any, mean: Array, root: Array, drive: float, h: float) -> None:

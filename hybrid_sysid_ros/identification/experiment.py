@@ -35,13 +35,13 @@ class Experiment:
         return len(self.outputs)
 
 
-def prepare(record: Record, equation: System, sampling: Sampling) -> Experiment:
+def prepare(record: Record, system: System, sampling: Sampling) -> Experiment:
     """Resample a record.
 
     Raises UserError where its channels are not those of the equation, it is too short, or its rate does not fit the
     sampling.
     """
-    channels, needed = (record.input.shape[1], record.output.shape[1]), (len(equation.inputs), len(equation.outputs))
+    channels, needed = (record.input.shape[1], record.output.shape[1]), (len(system.inputs), len(system.outputs))
     if channels != needed:
         raise UserError(
             f"{record.name}: {channels[0]} inputs and {channels[1]} outputs, but the model has {needed[0]} and "
@@ -71,14 +71,14 @@ def prepare(record: Record, equation: System, sampling: Sampling) -> Experiment:
         sampling=sampling,
         inputs=np.ascontiguousarray(inputs),
         outputs=outputs,
-        states=equation.observed(outputs, rates(record)[::every][:samples], np.concatenate([means, means[-1:]])),
+        states=system.observed(outputs, rates(record)[::every][:samples], np.concatenate([means, means[-1:]])),
     )
 
 
-def check_range(experiment: Experiment, equation: System) -> None:
+def check_range(experiment: Experiment, system: System) -> None:
     """Raise UserError for an experiment that leaves the range in which an equation may be used, with what left it."""
     states = experiment.states
-    for item, value in equation.trained_on(states.min(axis=0), states.max(axis=0)).outside:
+    for item, value in system.trained_on(states.min(axis=0), states.max(axis=0)).outside:
         raise UserError(
             f"{experiment.name}: {item.name} would be {value:.4g} {item.unit} ({item.description}), outside of "
             f"[{item.low:g}, {item.high:g}]; its unit or scale is probably wrong: convert it, or set the scale of the "

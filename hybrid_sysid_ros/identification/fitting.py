@@ -60,7 +60,7 @@ class Fit:
     evaluations: simulations of all records, with or without derivatives.
     """
 
-    equation: System
+    system: System
     names: tuple[str, ...]
     covariance: Array
     spreads: Array
@@ -71,7 +71,7 @@ class Fit:
 
 
 def fit(
-    equation: System,
+    system: System,
     experiments: Sequence[Experiment],
     *,
     stages: Sequence[int | None] = STAGES,
@@ -97,14 +97,14 @@ def fit(
     low = np.min([experiment.states.min(axis=0) for experiment in experiments], axis=0)
     high = np.max([experiment.states.max(axis=0) for experiment in experiments], axis=0)
     for experiment in experiments:
-        check_range(experiment, equation)
-    equation = equation.trained_on(low, high)
-    equation.check()
+        check_range(experiment, system)
+    system = system.trained_on(low, high)
+    system.check()
     centres = spreads = None
     if anchor is not None:
-        free = [i for i, item in enumerate(equation.parameters) if item.name in anchor.names]
-        centres, spreads = anchor.equation.values[free], ANCHOR * anchor.spreads[: len(free)]
-    problem = Problem(equation, experiments, centres=centres, spreads=spreads, ridge=ridge, bias=bias, hold=hold)
+        free = [i for i, item in enumerate(system.parameters) if item.name in anchor.names]
+        centres, spreads = anchor.system.values[free], ANCHOR * anchor.spreads[: len(free)]
+    problem = Problem(system, experiments, centres=centres, spreads=spreads, ridge=ridge, bias=bias, hold=hold)
     first = problem.residuals(STAGES[0])
     first(problem.start)  # compile outside the measured time
     problem.jacobian(STAGES[0], map)(problem.start)
@@ -114,7 +114,7 @@ def fit(
     # The simulations are the parallel part: threads of linear algebra would only spin beside them.
     with ThreadPoolExecutor(max_workers=_threads.get()) as threads, threadpool_limits(1):
         for horizon in stages:
-            physical = horizon == stages[-1] and not len(equation.weights)
+            physical = horizon == stages[-1] and not len(system.weights)
             solutions = [_solve(problem, horizon, point, FINE if physical else COARSE, threads.map) for point in points]
             solution = min(solutions, key=lambda item: float(item.cost))
             points = [solution.x]
@@ -128,7 +128,7 @@ def fit(
     inverse, robust = covariances(solution.jac, solution.fun, problem.edges(stages[-1]))
     shared = slice(problem.shared)
     return Fit(
-        equation=problem.with_point(solution.x),
+        system=problem.with_point(solution.x),
         names=problem.names,
         covariance=robust[shared, shared] * units,
         spreads=np.sqrt(np.clip(np.diag(inverse)[shared], 0.0, None)) * problem.scales,

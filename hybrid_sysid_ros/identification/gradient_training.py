@@ -58,19 +58,19 @@ def train(
     """
     torch = _torch()
     data = _Data(experiments, shortest=schedule.stages[0][0])
-    equation = data.start(units).initial(seed)
+    system = data.start(units).initial(seed)
     random = np.random.default_rng(seed)
     began = time.perf_counter()
     steps = sum(count for _, count in schedule.stages)
-    best, least, done = equation, np.inf, 0
+    best, least, done = system, np.inf, 0
     with one_torch_thread(torch):
-        weights = torch.tensor(equation.weights, requires_grad=True)
+        weights = torch.tensor(system.weights, requires_grad=True)
         adam = torch.optim.AdamW([weights], lr=schedule.rate, weight_decay=schedule.decay)
         rates = torch.optim.lr_scheduler.OneCycleLR(adam, schedule.rate, total_steps=steps, pct_start=0.1)
         for horizon, count in schedule.stages:
             for _ in range(count):
                 starts, inputs, outputs, units_of_error = data.batch(random, schedule.batch, horizon)
-                simulated = rollout(equation, weights, starts, inputs, data.every)
+                simulated = rollout(system, weights, starts, inputs, data.every)
                 loss = (((simulated - torch.from_numpy(outputs)) / torch.from_numpy(units_of_error)) ** 2).mean()
                 adam.zero_grad()
                 loss.backward()
@@ -79,7 +79,7 @@ def train(
                 rates.step()
                 done += 1
                 if done % schedule.check == 0 or done == steps:
-                    candidate = equation.with_weights(weights.detach().numpy().copy())
+                    candidate = system.with_weights(weights.detach().numpy().copy())
                     error = data.free_run_error(candidate)
                     if error < least:
                         best, least = candidate, error
@@ -88,7 +88,7 @@ def train(
     if not np.isfinite(least):
         raise UserError("recurrent network: the training diverged; lower its step size")
     return Fit(
-        equation=best,
+        system=best,
         names=(),
         covariance=np.zeros((0, 0)),
         spreads=np.zeros(0),
@@ -99,22 +99,22 @@ def train(
     )
 
 
-def rollout(equation: Recurrent, weights: Any, starts: Array, inputs: Array, every: int) -> Any:
+def rollout(system: Recurrent, weights: Any, starts: Array, inputs: Array, every: int) -> Any:
     """Positions (samples, rollouts) [rad] at every ``every``-th step after the first sample, as a tensor.
 
     The torch form of an equation. weights (size,): a tensor in place of the equation's own; starts (2, rollouts):
     measured positions and rates; inputs (steps, rollouts).
     """
     torch = _torch()
-    parts = equation.parts(weights)
-    scales = np.array([[equation.position_scale], [equation.rate_scale]])
+    parts = system.parts(weights)
+    scales = np.array([[system.position_scale], [system.rate_scale]])
     measured = torch.from_numpy((starts / scales).T).to(weights.dtype)
     hidden = torch.tanh(measured @ parts["encoder"].T + parts["encoder_bias"])
-    drive = torch.from_numpy(inputs / equation.drive_scale).to(weights.dtype)
-    gates = torch.cat([torch.zeros(2 * equation.units, dtype=weights.dtype), parts["reset_bias"]])
+    drive = torch.from_numpy(inputs / system.drive_scale).to(weights.dtype)
+    gates = torch.cat([torch.zeros(2 * system.units, dtype=weights.dtype), parts["reset_bias"]])
     learned = [parts["drive"], parts["recurrent"], parts["bias"], gates]
     states, _ = torch.gru(drive[..., None], hidden[None], learned, True, 1, 0.0, False, False, False)
-    return equation.position_scale * (states[every - 1 :: every] @ parts["readout"] + parts["readout_bias"])
+    return system.position_scale * (states[every - 1 :: every] @ parts["readout"] + parts["readout_bias"])
 
 
 class _Data:
@@ -160,12 +160,12 @@ class _Data:
             self.deviations[chosen],
         )
 
-    def free_run_error(self, equation: Recurrent) -> float:
+    def free_run_error(self, system: Recurrent) -> float:
         """Root mean square of the free-run errors over all records, each in deviations of its output."""
         squares = []
         for item, deviation in zip(self.experiments, self.deviations, strict=True):
-            start = equation.observed(item.outputs[:1], item.states[:1, 1:2], item.inputs[:1])[0]
-            states = simulate(equation, start, item.inputs, step=self.sampling.step, every=self.every)
+            start = system.observed(item.outputs[:1], item.states[:1, 1:2], item.inputs[:1])[0]
+            states = simulate(system, start, item.inputs, step=self.sampling.step, every=self.every)
             squares.append(((states[:, 0] - item.outputs[:, 0]) / deviation) ** 2)
         return float(np.sqrt(np.mean(np.concatenate(squares))))
 

@@ -47,17 +47,15 @@ def identify(
     for record in used:
         check_record(record, rig, sampling)
     fitted, holds = recipe.fit(used)
-    experiments = [prepare(record, fitted.equation, holds) for record in used]
+    experiments = [prepare(record, fitted.system, holds) for record in used]
     columns = [
-        *zip(
-            rig.equation.states, np.concatenate([prepare(r, rig.equation, holds).states for r in used]).T, strict=True
-        ),
-        *zip(rig.equation.inputs, np.concatenate([item.inputs for item in experiments]).T, strict=True),
+        *zip(rig.system.states, np.concatenate([prepare(r, rig.system, holds).states for r in used]).T, strict=True),
+        *zip(rig.system.inputs, np.concatenate([item.inputs for item in experiments]).T, strict=True),
     ]
     return Model(
         rig=rig.name,
         structure=structure,
-        equation=fitted.equation,
+        system=fitted.system,
         sampling=holds,
         names=fitted.names,
         covariance=fitted.covariance,
@@ -66,7 +64,7 @@ def identify(
             {"name": r.name, "source": Path(r.source).name, "sha256": r.digest, "part": [part.start, part.stop]}
             for r in records
         ),
-        scores={item.name: asdict(_scores(fitted.equation, item)) for item in experiments},
+        scores={item.name: asdict(_scores(fitted.system, item)) for item in experiments},
         fit={
             "options": chosen,
             "relative_error": fitted.relative_error,
@@ -79,15 +77,15 @@ def identify(
 
 def check_record(record: Record, rig: Rig, sampling: Sampling) -> None:
     """Raise UserError for a record whose input or output is constant, naming the channel, or leaves the rig's range."""
-    for column, variable in enumerate(rig.equation.inputs):
+    for column, variable in enumerate(rig.system.inputs):
         if column < record.input.shape[1] and np.ptp(record.input[:, column]) == 0.0:
             raise UserError(f"{record.name}: input {variable.name} is constant: no excitation; leave the record out")
-    for column, state in enumerate(rig.equation.measured):
+    for column, state in enumerate(rig.system.measured):
         if column < record.output.shape[1] and np.ptp(record.output[:, column]) == 0.0:
-            name = rig.equation.states[state].name
+            name = rig.system.states[state].name
             raise UserError(f"{record.name}: output {name} is constant, so it can't be scored; leave the record out")
     samples = replace(sampling, step=sampling.period)  # the scored ones; the step is the structure's own matter
-    check_range(prepare(record, rig.equation, samples), rig.equation)
+    check_range(prepare(record, rig.system, samples), rig.system)
 
 
 def evaluate(model: Model, record: Record, *, part: Part = Part()) -> Scores:
@@ -95,16 +93,16 @@ def evaluate(model: Model, record: Record, *, part: Part = Part()) -> Scores:
 
     Raises UserError where the record does not fit the model's sampling.
     """
-    return _scores(model.equation, experiment_of(model, record, part=part))
+    return _scores(model.system, experiment_of(model, record, part=part))
 
 
 def experiment_of(model: Model, record: Record, *, part: Part = Part()) -> Experiment:
     """A record made ready for a model, at the sampling that the model was identified at."""
-    return prepare(part.of(record, model.sampling), model.equation, model.sampling)
+    return prepare(part.of(record, model.sampling), model.system, model.sampling)
 
 
-def _scores(equation: System, experiment: Experiment) -> Scores:
+def _scores(system: System, experiment: Experiment) -> Scores:
     try:
-        return score(experiment.outputs[:, 0], free_run(equation, experiment)[:, 0])
+        return score(experiment.outputs[:, 0], free_run(system, experiment)[:, 0])
     except UserError as error:
         raise UserError(f"{experiment.name}: {error}; leave the record out") from None

@@ -40,7 +40,7 @@ class Problem:
 
     def __init__(
         self,
-        equation: System,
+        system: System,
         experiments: Sequence[Experiment],
         *,
         centres: Array | None = None,
@@ -55,26 +55,26 @@ class Problem:
         """
         if len({experiment.sampling for experiment in experiments}) > 1:
             raise UserError("identification: the records are sampled differently")
-        self.equation = equation
+        self.system = system
         self.experiments = experiments
         self.sampling = experiments[0].sampling
         self.inputs = np.concatenate([experiment.inputs for experiment in experiments])
         self.first_steps = np.cumsum([0, *(len(experiment.inputs) for experiment in experiments)])[:-1]
         self.deviation = np.std(np.concatenate([item.outputs - item.outputs.mean(0) for item in experiments]), axis=0)
-        _check_excitation(equation, self.inputs, self.deviation)
-        declared = equation.parameters
+        _check_excitation(system, self.inputs, self.deviation)
+        declared = system.parameters
         self.free = [index for index, item in enumerate(declared) if not item.fixed and item.name not in hold]
-        self.scales = np.concatenate([[declared[i].scale for i in self.free], np.ones(len(equation.weights))])
-        self.low = np.concatenate([[declared[i].low for i in self.free], np.full(len(equation.weights), -np.inf)])
-        self.high = np.concatenate([[declared[i].high for i in self.free], np.full(len(equation.weights), np.inf)])
+        self.scales = np.concatenate([[declared[i].scale for i in self.free], np.ones(len(system.weights))])
+        self.low = np.concatenate([[declared[i].low for i in self.free], np.full(len(system.weights), -np.inf)])
+        self.high = np.concatenate([[declared[i].high for i in self.free], np.full(len(system.weights), np.inf)])
         self.centres = np.array([declared[i].start for i in self.free]) if centres is None else centres
         self.spreads = np.array([declared[i].spread or np.inf for i in self.free]) if spreads is None else spreads
         self.ridge = ridge
         self.names = tuple(declared[i].name for i in self.free) + tuple(
-            f"weight_{index}" for index in range(len(equation.weights))
+            f"weight_{index}" for index in range(len(system.weights))
         )
         self.shared = len(self.scales)
-        self.moved_states = sorted({*equation.measured, *(equation.kinematics.get(i, i) for i in equation.measured)})
+        self.moved_states = sorted({*system.measured, *(system.kinematics.get(i, i) for i in system.measured)})
         states = np.concatenate([item.states for item in experiments])
         units = [INITIAL_SPREAD * max(float(np.std(states[:, i])), 1e-9) for i in self.moved_states]
         units += [bias] * self.inputs.shape[1] if bias > 0 else []
@@ -84,7 +84,7 @@ class Problem:
 
     @property
     def start(self) -> Array:
-        values = np.concatenate([self.equation.values[self.free], self.equation.weights]) / self.scales
+        values = np.concatenate([self.system.values[self.free], self.system.weights]) / self.scales
         return np.concatenate([values, np.zeros(len(self.nuisance_units) * len(self.experiments))])
 
     @property
@@ -111,15 +111,15 @@ class Problem:
 
     def edges(self, horizon: int | None) -> NDArray[np.int64]:
         """Rows of the residuals where each record begins, and where the last one ends: (records + 1,)."""
-        return self.windows(horizon)[3] * len(self.equation.outputs)
+        return self.windows(horizon)[3] * len(self.system.outputs)
 
     def with_point(self, point: Array) -> System:
         """The equation at a point."""
-        values = self.equation.values
+        values = self.system.values
         shared = point[: self.shared] * self.scales
         values[self.free] = shared[: len(self.free)]
-        equation = self.equation.with_values(values)
-        return equation.with_weights(shared[len(self.free) :]) if len(self.equation.weights) else equation
+        system = self.system.with_values(values)
+        return system.with_weights(shared[len(self.free) :]) if len(self.system.weights) else system
 
     def nuisances(self, point: Array) -> Array:
         """(kinds, records), in their units: initial states as far as they are measured, then biases of the inputs."""
@@ -176,8 +176,8 @@ class Problem:
         step = self.sampling.step
 
         def evaluate(point: Array) -> Array:
-            equation, initial, inputs = self.placed(point, starts, states, edges)
-            _, out = rollouts(equation, starts, initial, inputs, step=step, every=self.sampling.every)
+            system, initial, inputs = self.placed(point, starts, states, edges)
+            _, out = rollouts(system, starts, initial, inputs, step=step, every=self.sampling.every)
             self.evaluations += 1
             errors = ((out - outputs) * weight).ravel()
             # A diverging simulation must repel the search, not stop it.
@@ -194,7 +194,7 @@ class Problem:
         starts, states, outputs, edges = self.windows(horizon)
         rows, count = outputs.size, outputs.shape[1]
         weight = self.weight(outputs)
-        sensitivities = Sensitivities(self.equation)
+        sensitivities = Sensitivities(self.system)
         columns = sensitivities.columns
         unfixed = list(columns.parameters)
         shared = [unfixed.index(i) for i in self.free]
@@ -208,13 +208,13 @@ class Problem:
 
         def tangent(at: Array) -> Array:
             """Weighted derivatives (samples, outputs, columns)."""
-            equation, initial, inputs = self.placed(at, starts, states, edges)
+            system, initial, inputs = self.placed(at, starts, states, edges)
             out = np.empty((len(outputs), count, sensitivities.count))
 
             def simulate(share: NDArray[np.int64]) -> None:
                 at = np.searchsorted(starts[:, 3], share[:, 3])
                 sensitivities.rollouts(
-                    equation, share, initial[at], inputs, step=self.sampling.step, every=self.sampling.every, out=out
+                    system, share, initial[at], inputs, step=self.sampling.step, every=self.sampling.every, out=out
                 )
 
             list(run(simulate, shares))
@@ -241,12 +241,12 @@ class Problem:
         return evaluate
 
 
-def _check_excitation(equation: System, inputs: Array, deviation: Array) -> None:
+def _check_excitation(system: System, inputs: Array, deviation: Array) -> None:
     for output, value in enumerate(deviation):
         if value < 1e-9:
-            name = equation.outputs[output].name
+            name = system.outputs[output].name
             raise UserError(f"identification: output {name} is constant in every record; nothing to identify")
     for column in range(inputs.shape[1]):
         if np.ptp(inputs[:, column]) < 1e-9:
-            name = equation.inputs[column].name
+            name = system.inputs[column].name
             raise UserError(f"identification: input {name} is constant in every record; excite the rig")

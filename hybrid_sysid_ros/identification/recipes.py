@@ -42,7 +42,7 @@ class Recipe:
     @property
     def chosen(self) -> dict[str, float | int]:
         """All options, defaults included."""
-        return complete(self.options, options_of(self.structure, self.rig.equation), self.structure)
+        return complete(self.options, options_of(self.structure, self.rig.system), self.structure)
 
     def fit(self, records: Sequence[Record]) -> tuple[Fit, Sampling]:
         """The fit, and the sampling that it holds at. Raises UserError as the parts of it do."""
@@ -70,10 +70,10 @@ class Recipe:
             self._one("hybrid", records, start=gray, anchor=gray, stages=STAGES[-2:], member=member)
             for member in range(int(self.chosen["members"]))
         ]
-        hybrids = [member.equation for member in members if isinstance(member.equation, Hybrid)]
+        hybrids = [member.system for member in members if isinstance(member.system, Hybrid)]
         return replace(
             gray,
-            equation=averaged(hybrids),
+            system=averaged(hybrids),
             relative_error=float(np.mean([member.relative_error for member in members])),
             seconds=gray.seconds + sum(member.seconds for member in members),
             evaluations=gray.evaluations + sum(member.evaluations for member in members),
@@ -90,16 +90,16 @@ class Recipe:
         stages: Sequence[int | None] = STAGES,
         member: int = 0,
     ) -> Fit:
-        known = options_of(structure, self.rig.equation)
+        known = options_of(structure, self.rig.system)
         options = {name: value for name, value in self.chosen.items() if name in known}
-        scales = feature_scales([prepare(record, self.rig.equation, self.sampling) for record in records])
+        scales = feature_scales([prepare(record, self.rig.system, self.sampling) for record in records])
         seed = self.seed + 1000 * member
-        equation, neutral = build(structure, self.rig.equation, scales=scales, seed=seed, options=options)
+        system, neutral = build(structure, self.rig.system, scales=scales, seed=seed, options=options)
         if start is not None:
-            equation = equation.with_values(start.equation.values)
+            system = system.with_values(start.system.values)
         return fit(
-            equation,
-            [prepare(record, equation, self.sampling) for record in records],
+            system,
+            [prepare(record, system, self.sampling) for record in records],
             stages=stages,
             anchor=anchor,
             ridge=float(options.get("ridge", 1.0)),
@@ -115,7 +115,7 @@ class Recipe:
         sampling = replace(self.sampling, step=self.sampling.period)
         options = {name: int(value) for name, value in self.chosen.items()}
         chosen = select_terms(
-            [prepare(record, self.rig.equation, sampling) for record in records],
+            [prepare(record, self.rig.system, sampling) for record in records],
             output_lags=options["output_lags"],
             input_lags=options["input_lags"],
             degree=options["degree"],

@@ -35,7 +35,7 @@ class Model:
 
     rig: str
     structure: str
-    equation: System
+    system: System
     sampling: Sampling
     names: tuple[str, ...]
     covariance: Array
@@ -49,13 +49,13 @@ class Model:
     def standard_errors(self) -> dict[str, float]:
         """Standard error of each free physical parameter, in its unit."""
         deviations = np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
-        physical = {item.name for item in self.equation.parameters}
+        physical = {item.name for item in self.system.parameters}
         return {name: float(d) for name, d in zip(self.names, deviations, strict=True) if name in physical}
 
     @property
     def free_numbers(self) -> int:
         """What a fit could choose: free parameters and the weights of what is learned."""
-        return len({*self.names} | {f"weight_{index}" for index in range(len(self.equation.weights))})
+        return len({*self.names} | {f"weight_{index}" for index in range(len(self.system.weights))})
 
     def save(self, folder: Path | str) -> None:
         """Write the model folder; see :mod:`~hybrid_sysid_ros.models.storage`."""
@@ -68,12 +68,12 @@ class Model:
                 "bounds": [item.low, item.high],
                 "description": item.description,
             }
-            for item, value in zip(self.equation.parameters, self.equation.values, strict=True)
+            for item, value in zip(self.system.parameters, self.system.values, strict=True)
         }
         content = {
             "rig": self.rig,
             "structure": self.structure,
-            "design": self.equation.design,
+            "design": self.system.design,
             "parameters": parameters,
             "sampling": asdict(self.sampling),
             "training_range": {name: list(ends) for name, ends in self.training_range.items()},
@@ -83,7 +83,7 @@ class Model:
             "free": list(self.names),
             "versions": versions(),
         }
-        arrays = {"weights": self.equation.weights, "covariance": self.covariance}
+        arrays = {"weights": self.system.weights, "covariance": self.covariance}
         storage.save(folder, kind="model", version=FORMAT, content=content, arrays=arrays)
 
 
@@ -96,27 +96,27 @@ def load(folder: Path | str) -> Model:
     try:
         rig = rigs.load(content["rig"])
         stored = content["parameters"]
-        equation = assemble(
+        system = assemble(
             content["structure"],
-            rig.equation,
+            rig.system,
             design=content["design"],
             weights=arrays["weights"],
         )
-        expected = [item.name for item in equation.parameters]
+        expected = [item.name for item in system.parameters]
         if expected != list(stored):
             raise UserError(
                 f"structure {content['structure']} of rig {rig.name} has the parameters {', '.join(expected)}, "
                 f"the model {', '.join(stored)}; fit again"
             )
-        equation = equation.with_values(np.array([float(entry["value"]) for entry in stored.values()]))
-        equation.check()
+        system = system.with_values(np.array([float(entry["value"]) for entry in stored.values()]))
+        system.check()
         names, covariance = tuple(content["free"]), arrays["covariance"]
         if covariance.shape != (len(names), len(names)):
             raise UserError(f"covariance has shape {covariance.shape} for {len(names)} free parameters; fit again")
         return Model(
             rig=rig.name,
             structure=content["structure"],
-            equation=equation,
+            system=system,
             sampling=Sampling(**content["sampling"]),
             names=names,
             covariance=covariance,

@@ -142,6 +142,6 @@ def build(
             scale=float(f"{chosen.get('scale', 1.0) * gain * scales[len(physics.states)]:.4g}"),
         )
         design, weights = asdict(network), network.initial(seed, output=0.05)
-    equation = assemble(structure, physics, design=design, weights=weights)
-    equation = equation.with_values(np.array([item.start for item in equation.parameters]))
-    return equation.without([term for term in equation.terms if not chosen.get(term, 1)])
+    system = assemble(structure, physics, design=design, weights=weights)
+    system = system.with_values(np.array([item.start for item in system.parameters]))
+    return system.without([term for term in system.terms if not chosen.get(term, 1)])

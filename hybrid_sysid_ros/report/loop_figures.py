@@ -113,6 +113,6 @@ def _input(
     line(figure, row, loop.time[chosen], loop.input[chosen], "input", INPUT, shape="hv", legend=False)
     for bound in (-limit, limit):
         figure.add_hline(y=bound, line={"color": BOUND, "width": 1, "dash": "dot"}, row=row, col=1)
-    unit = loop.rig.equation.inputs[0].unit
+    unit = loop.rig.system.inputs[0].unit
     figure.update_yaxes(title=f"input [{unit}]", range=[-1.12 * limit, 1.12 * limit], row=row, col=1, secondary_y=False)
     figure.update_yaxes(visible=False, row=row, col=1, secondary_y=True)

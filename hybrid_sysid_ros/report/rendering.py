@@ -148,7 +148,7 @@ def _run(run: FreeRun, section: IdentificationSection) -> dict[str, Any]:
 def _parameters(section: IdentificationSection) -> Iterator[dict[str, Any]]:
     """Rows of the table of parameters."""
     errors = section.model.standard_errors
-    for item, value in zip(section.model.equation.parameters, section.model.equation.values, strict=True):
+    for item, value in zip(section.model.system.parameters, section.model.system.values, strict=True):
         yield {
             "item": item,
             "value": float(value),

@@ -142,13 +142,13 @@ def free_run_of(model: Model, record: Record, part: Part) -> FreeRun:
     experiment = experiment_of(model, record, part=part)
     sampling, used = model.sampling, part.of(record, model.sampling)
     starts = np.array([[0, 0, 1 + len(experiment.inputs), 0]])
-    _, outputs = rollouts(model.equation, starts, experiment.states[:1].copy(), experiment.inputs, step=sampling.step)
+    _, outputs = rollouts(model.system, starts, experiment.states[:1].copy(), experiment.inputs, step=sampling.step)
     simulated = outputs[:, 0]
     residuals = experiment.outputs[:, 0] - simulated[:: sampling.every]
     inputs = experiment.inputs[:, 0].reshape(-1, sampling.every).mean(axis=1)
     reference = used.channels.get("reference")
     stride = round(sampling.period / used.sampling_time)
-    again, skipped = resimulations(model.equation, [(record, part)], rigs.load(model.rig), sampling=sampling)
+    again, skipped = resimulations(model.system, [(record, part)], rigs.load(model.rig), sampling=sampling)
     return FreeRun(
         name=record.name,
         digest=record.digest,
@@ -162,7 +162,7 @@ def free_run_of(model: Model, record: Record, part: Part) -> FreeRun:
         residual_time=np.asarray(sampling.period * np.arange(experiment.samples)),
         residuals=residuals,
         tests=_tests(residuals[:-1], inputs, None if reference is None else reference[::stride]),
-        horizons=k_step_errors(model.equation, experiment),
+        horizons=k_step_errors(model.system, experiment),
         again=again.get(record.name),
         skipped=skipped.get(record.name, ""),
     )

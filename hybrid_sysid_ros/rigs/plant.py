@@ -35,15 +35,15 @@ class Plant:
         self.noisy = noisy
         self._random = np.random.default_rng(seed)
         self._phase = self._random.uniform(0, 2 * np.pi)
-        self._step = compiled(rig.equation).step
-        self._parameters = rig.equation.values
-        self._weights = rig.equation.weights
-        delay = rig.equation.delay / rig.step
+        self._step = compiled(rig.system).step
+        self._parameters = rig.system.values
+        self._weights = rig.system.weights
+        delay = rig.system.delay / rig.step
         self._whole, self._part = int(delay), delay % 1.0
         self._filter = Filter(rig.sensor, rig.step)
-        self._following = np.zeros(len(rig.equation.states))
+        self._following = np.zeros(len(rig.system.states))
         self._drive = np.zeros(1)
-        self.reset(np.zeros(len(rig.equation.states)))
+        self.reset(np.zeros(len(rig.system.states)))
 
     def reset(self, state: Array, *, drive: float = 0.0) -> None:
         """Start again at time 0 from a state (states,), the drive having stood at ``drive`` [V]."""
@@ -55,7 +55,7 @@ class Plant:
 
     def change(self, **parameters: float) -> None:
         """From here on parameters of the equation have other values, as friction when it warms up; the delay stays."""
-        names = [item.name for item in self.rig.equation.parameters]
+        names = [item.name for item in self.rig.system.parameters]
         for name, value in parameters.items():
             self._parameters[names.index(name)] = value
 

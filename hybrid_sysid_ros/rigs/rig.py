@@ -23,7 +23,7 @@ class Rig:
 
     name: str
     joint: str
-    equation: System
+    system: System
     sensor: Sensor
     step: float
     input_limit: float
@@ -41,6 +41,6 @@ def load(name: str) -> Rig:
         raise UserError(f"{path}: rig {name!r} has no equation; known are {', '.join(EQUATIONS)}")
     try:
         sensor = Sensor(**content["sensor"])
-        return Rig(name=name, equation=EQUATIONS[name], sensor=sensor, **content["plant"])
+        return Rig(name=name, system=EQUATIONS[name], sensor=sensor, **content["plant"])
     except (KeyError, TypeError) as error:
         raise UserError(f"{path}: sections sensor and plant don't describe the rig ({error})") from error

@@ -73,14 +73,14 @@ def subject_of(folder: Path, model: Path | None, *, seed: int = 0, seconds: floa
     rig = load_rig(policy.load(folder, certified=False).rig)
     loaded = load_model(model or configuration.shipped(rig.name, "model"))
     imitation = policy.load(folder, model=loaded, certified=False)
-    alike = [item.name for item in rig.equation.states] == [item.name for item in loaded.equation.states]
-    plant, words = (rig.equation, f"the rig {rig.name}") if alike else (loaded.equation, "the model")
+    alike = [item.name for item in rig.system.states] == [item.name for item in loaded.system.states]
+    plant, words = (rig.system, f"the rig {rig.name}") if alike else (loaded.system, "the model")
     distribution, criteria = certification(rig, imitation.problem, plant=f"{words}, its parameters spread")
     return Subject(
         policy=imitation,
         seal=seal,
         plant=plant,
-        model=loaded.equation,
+        model=loaded.system,
         distribution=distribution if seconds is None else replace(distribution, seconds=seconds),
         criteria=criteria,
         tolerances=check_tolerances(configuration.defaults(rig.name, "controller"), rig, imitation.problem),

@@ -177,7 +177,7 @@ def estimator_tuning(values: Mapping[str, Any], rig: Rig) -> Tuning:
         patience=values["patience"],
         input_noise=values["input_noise"],
         followed=_drifts(values["followed"]),
-        channels={CAMERA: Channel(state=rig.equation.measured[0], noise=camera)} if camera else {},
+        channels={CAMERA: Channel(state=rig.system.measured[0], noise=camera)} if camera else {},
         window=values["window"],
         horizon=values["horizon"],
     )
@@ -226,10 +226,10 @@ def _state_bounds(values: Mapping[str, Any], rig: Rig) -> tuple[tuple[float, flo
     velocity = values["velocity_limit"] or math.inf
     if math.isinf(position) and math.isinf(velocity):
         return ()
-    limits = [math.inf] * len(rig.equation.states)
-    for output in rig.equation.measured:
+    limits = [math.inf] * len(rig.system.states)
+    for output in rig.system.measured:
         limits[output] = position
-        limits[rig.equation.kinematics[output]] = velocity
+        limits[rig.system.kinematics[output]] = velocity
     return tuple((-limit, limit) for limit in limits)
 
 

@@ -134,7 +134,7 @@ def _judged(models: Mapping[str, Model], training: Sequence[tuple[Record, Part]]
         if model.sampling.period != period:
             continue
         experiments = [experiment_of(model, record, part=part) for record, part in training]
-        errors = [item.outputs[:, 0] - free_run(model.equation, item)[:, 0] for item in experiments]
+        errors = [item.outputs[:, 0] - free_run(model.system, item)[:, 0] for item in experiments]
         if all(np.isfinite(error).all() for error in errors):
             residuals[name] = (errors, model.free_numbers)
     return judge(residuals) if residuals else {}

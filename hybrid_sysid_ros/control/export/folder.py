@@ -85,8 +85,8 @@ def identifier(text: str) -> str:
 def about(policy: Policy, seal: str) -> dict[str, str]:
     """What an exported policy tells of itself."""
     rig = load_rig(policy.rig)
-    drive, output = rig.equation.inputs[0].unit, rig.equation.states[rig.equation.measured[0]].unit
-    states = [f"{state.name} [{state.unit}]" for state in rig.equation.states]
+    drive, output = rig.system.inputs[0].unit, rig.system.states[rig.system.measured[0]].unit
+    states = [f"{state.name} [{state.unit}]" for state in rig.system.states]
     problem = policy.problem
     told = {
         "made_by": f"hybrid_sysid_ros {version('hybrid_sysid_ros')}",
@@ -103,7 +103,7 @@ def about(policy: Policy, seal: str) -> dict[str, str]:
         "rate_limit": f"{problem.rate_limit:g} {drive} a period" if math.isfinite(problem.rate_limit) else "none",
     }
     if policy.correction is not None:
-        units = {item.name: item.unit for item in rig.equation.parameters}
+        units = {item.name: item.unit for item in rig.system.parameters}
         told["parameters"] = ", ".join(f"{key} [{units.get(key, '')}]" for key in policy.correction.names)
     return told
 

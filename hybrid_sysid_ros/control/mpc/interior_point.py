@@ -17,26 +17,26 @@ Array = NDArray[np.float64]
 class InteriorPointMpc:
     """Multiple shooting on the CasADi form, from the last solution moved on by one interval."""
 
-    def __init__(self, equation: System, problem: Problem, *, tolerance: float = 1e-6) -> None:
-        self.equation = equation
+    def __init__(self, system: System, problem: Problem, *, tolerance: float = 1e-6) -> None:
+        self.system = system
         self.problem = problem
         self.horizon = problem.horizon
         self.period = problem.period
-        states = len(equation.states)
+        states = len(system.states)
         x = casadi.SX.sym("x", states, problem.horizon + 1)
         u = casadi.SX.sym("u", problem.horizon)
         outside = casadi.SX.sym("s", states, problem.horizon)
         disturbance, previous = casadi.SX.sym("d"), casadi.SX.sym("u_previous")
         preview, initial = casadi.SX.sym("q", problem.horizon), casadi.SX.sym("x_0", states)
         step = symbolic_step(
-            equation,
+            system,
             step=problem.period / problem.substeps,
             substeps=problem.substeps,
             smoothing=problem.smoothing,
         )
         outputs, changes, inputs = problem.weights
         difference = u - casadi.vertcat(previous, u[:-1])
-        cost = casadi.dot(outputs, (x[equation.measured[0], 1:].T - preview) ** 2)
+        cost = casadi.dot(outputs, (x[system.measured[0], 1:].T - preview) ** 2)
         cost += casadi.dot(changes, difference**2) + casadi.dot(inputs, u**2)
         slack = casadi.vec(outside) / problem.output_scale
         cost += problem.soft_linear * casadi.sum1(slack) + problem.soft_quadratic * casadi.sumsqr(slack)
@@ -74,7 +74,7 @@ class InteriorPointMpc:
     def reset(self) -> None:
         """Forget the last solution."""
         self._inputs = np.zeros(self.horizon)
-        self._states = np.zeros((self.horizon + 1, len(self.equation.states)))
+        self._states = np.zeros((self.horizon + 1, len(self.system.states)))
         self._cold = True
 
     def prepare(self, elapsed: float) -> None:

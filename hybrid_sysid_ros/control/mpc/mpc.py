@@ -34,7 +34,7 @@ class ExactMpc:
 
     def __init__(
         self,
-        equation: System,
+        system: System,
         problem: Problem,
         *,
         real_time: bool = False,
@@ -45,7 +45,7 @@ class ExactMpc:
         """tolerance: largest KKT residual of a solution. time_limit: of one call [s], told by ``clock`` (without one
         there is none). Raises UserError for a model that the MPC can't take.
         """
-        self.equation = equation
+        self.system = system
         self.problem = problem
         self.horizon = problem.horizon
         self.period = problem.period
@@ -53,8 +53,8 @@ class ExactMpc:
         self._tolerance = tolerance
         self._time_limit = time_limit
         self._clock = clock
-        self._shooting = shooting(equation, problem)
-        states = len(equation.states)
+        self._shooting = shooting(system, problem)
+        states = len(system.states)
         self._question = Question(np.zeros(states), np.zeros(1), np.zeros(1), np.zeros(problem.horizon))
         self._last = (np.zeros((problem.horizon + 1, states)), np.zeros(problem.horizon))
         self.iterations = 0
@@ -157,7 +157,7 @@ class ExactMpc:
         last, limit = float(self._question.previous[0]), self.problem.input_limit
         held = min(max(last, -limit), limit) if math.isfinite(last) else 0.0
         inputs = np.full((self.horizon, 1), held)
-        nowhere = np.zeros((0, len(self.equation.states)))
+        nowhere = np.zeros((0, len(self.system.states)))
         return Plan(input=inputs[0].copy(), inputs=inputs, states=nowhere, status=status)
 
     def _planned(self, status: Status) -> Plan:

@@ -78,14 +78,14 @@ class Shooting:
     shift: Callable[..., None]
 
 
-def shooting(equation: System, problem: Problem) -> Shooting:
+def shooting(system: System, problem: Problem) -> Shooting:
     """Make the memory and the functions; those are compiled once for each form of equation (some seconds).
 
     Raises UserError for equations of several inputs, and bounds that are not as many as the states.
     """
-    if len(equation.inputs) != 1:
-        raise UserError(f"{type(equation).__name__}: the MPC takes models of one input")
-    count, states = problem.horizon, len(equation.states)
+    if len(system.inputs) != 1:
+        raise UserError(f"{type(system).__name__}: the MPC takes models of one input")
+    count, states = problem.horizon, len(system.states)
     lower, upper = problem.bounds(states)
     bounded = np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
     changes = count if np.isfinite(problem.rate_limit) else 0
@@ -103,7 +103,7 @@ def shooting(equation: System, problem: Problem) -> Shooting:
         free=np.zeros((count, states, states)),
         driven=np.zeros((count, states, count)),
         forced=np.zeros((count, states)),
-        output=equation.measured[0],
+        output=system.measured[0],
         weights=problem.weights,
         input_limit=problem.input_limit,
         rate_limit=problem.rate_limit,
@@ -115,28 +115,28 @@ def shooting(equation: System, problem: Problem) -> Shooting:
         moved=np.zeros((count + 1, states)),
         secants=np.zeros((2, SECANTS, count)),
         learnt=np.zeros(1, np.int64),
-        rows=workspace(equation),
+        rows=workspace(system),
     )
     model = Prediction(
-        parameters=equation.values,
-        network=equation.weights,
+        parameters=system.values,
+        network=system.weights,
         step=problem.period / problem.substeps,
         substeps=problem.substeps,
         single=False,
     )
-    functions = _compiled(equation, problem.smoothing)
+    functions = _compiled(system, problem.smoothing)
     return Shooting(model=model, horizon=horizon, program=memory.program, memory=memory, **functions)
 
 
 _COMPILED: dict[Any, dict[str, Any]] = {}
 
 
-def _compiled(equation: System, smoothing: float) -> dict[str, Any]:
+def _compiled(system: System, smoothing: float) -> dict[str, Any]:
     """The functions that depend on the equation."""
-    linearise = linearisation(equation, smoothing=smoothing)
+    linearise = linearisation(system, smoothing=smoothing)
     if linearise in _COMPILED:
         return _COMPILED[linearise]
-    advance = kernels(equation).step
+    advance = kernels(system).step
 
     @hz.inner
     def interval(model: Any, horizon: Any, i: int, drive: Array, x: Array, following: Array) -> None:

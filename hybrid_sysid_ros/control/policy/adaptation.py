@@ -36,20 +36,20 @@ class Adaptation:
             if not 0.0 < spread < np.inf:
                 raise UserError(f"policy: {name} can't be followed by {spread:g}: give a spread above 0, in its unit")
 
-    def nominal(self, equation: System) -> Array:
+    def nominal(self, system: System) -> Array:
         """The equation's own values (parameters,). Raises UserError where it has no such parameter."""
-        known = {item.name: float(value) for item, value in zip(equation.parameters, equation.values, strict=True)}
+        known = {item.name: float(value) for item, value in zip(system.parameters, system.values, strict=True)}
         for name in self.names:
             if name not in known:
-                raise UserError(f"policy: {type(equation).__name__} has no parameter {name} to follow")
+                raise UserError(f"policy: {type(system).__name__} has no parameter {name} to follow")
         return np.array([known[name] for name in self.names])
 
-    def shifted(self, equation: System, index: int, spreads: float) -> System:
+    def shifted(self, system: System, index: int, spreads: float) -> System:
         """The equation with one of the parameters moved by so many of its spreads."""
-        names = [item.name for item in equation.parameters]
-        values = equation.values.copy()
+        names = [item.name for item in system.parameters]
+        values = system.values.copy()
         values[names.index(self.names[index])] += spreads * self.spread[index]
-        return equation.with_values(values)
+        return system.with_values(values)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

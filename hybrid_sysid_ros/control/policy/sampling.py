@@ -124,17 +124,17 @@ def _magnitude(random: np.random.Generator, least: float) -> float:
     return float(least ** random.uniform())
 
 
-def drawn(equation: System, deviation: float, random: np.random.Generator) -> System:
+def drawn(system: System, deviation: float, random: np.random.Generator) -> System:
     """A plant near the model: each free physical parameter moved by a relative deviation, within its bounds."""
     values = [
         value if item.fixed else min(max(value * (1.0 + deviation * random.normal()), item.low), item.high)
-        for item, value in zip(equation.parameters, equation.values, strict=True)
+        for item, value in zip(system.parameters, system.values, strict=True)
     ]
-    return equation.with_values(np.array(values, dtype=float))
+    return system.with_values(np.array(values, dtype=float))
 
 
 def sample(
-    equation: System,
+    system: System,
     problem: Problem,
     spread: Spread,
     seed: int,
@@ -151,21 +151,21 @@ def sample(
     prediction; its parameters are spread, the MPC's are not.
     """
     random = np.random.default_rng(seed)
-    expert = ExactMpc(equation, problem)
+    expert = ExactMpc(system, problem)
     followed = adaptation or Adaptation()
     shifted = [
-        [ExactMpc(followed.shifted(equation, index, side), problem) for side in (-0.5, 0.5)]
+        [ExactMpc(followed.shifted(system, index, side), problem) for side in (-0.5, 0.5)]
         for index in range(len(followed.names))
     ]
     target = reference(random, spread.amplitude)
     lively = random.uniform() < LIVELY
     liveliness = 1.0 if lively else _magnitude(random, LIVELINESS)
-    plant = drawn(equation, spread.parameters, random)
-    scale, horizon, limit, states = problem.output_scale, problem.horizon, problem.input_limit, len(equation.states)
+    plant = drawn(system, spread.parameters, random)
+    scale, horizon, limit, states = problem.output_scale, problem.horizon, problem.input_limit, len(system.states)
     periods = round(EPISODE_SECONDS / problem.period)
     wanted = scale * target(problem.period * np.arange(1, periods + horizon + 1))
     disturbance = np.zeros(1)
-    output = equation.measured[0]
+    output = system.measured[0]
     following = np.empty(states)
     address, parameters, weights = compiled(plant).step, plant.values, plant.weights
     step = problem.period / problem.substeps

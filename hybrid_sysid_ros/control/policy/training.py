@@ -68,7 +68,7 @@ def train(
     interrupted training goes on. Raises UserError where the MPC finds no solution.
     """
     began = time.perf_counter()
-    settings.adaptation.nominal(model.equation)
+    settings.adaptation.nominal(model.system)
     parts: list[Samples] = []
     held: list[Samples] = []
     policy: Policy | None = None
@@ -79,7 +79,7 @@ def train(
             started = time.perf_counter()
             work = partial(
                 sample,
-                model.equation,
+                model.system,
                 problem,
                 spread,
                 driver=policy,
@@ -131,7 +131,7 @@ def _fit(
 ) -> tuple[torch.nn.Module, Policy]:
     if not len(samples.inputs) or not len(held.inputs):
         raise UserError("policy: the exact MPC found no solution in its closed loops; allow it more iterations")
-    output, limit = model.equation.measured[0], problem.input_limit
+    output, limit = model.system.measured[0], problem.input_limit
     raw = samples.features(output)
     centre, deviation = raw.mean(axis=0), raw.std(axis=0)
     scale = np.where(deviation > LEAST_DEVIATION, deviation, 1.0)
@@ -163,7 +163,7 @@ def _fit(
         problem=problem,
         model=model.seal,
         rig=model.rig,
-        states=len(model.equation.states),
+        states=len(model.system.states),
         output=output,
         centre=centre,
         scale=scale,
@@ -189,7 +189,7 @@ def _corrected(
     descend(network, loss, count, settings, settings.epochs, seed, partial(progress, "correction: epochs of training"))
     correction = Correction(
         names=adaptation.names,
-        nominal=adaptation.nominal(model.equation),
+        nominal=adaptation.nominal(model.system),
         spread=np.array(adaptation.spread),
         layers=layers_of(network),
     )

@@ -94,18 +94,18 @@ class OnlineCheck:
 _COMPILED: dict[tuple[Any, ...], OnlineCheck] = {}
 
 
-def online_check(equation: System, policy: Policy) -> OnlineCheck:
+def online_check(system: System, policy: Policy) -> OnlineCheck:
     """The check of a policy by its model's equation, compiled once in a process for each form of them."""
-    key = (*equation.form, policy.kernels)
+    key = (*system.form, policy.kernels)
     if key not in _COMPILED:
-        _COMPILED[key] = _compile(equation, policy)
+        _COMPILED[key] = _compile(system, policy)
     return _COMPILED[key]
 
 
-def _compile(equation: System, policy: Policy) -> OnlineCheck:
-    advance = kernels(equation).step
+def _compile(system: System, policy: Policy) -> OnlineCheck:
+    advance = kernels(system).step
     answer, inside = policy.kernels.answer, policy.kernels.inside
-    count = len(equation.states)
+    count = len(system.states)
     offset, previous_input, reference = count, count + 1, count + 2
 
     @inner

@@ -53,7 +53,7 @@ class Supervisor:
         self.period = mpc.period
         self._tolerances = tolerances
         self._trial = trial(policy)
-        self._check = online_check(mpc.equation, policy).check
+        self._check = online_check(mpc.system, policy).check
         self._range = policy.training_range.packed
         self._question = np.zeros(policy.states + 2 + policy.horizon)
         self.layers: Counter[str] = Counter()

@@ -91,6 +91,6 @@ def cross_validate(
     for held in np.array_split(np.arange(len(blocks)), folds):
         fitted, holds = recipe.fit([block for i, block in enumerate(blocks) if i not in held])
         for i in held:
-            experiment = prepare(blocks[i], fitted.equation, holds)
-            scores[blocks[i].name] = score(experiment.outputs[:, 0], free_run(fitted.equation, experiment)[:, 0]).r2
+            experiment = prepare(blocks[i], fitted.system, holds)
+            scores[blocks[i].name] = score(experiment.outputs[:, 0], free_run(fitted.system, experiment)[:, 0]).r2
     return Validation(scores=scores, seconds=time.perf_counter() - began)

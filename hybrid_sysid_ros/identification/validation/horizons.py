@@ -38,7 +38,7 @@ class HorizonErrors:
 
 
 def k_step_errors(
-    equation: System, experiment: Experiment, horizons: Sequence[int] | None = None, *, stride: int = 1
+    system: System, experiment: Experiment, horizons: Sequence[int] | None = None, *, stride: int = 1
 ) -> HorizonErrors:
     """Errors k samples ahead: simulations from every ``stride``-th sample, with the measured state as initial one.
 
@@ -63,7 +63,7 @@ def k_step_errors(
     starts[:, 2] = longest + 1
     starts[:, 3] = np.arange(len(begins)) * (longest + 1)
     _, outputs = rollouts(
-        equation,
+        system,
         starts,
         np.ascontiguousarray(experiment.states[begins]),
         experiment.inputs,
@@ -75,7 +75,7 @@ def k_step_errors(
     with np.errstate(over="ignore", invalid="ignore"):
         squares = np.mean((simulated - measured[begins[:, None] + ahead]) ** 2, axis=0)
     squares[~np.isfinite(squares)] = np.inf
-    scores = score(measured, free_run(equation, experiment)[:, 0])
+    scores = score(measured, free_run(system, experiment)[:, 0])
     return HorizonErrors(
         name=experiment.name,
         horizons=ahead,

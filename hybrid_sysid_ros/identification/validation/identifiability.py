@@ -71,7 +71,7 @@ def doubts(model: Model) -> list[Doubt]:
     """
     errors, pairs = model.standard_errors, correlated(model.names, model.covariance)
     found = []
-    for item, value in zip(model.equation.parameters, model.equation.values, strict=True):
+    for item, value in zip(model.system.parameters, model.system.values, strict=True):
         if item.name not in errors:
             continue
         others = [(b if a == item.name else a, value) for a, b, value in pairs if item.name in (a, b)]

@@ -51,7 +51,7 @@ class Resimulation:
     input: Scores
 
 
-def resimulate(equation: System, record: Record, rig: Rig, *, sampling: Sampling, part: Part = WHOLE) -> Resimulation:
+def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, part: Part = WHOLE) -> Resimulation:
     """Run an experiment of a rig again on a model of it: u = clip(gain (reference - yf), +-limit).
 
     yf is the output behind the rig's filter, 20 Hz Butterworth of order 6 on the beam. Reference and initial state come
@@ -74,25 +74,25 @@ def resimulate(equation: System, record: Record, rig: Rig, *, sampling: Sampling
             f"re-simulation: the model's step of {1e3 * sampling.step:g} ms is no multiple of the rig's "
             f"{1e3 * rig.step:g} ms; identify with a --step that is"
         )
-    if len(equation.inputs) != 1 or len(equation.outputs) != 1:
+    if len(system.inputs) != 1 or len(system.outputs) != 1:
         raise UserError(
             f"re-simulation: rig {rig.name} has a controller of one input and one output; the model has more"
         )
     used = part.of(record, sampling)
     _check_law(used, rig)
     grid = Sampling(step=sampling.step, period=max(sampling.step, used.sampling_time), input="averaged")
-    experiment = prepare(used, equation, grid)
+    experiment = prepare(used, system, grid)
     steps = len(experiment.inputs)
     reference = _reference(used, rig, steps * ticks)
-    states, applied = np.empty((steps + 1, len(equation.states))), np.empty(steps)
+    states, applied = np.empty((steps + 1, len(system.states))), np.empty(steps)
     states[0] = experiment.states[0]
     low_pass = Filter(rig.sensor, rig.step)
     _loop(
-        kernels(equation).step,
-        equation.values,
-        equation.weights,
+        kernels(system).step,
+        system.values,
+        system.weights,
         sampling.step,
-        equation.delay / sampling.step,
+        system.delay / sampling.step,
         round(sampling.period / sampling.step) if sampling.input == "sampled" else 1,
         1 if ticks == 1 else SWEEPS,
         reference,
@@ -102,15 +102,15 @@ def resimulate(equation: System, record: Record, rig: Rig, *, sampling: Sampling
         _filter_state(record, rig, part.first(record, sampling), low_pass),
         rig.feedback_gain / rig.sensor.radians_per_volt,
         rig.input_limit,
-        equation.measured[0],
+        system.measured[0],
         states,
         applied,
     )
-    return _compared(used.name, experiment, states[:: grid.every, equation.measured[0]], applied)
+    return _compared(used.name, experiment, states[:: grid.every, system.measured[0]], applied)
 
 
 def resimulations(
-    equation: System, records: Iterable[tuple[Record, Part]], rig: Rig, *, sampling: Sampling
+    system: System, records: Iterable[tuple[Record, Part]], rig: Rig, *, sampling: Sampling
 ) -> tuple[dict[str, Resimulation], dict[str, str]]:
     """Re-simulate what can be of some records: the results, and the reasons for the others, by the records' names.
 
@@ -121,7 +121,7 @@ def resimulations(
     skipped: dict[str, str] = {}
     for record, part in records:
         try:
-            done[record.name] = resimulate(equation, record, rig, sampling=sampling, part=part)
+            done[record.name] = resimulate(system, record, rig, sampling=sampling, part=part)
         except UserError as error:
             skipped[record.name] = str(error)
     return done, skipped

@@ -40,10 +40,10 @@ def score(measured: Array, simulated: Array) -> Scores:
     return Scores(r2=1 - ratio, rmse=float(np.sqrt(squares / len(error))), fit_percent=100 * (1 - ratio**0.5))
 
 
-def free_run(equation: System, experiment: Experiment) -> Array:
+def free_run(system: System, experiment: Experiment) -> Array:
     """Strict free run: simulated outputs (samples, outputs) from one measured initial state, never re-initialised."""
     sampling = experiment.sampling
     starts = np.array([[0, 0, experiment.samples, 0]])
     first, every = experiment.states[:1].copy(), sampling.every
-    _, outputs = rollouts(equation, starts, first, experiment.inputs, step=sampling.step, every=every)
+    _, outputs = rollouts(system, starts, first, experiment.inputs, step=sampling.step, every=every)
     return outputs

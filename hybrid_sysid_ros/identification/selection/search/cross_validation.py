@@ -49,7 +49,7 @@ class CrossValidation:
     @property
     def space(self) -> Mapping[str, Option]:
         """The options that are searched. Raises UserError for an unknown structure."""
-        known = options_of(self.structure, self.rig.equation)
+        known = options_of(self.structure, self.rig.system)
         return {name: option for name, option in known.items() if name not in COSTLY}
 
     @property
