@@ -7,6 +7,7 @@ import dataclasses
 import inspect
 import textwrap
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -65,6 +66,7 @@ def bounded(
     return dataclasses.field(default=value, metadata={"parameter": told})
 
 
+@cache
 def declared(kind: type) -> tuple[Parameter, ...]:
     """The parameters that a dataclass declares, in order."""
     told = _docstrings(kind)
