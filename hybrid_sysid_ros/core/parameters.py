@@ -1,4 +1,4 @@
-"""Physical parameters, declared beside the equation that uses them."""
+"""Physical parameters, declared beside the law that uses them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Parameter:
     fixed: bool
     """Set from the range of the training data, not fitted."""
     term: str
-    """The part of the equation that goes when the parameter is neutral, "" for none."""
+    """The part of the law that goes when the parameter is neutral, "" for none."""
     description: str
     """The docstring under the field."""
 
@@ -68,7 +68,7 @@ def bounded(
 
 @cache
 def declared(kind: type) -> tuple[Parameter, ...]:
-    """The parameters that a dataclass declares, in order."""
+    """The parameters that a dataclass declares, in order; read from its source once."""
     told = _docstrings(kind)
     return tuple(
         Parameter(name=field.name, description=told.get(field.name, ""), **field.metadata["parameter"])
