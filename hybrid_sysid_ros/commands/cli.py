@@ -241,7 +241,7 @@ def score_table(
 
 
 def _volts(scores: dict[str, float], rig: Rig) -> str:
-    return f"{scores['rmse'] / rig.sensor.radians_per_volt:.3f}"
+    return f"{scores['rmse'] / rig.display[0].scale:.3f}"
 
 
 def main() -> None:

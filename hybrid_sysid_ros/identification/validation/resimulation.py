@@ -18,7 +18,7 @@ from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.validation.scores import Scores, score
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.sensor import Filter
+from hybrid_sysid_ros.rigs.sensor import LowPassFilter
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -78,6 +78,9 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
         raise UserError(
             f"re-simulation: rig {rig.name} has a controller of one input and one output; the model has more"
         )
+    filtered = rig.sensors[0].low_pass
+    if not rig.experiments.loops or filtered is None:
+        raise UserError(f"re-simulation: rig {rig.name} has no loop behind a low-pass that could be done again")
     used = part.of(record, sampling)
     _check_law(used, rig)
     grid = Sampling(step=sampling.step, period=max(sampling.step, used.sampling_time), input="averaged")
@@ -86,7 +89,7 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
     reference = _reference(used, rig, steps * ticks)
     states, applied = np.empty((steps + 1, len(system.states))), np.empty(steps)
     states[0] = experiment.states[0]
-    low_pass = Filter(rig.sensor, rig.step)
+    low_pass = LowPassFilter(filtered, rig.step)
     _loop(
         kernels(system).step,
         system.values,
@@ -100,8 +103,8 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
         low_pass.gain,
         low_pass.reading,
         _filter_state(record, rig, part.first(record, sampling), low_pass),
-        rig.feedback_gain / rig.sensor.radians_per_volt,
-        rig.input_limit,
+        rig.experiments.loops[0].gain / rig.display[0].scale,
+        rig.actuators[0].high,
         system.measured[0],
         states,
         applied,
@@ -143,7 +146,7 @@ def _check_law(record: Record, rig: Rig) -> None:
     if not {"reference", "filtered"} <= record.channels.keys():
         return
     error = record.channels["reference"] - record.channels["filtered"]
-    told = np.clip(rig.feedback_gain / rig.sensor.radians_per_volt * error, -rig.input_limit, rig.input_limit)
+    told = np.clip(rig.experiments.loops[0].gain / rig.display[0].scale * error, -rig.actuators[0].high, rig.actuators[0].high)
     known = np.isfinite(told)
     if known.any() and score(record.input[known, 0], told[known]).r2 < LEAST_LAW:
         raise UserError(
@@ -152,7 +155,7 @@ def _check_law(record: Record, rig: Rig) -> None:
         )
 
 
-def _filter_state(record: Record, rig: Rig, first: int, low_pass: Filter) -> Array:
+def _filter_state(record: Record, rig: Rig, first: int, low_pass: LowPassFilter) -> Array:
     """Where the filter begins, at a sample of the record."""
     ticks = min(round(first * record.sampling_time / rig.step), round(WARM_UP / rig.step))
     times = record.sampling_time * first - rig.step * np.arange(ticks, 0, -1)
