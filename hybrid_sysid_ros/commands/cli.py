@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import report as reports
+from hybrid_sysid_ros.commands.model import app as model_commands
 from hybrid_sysid_ros.commands.policy import policy_commands
 from hybrid_sysid_ros.commands.policy_certify import policy_certify_command
 from hybrid_sysid_ros.commands.policy_export import policy_export_command
@@ -44,6 +44,8 @@ from hybrid_sysid_ros.support.errors import Interrupted
 from hybrid_sysid_ros.support.files import check_file, check_folder
 from hybrid_sysid_ros.support.progress import progress_bars
 
+STRUCTURES_HELP = " | ".join((*STRUCTURES, "a further gray box of the rig", "hybrid_NAME on a gray box"))
+
 app = new_app()
 app.add_typer(policy_commands, name="policy")
 
@@ -68,7 +70,7 @@ def identify_command(
     bag: Annotated[list[Path], typer.Argument(help="Bags to learn from.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for the model.")],
     rig: RigName = "cam_beam",
-    structure: Annotated[str, typer.Option(help=" | ".join(STRUCTURES))] = "hybrid",
+    structure: Annotated[str, typer.Option(help=STRUCTURES_HELP)] = "hybrid",
     option: Annotated[
         list[str] | None, typer.Option("--option", help="NAME=VALUE of the structure, such as units=8 or creep=1.")
     ] = None,
@@ -117,6 +119,9 @@ def evaluate_command(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     part: PartText = "0:1",
     report: Annotated[Path | None, typer.Option(help="Write an HTML report with plots.")] = None,
+    rig: Annotated[
+        str, typer.Option("--rig", help="Folder of the model's rig, where it is no rig known by name.")
+    ] = "",
     signals: SignalsFile = None,
     recover: Recover = False,
     read_period: ReadPeriod = 0.0,
@@ -127,15 +132,15 @@ def evaluate_command(
     if report is not None:
         reports.check_available()
         check_file(report)
-    loaded = load_model(model)
+    loaded = load_model(model, rig=rig)
     described = load_rig(loaded.rig)
     chosen = Part.parse(part)
     records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling)
-    scores = {record.name: asdict(evaluate(loaded, record, part=chosen)) for record in records}
+    scores = {record.name: evaluate(loaded, record, part=chosen).content for record in records}
     again, skipped = resimulations(
         loaded.system, [(record, chosen) for record in records], described, sampling=loaded.sampling
     )
-    loops = {name: asdict(item.output) for name, item in again.items()}
+    loops = {name: item.output.content for name, item in again.items()}
     for reason in skipped.values():
         status.print(f"no closed loop: {reason}")
     if report is not None:
@@ -149,6 +154,7 @@ def evaluate_command(
         console.print(score_table(scores, described, "free run", loops))
 
 
+app.add_typer(model_commands, name="model")
 policy_commands.command("certify")(policy_certify_command)
 policy_commands.command("export")(policy_export_command)
 app.command("search")(search_command)
@@ -226,22 +232,28 @@ def parameter_table(model: Model) -> Table:
 
 
 def score_table(
-    scores: dict[str, dict[str, float]], rig: Rig, title: str, loops: dict[str, dict[str, float]] | None = None
+    scores: dict[str, dict[str, Any]], rig: Rig, title: str, loops: dict[str, dict[str, Any]] | None = None
 ) -> Table:
-    """Scores of records, errors in volts of the rig's sensor; beside them those of their re-simulated loops."""
-    table = Table("record", "R2", "RMSE [V]", "fit [%]", title=title, title_justify="left")
-    for heading in ("closed loop R2", "RMSE [V]") if loops else ():
+    """Scores of records, a row for each output, errors in the unit in which it is shown; beside them those of their
+    re-simulated loops.
+    """
+    names = [item.name for item in rig.system.outputs]
+    several = len(names) > 1
+    unit = "" if several else f" [{rig.display[0].unit}]"
+    table = Table("record", *(["output"] if several else []), "R2", f"RMSE{unit}", "fit [%]", title=title)
+    table.title_justify = "left"
+    for heading in ("closed loop R2", f"RMSE{unit}") if loops else ():
         table.add_column(heading)
-    for name, values in scores.items():
-        cells = [f"{values['r2']:.4f}", _volts(values, rig), f"{values['fit_percent']:.1f}"]
-        if loops:
-            cells += [f"{loops[name]['r2']:.4f}", _volts(loops[name], rig)] if name in loops else ["", ""]
-        table.add_row(name, *cells)
+    for record, values in scores.items():
+        for index, name in enumerate(names):
+            own, shown = values.get("outputs", {}).get(name, values), rig.display[index]
+            rmse = f"{own['rmse'] / shown.scale:.3f}{f' {shown.unit}' if several else ''}"
+            cells = [record, *([name] if several else []), f"{own['r2']:.4f}", rmse, f"{own['fit_percent']:.1f}"]
+            if loops:
+                loop = loops.get(record)
+                cells += [f"{loop['r2']:.4f}", f"{loop['rmse'] / shown.scale:.3f}"] if loop else ["", ""]
+            table.add_row(*cells)
     return table
-
-
-def _volts(scores: dict[str, float], rig: Rig) -> str:
-    return f"{scores['rmse'] / rig.display[0].scale:.3f}"
 
 
 def main() -> None:

@@ -155,7 +155,10 @@ class Sensitivities:
         learnt += range(offset + len(free), offset + len(free) + found.weights)
         names = [system.parameters[i].name for i in self.parameters]
         held = [system.delays.get(item.name) for item in system.inputs]
-        shifts = [len(learnt) + len(self.states) + self.inputs.index(j) if j in self.inputs else -1 for j in range(found.inputs)]
+        shifts = [
+            len(learnt) + len(self.states) + self.inputs.index(j) if j in self.inputs else -1
+            for j in range(found.inputs)
+        ]
         self._learnt = np.array(learnt, dtype=np.int64)
         self._begun = np.array(self.states, dtype=np.int64)
         self._delayed = np.array([names.index(name) if name in names else -1 for name in held], dtype=np.int64)
@@ -241,9 +244,7 @@ def _tangents(
 
 
 @inner
-def _chain(
-    slopes: Any, tangent: Any, learnt: Any, delayed_by: Any, shifted: Any, change: Any, out: Any
-) -> None:
+def _chain(slopes: Any, tangent: Any, learnt: Any, delayed_by: Any, shifted: Any, change: Any, out: Any) -> None:
     """The chain rule: out = slopes_x tangent + [slopes by what is learnt] + slopes_u (of delays and constants)."""
     rows, width = slopes.shape
     n, count = tangent.shape

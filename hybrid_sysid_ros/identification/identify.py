@@ -82,7 +82,9 @@ def check_record(record: Record, rig: Rig, sampling: Sampling) -> None:
             raise UserError(f"{record.name}: input {variable.name} is constant: no excitation; leave the record out")
     for column, variable in enumerate(rig.system.outputs):
         if column < record.output.shape[1] and np.ptp(record.output[:, column]) == 0.0:
-            raise UserError(f"{record.name}: output {variable.name} is constant, so it can't be scored; leave the record out")
+            raise UserError(
+                f"{record.name}: output {variable.name} is constant, so it can't be scored; leave the record out"
+            )
     samples = replace(sampling, step=sampling.period)  # the scored ones; the step is the structure's own matter
     check_range(prepare(record, rig.system, samples), rig.system)
 

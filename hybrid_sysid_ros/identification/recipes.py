@@ -93,7 +93,7 @@ class Recipe:
         seed = self.seed + 1000 * member
         systems, neutral = self._built(structure, records, options, seed)
         if start is not None:
-            systems = [replace(item, physics=start.system) for item in systems if isinstance(item, Hybrid)][:1]
+            systems = [replace(item, physics=start.system) for item in systems if isinstance(item, Hybrid)]
         fits, reasons = [], []
         for system in systems:
             try:
@@ -120,7 +120,7 @@ class Recipe:
 
     def _built(
         self, structure: str, records: Sequence[Record], options: Options, seed: int
-    ) -> tuple[list[System], tuple[str, ...]]:
+    ) -> tuple[Sequence[System], tuple[str, ...]]:
         """The system where fits begin: a linear one at what regression tells of it, and at the rig's own guess; and the
         names of parameters that are held.
         """

@@ -68,7 +68,7 @@ def begun(system: System, experiments: Sequence[Experiment]) -> System:
 
 
 def regression(system: System, experiments: Sequence[Experiment]) -> dict[str, float]:
-    """Entries of a linear system by least squares over one sample, as the trapezoidal rule has it:
+    """Entries of a linear system by least squares over one sample, by the trapezoidal rule.
 
         (x(k + 1) - x(k)) / T = A (x(k) + x(k + 1)) / 2 + B u(k) + c - F sgn v
 
@@ -87,9 +87,7 @@ def regression(system: System, experiments: Sequence[Experiment]) -> dict[str, f
     for i in shown:
         row = names[i]
         if i in origin.kinematics or any(
-            abs(known[f"{row}_per_{name}"].start) > 0.0
-            for name in system.unshown
-            if f"{row}_per_{name}" in known
+            abs(known[f"{row}_per_{name}"].start) > 0.0 for name in system.unshown if f"{row}_per_{name}" in known
         ):
             continue
         signed = [(f"{row}_per_{names[j]}", 1.0, middle[:, j]) for j in shown]

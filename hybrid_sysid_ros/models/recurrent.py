@@ -74,9 +74,7 @@ class Recurrent(Recurrence):
     @classmethod
     def of(cls, design: Mapping[str, Any], weights: Array) -> Recurrent:
         """The system of a :attr:`design` with its weights (size,). Raises UserError where they don't fit."""
-        variables = {
-            name: tuple(Variable(**item) for item in design[name]) for name in ("outputs", "inputs", "rates")
-        }
+        variables = {name: tuple(Variable(**item) for item in design[name]) for name in ("outputs", "inputs", "rates")}
         return cls(**{**design, **variables, "scales": tuple(design["scales"])}, network_weights=weights)
 
     @property

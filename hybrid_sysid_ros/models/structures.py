@@ -100,14 +100,15 @@ def structure_of(name: str, boxes: Boxes | None = None) -> tuple[Structure, str]
     if name in TABLE:
         row = TABLE[name]
         return row, {"own": "gray", "viscous": "linear"}.get(row.physics, row.physics)
-    known = {**{box: TABLE["gray"] for box in boxes or {}}, **{box: TABLE[box] for box in TABLE if _gray(TABLE[box])}}
+    known = {**dict.fromkeys(boxes or {}, TABLE["gray"]), **{box: TABLE[box] for box in TABLE if _gray(TABLE[box])}}
     if name in known:
         return known[name], name
     box = name.removeprefix("hybrid_")
     if box in known and box != name:
         return replace(TABLE["hybrid"], physics=known[box].physics), box
     raise UserError(
-        f"structure {name!r} is unknown; choose one of {', '.join((*TABLE, *(boxes or {})))}, or hybrid_NAME of a gray box"
+        f"structure {name!r} is unknown; choose one of {', '.join((*TABLE, *(boxes or {})))}, or hybrid_NAME of a "
+        "gray box"
     )
 
 
@@ -133,7 +134,9 @@ def _physics(row: Structure, box: str, physics: System, boxes: Boxes | None, des
     """The system that a structure stands on."""
     if row.physics == "own":
         return (boxes or {}).get(box, physics)
-    friction: Friction = "viscous" if row.physics in ("viscous", "straight", "none") else row.physics
+    friction: Friction = "viscous"
+    if row.physics in ("stribeck", "dahl", "lugre"):
+        friction = row.physics
     return Linear(
         origin=physics,
         friction=friction,
