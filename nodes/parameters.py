@@ -62,7 +62,9 @@ def _descriptor(item: Parameter) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=f"{item.description}{unit}", additional_constraints=choices, read_only=not item.live
     )
-    if math.isfinite(item.low) and item.kind is float:
+    if item.each:  # ROS knows ranges of single numbers only
+        descriptor.additional_constraints = f"each within [{item.low:g}, {item.high:g}]"
+    elif math.isfinite(item.low) and item.kind is float:
         descriptor.floating_point_range = [FloatingPointRange(from_value=float(item.low), to_value=float(item.high))]
     elif math.isfinite(item.low):
         descriptor.integer_range = [IntegerRange(from_value=int(item.low), to_value=int(item.high), step=1)]

@@ -80,7 +80,7 @@ def test_every_method_answers(bench: Bench, model_folder: Path, method: str) -> 
 
 
 def test_frames_of_a_camera_correct_the_estimate_and_are_not_answered(bench: Bench, model_folder: Path) -> None:
-    desk = Desk(bench, model_folder, camera_noise_volts=0.01)
+    desk = Desk(bench, model_folder, camera_noise=0.01)
     for _ in range(30):
         desk.estimate(0.0)
     for late in (4, 2):  # in any order

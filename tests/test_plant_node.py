@@ -115,7 +115,7 @@ def test_the_plant_runs_alone_when_told_to_and_ends_after_its_duration(bench: Be
 
 def test_a_bias_can_be_set_while_the_plant_runs(bench: Bench) -> None:
     drill = Drill(bench, lockstep=True)
-    assert drill.plant.set_parameters([Parameter("bias", value=0.5)])[0].successful
+    assert drill.plant.set_parameters([Parameter("bias", value=[0.5])])[0].successful
     drill.answer(0.0)
     drill.following()
     assert drill.plant.plant.bias == 0.5

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -81,9 +81,26 @@ def qualities(path: Path = DECLARATIONS) -> dict[str, Quality]:
     return found
 
 
-def in_si(values: Sequence[float], rig: Rig) -> tuple[float, ...]:
-    """A number for each output, from the units in which they are shown into SI."""
-    return tuple(display.scale * value for display, value in zip(rig.display, values, strict=True))
+@dataclass(frozen=True, kw_only=True)
+class _Lists:
+    """The lists among a node's parameters; one number stands for all."""
+
+    values: Mapping[str, Any]
+    rig: Rig
+
+    def states(self, name: str) -> tuple[float, ...]:
+        return numbers(self.values[name], f"parameter {name}", count=len(self.rig.system.states))
+
+    def inputs(self, name: str) -> tuple[float, ...]:
+        return numbers(self.values[name], f"parameter {name}", count=len(self.rig.system.inputs))
+
+    def outputs(self, name: str) -> tuple[float, ...]:
+        return numbers(self.values[name], f"parameter {name}", count=len(self.rig.display))
+
+    def outputs_si(self, name: str) -> tuple[float, ...]:
+        """From the units in which the outputs are shown into SI."""
+        pairs = zip(self.rig.display, self.outputs(name), strict=True)
+        return tuple(display.scale * value for display, value in pairs)
 
 
 def estimator_tuning(values: Mapping[str, Any], rig: Rig) -> Tuning:
@@ -92,18 +109,18 @@ def estimator_tuning(values: Mapping[str, Any], rig: Rig) -> Tuning:
     Raises:
         UserError: `followed` is no list of NAME=DRIFT.
     """
-    camera = rig.display[0].scale * values["camera_noise"]
+    lists, camera = _Lists(values=values, rig=rig), rig.display[0].scale * values["camera_noise"]
     return Tuning(
-        measurement_noise=in_si(values["measurement_noise"], rig)[0],
-        process_noise=tuple(values["process_noise"]),
-        disturbance_noise=values["disturbance_noise"][0],
-        disturbance_limit=values["disturbance_limit"][0],
-        hum_hertz=values["hum_hertz"][0],
-        hum_amplitude=in_si(values["hum_amplitude"], rig)[0],
-        hum_noise=in_si(values["hum_noise"], rig)[0],
+        measurement_noise=lists.outputs_si("measurement_noise")[0],
+        process_noise=lists.states("process_noise"),
+        disturbance_noise=lists.inputs("disturbance_noise")[0],
+        disturbance_limit=lists.inputs("disturbance_limit")[0],
+        hum_hertz=lists.outputs("hum_hertz")[0],
+        hum_amplitude=lists.outputs_si("hum_amplitude")[0],
+        hum_noise=lists.outputs_si("hum_noise")[0],
         gate=values["gate"],
         patience=values["patience"],
-        input_noise=values["input_noise"][0],
+        input_noise=lists.inputs("input_noise")[0],
         followed=_drifts(values["followed"]),
         channels={CAMERA: Channel(state=rig.system.measured[0], noise=camera)} if camera else {},
         window=values["window"],
@@ -129,21 +146,22 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig) -> Problem:
     Raises:
         UserError: a number makes no problem.
     """
-    low = tuple(-math.inf if value <= -NONE else value for value in values["state_low"])
-    high = tuple(math.inf if value >= NONE else value for value in values["state_high"])
+    lists = _Lists(values=values, rig=rig)
+    low = tuple(-math.inf if value <= -NONE else value for value in lists.states("state_low"))
+    high = tuple(math.inf if value >= NONE else value for value in lists.states("state_high"))
     bounds = tuple(zip(low, high, strict=True))
     return Problem(
         horizon=values["horizon"],
         period=values["period"],
         substeps=values["substeps"],
-        output_weight=values["output_weight"][0],
-        rate_weight=values["rate_weight"][0],
+        output_weight=lists.outputs("output_weight")[0],
+        rate_weight=lists.inputs("rate_weight")[0],
         input_limit=rig.actuators[0].high,
         output_scale=rig.display[0].scale,
         smoothing=values["smoothing"],
         max_iterations=values["max_iterations"],
-        input_weight=values["input_weight"][0],
-        rate_limit=values["rate_limit"][0] or math.inf,
+        input_weight=lists.inputs("input_weight")[0],
+        rate_limit=lists.inputs("rate_limit")[0] or math.inf,
         state_bounds=() if all(math.isinf(value) for value in (*low, *high)) else bounds,
         soft_linear=values["soft_linear"],
         soft_quadratic=values["soft_quadratic"],
