@@ -28,7 +28,7 @@ BAGS = [Path(__file__).parents[1] / "bags" / name for name in ("beam_multisine",
 def command(capsys: pytest.CaptureFixture[str]):
     """Run the command; give status, standard output and standard error."""
     app = typer.Typer(pretty_exceptions_enable=False)
-    app.command()(search_command.search_command)
+    app.command()(search_command.command)
 
     def run(*arguments: object) -> tuple[int, str, str]:
         status = app([str(argument) for argument in arguments], standalone_mode=False)
