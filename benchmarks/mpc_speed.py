@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks import acados_peer, result
 from benchmarks.network_plant import NetworkPlant
+from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.core import System, simulate
@@ -193,7 +193,7 @@ def main() -> int:
         for solver, times in measured.items():
             cells = (f"{times[key]:.3f}" for key in ("p50", "p99", "max"))
             shown.add_row(name, solver.replace("_", " "), *cells, *more.get(solver, ("", "", "")))
-    Console(width=160).print(shown)
+    print_table(shown)
     print(result.write(NAME, results, on=machine))
     return 0
 

@@ -247,6 +247,23 @@ def bench(domain: int) -> Iterator["Bench"]:
 
 
 @pytest.fixture
+def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Run a program's main() with its name and arguments; give status, standard output and standard error."""
+
+    def run(main: Callable[[], None], *words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", [str(word) for word in words])
+        status = 0
+        try:
+            main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
 def place(tmp_path: Path) -> str:
     """Where the studies of a search are kept; nothing is there yet."""
     return str(tmp_path / "deep" / "search.db")

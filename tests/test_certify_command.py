@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from linear_policies import FEATURES, LINEAR, PROBLEM, broken_policy  # type: ignore[import-not-found]
 
-from hybrid_sysid_ros.commands import cli
-from hybrid_sysid_ros.commands import policy_certify as policy_certify_command
+from hybrid_sysid_ros.commands import app, policy_certify
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.safety.certificate import FILE
 from hybrid_sysid_ros.models import Model, Sampling, load
@@ -58,18 +58,9 @@ def broken_folder(linear_folder: Path, tmp_path_factory: pytest.TempPathFactory)
 
 
 @pytest.fixture
-def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["hybrid-sysid", "policy", "certify", *map(str, arguments)])
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as end:
-            status = int(end.code or 0)
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return run
+def command(call):
+    """Run hybrid-sysid policy certify with arguments; give status, standard output and standard error."""
+    return partial(call, app.main, "hybrid-sysid", "policy", "certify")
 
 
 def test_a_policy_is_certified_and_a_worst_case_shown(command, broken_folder, linear_folder):
@@ -100,7 +91,7 @@ def test_an_interrupted_certification_says_what_is_kept(command, broken_folder, 
         progress("closed loops", 5, loops)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(policy_certify_command, "certify", interrupt)
+    monkeypatch.setattr(policy_certify, "certify", interrupt)
     status, out, error = command(broken_folder, "--model", linear_folder, "--loops", "12", "--seed", "7")
     assert (status, out) == (130, "")
     assert error.splitlines()[-1] == "interrupted: 5 of 12 loops are kept; the same command goes on from there"

@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 import yaml
 
-from hybrid_sysid_ros.bags import signals
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.configuration import Parameter, Quality
+from hybrid_sysid_ros.support import configuration_files
 from hybrid_sysid_ros.support.errors import UserError
 
 NODES = ("plant", "estimator", "controller", "reference", "recorder")
@@ -19,7 +19,7 @@ NODES = ("plant", "estimator", "controller", "reference", "recorder")
 @pytest.fixture
 def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Write the configuration of a rig called toy."""
-    monkeypatch.setattr(signals, "CONFIGURATIONS", tmp_path)
+    monkeypatch.setattr(configuration_files, "CONFIGURATIONS", tmp_path)
 
     def written(content: dict[str, Any]) -> Path:
         path = tmp_path / "toy.yaml"

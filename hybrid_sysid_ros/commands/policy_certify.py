@@ -1,4 +1,4 @@
-"""The command that certifies a policy."""
+"""hybrid-sysid policy certify: how a policy does beside the exact MPC, and how sure that is."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import Seed, console, status
+from hybrid_sysid_ros.commands.terminal import Seed, console, print_table, status
 from hybrid_sysid_ros.control.safety.certificate import FILE, LEAST_LOOPS, Certificate, find
 from hybrid_sysid_ros.control.safety.certification import certify
 from hybrid_sysid_ros.control.safety.certified_policy import JUDGED, Subject
@@ -29,7 +29,7 @@ CRITERIA = {
 }
 
 
-def policy_certify_command(
+def command(
     policy: Annotated[Path, typer.Argument(help="Policy folder; the certificate is written into it.")],
     model: Annotated[
         Path | None, typer.Option(help="Folder of the model it imitates; the shipped one by default.")
@@ -57,7 +57,7 @@ def policy_certify_command(
         raise UserError(f"--driver {driver!r} is unknown; choose one of network, supervised, exact")
     subject = subject_of(policy, model, seed=seed, seconds=seconds)
     if again is not None:
-        console.print(track_table(subject, again, driver))
+        print_table(track_table(subject, again, driver))
         return
     store = beside(policy, ".certificate.part")
     for place in (policy / FILE, store):
@@ -79,7 +79,7 @@ def policy_certify_command(
         raise Interrupted(f"{kept} of {loops} loops are kept; the same command goes on from there") from None
     certificate.save(policy)
     for table in tables(certificate):
-        console.print(table)
+        print_table(table)
     console.print(summary(certificate))
     console.print(str(policy / FILE))
 
@@ -96,7 +96,7 @@ def _loops(policy: Path, subject: Subject) -> int:
 def tables(certificate: Certificate) -> list[Table]:
     """What was counted, and the worst cases."""
     criteria, rates = certificate.criteria, certificate.rates
-    counted = Table("driver", "a loop keeps", title="certificate", title_justify="left")
+    counted = Table("driver", "a loop keeps", title="certificate")
     for heading in ("share", "failed", "mu, Hoeffding", "mu, binomial"):
         counted.add_column(heading, justify="right")
     for name in JUDGED:
@@ -106,10 +106,10 @@ def tables(certificate: Certificate) -> list[Table]:
             bounds = [certificate.bounds[kind][name][key] for kind in ("hoeffding", "binomial")]
             words = text.format(eta=criteria["input_error"], share=criteria["cost_share"])
             counted.add_row(name, words, f"{rate:.4f}", str(failed), *(f"{bound:.4f}" for bound in bounds))
-    checked = Table("the online check", "share", title="supervised", title_justify="left")
+    checked = Table("the online check", "share", title="supervised")
     for reason in REASONS:
         checked.add_row(reason, f"{certificate.check[reason]:.4f}")
-    worst = Table("worst loops of", "by", "--again", "input error", "in period", "cost / exact", title_justify="left")
+    worst = Table("worst loops of", "by", "--again", "input error", "in period", "cost / exact")
     for case in certificate.worst:
         ratio = case["cost"] / case["exact_cost"] if case["exact_cost"] else np.inf
         worst.add_row(
@@ -137,7 +137,7 @@ def track_table(subject: Subject, loop: int, driver: str) -> Table:
     draw, track = subject.again(loop, driver)
     rig = load_rig(subject.policy.rig)
     output, scale, period = subject.policy.output, rig.sensor.radians_per_volt, subject.policy.problem.period
-    table = Table("time [s]", "reference [V]", "position [V]", "input", "exact", "check", title_justify="left")
+    table = Table("time [s]", "reference [V]", "position [V]", "input", "exact", "check")
     table.title = f"loop {loop} of seed {subject.seed}, driven by {driver}"
     for k, (given, exact, reason) in enumerate(zip(track.inputs, track.exact, track.reasons, strict=True)):
         table.add_row(

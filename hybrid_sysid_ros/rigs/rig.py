@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hybrid_sysid_ros.bags.signals import configuration_of, load_configuration
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.rigs.cam_beam import CamBeam
 from hybrid_sysid_ros.rigs.sensor import Sensor
+from hybrid_sysid_ros.support.configuration_files import configuration_of, load_configuration
 from hybrid_sysid_ros.support.errors import UserError
 
 EQUATIONS: dict[str, System] = {"cam_beam": CamBeam()}

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hybrid_sysid_ros.bags.signals import configuration_of, load_configuration
 from hybrid_sysid_ros.control import Problem
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.safety.certified_policy import Criteria, Distribution, Subject
@@ -17,6 +16,7 @@ from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.support.configuration_files import configuration_of, load_configuration
 from hybrid_sysid_ros.support.errors import UserError
 
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hybrid_sysid_ros.bags.signals import configuration_of, load_configuration
 from hybrid_sysid_ros.control import Problem
 from hybrid_sysid_ros.control.policy.sampling import Spread
 from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.configuration_files import configuration_of, load_configuration
 from hybrid_sysid_ros.support.errors import UserError
 
 DEFAULT_RIG = "cam_beam"

@@ -15,7 +15,7 @@ from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatReadError
 
 from hybrid_sysid_ros.bags import METADATA, Series, joint_states, joint_trajectories, write
-from hybrid_sysid_ros.bags.signals import configuration_of, load_configuration
+from hybrid_sysid_ros.support.configuration_files import configuration_of, load_configuration
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder, sha256
 
