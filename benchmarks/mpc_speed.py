@@ -26,7 +26,6 @@ from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.core import System, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.narx import Narx
-from hybrid_sysid_ros.rigs.excitation import hardware_reference
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
 
@@ -50,7 +49,7 @@ class Case:
 def cases() -> dict[str, Case]:
     """The problems by name."""
     rig = load("cam_beam")
-    scale = rig.sensor.radians_per_volt
+    scale = rig.display[0].scale
     plain: dict[str, Any] = {"output_scale": 1.0, "smoothing": 0.0, "input_limit": 10.0, "max_iterations": 100}
     network = Problem(
         horizon=20, period=0.05, substeps=2, output_weight=1e2, rate_weight=1e-1, input_weight=1e-2, **plain
@@ -67,12 +66,12 @@ def cases() -> dict[str, Case]:
             noise=(0.02, 0.3),
         ),
         "lecture": Case(
-            system=lecture_model(), problem=lecture, reference=hardware_reference, samples=1000, noise=(0.02,)
+            system=lecture_model(), problem=lecture, reference=rig.schedule().of(0), samples=1000, noise=(0.02,)
         ),
         "beam": Case(
             system=load_model(configuration.shipped("cam_beam", "model")).system,
             problem=configuration.mpc_problem(configuration.defaults("cam_beam", "controller"), rig),
-            reference=lambda t: scale * hardware_reference(t),
+            reference=lambda t: scale * rig.schedule().of(0)(t),
             samples=2500,
             noise=(0.0, 0.02),
         ),

@@ -13,11 +13,11 @@ from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.resimulation import resimulate, resimulations
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.rigs.excitation import multisine, random_steps, swept_sine
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.sensor import Filter
+from hybrid_sysid_ros.rigs.sensor import LowPassFilter
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -28,8 +28,8 @@ EXACT = Sampling(step=RIG.step)
 
 def law(rig: Rig, reference: float, filtered: float) -> float:
     """u = gain (reference - yf) within the limit, in volts."""
-    error = rig.feedback_gain * (reference - filtered) / rig.sensor.radians_per_volt
-    return float(np.clip(error, -rig.input_limit, rig.input_limit))
+    error = rig.experiments.loops[0].gain * (reference - filtered) / rig.display[0].scale
+    return float(np.clip(error, -rig.actuators[0].high, rig.actuators[0].high))
 
 
 def driven(rig=RIG, *, amplitude=4.0, duration=4.0) -> Record:
@@ -37,13 +37,13 @@ def driven(rig=RIG, *, amplitude=4.0, duration=4.0) -> Record:
     ticks = round(duration / rig.step) + 1
     time = rig.step * np.arange(ticks)
     moving = multisine(3, amplitude=amplitude, low=0.2, high=2.0, lines=12, period=duration)(time)
-    reference = rig.sensor.radians(np.where(time < 0.1, 0.0, moving))
+    reference = rig.display[0].si(np.where(time < 0.1, 0.0, moving))
     plant = Plant(rig, seed=0, noisy=False)
     rows = []
     for k in range(ticks):
         seen = plant.measure()
-        u = law(rig, reference[k], seen.filtered)
-        rows.append((seen.position, seen.filtered, u))
+        u = law(rig, reference[k], seen.filtered[0])
+        rows.append((seen.outputs[0], seen.filtered[0], u))
         plant.advance(u)
     position, filtered, u = np.array(rows).T
     channels = {"reference": reference, "filtered": filtered}
@@ -66,7 +66,7 @@ def test_the_rig_itself_does_the_experiment_again_exactly(loop):
 def test_what_limits_the_input_limits_it_again():
     record = driven(amplitude=12.0)
     again = resimulate(RIG.system, record, RIG, sampling=EXACT)
-    assert np.max(np.abs(again.simulated_input)) == RIG.input_limit
+    assert np.max(np.abs(again.simulated_input)) == RIG.actuators[0].high
     np.testing.assert_allclose(again.simulated, record.output[:, 0], atol=1e-9)
 
 
@@ -77,7 +77,7 @@ def test_output_and_input_are_those_of_one_loop(loop, step, handling):
     sampling = Sampling(step=step, input=handling)
     again = resimulate(RIG.system, loop, RIG, sampling=sampling)
     ticks = round(step / RIG.step)
-    low_pass, u = Filter(RIG.sensor, RIG.step), []
+    low_pass, u = LowPassFilter(RIG.sensors[0].low_pass, RIG.step), []
     low_pass.reset(0.0)
     line = np.interp(RIG.step * np.arange(ticks * (len(again.time) - 1)), again.time, again.simulated)
     for reference, y in zip(loop.channels["reference"], line, strict=False):
@@ -156,14 +156,14 @@ def noisy_loop(driver: Driver, kind: str) -> Record:
     mpc = policies.load(configuration.shipped(rig.name, "policy"))
     plant = Plant(rig, seed=0, bias=0.03)
     time = rig.step * np.arange(round(20.0 / rig.step) + 1)
-    wanted = rig.sensor.radians(reference(time))
+    wanted = rig.display[0].si(reference(time))
     u, rows = 0.0, []
     for k in range(len(time)):
         seen = plant.measure()
         if not driver.mpc:
             u = law(rig, wanted[k], seen.filtered) * driver.gain
         elif k % round(mpc.problem.period / rig.step) == 0:
-            preview = rig.sensor.radians(reference(plant.time + mpc.problem.period * np.arange(1, mpc.horizon + 1)))
+            preview = rig.display[0].si(reference(plant.time + mpc.problem.period * np.arange(1, mpc.horizon + 1)))
             u = float(mpc.control(plant.state, np.zeros(1), np.array([u]), preview).input[0])
             mpc.prepare(mpc.problem.period)
         rows.append((seen.position, seen.filtered, u))
@@ -229,5 +229,7 @@ def test_the_real_records_are_loops_of_this_law(experiments):
     for item in experiments.values():
         if item.reference is None or item.filtered is None:
             continue
-        error = LOADED.feedback_gain * (item.reference - item.filtered)
-        np.testing.assert_allclose(item.input, np.clip(error, -LOADED.input_limit, LOADED.input_limit), atol=1e-6)
+        error = LOADED.experiments.loops[0].gain * (item.reference - item.filtered)
+        np.testing.assert_allclose(
+            item.input, np.clip(error, -LOADED.actuators[0].high, LOADED.actuators[0].high), atol=1e-6
+        )

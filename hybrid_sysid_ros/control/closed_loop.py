@@ -54,10 +54,10 @@ def run_loop(
 ) -> Loop:
     """Run a loop from rest.
 
-    reference: in volts of the sensor. period: of the measurements [s], a multiple of the plant's step. lead: how far
+    reference: as the output is shown. period: of the measurements [s], a multiple of the plant's step. lead: how far
     the estimate's ``ahead`` lies after its measurement [s]; the preview begins there.
     """
-    scale = plant.rig.sensor.radians_per_volt
+    scale = plant.rig.display[0].scale
     steps = round(period / plant.rig.step)
     ahead = lead + controller.period * np.arange(1, controller.horizon + 1)
     u = 0.0
@@ -66,7 +66,7 @@ def run_loop(
     rows = []
     for _ in range(round(duration / period)):
         time = plant.time
-        estimate = estimator.update(time, np.array([plant.measure().position]), np.array([u]))
+        estimate = estimator.update(time, plant.measure().outputs, np.array([u]))
         plan = controller.control(estimate.ahead, estimate.disturbance, np.array([u]), scale * reference(time + ahead))
         u = float(plan.input[0])
         statuses[plan.status] += 1
