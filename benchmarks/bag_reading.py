@@ -26,8 +26,8 @@ from rosbags.highlevel import AnyReader
 
 from benchmarks import result
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.commands.terminal import print_table
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 
 NAME = "bag_reading"
@@ -67,7 +67,7 @@ def make(path: Path, messages: int, compression: str, topics: int) -> int:
 
 def by_project(path: Path, period: float | None = None) -> Arrays:
     """A record's arrays."""
-    record = bags.read(path, Signals.of_rig("cam_beam"), period=period)
+    record = bags.read(path, load_rig("cam_beam").signals, period=period)
     return {"time": record.time, "input": record.input[:, 0], "output": record.output[:, 0], **record.channels}
 
 

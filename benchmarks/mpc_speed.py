@@ -27,7 +27,6 @@ from hybrid_sysid_ros.control.stage_cost import stage_costs
 from hybrid_sysid_ros.core import System, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.narx import Narx
-from hybrid_sysid_ros.rigs.excitation import hardware_reference
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
 
@@ -66,11 +65,7 @@ def cases() -> dict[str, Case]:
             noise=(0.02, 0.3),
         ),
         "lecture": Case(
-            system=lecture_model(),
-            problem=lecture,
-            reference=lambda t: hardware_reference(t)[:, None],
-            samples=1000,
-            noise=(0.02,),
+            system=lecture_model(), problem=lecture, reference=rig.schedule().of(0), samples=1000, noise=(0.02,)
         ),
         "beam": Case(
             system=load_model(configuration.shipped("cam_beam", "model")).system,

@@ -58,7 +58,7 @@ class ControllerNode(RigNode):
         self.ahead = round((model.system.delay + self.settings["latency"]) * SECOND)
         period, horizon = self.controller.period, self.controller.horizon
         self.grid = np.round(period * np.arange(1, horizon + 1) * SECOND).astype(np.int64)
-        self.message = joint_state([self.rig.joint])
+        self.message = joint_state([self.rig.joints.names[0]])
         self.commands: Publisher | None = None
         self.predictions = self.open("predicted_trajectory")
         self.begin()
@@ -138,7 +138,7 @@ class ControllerNode(RigNode):
 
         The first answers are late, for they compile; those after them go on as in the loop.
         """
-        names = [self.rig.joint, f"{self.rig.joint}_ahead"]
+        names = [self.rig.joints.names[0], f"{self.rig.joints.names[0]}_ahead"]
         for k in range(1, WARM_UPS + 1):
             gc.collect()  # what the compiler has left, before it needs as much again
             stamp = k if self.lockstep else self.now()  # an old one would not be answered
@@ -152,7 +152,7 @@ class ControllerNode(RigNode):
 
     def on_reference(self, message: JointTrajectory) -> None:
         """Keep the newest reference."""
-        preview = Preview.of(message, self.rig.joint)
+        preview = Preview.of(message, self.rig.joints.names[0])
         if preview is None:
             self.rejected_references += 1
             return
@@ -190,7 +190,7 @@ class ControllerNode(RigNode):
 
     def answer(self, message: JointState, stamp: int, began: float) -> Plan | None:
         """Publish the command for an estimate; return the plan behind it, if there is one."""
-        joint, ahead = self.rig.joint, f"{self.rig.joint}_ahead"
+        joint, ahead = self.rig.joints.names[0], f"{self.rig.joints.names[0]}_ahead"
         state = np.array([entry(message.name, message.position, ahead), entry(message.name, message.velocity, ahead)])
         disturbance = entry(message.name, message.effort, ahead)
         self.malformed += ahead not in message.name
@@ -218,7 +218,7 @@ class ControllerNode(RigNode):
         """Tell a network with a correction the parameters that the estimator follows; NaN leaves one as it was."""
         if self.network is not None and self.network.correction is not None:
             names = self.network.correction.names
-            entries = {name: entry(message.name, message.position, f"{self.rig.joint}_{name}") for name in names}
+            entries = {name: entry(message.name, message.position, f"{self.rig.joints.names[0]}_{name}") for name in names}
             self.network.adapt(entries)
 
     def reference(self, stamp: int) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -255,7 +255,7 @@ class ControllerNode(RigNode):
         """Publish the predicted trajectory, if someone looks."""
         if not len(plan.states) or not self.predictions.get_subscription_count():
             return
-        message = JointTrajectory(joint_names=[self.rig.joint])
+        message = JointTrajectory(joint_names=[self.rig.joints.names[0]])
         set_nanoseconds(message.header.stamp, start)
         for offset, state, value in zip(self.grid.tolist(), plan.states, plan.inputs[:, 0], strict=True):
             point = JointTrajectoryPoint(

@@ -41,7 +41,7 @@ class EstimatorNode(RigNode):
     def __init__(self, **options: Any) -> None:
         super().__init__("estimator", **options)
         self.system = model_of(self.rig, self.settings["model"]).system
-        joint = self.rig.joint
+        joint = self.rig.joints.names[0]
         self.camera = f"{joint}_{CAMERA}"
         self.estimates: Publisher | None = None
         self.covariances = self.open("state_covariance")
@@ -79,7 +79,7 @@ class EstimatorNode(RigNode):
     def on_measurement(self, message: JointState) -> None:
         """Answer a measurement."""
         began = perf_counter()
-        stamp, joint = nanoseconds(message.header.stamp), self.rig.joint
+        stamp, joint = nanoseconds(message.header.stamp), self.rig.joints.names[0]
         if self.camera in message.name and joint not in message.name:
             self.on_camera(message, stamp)
             return

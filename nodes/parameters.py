@@ -10,10 +10,11 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from hybrid_sysid_ros.runtime.configuration import DEFAULT_RIG, Parameter, parameters
+from hybrid_sysid_ros.rigs.rig import default
+from hybrid_sysid_ros.runtime.parameters import Parameter, parameters
 from hybrid_sysid_ros.support.errors import UserError
 
-RIG = Parameter(name="rig", default=DEFAULT_RIG, description="name of the rig, of which msgs_config has a file")
+RIG = Parameter(name="rig", default="", description="the rig, by its name or by the path of its folder")
 OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
@@ -33,7 +34,7 @@ def declare(node: Node, section: str) -> dict[str, Any]:
     }
     for name in given:
         node.undeclare_parameter(name)
-    rig = RIG.checked(given.get("rig", RIG.default))
+    rig = given["rig"] = RIG.checked(given.get("rig", RIG.default)) or default()
     known = {"rig": RIG, **parameters(rig, section)}
     for name in given:
         if name not in known:

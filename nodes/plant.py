@@ -42,13 +42,13 @@ class PlantNode(RigNode):
         self.plant.advance(0.0)  # compiles
         self.plant = Plant(rig, seed=settings["seed"], bias=settings["bias"])
         self.timeout = math.inf if self.lockstep else settings["command_timeout"]
-        self.drive = Drive(limit=rig.input_limit, timeout=self.timeout)
+        self.drive = Drive(limit=rig.actuators[0].high, timeout=self.timeout)
         self.answers = Answers(start=LOCKSTEP_START, period=round(self.steps * rig.step * SECOND))
         self.lateness = Timing()
         self.rejected = self.overruns = self.repeated = 0
         self.troubles = (0, 0, 0, 0)
         self.started = False
-        self.message = joint_state([rig.joint, f"{rig.joint}_filtered"])
+        self.message = joint_state([rig.joints.names[0], f"{rig.joints.names[0]}_filtered"])
         self.measurements = self.open("joint_states")
         self.commands = self.listen("joint_command", self.on_command)
         self.when(self.is_matched, self.start)
@@ -79,7 +79,8 @@ class PlantNode(RigNode):
         number = int(elapsed / period + EARLY)
         self.overruns += max(number - self.answers.latest - 1, 0)
         self.lateness.add(max(elapsed - number * period, 0.0))
-        self.plant.bias, self.drive.timeout = self.settings["bias"], self.settings["command_timeout"]
+        self.plant.bias[:] = self.settings["bias"]
+        self.drive.timeout = self.settings["command_timeout"]
         while self.answers.latest < number:
             self.measure(self.answers.latest + 1, self.integrate(self.steps))
 
@@ -99,7 +100,7 @@ class PlantNode(RigNode):
         fill(
             self.message,
             self.answers.stamp(number),
-            position=(measurement.position, measurement.filtered),
+            position=(float(measurement.outputs[0]), float(measurement.filtered[0])),
             effort=(applied, math.nan),
         )
         self.publish()
@@ -114,13 +115,13 @@ class PlantNode(RigNode):
     def on_command(self, message: JointState) -> None:
         """Put a command in force, if it is one."""
         time = perf_counter() - self.begin if self.started else 0.0
-        value = entry(message.name, message.effort, self.rig.joint)
+        value = entry(message.name, message.effort, self.rig.joints.names[0])
         if not (self.started and math.isfinite(value) and self.answers.answer(nanoseconds(message.header.stamp), time)):
             self.rejected += 1
             return
         self.drive.command(value, self.plant.time if self.lockstep else time)
         if self.lockstep and self.answers.answered == self.answers.latest:
-            self.plant.bias = self.settings["bias"]
+            self.plant.bias[:] = self.settings["bias"]
             self.measure(self.answers.latest + 1, self.integrate(self.steps))
 
     def ask_again(self) -> None:

@@ -13,13 +13,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hybrid_sysid_ros.nodes.base import OK, RigNode, announce, run
 from hybrid_sysid_ros.nodes.messages import SECOND, nanoseconds, set_nanoseconds
-from hybrid_sysid_ros.rigs.excitation import (
-    HARDWARE_DURATION,
-    Reference,
-    hardware_reference,
-    multisine,
-    random_steps,
-)
+from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps
+from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 
 LONGEST = 3600.0  # s of steps that are drawn; the last one is held
@@ -28,15 +23,20 @@ MULTISINE_PERIOD = 20.0  # s
 LINES = 20  # of the multisine
 
 
-def signal_of(settings: Mapping[str, Any]) -> Reference:
-    """The reference that the parameters describe: seconds in, volts of the sensor out.
+KINDS = ("constant", "steps", "sine", "multisine")
+
+
+def signal_of(settings: Mapping[str, Any], rig: Rig) -> Reference:
+    """The reference that the parameters describe: seconds in, the output as it is shown out.
 
     Raises:
-        UserError: the multisine has no room between its lowest and highest frequency.
+        UserError: there is no such kind, or the multisine has no room between its lowest and highest frequency.
     """
-    kind, amplitude, frequency = settings["kind"], settings["amplitude"], settings["frequency"]
-    if kind == "hardware":
-        return hardware_reference
+    kind, amplitude, frequency = settings["kind"] or rig.reference, settings["amplitude"][0], settings["frequency"]
+    if kind in rig.references:
+        return rig.references[kind].of(0)
+    if kind not in KINDS:
+        raise UserError(f"parameter kind is {kind!r}: choose one of {', '.join((*KINDS, *rig.references))}")
     if kind == "constant":
         return lambda t: np.full(np.shape(t), amplitude)
     if kind == "steps":
@@ -61,7 +61,7 @@ class ReferenceNode(RigNode):
     def __init__(self, **options: Any) -> None:
         super().__init__("reference", **options)
         settings = self.settings
-        self.signal = signal_of(settings)
+        self.signal = signal_of(settings, self.rig)
         self.spacing = round(settings["point_spacing"] * SECOND)
         self.period = round(settings["publish_period"] * SECOND)
         if self.period % self.spacing:
@@ -74,10 +74,11 @@ class ReferenceNode(RigNode):
                 f"parameter preview_seconds is {settings['preview_seconds']:g} s: "
                 f"it must be more than publish_period, {settings['publish_period']:g} s"
             )
-        own = HARDWARE_DURATION if settings["kind"] == "hardware" else 0.0
+        schedule = self.rig.references.get(settings["kind"] or self.rig.reference)
+        own = schedule.duration if schedule else 0.0
         self.duration = round((settings["duration"] or own) * SECOND)
         self.offsets = np.arange(round(settings["preview_seconds"] * SECOND) // self.spacing + 1) * self.spacing
-        self.message = JointTrajectory(joint_names=[self.rig.joint])
+        self.message = JointTrajectory(joint_names=[self.rig.joints.names[0]])
         for offset in self.offsets.tolist():
             point = JointTrajectoryPoint(positions=[0.0])
             set_nanoseconds(point.time_from_start, offset)
@@ -125,7 +126,7 @@ class ReferenceNode(RigNode):
     def publish(self, start: int) -> None:
         """Publish the preview that begins `start` after time 0 [ns]."""
         seconds = np.minimum(start + self.offsets, self.duration or np.inf) / SECOND
-        positions = self.rig.sensor.radians(self.signal(seconds))
+        positions = self.rig.display[0].si(self.signal(seconds))
         for point, position in zip(self.message.points, positions.tolist(), strict=True):
             point.positions[0] = float(position)
         set_nanoseconds(self.message.header.stamp, self.zero + start)

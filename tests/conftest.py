@@ -67,7 +67,7 @@ def records(experiments: dict[str, bab.Experiment], rig: Rig) -> dict[str, Recor
             name=name,
             time=np.arange(len(item.output), dtype=np.float64) * item.sampling_time,
             input=item.input[:, None],
-            output=rig.sensor.radians(item.output)[:, None],
+            output=rig.display[0].si(item.output)[:, None],
         )
         for name, item in experiments.items()
     }
@@ -208,7 +208,7 @@ def policy_folder(rig: Rig, model_folder: Path) -> Path:
     features = 2 + 2 + problem.horizon  # position and velocity, disturbance, previous input, preview
     small = 1e-5
     weights = np.zeros((1, features))
-    weights[0, 4] = small * rig.feedback_gain / rig.sensor.radians_per_volt / rig.input_limit
+    weights[0, 4] = small * rig.experiments.loops[0].gain / rig.display[0].scale / rig.actuators[0].high
     examples = np.random.default_rng(0).normal(scale=0.01, size=(3, features))
     centre, scale = np.zeros(features), np.ones(features)
     policy = Policy(
@@ -219,7 +219,7 @@ def policy_folder(rig: Rig, model_folder: Path) -> Path:
         output=0,
         centre=centre,
         scale=scale,
-        layers=((weights, np.zeros(1)), (np.array([[1.0 / small]]), np.array([1.0 / rig.input_limit]))),
+        layers=((weights, np.zeros(1)), (np.array([[1.0 / small]]), np.array([1.0 / rig.actuators[0].high]))),
         training_range=TrainingRange.of(10.0 * examples, centre, scale),
     )
     folder = model_folder.with_name("policy")
@@ -273,15 +273,15 @@ def simulated_record(rig: Rig, reference: Reference, *, seconds: float, name: st
     """The simulated rig driven as the author's: u = clip(3 (ref - yf), +-10), after a second of rest."""
     plant = Plant(rig, seed=seed, noisy=noisy)
     plant.reset(np.zeros(len(rig.system.states)))
-    scale, samples = rig.sensor.radians_per_volt, round(seconds / rig.step)
+    scale, samples = rig.display[0].scale, round(seconds / rig.step)
     time = np.arange(samples, dtype=np.float64) * rig.step
     wanted = np.where(time < 1.0, 0.0, reference(time))
     position, drive = np.empty((samples, 1)), np.empty((samples, 1))
     for k in range(samples):
         measured = plant.measure()
-        position[k] = measured.position
-        command = rig.feedback_gain * (wanted[k] - measured.filtered / scale)
-        drive[k] = np.clip(command, -rig.input_limit, rig.input_limit)
+        position[k] = measured.outputs[0]
+        command = rig.experiments.loops[0].gain * (wanted[k] - measured.filtered[0] / scale)
+        drive[k] = np.clip(command, -rig.actuators[0].high, rig.actuators[0].high)
         plant.advance(float(drive[k, 0]))
     return Record(name=name, time=time, input=drive, output=position)
 

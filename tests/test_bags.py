@@ -8,11 +8,12 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.series import jazzy_types
 from hybrid_sysid_ros.bags.signals import Signal, Signals
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 
 RATE = 200  # Hz
 START = 1_700_000_000_000_000_000  # ns
-SIGNALS = Signals.of_rig("cam_beam")
+SIGNALS = load_rig("cam_beam").signals
 
 
 def stamps(samples):

@@ -158,7 +158,7 @@ def test_the_floor_of_the_cost_is_that_of_the_sensor_s_noise(rig: Rig):
     """An error of .052 V at each of 20 samples, at 100 per V^2."""
     values = configuration.defaults("cam_beam", "controller")
     problem = configuration.mpc_problem(values, rig)
-    assert rig.sensor.noise_volts == pytest.approx(0.052)
+    assert rig.sensors[0].noise == pytest.approx(0.052)
     assert check_tolerances(values, rig, problem).floor == pytest.approx(20 * 100 * 0.052**2)
     _, criteria = certification(rig, problem, plant="a plant")
     assert criteria.cost_floor == pytest.approx(100 * 0.052**2)
@@ -169,7 +169,7 @@ def test_the_loops_are_twice_the_horizon_and_of_what_the_configuration_says(rig:
     subject = subject_of(planning_folder, linear_folder, seed=1)
     assert subject.periods == 2 * subject.policy.horizon
     draws = [subject.draw(loop) for loop in range(2000)]
-    volt = rig.sensor.radians_per_volt
+    volt = rig.display[0].scale
     errors = np.concatenate([draw.errors for draw in draws])
     np.testing.assert_allclose(errors.std(axis=0), [0.01 * volt, 0.6 * volt, 0.05], rtol=0.05)
     disturbances = np.concatenate([draw.disturbances for draw in draws])

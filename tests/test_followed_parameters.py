@@ -25,8 +25,8 @@ def changed(rig):
     u, rows = 0.0, []
     for _ in range(6000):
         measured = plant.measure()
-        rows.append((measured.time, measured.position, u))
-        u = float(np.clip(3 * (reference(measured.time) - rig.sensor.volts(measured.filtered)), -10, 10))
+        rows.append((measured.time, measured.outputs[0], u))
+        u = float(np.clip(3 * (reference(measured.time) - rig.display[0].shown(measured.filtered[0])), -10, 10))
         for _ in range(5):
             plant.advance(u)
     return beam, rows

@@ -262,7 +262,7 @@ from hybrid_sysid_ros.bags.signals import Signals
 def kilobytes(key):
     return next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith(key))
 
-signals = Signals.of_rig("cam_beam")
+signals = load_rig("cam_beam").signals
 bags.read(sys.argv[1], signals)
 before = kilobytes("VmRSS")
 record = bags.read(sys.argv[2], signals, recover=sys.argv[3] == "recover")

@@ -9,6 +9,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.signals import Signal, Signals
 from hybrid_sysid_ros.commands.terminal import read_records
 from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 
 
@@ -50,7 +51,7 @@ def test_a_missing_signals_file_or_rig_is_named(tmp_path):
 
 
 def test_topics_are_in_the_namespace_unless_absolute():
-    signals = Signals.of_rig("cam_beam")
+    signals = load_rig("cam_beam").signals
     assert signals.topic(signals.output[0]) == "/cam_beam/joint_states"
     assert signals.topic(Signal(topic="/tf", field="data")) == "/tf"
     assert signals.topic(Signal(topic="a/b", field="data")) == "/cam_beam/a/b"

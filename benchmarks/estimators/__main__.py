@@ -64,7 +64,7 @@ def main() -> int:
     rig = load("cam_beam")
     system = load_model(configuration.shipped(rig.name, "model")).system
     tuning = tuning_of(rig)
-    volt = rig.sensor.radians_per_volt
+    volt = rig.display[0].scale
     kinds: dict[str, Callable[..., Any]] = {**METHODS, **peers()}
     made = {name: partial(kind, system, tuning, period=PERIOD) for name, kind in kinds.items()}
     biases = np.random.default_rng(0).uniform(-BIAS, BIAS, RUNS)
@@ -132,7 +132,7 @@ def watched(make: Callable[[], Any], runs: Sequence[Run], volt: float) -> dict[s
 
 def delayed(method: type[Filter], rig: Rig, system: System, tuning: Tuning) -> dict[str, Any]:
     """Position RMSE with frames of a second sensor that come late, and the time of one frame's call."""
-    volt = rig.sensor.radians_per_volt
+    volt = rig.display[0].scale
     tuning = replace(tuning, channels={"camera": Channel(state=0, noise=FRAME_NOISE * volt)})
     errors: dict[str, list[float]] = {"no_frames": [], "punctual": [], "late_in_place": [], "late_taken_for_new": []}
     seconds: list[float] = []
@@ -159,7 +159,7 @@ def delayed(method: type[Filter], rig: Rig, system: System, tuning: Tuning) -> d
 
 def followed(method: type[Filter], rig: Rig) -> dict[str, Any]:
     """Friction and centre jump under a model that was right: how soon and how near they are found."""
-    truth = rig.system.named
+    truth: Any = rig.system
     coulomb, centre = FRICTION_RISE * truth.coulomb, truth.centre - CENTRE_FALL
     changes = {10.0: {"coulomb": coulomb}, 20.0: {"centre": centre}}
     tunings = {

@@ -25,13 +25,7 @@ from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
 from hybrid_sysid_ros.identification import Part, evaluate, identify
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.rigs.excitation import (
-    HARDWARE_DURATION,
-    HARDWARE_SINE,
-    HARDWARE_STEPS,
-    Reference,
-    hardware_reference,
-)
+from hybrid_sysid_ros.rigs.excitation import Reference
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -114,8 +108,7 @@ def demo(out: Path, records: Records | None = None, *, train: bool = False) -> d
         },
         "closed_loop": {
             "tracking_rmse_volts": {
-                "steps": round(loop.tracking_rmse(*HARDWARE_STEPS), 4),
-                "sine": round(loop.tracking_rmse(*HARDWARE_SINE), 4),
+                name: round(loop.tracking_rmse(*window), 4) for name, window in rig.schedule().windows.items()
             },
             "cost_ratio_to_exact": round(approximate.cost(imitation.problem) / exact.cost(imitation.problem), 4),
         },
@@ -146,7 +139,7 @@ def shipped_records() -> Records:
     paths = sorted(path for path in SHIPPED_BAGS.glob("beam_*") if path.is_dir())
     if not paths:
         raise UserError(f"{SHIPPED_BAGS}: no bags there; run the demo from a checkout")
-    signals = Signals.of_rig(RIG)
+    signals = load_rig(RIG).signals
     read = [bags.read(path, signals) for path in paths]
     halved = [record for record in read if "swept" not in record.name]
     whole = [record for record in read if "swept" in record.name]
@@ -184,10 +177,14 @@ def simulated_loop(
     controller: Controller,
     *,
     seed: int = 0,
-    reference: Reference = hardware_reference,
-    duration: float = HARDWARE_DURATION,
-) -> ClosedLoop:
-    """A reference under a controller at its own period, in one process, without delays of computation."""
+    reference: Reference | None = None,
+    duration: float = 0.0,
+) -> Loop:
+    """A reference under a controller at its own period, in one process, without delays of computation; by default the
+    rig's first.
+    """
+    schedule = rig.schedule()
+    reference, duration = reference or schedule.of(0), duration or schedule.duration
     values = configuration.defaults(rig.name, "estimator")
     estimator = ExtendedKalmanFilter(
         model.system, configuration.estimator_tuning(values, rig), period=controller.period, latency=0.0
@@ -223,7 +220,7 @@ def _run(bag: Path, model: Path, policy_folder: Path) -> tuple[Path, Mapping[str
             overwrite=True,
             domain=None if "ROS_DOMAIN_ID" in os.environ else 1 + os.getpid() % 100,  # beside no rig that may be on
             tell=console.print,
-            progress=lambda seconds, duration: update("hardware reference, seconds", int(seconds), int(duration)),
+            progress=lambda seconds, duration: update("reference, seconds", int(seconds), int(duration)),
         )
     if outcome.interrupted or outcome.bag is None:
         raise KeyboardInterrupt

@@ -136,8 +136,8 @@ def track_table(subject: Subject, loop: int, driver: str) -> Table:
     """One loop, period by period."""
     draw, track = subject.again(loop, driver)
     rig = load_rig(subject.policy.rig)
-    output, scale, period = subject.policy.output, rig.sensor.radians_per_volt, subject.policy.problem.period
-    table = Table("time [s]", "reference [V]", "position [V]", "input", "exact", "check")
+    output, scale, period = subject.policy.output, rig.display[0].scale, subject.policy.problem.period
+    table = Table("time [s]", "reference [V]", "position [V]", "input", "exact", "check", title_justify="left")
     table.title = f"loop {loop} of seed {subject.seed}, driven by {driver}"
     for k, (given, exact, reason) in enumerate(zip(track.inputs, track.exact, track.reasons, strict=True)):
         table.add_row(

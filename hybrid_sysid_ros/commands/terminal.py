@@ -25,7 +25,7 @@ status = Console(stderr=True, soft_wrap=True, **PLAIN)
 WIDEST = 100_000
 """More characters than any table has."""
 
-RigName = Annotated[str, typer.Option("--rig", help="Rig, by the name of its configuration.")]
+RigName = Annotated[str, typer.Option("--rig", help="Rig, by its name or by the path of its folder (./my_rig).")]
 SignalsFile = Annotated[Path | None, typer.Option("--signals", help="YAML with the topics and fields of your own bag.")]
 Recover = Annotated[bool, typer.Option("--recover", help="Read what can be read of a truncated bag.")]
 ReadPeriod = Annotated[
@@ -93,9 +93,7 @@ def read_records(
     names = [bags.name_of(path) for path in paths]
     if twins := {name for name in names if names.count(name) > 1}:
         raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
-    chosen = Signals.load(signals) if signals is not None else Signals.of_rig(rig)
-    system = load_rig(rig).system
-    chosen.check_units(
-        [variable.unit for variable in system.inputs], [system.states[index].unit for index in system.measured]
-    )
+    described = load_rig(rig)
+    chosen = Signals.load(signals) if signals is not None else described.signals
+    chosen = chosen.ordered(described.system.inputs, described.system.outputs)
     return [bags.read(path, chosen, period=period or None, recover=recover) for path in paths]

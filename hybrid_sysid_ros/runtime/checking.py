@@ -16,8 +16,7 @@ from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.support.configuration_files import configuration_of, load_configuration
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.runtime.configuration import listed
 
 
 def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: Problem) -> Tolerances:
@@ -29,8 +28,8 @@ def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: Problem) -> T
     return Tolerances(
         cost=values["check_cost"],
         floor=problem.horizon * _noise_cost(rig, problem),
-        violation=rig.sensor.radians_per_volt * rig.sensor.noise_volts,
-        disturbance=values["check_disturbance"],
+        violation=rig.display[0].scale * rig.sensors[0].noise,
+        disturbance=values["check_disturbance"][0],
         patience=values["check_patience"],
     )
 
@@ -40,25 +39,20 @@ def certification(rig: Rig, problem: Problem, *, plant: str) -> tuple[Distributi
 
     Raises UserError where the section policy_certificate lacks a number.
     """
-    path = configuration_of(rig.name)
-    scale = rig.sensor.radians_per_volt
-    try:
-        section = load_configuration(path)["policy_certificate"]
-        distribution = Distribution(
-            spread=configuration.sampling_spread(rig),
-            seconds=section["seconds"],
-            state_error=tuple(scale * value for value in section["state_error"]),
-            disturbance_error=section["disturbance_error"],
-            plant=plant,
-        )
-        criteria = Criteria(
-            input_error=section["input_error"],
-            cost_share=section["cost_share"],
-            cost_floor=_noise_cost(rig, problem),
-        )
-    except (KeyError, TypeError) as error:
-        needed = "seconds, state_error, disturbance_error, input_error and cost_share"
-        raise UserError(f"{path}: policy_certificate: needs {needed}") from error
+    section, where = rig.section("policy_certificate"), f"{rig.file}: policy_certificate"
+    states, inputs = len(rig.system.states), len(rig.system.inputs)
+    distribution = Distribution(
+        spread=configuration.sampling_spread(rig),
+        seconds=listed(section, "seconds", where, 1)[0],
+        state_error=listed(section, "state_error", where, states),
+        disturbance_error=listed(section, "disturbance_error", where, inputs)[0],
+        plant=plant,
+    )
+    criteria = Criteria(
+        input_error=listed(section, "input_error", where, inputs)[0],
+        cost_share=listed(section, "cost_share", where, 1)[0],
+        cost_floor=_noise_cost(rig, problem),
+    )
     return distribution, criteria
 
 
@@ -90,5 +84,5 @@ def subject_of(folder: Path, model: Path | None, *, seed: int = 0, seconds: floa
 
 def _noise_cost(rig: Rig, problem: Problem) -> float:
     """Cost of an error as large as the sensor's noise, at one sample."""
-    noise = rig.sensor.radians_per_volt * rig.sensor.noise_volts / problem.output_scales[0]
+    noise = rig.display[0].scale * rig.sensors[0].noise / problem.output_scales[0]
     return problem.output_weights[0] * noise**2

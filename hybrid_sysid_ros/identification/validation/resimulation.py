@@ -18,7 +18,7 @@ from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.validation.scores import Scores, score
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.sensor import Filter
+from hybrid_sysid_ros.rigs.sensor import LowPass, LowPassFilter
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -83,22 +83,23 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
         raise UserError(
             f"re-simulation: rig {rig.name} has a controller of one input and one output; the model has more"
         )
+    filtered = rig.sensors[0].low_pass
+    if not rig.experiments.loops or filtered is None:
+        raise UserError(f"re-simulation: rig {rig.name} has no loop behind a low-pass that could be done again")
     recorded = "filtered" in record.channels
     if not recorded:
-        record = replace(record, channels={**record.channels, "filtered": _filtered(record, rig)})
+        record = replace(record, channels={**record.channels, "filtered": _filtered(record, rig, filtered)})
     used = part.of(record, sampling)
-    _check_law(
-        used,
-        rig,
-        2.0 * rig.sensor.range_volts / 2**rig.sensor.bits if recorded else DEVIATIONS * rig.sensor.noise_volts,
-    )
+    quantiser = rig.sensors[0].quantiser
+    count = quantiser.count if quantiser is not None else 0.0
+    _check_law(used, rig, count if recorded else DEVIATIONS * rig.sensors[0].noise)
     grid = Sampling(step=sampling.step, period=max(sampling.step, used.sampling_time), input="averaged")
     experiment = prepare(used, system, grid)
     steps = len(experiment.inputs)
     reference = _reference(used, rig, steps * ticks)
     states, applied = np.empty((steps + 1, len(system.states))), np.empty(steps)
     states[0] = experiment.states[0]
-    low_pass = Filter(rig.sensor, rig.step)
+    low_pass = LowPassFilter(filtered, rig.step)
     _loop(
         kernels(system).step,
         system.values,
@@ -112,8 +113,8 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
         low_pass.gain,
         low_pass.reading,
         _filter_state(record, rig, part.first(record, sampling), low_pass),
-        rig.feedback_gain / rig.sensor.radians_per_volt,
-        rig.input_limit,
+        rig.experiments.loops[0].gain / rig.display[0].scale,
+        rig.actuators[0].high,
         system.measured[0],
         states,
         applied,
@@ -159,13 +160,14 @@ def _check_law(record: Record, rig: Rig, tolerance: float) -> None:
     """
     if "reference" not in record.channels:
         return
-    scale, limit = rig.feedback_gain / rig.sensor.radians_per_volt, rig.input_limit
+    gain, actuator = rig.experiments.loops[0].gain, rig.actuators[0]
+    scale = gain / rig.display[0].scale
     told = scale * (record.channels["reference"] - record.channels["filtered"])
     bends = np.abs(np.diff(record.channels["filtered"], 2)) / 8.0
     bend = np.maximum(np.append(bends, bends[-1:]), np.insert(bends, 0, bends[:1]))
-    slack = scale * bend + rig.feedback_gain * tolerance
-    low = np.clip(np.minimum(told[:-1], told[1:]) - slack, -limit, limit)
-    high = np.clip(np.maximum(told[:-1], told[1:]) + slack, -limit, limit)
+    slack = scale * bend + gain * tolerance
+    low = np.clip(np.minimum(told[:-1], told[1:]) - slack, actuator.low, actuator.high)
+    high = np.clip(np.maximum(told[:-1], told[1:]) + slack, actuator.low, actuator.high)
     known = np.isfinite(low + high)
     given = record.input[:-1, 0]
     strayed = (given < low - ROUNDING) | (given > high + ROUNDING)
@@ -176,9 +178,9 @@ def _check_law(record: Record, rig: Rig, tolerance: float) -> None:
         )
 
 
-def _filtered(record: Record, rig: Rig) -> Array:
+def _filtered(record: Record, rig: Rig, part: LowPass) -> Array:
     """The output behind the rig's filter, (samples,) in the output's unit, from settled at its first value."""
-    low_pass = Filter(rig.sensor, rig.step)
+    low_pass = LowPassFilter(part, rig.step)
     ticks = rig.step * np.arange(round(record.time[-1] / rig.step) + 1)
     values = np.interp(ticks, record.time, record.output[:, 0])
     low_pass.reset(float(values[0]))
@@ -189,7 +191,7 @@ def _filtered(record: Record, rig: Rig) -> Array:
     return np.asarray(np.interp(record.time, ticks, filtered))
 
 
-def _filter_state(record: Record, rig: Rig, first: int, low_pass: Filter) -> Array:
+def _filter_state(record: Record, rig: Rig, first: int, low_pass: LowPassFilter) -> Array:
     """Where the filter begins, at a sample of the record."""
     ticks = min(round(first * record.sampling_time / rig.step), round(WARM_UP / rig.step))
     times = record.sampling_time * first - rig.step * np.arange(ticks, 0, -1)
