@@ -159,7 +159,6 @@ def delayed(method: type[Filter], rig: Rig, system: System, tuning: Tuning) -> d
 
 def followed(method: type[Filter], rig: Rig) -> dict[str, Any]:
     """Friction and centre jump under a model that was right: how soon and how near they are found."""
-    truth = rig.system.named
     truth: Any = rig.system
     coulomb, centre = FRICTION_RISE * truth.coulomb, truth.centre - CENTRE_FALL
     changes = {10.0: {"coulomb": coulomb}, 20.0: {"centre": centre}}

@@ -84,5 +84,5 @@ def subject_of(folder: Path, model: Path | None, *, seed: int = 0, seconds: floa
 
 def _noise_cost(rig: Rig, problem: Problem) -> float:
     """Cost of an error as large as the sensor's noise, at one sample."""
-    noise = rig.display[0].scale * rig.sensors[0].noise / problem.output_scale
-    return problem.output_weight * noise**2
+    noise = rig.display[0].scale * rig.sensors[0].noise / problem.output_scales[0]
+    return problem.output_weights[0] * noise**2

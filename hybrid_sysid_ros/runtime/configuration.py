@@ -129,25 +129,25 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig) -> Problem:
     Raises:
         UserError: a number makes no problem.
     """
-    low = tuple(-math.inf if value <= -NONE else value for value in values["state_low"])
-    high = tuple(math.inf if value >= NONE else value for value in values["state_high"])
-    bounds = tuple(zip(low, high, strict=True))
+    scale = rig.display[0].scale
     return Problem(
         horizon=values["horizon"],
         period=values["period"],
         substeps=values["substeps"],
-        output_weight=values["output_weight"][0],
-        rate_weight=values["rate_weight"][0],
-        input_limit=rig.actuators[0].high,
-        output_scale=rig.display[0].scale,
+        output_weights=tuple(values["output_weight"]),
+        rate_weights=tuple(values["rate_weight"]),
+        input_low=tuple(actuator.low for actuator in rig.actuators),
+        input_high=tuple(actuator.high for actuator in rig.actuators),
+        output_scales=tuple(display.scale for display in rig.display),
         smoothing=values["smoothing"],
         max_iterations=values["max_iterations"],
-        input_weight=values["input_weight"][0],
-        rate_limit=values["rate_limit"][0] or math.inf,
-        state_bounds=() if all(math.isinf(value) for value in (*low, *high)) else bounds,
-        soft_linear=values["soft_linear"],
-        soft_quadratic=values["soft_quadratic"],
-    )
+        input_weights=tuple(values["input_weight"]),
+        rate_limits=tuple(limit or math.inf for limit in values["rate_limit"]),
+        state_low=tuple(-math.inf if value <= -NONE else value for value in values["state_low"]),
+        state_high=tuple(math.inf if value >= NONE else value for value in values["state_high"]),
+        soft_linear=(values["soft_linear"] / scale,),
+        soft_quadratic=(values["soft_quadratic"] / scale**2,),
+    ).sized(rig.system)
 
 
 def sampling_spread(rig: Rig) -> Spread:

@@ -92,8 +92,8 @@ class Policy:
         if corrector is not None and self.correction is not None:
             corrections = corrector.packed(self.correction.layers)
         memory = policy_kernels.memory(
-            input_limit=self.problem.input_limit,
-            rate_limit=self.problem.rate_limit,
+            input_limit=self.problem.input_high[0],
+            rate_limit=self.problem.rate_limits[0],
             centre=self.centre,
             scale=self.scale,
             weights=network.packed(self.layers),
@@ -141,7 +141,7 @@ class Policy:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`. An input that is not a number gives HELD: the
         previous input within its bounds, or zero. Raises ValueError for a state or a preview of another length.
         """
-        inputs = np.empty(self._shape)
+        inputs, preview = np.empty(self._shape), np.ravel(preview)
         try:
             found = self.kernels.control(state, disturbance, previous_input, preview, self.memory, inputs)
         except TypeError:  # other kinds of arrays
@@ -149,13 +149,13 @@ class Policy:
             found = self.kernels.control(*parts, self.memory, inputs)
         if found:
             return Plan(inputs[0], inputs, self._no_states, Status.POLICY)
-        last, limit = float(previous_input[0]), self.problem.input_limit
+        last, limit = float(previous_input[0]), self.problem.input_high[0]
         inputs[:] = min(max(last, -limit), limit) if math.isfinite(last) else 0.0
         return Plan(inputs[0], inputs, self._no_states, Status.HELD)
 
     def inside(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> bool:
         """Whether a question is one like those of the training; never where something is not a number."""
-        question = np.concatenate([state, disturbance, previous_input, preview])
+        question = np.concatenate([state, disturbance, previous_input, np.ravel(preview)])
         return bool(self.kernels.contains(question, self.memory, self._range))
 
     def evaluate(self, features: Array) -> Array:
@@ -187,7 +187,9 @@ class Policy:
             "states": self.states,
             "output": self.output,
             "layers": len(self.layers),
-            "problem": asdict(self.problem),
+            "problem": {
+                name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self.problem).items()
+            },
             "range_reach": self.training_range.reach,
             "correction": None,
             "training": dict(self.training),

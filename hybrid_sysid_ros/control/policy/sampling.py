@@ -161,7 +161,7 @@ def sample(
     lively = random.uniform() < LIVELY
     liveliness = 1.0 if lively else _magnitude(random, LIVELINESS)
     plant = drawn(system, spread.parameters, random)
-    scale, horizon, limit, states = problem.output_scale, problem.horizon, problem.input_limit, len(system.states)
+    scale, horizon, limit, states = problem.output_scales[0], problem.horizon, problem.input_high[0], len(system.states)
     periods = round(EPISODE_SECONDS / problem.period)
     wanted = scale * target(problem.period * np.arange(1, periods + horizon + 1))
     disturbance = np.zeros(1)
@@ -198,14 +198,14 @@ def sample(
         if random.uniform() > UNMOVED:
             asked = state + JITTER * liveliness * _push(random, spread)
             last = u + liveliness * random.normal() * spread.input_jitter
-        question = (asked, disturbance, np.array([min(max(last, -limit), limit)]), preview)
+        question = (asked, disturbance, np.array([min(max(last, -limit), limit)]), preview[:, None])
         answer = _solved(expert, question)
         kept[k] = answer.status is Status.SOLVED
         found.states[k], found.disturbances[k], found.previous[k] = asked, disturbance[0], question[2][0]
         found.previews[k] = preview
         found.inputs[k] = answer.inputs[:, 0]
         if random.uniform() < slope_share and kept[k]:
-            found.slopes[k] = expert.sensitivity()
+            found.slopes[k] = expert.sensitivity()[0]
         expert.prepare(problem.period)
         for index, pair in enumerate(shifted):
             low, high = (_solved(mpc, question) for mpc in pair)
@@ -214,13 +214,13 @@ def sample(
             for mpc in pair:
                 mpc.prepare(problem.period)
         given = answer if driver is None else driver.control(asked, disturbance, np.array([u]), preview)
-        found.costs[k] = problem.rate_weight * (float(given.input[0]) - u) ** 2
+        found.costs[k] = problem.rate_weights[0] * (float(given.input[0]) - u) ** 2
         u = float(given.input[0])
         for _ in range(problem.substeps):
             advance(address, state, np.array([u]) + disturbance, parameters, weights, step, following)
             state = following.copy()
-        found.costs[k] += problem.output_weight * ((state[output] - preview[0]) / scale) ** 2
-        found.costs[k] += problem.input_weight * u**2
+        found.costs[k] += problem.output_weights[0] * ((state[output] - preview[0]) / scale) ** 2
+        found.costs[k] += problem.input_weights[0] * u**2
     found.costs[:] = found.costs.mean()
     arrays = {item.name: getattr(found, item.name)[kept] for item in fields(found) if item.name != "dropped"}
     return Samples(**arrays, dropped=int(np.sum(~kept)))

@@ -131,7 +131,7 @@ def _fit(
 ) -> tuple[torch.nn.Module, Policy]:
     if not len(samples.inputs) or not len(held.inputs):
         raise UserError("policy: the exact MPC found no solution in its closed loops; allow it more iterations")
-    output, limit = model.system.measured[0], problem.input_limit
+    output, limit = model.system.measured[0], problem.input_high[0]
     raw = samples.features(output)
     centre, deviation = raw.mean(axis=0), raw.std(axis=0)
     scale = np.where(deviation > LEAST_DEVIATION, deviation, 1.0)
@@ -180,7 +180,7 @@ def _corrected(
     """The policy with a second network for the derivatives of its answers by the followed parameters."""
     adaptation, count = settings.adaptation, len(samples.inputs)
     inputs = single((samples.features(policy.output) - policy.centre) / policy.scale)
-    targets = single(samples.shifts[:, :, : policy.outputs].reshape(count, -1) / policy.problem.input_limit)
+    targets = single(samples.shifts[:, :, : policy.outputs].reshape(count, -1) / policy.problem.input_high[0])
 
     def loss(network: torch.nn.Module, rows: torch.Tensor) -> torch.Tensor:
         return torch.mean((network(inputs[rows]) - targets[rows]) ** 2)
@@ -198,7 +198,7 @@ def _corrected(
 
 def _errors(policy: Policy, samples: Samples, held: Samples) -> dict[str, float]:
     """Mean squared errors of bounded first inputs [drive unit squared], and of those after them in the plan."""
-    limit, errors = policy.problem.input_limit, {}
+    limit, errors = policy.problem.input_high[0], {}
     for name, part in (("train", samples), ("validation", held)):
         answers = np.clip(policy.evaluate(part.features(policy.output)), -limit, limit)
         squares = np.mean((answers - part.inputs[:, : policy.outputs]) ** 2, axis=0)
