@@ -155,7 +155,7 @@ def noisy_loop(driver: Driver, kind: str) -> Record:
     rig = LOADED
     mpc = policies.load(configuration.shipped(rig.name, "policy"))
     plant = Plant(rig, seed=0, bias=0.03)
-    time = rig.step * np.arange(round(20.0 / rig.step) + 1)
+    time = rig.step * np.arange(round(20.0 / rig.step) + 1, dtype=np.float64)
     wanted = rig.display[0].si(reference(time))
     u, rows = 0.0, []
     for k in range(len(time)):
