@@ -114,6 +114,19 @@ class Plant:
         for channel, phase, white in zip(self._channels, self._phases.tolist(), noise, strict=True):
             channel.read(self.time, phase, white)
 
+    @property
+    def step(self) -> float:
+        """Of one :meth:`advance` [s]."""
+        return self.rig.step
+
+    def outputs(self) -> Array:
+        """What the sensors would show now without delay and faults (outputs,)."""
+        return self._outputs.copy()
+
+    def sensed(self) -> Array:
+        """What they show (outputs,)."""
+        return self.measure().outputs
+
     def measure(self) -> Measurement:
         """The sensors' readings now."""
         return Measurement(
