@@ -15,7 +15,6 @@ from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.commands.terminal import console, print_table
 from hybrid_sysid_ros.control import Controller, ExactMpc
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop, simulate_loop
