@@ -204,7 +204,7 @@ class ControllerNode(RigNode):
             self.home = entry(message.name, message.position, joint)
         self.follow(message)
         preview = self.reference(stamp)
-        plan = self.controller.control(state, np.array([disturbance]), np.array([self.input]), preview)
+        plan = self.controller.control(state, np.array([disturbance]), np.array([self.input]), preview[:, None])
         self.sound = stamp
         self.layers[LAYERS[plan.status]] += 1
         self.statuses[plan.status.value] += 1

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
@@ -16,7 +18,7 @@ from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.control import Controller, ExactMpc
-from hybrid_sysid_ros.control.closed_loop import Loop, run_loop
+from hybrid_sysid_ros.control.closed_loop import ClosedLoop, simulate_loop
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
 from hybrid_sysid_ros.identification import Part, evaluate, identify
@@ -146,6 +148,30 @@ def shipped_records() -> Records:
     return Records(training=halved, part=Part(stop=0.5), tests=tests)
 
 
+class DrivenPlant:
+    """A plant as loops take it."""
+
+    def __init__(self, plant: Plant) -> None:
+        self.plant = plant
+        self.step = plant.rig.step
+
+    @property
+    def time(self) -> float:
+        return self.plant.time
+
+    def outputs(self) -> NDArray[np.float64]:
+        """Without noise."""
+        return self.plant.state[list(self.plant.rig.system.measured)].copy()
+
+    def sensed(self) -> NDArray[np.float64]:
+        """With noise."""
+        return np.array([self.plant.measure().position])
+
+    def advance(self, inputs: NDArray[np.float64]) -> None:
+        """One step."""
+        self.plant.advance(float(inputs[0]))
+
+
 def simulated_loop(
     rig: Rig,
     model: Model,
@@ -154,7 +180,7 @@ def simulated_loop(
     seed: int = 0,
     reference: Reference = hardware_reference,
     duration: float = HARDWARE_DURATION,
-) -> Loop:
+) -> ClosedLoop:
     """A reference under a controller at its own period, in one process, without delays of computation."""
     values = configuration.defaults(rig.name, "estimator")
     estimator = ExtendedKalmanFilter(
@@ -162,11 +188,13 @@ def simulated_loop(
     )
     plant = Plant(rig, seed=seed, bias=configuration.defaults(rig.name, "plant")["bias"])
     controller.reset()
-    return run_loop(
-        plant,
+    scale = rig.sensor.radians_per_volt
+    return simulate_loop(
+        DrivenPlant(plant),
         estimator,
         controller,
-        reference,
+        lambda t: scale * reference(t)[:, None],
+        inputs=len(rig.system.inputs),
         duration=duration,
         period=controller.period,
         lead=model.system.delay,

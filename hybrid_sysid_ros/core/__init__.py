@@ -4,7 +4,7 @@ from hybrid_sysid_ros.core.compiled import compiled
 from hybrid_sysid_ros.core.contacts import Bristles, Contact, Dry, Viscous
 from hybrid_sysid_ros.core.networks import Perceptron, Softsign
 from hybrid_sysid_ros.core.parameters import Parameter, bounded
-from hybrid_sysid_ros.core.rollout import Sensitivities, rollouts, simulate
+from hybrid_sysid_ros.core.rollout import Sensitivities, rollouts, simulate, stepped
 from hybrid_sysid_ros.core.steppers import ImplicitFriction, RungeKutta, Sampled, Stepper
 from hybrid_sysid_ros.core.system import Recurrence, System, Variable
 
@@ -28,4 +28,5 @@ __all__ = [
     "compiled",
     "rollouts",
     "simulate",
+    "stepped",
 ]

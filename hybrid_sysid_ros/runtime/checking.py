@@ -90,5 +90,5 @@ def subject_of(folder: Path, model: Path | None, *, seed: int = 0, seconds: floa
 
 def _noise_cost(rig: Rig, problem: Problem) -> float:
     """Cost of an error as large as the sensor's noise, at one sample."""
-    noise = rig.sensor.radians_per_volt * rig.sensor.noise_volts / problem.output_scale
-    return problem.output_weight * noise**2
+    noise = rig.sensor.radians_per_volt * rig.sensor.noise_volts / problem.output_scales[0]
+    return problem.output_weights[0] * noise**2

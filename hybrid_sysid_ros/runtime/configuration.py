@@ -201,36 +201,36 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig) -> Problem:
     Raises:
         UserError: a number makes no problem.
     """
+    scale, limits = rig.sensor.radians_per_volt, _state_limits(values, rig)
     return Problem(
         horizon=values["horizon"],
         period=values["period"],
         substeps=values["substeps"],
-        output_weight=values["output_weight"],
-        rate_weight=values["rate_weight"],
-        input_limit=rig.input_limit,
-        output_scale=rig.sensor.radians_per_volt,
+        output_weights=(values["output_weight"],),
+        rate_weights=(values["rate_weight"],),
+        input_low=(-rig.input_limit,),
+        input_high=(rig.input_limit,),
+        output_scales=(scale,),
         smoothing=values["smoothing"],
         max_iterations=values["max_iterations"],
-        input_weight=values["input_weight"],
-        rate_limit=values["rate_limit"] or math.inf,
-        state_bounds=_state_bounds(values, rig),
-        soft_linear=values["soft_linear"],
-        soft_quadratic=values["soft_quadratic"],
-        literal=values["literal"],
-    )
+        input_weights=(values["input_weight"],),
+        rate_limits=(values["rate_limit"] or math.inf,),
+        state_low=tuple(-limit for limit in limits),
+        state_high=limits,
+        soft_linear=(values["soft_linear"] / scale,),
+        soft_quadratic=(values["soft_quadratic"] / scale**2,),
+    ).sized(rig.system)
 
 
-def _state_bounds(values: Mapping[str, Any], rig: Rig) -> tuple[tuple[float, float], ...]:
-    """Soft bounds of the rig's states, none where no parameter sets one."""
+def _state_limits(values: Mapping[str, Any], rig: Rig) -> tuple[float, ...]:
+    """Soft bounds of the rig's states, +-."""
     position = rig.sensor.radians_per_volt * values["position_limit_volts"] or math.inf
     velocity = values["velocity_limit"] or math.inf
-    if math.isinf(position) and math.isinf(velocity):
-        return ()
     limits = [math.inf] * len(rig.system.states)
     for output in rig.system.measured:
         limits[output] = position
         limits[rig.system.kinematics[output]] = velocity
-    return tuple((-limit, limit) for limit in limits)
+    return tuple(limits)
 
 
 def sampling_spread(rig: Rig) -> Spread:

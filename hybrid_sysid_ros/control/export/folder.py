@@ -99,8 +99,10 @@ def about(policy: Policy, seal: str) -> dict[str, str]:
         "state": ", ".join(states) if len(states) == policy.states else f"{policy.states} states of the model",
         "preview": f"output [{output}]",
         "inputs": f"{policy.outputs} [{drive}], disturbance and previous input too",
-        "input_limit": f"{problem.input_limit:g} {drive}",
-        "rate_limit": f"{problem.rate_limit:g} {drive} a period" if math.isfinite(problem.rate_limit) else "none",
+        "input_limit": f"{problem.input_high[0]:g} {drive}",
+        "rate_limit": f"{problem.rate_limits[0]:g} {drive} a period"
+        if math.isfinite(problem.rate_limits[0])
+        else "none",
     }
     if policy.correction is not None:
         units = {item.name: item.unit for item in rig.system.parameters}

@@ -89,9 +89,9 @@ def model(policy: Policy, *, name: str, about: Mapping[str, str]) -> Any:
     answers = graph.network(z, policy.layers)
     if policy.correction is not None:
         answers = graph.add("Add", answers, _correction(graph, policy, z))
-    answers = graph.add("Mul", answers, graph.constant(policy.problem.input_limit))
+    answers = graph.add("Mul", answers, graph.constant(policy.problem.input_high[0]))
     answered = graph.all_of([graph.finite(z), graph.finite(answers)], name="answered")
-    low, high = (graph.constant(sign * policy.problem.input_limit) for sign in (-1.0, 1.0))
+    low, high = (graph.constant(sign * policy.problem.input_high[0]) for sign in (-1.0, 1.0))
     last = graph.clipped("u_previous", low, high)
     held = graph.add("Where", graph.finite("u_previous"), last, graph.constant(0.0))
     graph.add("Where", answered, _bounded(graph, policy, answers, last, (low, high)), held, name="inputs")
@@ -153,9 +153,9 @@ def _correction(graph: Graph, policy: Policy, z: str) -> str:
 
 def _bounded(graph: Graph, policy: Policy, answers: str, last: str, bounds: tuple[str, str]) -> str:
     """Each input within its bounds, and within the rate's about the one before."""
-    if np.isinf(policy.problem.rate_limit):
+    if np.isinf(policy.problem.rate_limits[0]):
         return graph.clipped(answers, *bounds)
-    rate = graph.constant(policy.problem.rate_limit)
+    rate = graph.constant(policy.problem.rate_limits[0])
     inputs = []
     for k in range(policy.outputs):
         near = graph.clipped(graph.column(answers, k), graph.add("Sub", last, rate), graph.add("Add", last, rate))

@@ -80,7 +80,7 @@ def vectors(policy: Policy) -> Vectors:
 
 def bounded(answers: Array, previous_inputs: Array, problem: Problem) -> Array:
     """Answers (vectors, outputs) within the bounds of inputs and rate; previous_inputs (vectors, 1)."""
-    limit, rate = problem.input_limit, problem.rate_limit
+    limit, rate = problem.input_high[0], problem.rate_limits[0]
     inputs = np.empty_like(answers)
     last = np.clip(previous_inputs[:, 0], -limit, limit)
     for k in range(answers.shape[1]):
@@ -117,7 +117,7 @@ def _edge(policy: Policy, questions: Array) -> Array:
     for plain in questions[:PLAIN]:
         for value in (np.nan, -3.0, -1.0, 0.0, 1.0, 1e12):
             rows.append(plain.copy())
-            rows[-1][previous] = policy.problem.input_limit * value
+            rows[-1][previous] = policy.problem.input_high[0] * value
         rows.append(plain.copy())
         rows[-1][: policy.states] *= 1e3
         if policy.correction is not None:

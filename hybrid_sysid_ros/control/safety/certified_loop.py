@@ -11,13 +11,14 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.mpc.horizon import OPTIONS, Question, assign, finite
-from hybrid_sysid_ros.control.mpc.quadratic_program import SOFT
-from hybrid_sysid_ros.control.mpc.shooting import Shooting, shooting
+from hybrid_sysid_ros.control.mpc.condensing import assign
+from hybrid_sysid_ros.control.mpc.horizon import instance_of
+from hybrid_sysid_ros.control.mpc.shooting import Shooting, cold_start, forget, shift, shooting, solve
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.online_check import ACCEPTED, WAITING, Tolerances, online_check, trial
-from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.adapters import kernels
+from hybrid_sysid_ros.core import System, compiled
+from hybrid_sysid_ros.core.call import call_value
+from hybrid_sysid_ros.core.compilation import OPTIONS
 
 Array = NDArray[np.float64]
 
@@ -121,7 +122,7 @@ class Bench:
 
 
 def _solver(memory: Shooting, iterations: int, tolerance: float) -> Solver:
-    return Solver(memory.model, memory.horizon, memory.program, iterations, tolerance)
+    return Solver(memory.prediction, memory.horizon, memory.program, iterations, tolerance)
 
 
 @numba.njit(**OPTIONS)
@@ -129,7 +130,8 @@ def set_plan(horizon: Any, states: Array, inputs: Array) -> None:
     """Make states (horizon + 1, n) and inputs (horizon,) the plan of a horizon."""
     for i in range(states.shape[0]):
         assign(horizon.states[i], states[i])
-    assign(horizon.inputs, inputs)
+    for i in range(inputs.shape[0]):
+        assign(horizon.inputs[i], inputs[i])
 
 
 _COMPILED: dict[tuple[Any, ...], Callable[..., None]] = {}
@@ -137,24 +139,24 @@ _COMPILED: dict[tuple[Any, ...], Callable[..., None]] = {}
 
 def closed_loop(plant: System, model: System, policy: Policy, mpc: Shooting) -> Callable[..., None]:
     """The compiled loop of these forms, made once in a process."""
-    key = (plant.form, model.form, policy.kernels, mpc.solve)
+    key = (plant.form, model.form, policy.kernels)
     if key not in _COMPILED:
         _COMPILED[key] = _compile(plant, model, policy, mpc)
     return _COMPILED[key]
 
 
 def _compile(plant: System, model: System, policy: Policy, mpc: Shooting) -> Callable[..., None]:
-    advance, answer = kernels(plant).step, policy.kernels.answer
+    step_address, answer = compiled(plant).step, policy.kernels.answer
     check, follow = online_check(model, policy).check, online_check(model, policy).follow
-    begin, solve, shift = mpc.begin, mpc.solve, mpc.shift
-    states = policy.states
+    begin = cold_start
+    states, tracked = policy.states, policy.output
 
     def ask(solver: Any, question: Any) -> int:
         """The exact MPC's plan for a question, into the solver's horizon; without one that stays as it was."""
         horizon = solver.horizon
         last_states, last_inputs = horizon.states.copy(), horizon.inputs.copy()
         found = solve(solver.model, horizon, solver.program, question, solver.iterations, solver.tolerance, True)
-        if found.iterations == 0 or not finite(horizon.inputs):
+        if found.iterations == 0 or not np.isfinite(horizon.inputs).all():
             set_plan(horizon, last_states, last_inputs)
             return NONE
         return SOLVED if found.solved else UNCONVERGED
@@ -167,7 +169,8 @@ def _compile(plant: System, model: System, policy: Policy, mpc: Shooting) -> Cal
         last_states, last_inputs = horizon.states.copy(), horizon.inputs.copy()
         scratch = np.empty_like(last_states)
         cost, _ = follow(flat, solver.model, horizon, last_inputs, scratch)
-        assign(horizon.inputs, trial.inputs[:, 0])
+        for i in range(trial.inputs.shape[0]):
+            assign(horizon.inputs[i], trial.inputs[i])
         follow(flat, solver.model, horizon, horizon.inputs, horizon.states)
         if ask(solver, question) == SOLVED:
             other, _ = follow(flat, solver.model, horizon, horizon.inputs, scratch)
@@ -193,16 +196,14 @@ def _compile(plant: System, model: System, policy: Policy, mpc: Shooting) -> Cal
         reasons: NDArray[np.int64],
     ) -> None:
         horizon = judge.horizon
-        limit, output, substeps, step = horizon.input_limit, horizon.output, judge.model.substeps, judge.model.step
+        limit, output, substeps, step = horizon.high[0], tracked, judge.model.substeps, judge.model.h
         periods, count = draw.disturbances.shape[0], horizon.inputs.shape[0]
         flat, drive, following = np.empty(states + 2 + count), np.empty(1), np.empty(states)
-        question = Question(flat[:states], flat[states : states + 1], flat[states + 1 : states + 2], flat[states + 2 :])
+        question = instance_of(flat, states, 1, 1)
         x, u = draw.state.copy(), draw.input[0]
         judge_cold = own_cold = True
-        for program in (judge.program, own.program):  # nothing is left of the loop before
-            program.multipliers[:] = 0.0
-            for i in range(program.states.shape[0]):
-                program.states[i] &= SOFT
+        forget(judge.horizon, judge.program)  # nothing is left of the loop before
+        forget(own.horizon, own.program)
         measures[:] = 0.0
         for k in range(periods):
             assign(track.states[k], x)
@@ -218,7 +219,7 @@ def _compile(plant: System, model: System, policy: Policy, mpc: Shooting) -> Cal
             judge_cold = judge_cold and status == NONE
             measures[UNSOLVED] += status != SOLVED
             held = min(max(u, -limit), limit)
-            exact = held if judge_cold else min(max(horizon.inputs[0], -limit), limit)
+            exact = held if judge_cold else min(max(horizon.inputs[0, 0], -limit), limit)
             given = exact
             if driver == NETWORK:
                 given = trial.inputs[0, 0] if answer(flat, memory, trial.inputs) else held
@@ -229,41 +230,43 @@ def _compile(plant: System, model: System, policy: Policy, mpc: Shooting) -> Cal
                 reasons[reason] += 1
                 track.reasons[k] = reason
                 if reason == ACCEPTED:
-                    set_plan(own.horizon, trial.states, trial.inputs[:, 0])
+                    set_plan(own.horizon, trial.states, trial.inputs)
                     own.horizon.disturbance[0] = flat[states]
                 else:
                     if own_cold:
                         begin(own.model, own.horizon, question)
                     own_cold = ask(own, question) == NONE and own_cold
-                given = held if own_cold else min(max(own.horizon.inputs[0], -limit), limit)
+                given = held if own_cold else min(max(own.horizon.inputs[0, 0], -limit), limit)
                 shift(own.model, own.horizon, 1.0)
             if (
                 abs(given - exact) > input_error
                 and answer(flat, memory, trial.inputs)
                 and ask_again(judge, question, flat, trial)
             ):
-                exact = min(max(horizon.inputs[0], -limit), limit)
+                exact = min(max(horizon.inputs[0, 0], -limit), limit)
             shift(judge.model, horizon, 1.0)
             error = np.inf if status == NONE else abs(given - exact)
             if not error <= measures[ERROR]:
                 measures[ERROR] = error
                 measures[WORST_PERIOD] = k
-            if not (abs(given) <= limit and abs(given - held) <= horizon.rate_limit + 1e-9):
+            if not (abs(given) <= limit and abs(given - held) <= horizon.rate[0] + 1e-9):
                 measures[EXCESS] = np.inf
             drive[0] = given + draw.disturbances[k]
             for _ in range(substeps):
-                advance(x, drive, draw.parameters, draw.network, step, following)
+                call_value(step_address, x, drive, draw.parameters, draw.network, step, 0.0, following)
                 assign(x, following)
             off, change = x[output] - draw.wanted[k], given - u
-            measures[COST] += horizon.weights[0, 0] * off * off
-            measures[COST] += horizon.weights[1, -1] * change * change + horizon.weights[2, 0] * given * given
+            measures[COST] += horizon.weights.outputs[0, 0] * off * off
+            measures[COST] += (
+                horizon.weights.rates[0, 0] * change * change + horizon.weights.inputs[0, 0] * given * given
+            )
             for a in range(states):
-                beyond = max(x[a] - horizon.upper[a], horizon.lower[a] - x[a], 0.0)
+                beyond = max(x[a] - horizon.weights.high[a], horizon.weights.low[a] - x[a], 0.0)
                 measures[EXCESS] = max(measures[EXCESS], beyond if np.isfinite(x[a]) else np.inf)
             track.inputs[k] = given
             track.exact[k] = exact
             u = given
         assign(track.states[periods], x)
 
-    compiled: Callable[..., None] = numba.njit(run, **OPTIONS)
-    return compiled
+    made: Callable[..., None] = numba.njit(run, **OPTIONS)
+    return made

@@ -99,7 +99,7 @@ class Subject:
         """What a loop is made of; it depends on the seed and the number of the loop alone."""
         random = np.random.default_rng([self.seed, loop])
         problem, given = self.policy.problem, self.distribution
-        spread, scale, states = given.spread, problem.output_scale, self.policy.states
+        spread, scale, states = given.spread, problem.output_scales[0], self.policy.states
         periods = self.periods
         target = reference(random, spread.amplitude)
         plant = drawn(self.plant, spread.parameters, random)
@@ -115,7 +115,7 @@ class Subject:
         kicked = random.uniform(size=(periods, 1)) < KICKS
         return Draw(
             state=state,
-            input=random.uniform(-1.0, 1.0, 1) * problem.input_limit,
+            input=random.uniform(-1.0, 1.0, 1) * problem.input_high[0],
             wanted=wanted,
             disturbances=disturbances,
             pushes=np.where(kicked, random.normal(size=(periods, states)) * np.array(spread.kick), 0.0),

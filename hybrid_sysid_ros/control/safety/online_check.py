@@ -15,10 +15,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.mpc.horizon import OPTIONS, inner
+from hybrid_sysid_ros.control.mpc.horizon import instance_of
+from hybrid_sysid_ros.control.mpc.shooting import rollout
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.adapters import kernels
+from hybrid_sysid_ros.core.compilation import OPTIONS, inner
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -103,44 +104,22 @@ def online_check(system: System, policy: Policy) -> OnlineCheck:
 
 
 def _compile(system: System, policy: Policy) -> OnlineCheck:
-    advance = kernels(system).step
     answer, inside = policy.kernels.answer, policy.kernels.inside
     count = len(system.states)
-    offset, previous_input, reference = count, count + 1, count + 2
+    offset, previous_input = count, count + 1
 
     @inner
     def follow(question: Array, model: Any, horizon: Any, inputs: Array, states: Array) -> tuple[float, float]:
-        drive, x, following = np.empty(1), np.empty(count), np.empty(count)
-        for a in range(count):
-            x[a] = states[0, a] = question[a]
-        before, cost, outside = question[previous_input], 0.0, 0.0
-        for i in range(inputs.shape[0]):
-            u = inputs[i]
-            drive[0] = u + question[offset]
-            for _ in range(model.substeps):
-                advance(x, drive, model.parameters, model.network, model.step, following)
-                for a in range(count):
-                    x[a] = following[a]
-            for a in range(count):
-                states[i + 1, a] = x[a]
-            error, change = x[horizon.output] - question[reference + i], u - before
-            cost += horizon.weights[0, i] * error * error
-            cost += horizon.weights[1, i] * change * change + horizon.weights[2, i] * u * u
-            before = u
-            for a in horizon.bounded:
-                beyond = max(x[a] - horizon.upper[a], horizon.lower[a] - x[a], 0.0)
-                cost += (horizon.price[0] + horizon.price[1] * beyond) * beyond
-                outside = max(outside, beyond)
-        return cost, outside
+        return rollout(model, horizon.weights, instance_of(question, count, 1, 1), inputs, states)  # type: ignore[no-any-return]
 
     @inner
     def bounded(question: Array, horizon: Any, inputs: Array) -> bool:
         """Whether inputs and their changes are within their bounds."""
-        limit = horizon.input_limit
+        limit = horizon.high[0]
         before = min(max(question[previous_input], -limit), limit)
         for i in range(inputs.shape[0]):
-            u = inputs[i]
-            if not (abs(u) <= limit + ROUNDING and abs(u - before) <= horizon.rate_limit + ROUNDING):
+            u = inputs[i, 0]
+            if not (abs(u) <= limit + ROUNDING and abs(u - before) <= horizon.rate[0] + ROUNDING):
                 return False
             before = u
         return True
@@ -155,11 +134,10 @@ def _compile(system: System, policy: Policy) -> OnlineCheck:
             return DISTURBED
         if not inside(question, memory, training_range):
             return OUT_OF_RANGE
-        plan = trial.inputs.reshape(trial.inputs.shape[0])  # in a row as the MPC's: one form of follow() for both
-        if not bounded(question, horizon, plan):
+        if not bounded(question, horizon, trial.inputs):
             return INFEASIBLE
         shifted_cost, shifted_outside = follow(question, model, horizon, horizon.inputs, trial.states)
-        cost, outside = follow(question, model, horizon, plan, trial.states)
+        cost, outside = follow(question, model, horizon, trial.inputs, trial.states)
         if not np.isfinite(cost):
             return INFEASIBLE
         if not np.isfinite(shifted_cost):

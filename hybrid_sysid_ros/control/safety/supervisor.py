@@ -78,7 +78,7 @@ class Supervisor:
         question[:states] = state
         question[states] = disturbance[0]
         question[states + 1] = previous_input[0]
-        question[states + 2 :] = preview
+        question[states + 2 :] = preview.ravel()
         applied = self._within(float(previous_input[0]))
         reason = WAITING
         if not self.mpc.cold:
@@ -86,14 +86,14 @@ class Supervisor:
                 question,
                 self.policy.memory,
                 self._range,
-                shooting.model,
+                shooting.prediction,
                 shooting.horizon,
                 self._tolerances,
                 self._trial,
             )
         if reason == ACCEPTED:
             self._age = 0.0
-            self.mpc.adopt(disturbance, self._trial.inputs[:, 0], self._trial.states)
+            self.mpc.adopt(disturbance, self._trial.inputs, self._trial.states)
             inputs, planned = self._trial.inputs.copy(), self._trial.states[1:].copy()
             plan = Plan(input=inputs[0], inputs=inputs, states=planned, status=Status.POLICY)
         else:
@@ -114,10 +114,10 @@ class Supervisor:
             inputs = np.full((self.horizon, 1), applied)
             return Plan(input=inputs[0], inputs=inputs, states=plan.states[:0], status=Status.HELD)
         # The plan was made for another input before it, where something else drove the rig meanwhile.
-        rate = self.mpc.problem.rate_limit
+        rate = self.mpc.problem.rate_limits[0]
         first = np.clip(plan.input, applied - rate, applied + rate) if math.isfinite(rate) else plan.input
         return plan._replace(input=first)
 
     def _within(self, value: float) -> float:
-        limit = self.mpc.problem.input_limit
+        limit = self.mpc.problem.input_high[0]
         return min(max(value, -limit), limit) if math.isfinite(value) else 0.0

@@ -59,7 +59,7 @@ def solved(system, seconds):
     return exact.y[:, -1]
 
 
-@pytest.mark.parametrize("equation", [DAHL, LUGRE], ids=["Dahl", "LuGre"])
+@pytest.mark.parametrize("system", [DAHL, LUGRE], ids=["Dahl", "LuGre"])
 def test_it_moves_as_its_differential_equation_through_sliding_and_reversal(system):
     seconds = 1.3
     exact = solved(system, seconds)
@@ -167,7 +167,7 @@ def test_a_block_that_is_left_alone_never_gains_energy():
         assert np.all(np.diff(energy) <= 1e-9 * energy[0])
 
 
-@pytest.mark.parametrize("equation", [DAHL, LUGRE], ids=["Dahl", "LuGre"])
+@pytest.mark.parametrize("system", [DAHL, LUGRE], ids=["Dahl", "LuGre"])
 def test_a_step_of_5_ms_is_stable_on_the_stiffest_bristles(system):
     """h sqrt(s0) = 1.6: an explicit step would be near its limit, and h s0 |v| / F = 250 |v| far beyond it."""
     stiff = dataclasses.replace(system, bristle_stiffness=1e5, damping=5.0)
