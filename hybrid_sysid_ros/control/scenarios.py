@@ -139,7 +139,7 @@ def run(scenario: Scenario, problem: Problem, control: Controls) -> ClosedLoop:
 # What scenarios are made of
 
 
-def references(random: np.random.Generator, spread: Spread, problem: Problem) -> Callable[[Array], Array]:
+def references(random: np.random.Generator, spread: Spread, problem: Problem) -> Callable[[ArrayLike], Array]:
     """References (times, p) of random kinds over the times [s], each output by itself."""
     found = [
         _reference(random, amplitude, problem.horizon * problem.period) if weight > 0 else _zero

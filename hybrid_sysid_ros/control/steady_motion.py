@@ -68,7 +68,7 @@ def steady_motion(system: System, problem: Problem, outputs: Array) -> SteadyMot
     raised = np.zeros((len(matrix), len(tracked)))
     raised[2 * states : 2 * states + len(tracked)] = np.eye(len(tracked))
     slope = np.linalg.lstsq(matrix, raised, rcond=None)[0][:states]
-    return SteadyMotion(state=unknown[:states], slope=slope, output_map=c)
+    return SteadyMotion(state=unknown[:states], slope=slope.astype(float), output_map=c)
 
 
 def _equations(a: Array, b: Array, c: Array, by_u: Array) -> Array:

@@ -13,7 +13,7 @@ from typing import Any
 
 from hybrid_sysid_ros.bags.signals import configuration_of, load_configuration
 from hybrid_sysid_ros.control import Problem
-from hybrid_sysid_ros.control.policy.sampling import Spread
+from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
@@ -233,19 +233,24 @@ def _state_limits(values: Mapping[str, Any], rig: Rig) -> tuple[float, ...]:
     return tuple(limits)
 
 
-def sampling_spread(rig: Rig) -> Spread:
-    """What the closed loops are made of that a policy of the rig learns from.
+def spread_of(rig: Rig) -> Spread:
+    """What the closed loops are made of that a policy of the rig learns from, from the section policy_training.
 
     Raises:
-        UserError: section policy_training lacks a number.
+        UserError: it lacks a number.
     """
-    path = configuration_of(rig.name)
+    path, volt = configuration_of(rig.name), rig.sensor.radians_per_volt
     section = _section(load_configuration(path), "policy_training", path)
     try:
-        content = {**section, "kick": tuple(rig.sensor.radians_per_volt * value for value in section["kick"])}
-        return Spread(**content)
+        return Spread(
+            amplitude=(volt * section["amplitude"],),
+            disturbance=(section["disturbance"],),
+            push=tuple(volt * value for value in section["push"]),
+            input_jitter=(section["input_jitter"],),
+            parameters=section.get("parameters", 0.0),
+        ).sized(rig.system)
     except (KeyError, TypeError) as error:
-        needs = "amplitude, disturbance, input_jitter and kick; it may have parameters"
+        needs = "amplitude, disturbance, input_jitter and push; it may have parameters"
         raise UserError(f"{path}: policy_training: needs {needs}") from error
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numba
@@ -16,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.compilation import OPTIONS, inner, kernel
+from hybrid_sysid_ros.core.perceptron import Layers, Perceptron
 from hybrid_sysid_ros.core.registers import added, load, plus_scaled, scratch, store, tanh, zero
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
-Layers = Sequence[tuple[Array, Array]]
-"""W (out, in) and b (out,) of each layer in turn: tanh behind all but the last."""
-
 WIDEST = 4096
 """Features, and units of a layer: far above what answers in time, and room for it fits on a stack."""
 
@@ -71,6 +68,8 @@ def packed(
     parts += [_columns(layers), _columns(correction), np.zeros(followed)]
     places = np.cumsum([0, *map(len, parts[:-1])])
     widths = widths_of(layers)
+    if states + 2 * inputs + horizon * outputs > WIDEST:
+        raise UserError(f"policy: a preview of {horizon} intervals of {outputs} outputs is too long for a network")
     counts = [states, inputs, outputs, horizon, widths[-1] // inputs, len(standard[0]), followed, len(tracked)]
     sizes = [*counts, *places, *tracked]
     for network in (layers, correction):
@@ -80,16 +79,10 @@ def packed(
 
 
 def widths_of(layers: Layers) -> tuple[int, ...]:
-    """Features, units of each layer, and outputs. Raises UserError where they don't fit each other."""
-    for (first, _), (second, _) in pairwise(layers):
-        if second.shape[1] != len(first):
-            raise UserError(f"network: a layer of {len(first)} units is followed by one for {second.shape[1]}")
-    for matrix, bias in layers:
-        if bias.shape != matrix.shape[:1]:
-            raise UserError(f"network: a layer has {len(matrix)} rows and biases of shape {bias.shape}")
-    widths = (layers[0][0].shape[1], *(len(bias) for _, bias in layers))
-    if max(widths) > WIDEST or min(widths) < 1:
-        raise UserError(f"network: widths {widths} must be within 1 and {WIDEST}")
+    """Features, units of each layer, and answers. Raises UserError where they don't fit each other, or are too many."""
+    widths = Perceptron.of(layers).widths
+    if max(widths) > WIDEST:
+        raise UserError(f"network: widths {widths} must be within {WIDEST}")
     return widths
 
 

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.controller import Plan, Status
 from hybrid_sysid_ros.control.policy import kernels
 from hybrid_sysid_ros.control.policy.adaptation import Correction
-from hybrid_sysid_ros.control.policy.kernels import Layers, Packed, widths_of
+from hybrid_sysid_ros.control.policy.kernels import Packed, widths_of
 from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.safety import certificate as certificates
 from hybrid_sysid_ros.control.safety.certificate import Certificate
+from hybrid_sysid_ros.core.perceptron import Layers
 from hybrid_sysid_ros.models import Model, storage
 from hybrid_sysid_ros.support.errors import UserError
 

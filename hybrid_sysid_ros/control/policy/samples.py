@@ -54,7 +54,8 @@ class Samples:
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Samples:
         """From :attr:`arrays`."""
-        return cls(**{**arrays, "dropped": int(arrays["dropped"][0])})
+        parts = {name: values for name, values in arrays.items() if name != "dropped"}
+        return cls(**parts, dropped=int(arrays["dropped"][0]))
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
