@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.control import Problem
-from hybrid_sysid_ros.control.policy.sampling import Spread
+from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -19,7 +19,7 @@ from hybrid_sysid_ros.support.structured import numbers, read_mapping, section
 
 __all__ = [
     "CAMERA", "Parameter", "Quality", "defaults", "estimator_tuning", "mpc_problem", "parameters", "qualities",
-    "sampling_spread", "shipped",
+    "shipped", "spread_of",
 ]  # fmt: skip
 
 CAMERA = "camera"
@@ -161,19 +161,19 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
     ).sized(system)
 
 
-def sampling_spread(rig: Rig) -> Spread:
-    """What the closed loops are made of that a policy of the rig learns from.
+def spread_of(rig: Rig) -> Spread:
+    """What the closed loops are made of that a policy of the rig learns from, from the section policy_training.
 
     Raises:
-        UserError: section policy_training lacks a number.
+        UserError: it lacks a number.
     """
     told, where = rig.section("policy_training"), f"{rig.file}: policy_training"
     system = rig.system
     return Spread(
-        amplitude=listed(told, "amplitude", where, len(system.outputs))[0],
-        disturbance=listed(told, "disturbance", where, len(system.inputs))[0],
-        input_jitter=listed(told, "input_jitter", where, len(system.inputs))[0],
-        kick=listed(told, "kick", where, len(system.states)),
+        amplitude=in_si(listed(told, "amplitude", where, len(system.outputs)), rig),
+        disturbance=listed(told, "disturbance", where, len(system.inputs)),
+        input_jitter=listed(told, "input_jitter", where, len(system.inputs)),
+        push=listed(told, "push", where, len(system.states)),
         parameters=numbers(told.get("parameters", 0.0), f"{where}.parameters", count=1)[0],
     )
 
