@@ -89,7 +89,7 @@ class PlantNode(RigNode):
         self.lateness.add(max(elapsed - number * period, 0.0))
         self.plant.bias[:] = self.settings["bias"]
         self.drive.timeout = self.settings["command_timeout"]
-        while self.answers.latest < number:
+        while self.answers.latest < number and not self.finished.done():
             self.measure(self.answers.latest + 1, self.integrate(self.steps))
 
     def integrate(self, steps: int) -> list[float]:
