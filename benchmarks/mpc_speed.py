@@ -70,7 +70,7 @@ def cases() -> dict[str, Case]:
         "beam": Case(
             system=load_model(configuration.shipped("cam_beam", "model")).system,
             problem=configuration.mpc_problem(configuration.defaults("cam_beam", "controller"), rig),
-            reference=lambda t: scale * hardware_reference(t)[:, None],
+            reference=lambda t: scale * rig.schedule().of(0)(t)[:, None],
             samples=2500,
             noise=(0.0, 0.02),
         ),

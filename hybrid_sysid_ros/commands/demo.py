@@ -11,7 +11,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
@@ -146,30 +145,6 @@ def shipped_records() -> Records:
     return Records(training=halved, part=Part(stop=0.5), tests=tests)
 
 
-class DrivenPlant:
-    """A plant as loops take it."""
-
-    def __init__(self, plant: Plant) -> None:
-        self.plant = plant
-        self.step = plant.rig.step
-
-    @property
-    def time(self) -> float:
-        return self.plant.time
-
-    def outputs(self) -> NDArray[np.float64]:
-        """Without noise."""
-        return self.plant.state[list(self.plant.rig.system.measured)].copy()
-
-    def sensed(self) -> NDArray[np.float64]:
-        """With noise."""
-        return np.array([self.plant.measure().position])
-
-    def advance(self, inputs: NDArray[np.float64]) -> None:
-        """One step."""
-        self.plant.advance(float(inputs[0]))
-
-
 def simulated_loop(
     rig: Rig,
     model: Model,
@@ -178,24 +153,25 @@ def simulated_loop(
     seed: int = 0,
     reference: Reference | None = None,
     duration: float = 0.0,
-) -> Loop:
-    """A reference under a controller at its own period, in one process, without delays of computation; by default the
-    rig's first.
+) -> ClosedLoop:
+    """A loop under a controller at its own period, in one process, without delays of computation.
+
+    reference: times (samples,) [s] in, the outputs as they are shown (samples, p) out; by default the rig's first.
     """
     schedule = rig.schedule()
-    reference, duration = reference or schedule.of(0), duration or schedule.duration
+    followed, duration = reference or schedule, duration or schedule.duration
     values = configuration.defaults(rig.name, "estimator")
     estimator = ExtendedKalmanFilter(
         model.system, configuration.estimator_tuning(values, rig), period=controller.period, latency=0.0
     )
     plant = Plant(rig, seed=seed, bias=configuration.defaults(rig.name, "plant")["bias"])
     controller.reset()
-    scale = rig.sensor.radians_per_volt
+    scales = np.array([display.scale for display in rig.display])
     return simulate_loop(
-        DrivenPlant(plant),
+        plant,
         estimator,
         controller,
-        lambda t: scale * reference(t)[:, None],
+        lambda t: scales * followed(t),
         inputs=len(rig.system.inputs),
         duration=duration,
         period=controller.period,

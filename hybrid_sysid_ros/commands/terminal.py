@@ -58,20 +58,21 @@ def print_table(table: Table) -> None:
 def score_table(
     scores: dict[str, dict[str, float]], rig: Rig, title: str, loops: dict[str, dict[str, float]] | None = None
 ) -> Table:
-    """Table of records' scores, errors in volts of the rig's sensor; beside them those of their re-simulated loops."""
-    table = Table("record", "R2", "RMSE [V]", "fit [%]", title=title)
-    for heading in ("closed loop R2", "RMSE [V]") if loops else ():
+    """Table of records' scores, errors as the rig's output is shown; beside them those of their re-simulated loops."""
+    error = f"RMSE [{rig.display[0].unit}]"
+    table = Table("record", "R2", error, "fit [%]", title=title)
+    for heading in ("closed loop R2", error) if loops else ():
         table.add_column(heading)
     for name, values in scores.items():
-        cells = [f"{values['r2']:.4f}", _volts(values, rig), f"{values['fit_percent']:.1f}"]
+        cells = [f"{values['r2']:.4f}", _shown(values, rig), f"{values['fit_percent']:.1f}"]
         if loops:
-            cells += [f"{loops[name]['r2']:.4f}", _volts(loops[name], rig)] if name in loops else ["", ""]
+            cells += [f"{loops[name]['r2']:.4f}", _shown(loops[name], rig)] if name in loops else ["", ""]
         table.add_row(name, *cells)
     return table
 
 
-def _volts(scores: dict[str, float], rig: Rig) -> str:
-    return f"{scores['rmse'] / rig.display[0].scale:.3f}"
+def _shown(scores: dict[str, float], rig: Rig) -> str:
+    return f"{float(rig.display[0].shown(scores['rmse'])):.3f}"
 
 
 def sampling_of(step: float, period: float, handling: str) -> Sampling:
