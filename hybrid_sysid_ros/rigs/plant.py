@@ -41,6 +41,7 @@ class Plant:
         noise and counts.
         """
         self.rig = rig
+        self.step = rig.step
         self.bias = np.broadcast_to(np.asarray(bias, dtype=float), len(rig.actuators)).copy()
         self.noisy = noisy
         system, random = rig.system, np.random.default_rng(seed)
@@ -118,6 +119,14 @@ class Plant:
             noise = next(self._noise)
         for channel, phase, white in zip(self._channels, self._phases.tolist(), noise, strict=True):
             channel.read(self.time, phase, white)
+
+    def outputs(self) -> Array:
+        """What the sensors would show now without delay and faults (outputs,)."""
+        return self._outputs.copy()
+
+    def sensed(self) -> Array:
+        """What they show (outputs,)."""
+        return self.measure().outputs
 
     def measure(self) -> Measurement:
         """The sensors' readings now."""
