@@ -22,7 +22,9 @@ def test_stribeck_friction_falls_from_static_to_coulomb():
 def test_rational_stribeck_friction_falls_to_a_quarter_of_its_excess():
     assert value(rational_stribeck(0.0, COULOMB, 0.15, SPEED)) == pytest.approx(0.40, rel=1e-15)
     assert value(rational_stribeck(SPEED, COULOMB, 0.15, SPEED)) == pytest.approx(COULOMB + 0.15 / 4)  # 1 / (1 + 1)^2
-    assert value(rational_stribeck(3 * SPEED, COULOMB, 0.15, SPEED)) == pytest.approx(COULOMB + 0.15 / 100)  # 1 / (1 + 9)^2
+    assert value(rational_stribeck(3 * SPEED, COULOMB, 0.15, SPEED)) == pytest.approx(
+        COULOMB + 0.15 / 100
+    )  # 1 / (1 + 9)^2
     assert value(rational_stribeck(1e4 * SPEED, COULOMB, 0.15, SPEED)) == pytest.approx(COULOMB)
 
 
