@@ -166,18 +166,18 @@ def estimator_tuning(values: Mapping[str, Any], rig: Rig) -> Tuning:
     scale = rig.sensor.radians_per_volt
     camera = scale * values["camera_noise_volts"]
     return Tuning(
-        measurement_noise=scale * values["measurement_noise_volts"],
+        measurement_noise=(scale * values["measurement_noise_volts"],),
         process_noise=(scale * values["position_process_noise_volts"], values["velocity_process_noise"]),
-        disturbance_noise=values["disturbance_noise"],
-        disturbance_limit=values["disturbance_limit"],
-        hum_hertz=values["hum_hertz"],
-        hum_amplitude=scale * values["hum_amplitude_volts"],
-        hum_noise=scale * values["hum_noise_volts"],
+        disturbance_noise=(values["disturbance_noise"],),
+        disturbance_limit=(values["disturbance_limit"],),
+        hum_hertz=(values["hum_hertz"],),
+        hum_amplitude=(scale * values["hum_amplitude_volts"],),
+        hum_noise=(scale * values["hum_noise_volts"],),
         gate=values["gate"],
         patience=values["patience"],
-        input_noise=values["input_noise"],
+        input_noise=(values["input_noise"],),
         followed=_drifts(values["followed"]),
-        channels={CAMERA: Channel(state=rig.system.measured[0], noise=camera)} if camera else {},
+        channels={CAMERA: Channel(of=rig.system.outputs[0].name, noise=camera)} if camera else {},
         window=values["window"],
         horizon=values["horizon"],
     )
