@@ -7,10 +7,10 @@ import os
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -18,7 +18,8 @@ import pytest
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_range import TrainingRange
-from hybrid_sysid_ros.core import Law, Motion, Operations, Variable, parameter, simulate
+from hybrid_sysid_ros.core import Dry, System, bounded, simulate
+from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.estimation import METHODS
 from hybrid_sysid_ros.estimation.filter import Filter
 from hybrid_sysid_ros.models import Model, Sampling, load
@@ -73,82 +74,79 @@ def records(experiments: dict[str, bab.Experiment], rig: Rig) -> dict[str, Recor
 
 
 @dataclass(frozen=True, kw_only=True)
-class Slider(Motion):
+class Slider(System):
     """A block on a table: v' = u - F sgn v, the only friction whose motion is school physics."""
 
-    states = (Variable(name="position", unit="m"), Variable(name="velocity", unit="m/s"))
-    inputs = (Variable(name="push", unit="m/s^2"),)
-    kinematics: ClassVar[Mapping[int, int]] = {0: 1}
-    friction_state = 1
+    states = ("position [m]", "velocity [m/s]")
+    inputs = ("push [m/s^2]",)
+    contacts = (Dry(on="velocity", level="friction"),)
+    delays = {"push": "input_delay"}
 
-    friction: float = parameter(2.0, 0.0, 10.0, unit="m/s^2", description="Coulomb friction")
-    input_delay: float = parameter(0.0, 0.0, 1.0, unit="s", description="delay of the push")
+    friction: float = bounded(2.0, 0.0, 10.0, unit="m/s^2")
+    """Coulomb friction."""
+    input_delay: float = bounded(0.0, 0.0, 1.0, unit="s")
+    """Delay of the push."""
 
-    def law(self, operations: Operations) -> Law:
-        def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
-            return (x[1], u[0]), (p.friction, 0.0, 0.0)
-
-        return law
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return x[1], u[0]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motor(Motion):
+class Motor(System):
     """Three states: angle, speed and current of a motor under a voltage; i' = (u - R i - K v) / L, v' = K i - b v."""
 
-    states = (
-        Variable(name="angle", unit="rad"),
-        Variable(name="speed", unit="rad/s"),
-        Variable(name="current", unit="A"),
-    )
-    inputs = (Variable(name="voltage", unit="V"),)
-    kinematics: ClassVar[Mapping[int, int]] = {0: 1}
+    states = ("angle [rad]", "speed [rad/s]", "current [A]")
+    inputs = ("voltage [V]",)
 
-    resistance: float = parameter(2.0, 0.1, 10.0, start=1.0, unit="Ohm", description="of the winding")
-    inductance: float = parameter(0.1, 0.01, 1.0, start=0.2, unit="H", description="of the winding")
-    torque: float = parameter(1.5, 0.1, 10.0, start=1.0, unit="rad/(s^2 A)", description="per current and inertia")
-    drag: float = parameter(0.8, 0.0, 10.0, fixed=True, unit="1/s", description="viscous friction")
+    resistance: float = bounded(2.0, 0.1, 10.0, start=1.0, unit="Ohm")
+    """Of the winding."""
+    inductance: float = bounded(0.1, 0.01, 1.0, start=0.2, unit="H")
+    """Of the winding."""
+    torque: float = bounded(1.5, 0.1, 10.0, start=1.0, unit="rad/(s^2 A)")
+    """Per current and inertia."""
+    drag: float = bounded(0.8, 0.0, 10.0, fixed=True, unit="1/s")
+    """Viscous friction."""
 
-    def law(self, operations: Operations) -> Law:
-        def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
-            current = (u[0] - p.resistance * x[2] - p.torque * x[1]) / p.inductance
-            return (x[1], p.torque * x[2] - p.drag * x[1], current), (0.0, 0.0, 0.0)
-
-        return law
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        _, speed, current = x
+        change = (u[0] - self.resistance * current - self.torque * speed) / self.inductance
+        return speed, self.torque * current - self.drag * speed, change
 
 
 @dataclass(frozen=True, kw_only=True)
-class FlexibleJoint(Motion):
-    """Two joints and a spring: motor angle, link angle, motor speed, link speed; the link is measured.
+class FlexibleJoint(System):
+    """Two joints and a spring: motor angle d, link angle q and their speeds; the link is measured.
 
     J d'' = u - k (d - q) - b d' - F sgn d',  I q'' = k (d - q) - c q'.
     """
 
-    states = (
-        Variable(name="motor", unit="rad"),
-        Variable(name="link", unit="rad"),
-        Variable(name="motor_speed", unit="rad/s"),
-        Variable(name="link_speed", unit="rad/s"),
-    )
-    inputs = (Variable(name="torque", unit="N m"),)
-    outputs = (1,)
-    kinematics: ClassVar[Mapping[int, int]] = {0: 2, 1: 3}
-    friction_state = 2
+    states = ("motor [rad]", "link [rad]", "motor_speed [rad/s]", "link_speed [rad/s]")
+    inputs = ("torque [N m]",)
+    outputs = ("link",)
+    contacts = (Dry(on="motor_speed", level="friction"),)
 
-    motor_inertia: float = parameter(0.012, 1e-3, 1.0, unit="kg m^2", description="J")
-    link_inertia: float = parameter(0.05, 1e-3, 1.0, unit="kg m^2", description="I")
-    spring: float = parameter(12.0, 0.1, 100.0, unit="N m/rad", description="k")
-    motor_drag: float = parameter(0.05, 0.0, 1.0, unit="N m s/rad", description="b")
-    link_drag: float = parameter(0.02, 0.0, 1.0, unit="N m s/rad", description="c")
-    coulomb: float = parameter(0.25, 0.0, 5.0, unit="N m", description="F")
+    motor_inertia: float = bounded(0.012, 1e-3, 1.0, unit="kg m^2")
+    """J."""
+    link_inertia: float = bounded(0.05, 1e-3, 1.0, unit="kg m^2")
+    """I."""
+    spring: float = bounded(12.0, 0.1, 100.0, unit="N m/rad")
+    """k."""
+    motor_drag: float = bounded(0.05, 0.0, 1.0, unit="N m s/rad")
+    """b."""
+    link_drag: float = bounded(0.02, 0.0, 1.0, unit="N m s/rad")
+    """c."""
+    coulomb: float = bounded(0.25, 0.0, 5.0, unit="N m")
+    """F."""
 
-    def law(self, operations: Operations) -> Law:
-        def law(x: Any, u: Any, p: Any, w: Any) -> tuple[Any, Any]:
-            spring = p.spring * (x[0] - x[1])
-            motor = (u[0] - spring - p.motor_drag * x[2]) / p.motor_inertia
-            link = (spring - p.link_drag * x[3]) / p.link_inertia
-            return (x[2], x[3], motor, link), (p.coulomb / p.motor_inertia, 0.0, 0.0)
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        motor, link, motor_speed, link_speed = x
+        spring = self.spring * (motor - link)
+        motor_rate = (u[0] - spring - self.motor_drag * motor_speed) / self.motor_inertia
+        return motor_speed, link_speed, motor_rate, (spring - self.link_drag * link_speed) / self.link_inertia
 
-        return law
+    def friction(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
+        """Level of the dry friction on the motor [rad/s^2]."""
+        return self.coulomb / self.motor_inertia
 
 
 @pytest.fixture(scope="session")

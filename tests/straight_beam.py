@@ -5,7 +5,7 @@ from hybrid_sysid_ros.rigs.cam_beam import CamBeam
 
 
 def straight(system: Linear) -> CamBeam:
-    """The linear equation as the rig's own, which is compiled anyway: on no crank, without friction."""
+    """The linear system as the rig's own, which is compiled anyway: on no crank, without friction."""
     return CamBeam(
         gain=system.gain,
         centre=system.centre,

@@ -18,7 +18,7 @@ from hybrid_sysid_ros.control.safety.certified_loop import COST, ERROR, EXACT, E
 from hybrid_sysid_ros.control.safety.certified_policy import KKT_TOLERANCE, Criteria, Distribution, Subject
 from hybrid_sysid_ros.control.safety.online_check import REASONS, Tolerances
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
-from hybrid_sysid_ros.core import kernels
+from hybrid_sysid_ros.core import stepped
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.support.errors import UserError
 from tests.straight_beam import straight
@@ -172,7 +172,8 @@ def by_hand(subject, draw, driver):
     problem, policy = subject.policy.problem, subject.policy
     judge, own = (ExactMpc(subject.model, problem, tolerance=KKT_TOLERANCE) for _ in range(2))
     drives = {EXACT: judge, NETWORK: policy, SUPERVISED: Supervisor(policy, own, subject.tolerances)}[driver]
-    advance, step = kernels(subject.plant).step, problem.period / problem.substeps
+    plant, step = subject.plant.with_values(draw.parameters), problem.period / problem.substeps
+    plant = plant.with_weights(draw.network)
     x, u, cost = draw.state.copy(), draw.input.copy(), 0.0
     inputs, exact, states = [], [], [x.copy()]
     for k, disturbance in enumerate(draw.disturbances):
@@ -186,9 +187,7 @@ def by_hand(subject, draw, driver):
         cost += problem.rate_weight * (given.input[0] - u[0]) ** 2
         u = given.input.copy()
         for _ in range(problem.substeps):
-            following = np.empty(2)
-            advance(x, u + disturbance, draw.parameters, draw.network, step, following)
-            x = following
+            x = stepped(plant, x, u + disturbance, step=step)
         cost += problem.output_weight * ((x[0] - draw.wanted[k]) / problem.output_scale) ** 2
         inputs.append(u[0])
         exact.append(answer.input[0])

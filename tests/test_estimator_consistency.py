@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from hybrid_sysid_ros.core import kernels
+from hybrid_sysid_ros.core import stepped
 from hybrid_sysid_ros.estimation import METHODS, Tuning
 from hybrid_sysid_ros.estimation.cholesky import factorise, solve_factorised
 from hybrid_sysid_ros.estimation.consistency import Window, band, normalised_errors
@@ -57,10 +57,8 @@ FORCED = dataclasses.replace(TUNING, process_noise=(1e-3, 0.05), input_noise=0.3
 
 
 def advanced(z, u, system=PULL):
-    """The equation's own step with a disturbance, z = [q, v, d]."""
-    following = np.empty(2)
-    kernels(system).step(np.array(z[:2]), np.array([u + z[2]]), system.named, system.weights, PERIOD, following)
-    return np.array([*following, z[2]])
+    """The system's own step with a disturbance, z = [q, v, d]."""
+    return np.array([*stepped(system, z[:2], np.array([u + z[2]]), step=PERIOD), z[2]])
 
 
 def drawn(tuning, seed, samples, system=PULL):

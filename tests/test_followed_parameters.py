@@ -83,9 +83,9 @@ def test_of_a_hybrid_the_centre_is_nearly_an_input(rig):
     with pytest.raises(UserError, match="parameter centre can't be told from the input disturbance"):
         METHODS["ukf"](hybrid, tuning(rig, "centre=0.05"), period=PERIOD)
     ours = METHODS["ukf"](hybrid, tuning(rig, "centre=0.05 coulomb=0.1", disturbance_noise=0.0), period=PERIOD)
-    centre = hybrid.named.centre
+    centre = hybrid.named["centre"]
     for k in range(400):  # rises evenly at .1 rad/s, though the drive is .3 V less than that takes
-        drive = centre - 0.3 + (0.1 * hybrid.named.damping + hybrid.named.coulomb) / hybrid.named.gain
+        drive = centre - 0.3 + (0.1 * hybrid.named["damping"] + hybrid.named["coulomb"]) / hybrid.named["gain"]
         estimate = ours.update(k * PERIOD, np.array([0.1 * k * PERIOD - 0.1]), np.array([drive]))
     assert estimate.parameters[0] < centre - 0.1
     assert estimate.disturbance[0] == pytest.approx(centre - estimate.parameters[0], rel=0.05)

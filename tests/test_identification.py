@@ -27,7 +27,7 @@ def test_a_simulated_beam_gives_its_parameters_back(simulated_records, rig):
         assert abs(getattr(model.system, name) - getattr(rig.system, name)) < 3 * error, name
     for name in ("gain", "damping", "coulomb"):
         assert getattr(model.system, name) == pytest.approx(getattr(rig.system, name), rel=0.1)
-    assert model.system.named.centre == pytest.approx(rig.system.named.centre, abs=0.02)
+    assert model.system.named["centre"] == pytest.approx(rig.system.named["centre"], abs=0.02)
     assert model.system.delay == pytest.approx(rig.system.delay, abs=0.003)
     assert all(scores["r2"] > 0.995 for scores in model.scores.values())
 
@@ -107,8 +107,8 @@ def test_a_parameter_that_is_held_stays_where_it_is(linear_bench):
     system = Linear(gain=4.0, centre=0.5, stiffness=10.0, damping=20.0, input_delay=0.002)
     fitted = fit(system, [prepare(record_of(u, y, 0.005), system, Sampling())], hold=("damping", "input_delay"))
     assert fitted.names == ("gain", "centre", "stiffness")
-    assert (fitted.system.named.damping, fitted.system.delay) == (20.0, 0.002)
-    assert fitted.system.named.centre == pytest.approx(0.9, abs=0.02)
+    assert (fitted.system.named["damping"], fitted.system.delay) == (20.0, 0.002)
+    assert fitted.system.named["centre"] == pytest.approx(0.9, abs=0.02)
 
 
 def test_the_best_of_several_starts_goes_on(linear_bench):
@@ -129,8 +129,8 @@ def test_shape_parameters_that_data_do_not_show_stay_at_their_prior(rig):
     model = identify([record_of(u, y, 0.005)], rig, "gray", sampling=Sampling(), options={"stribeck": 1})
     assert model.standard_errors["stribeck_speed"] == pytest.approx(0.05, rel=0.1)
     assert model.standard_errors["friction_slope"] == pytest.approx(3.0, rel=0.1)
-    assert model.system.named.coulomb < 0.1
-    assert abs(model.system.named.friction_slope) < 3.0
+    assert model.system.named["coulomb"] < 0.1
+    assert abs(model.system.named["friction_slope"]) < 3.0
 
 
 def test_terms_that_are_doubted_are_fitted_if_they_are_asked_for(rig, driven):
@@ -140,10 +140,10 @@ def test_terms_that_are_doubted_are_fitted_if_they_are_asked_for(rig, driven):
     record = driven(creeping, steps, seconds=20.0, name="steps", seed=0, noisy=False)
     plain = identify([record], rig, "gray", sampling=FAST)
     asked = identify([record], rig, "gray", sampling=FAST, options={"creep": 1})
-    assert plain.system.named.creep == 0.0
+    assert plain.system.named["creep"] == 0.0
     assert "creep" not in plain.standard_errors
     # Its prior, 0.002 rad/s, pulls it down.
-    assert abs(asked.system.named.creep - 0.01) < 3 * asked.standard_errors["creep"]
+    assert abs(asked.system.named["creep"] - 0.01) < 3 * asked.standard_errors["creep"]
     assert asked.fit["relative_error"] < 0.5 * plain.fit["relative_error"]
     assert asked.fit["options"]["creep"] == 1
 

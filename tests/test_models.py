@@ -238,11 +238,11 @@ def test_a_structure_begins_where_no_earlier_fit_leaks_in():
 def test_doubtful_terms_are_left_out_and_held_unless_they_are_asked_for():
     plain, held = build("gray", CamBeam(), scales=SCALES, seed=0)
     assert set(held) == {"stribeck_excess", "stribeck_speed", "damping_asymmetry", "creep"}
-    assert plain.named.stribeck_excess == plain.named.damping_asymmetry == plain.named.creep == 0.0
-    assert plain.named.stribeck_speed > 0.0  # a scale of what is zero, and a divisor
+    assert plain.named["stribeck_excess"] == plain.named["damping_asymmetry"] == plain.named["creep"] == 0.0
+    assert plain.named["stribeck_speed"] > 0.0  # a scale of what is zero, and a divisor
     creeping, held = build("gray", CamBeam(), scales=SCALES, seed=0, options={"creep": 1})
     assert "creep" not in held
-    assert creeping.named.creep == next(item.start for item in creeping.parameters if item.name == "creep")
+    assert creeping.named["creep"] == next(item.start for item in creeping.parameters if item.name == "creep")
 
 
 def test_a_term_that_is_switched_off_does_not_move_the_beam():

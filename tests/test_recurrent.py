@@ -9,8 +9,8 @@ import yaml
 from scipy.linalg import expm
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import kernels, simulate
-from hybrid_sysid_ros.core.casadi_form import symbolic_step
+from hybrid_sysid_ros.core import simulate, stepped
+from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.identification import free_run, prepare, score
 from hybrid_sysid_ros.identification.gradient_training import Schedule, rollout, train
 from hybrid_sysid_ros.models import Sampling
@@ -49,8 +49,7 @@ def test_the_compiled_and_the_casadi_form_are_the_textbook_step():
     symbolic = symbolic_step(system, step=0.05)
     for _ in range(100):
         x, u = random.uniform(-1, 1, 7), random.normal(size=1) * 6.0
-        following = np.empty(7)
-        kernels(system).step(x, u, system.named, system.weights, 0.05, following)
+        following = stepped(system, x, u, step=0.05)
         np.testing.assert_allclose(following, by_hand(system, x, u), rtol=1e-12, atol=1e-14)
         np.testing.assert_allclose(np.array(symbolic(x, u)).ravel(), following, rtol=1e-12, atol=1e-14)
 

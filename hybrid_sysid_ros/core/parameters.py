@@ -1,4 +1,4 @@
-"""Physical parameters, declared beside the equation that uses them."""
+"""Physical parameters, declared beside the law that uses them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import dataclasses
 import inspect
 import textwrap
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -27,7 +28,7 @@ class Parameter:
     fixed: bool
     """Set from the range of the training data, not fitted."""
     term: str
-    """The part of the equation that goes when the parameter is neutral, "" for none."""
+    """The part of the law that goes when the parameter is neutral, "" for none."""
     description: str
     """The docstring under the field."""
 
@@ -65,8 +66,9 @@ def bounded(
     return dataclasses.field(default=value, metadata={"parameter": told})
 
 
+@cache
 def declared(kind: type) -> tuple[Parameter, ...]:
-    """The parameters that a dataclass declares, in order."""
+    """The parameters that a dataclass declares, in order; read from its source once."""
     told = _docstrings(kind)
     return tuple(
         Parameter(name=field.name, description=told.get(field.name, ""), **field.metadata["parameter"])

@@ -283,5 +283,5 @@ def test_values_go_in_and_out_by_name():
     values = beam.values + 1e-3
     moved = beam.with_values(values)
     np.testing.assert_array_equal(moved.values, values)
-    assert moved.named.gain == beam.gain + 1e-3
+    assert moved.named["gain"] == beam.gain + 1e-3
     assert moved.delay == beam.input_delay + 1e-3
