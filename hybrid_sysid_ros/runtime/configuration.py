@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -112,18 +112,18 @@ def estimator_tuning(values: Mapping[str, Any], rig: Rig) -> Tuning:
     """
     lists, camera = _Lists(values=values, rig=rig), rig.display[0].scale * values["camera_noise"]
     return Tuning(
-        measurement_noise=lists.outputs_si("measurement_noise")[0],
+        measurement_noise=lists.outputs_si("measurement_noise"),
         process_noise=lists.states("process_noise"),
-        disturbance_noise=lists.inputs("disturbance_noise")[0],
-        disturbance_limit=lists.inputs("disturbance_limit")[0],
-        hum_hertz=lists.outputs("hum_hertz")[0],
-        hum_amplitude=lists.outputs_si("hum_amplitude")[0],
-        hum_noise=lists.outputs_si("hum_noise")[0],
+        disturbance_noise=lists.inputs("disturbance_noise"),
+        disturbance_limit=lists.inputs("disturbance_limit"),
+        hum_hertz=lists.outputs("hum_hertz"),
+        hum_amplitude=lists.outputs_si("hum_amplitude"),
+        hum_noise=lists.outputs_si("hum_noise"),
         gate=values["gate"],
         patience=values["patience"],
-        input_noise=lists.inputs("input_noise")[0],
+        input_noise=lists.inputs("input_noise"),
         followed=_drifts(values["followed"]),
-        channels={CAMERA: Channel(state=rig.system.measured[0], noise=camera)} if camera else {},
+        channels={CAMERA: Channel(of=rig.system.outputs[0].name, noise=camera)} if camera else {},
         window=values["window"],
         horizon=values["horizon"],
     )
