@@ -10,8 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core.contacts import Contact
-from hybrid_sysid_ros.core.declaration import Variable, check, deflections, variables
+from hybrid_sysid_ros.core.contacts import Contact, Field
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.parameters import Parameter, declared
 from hybrid_sysid_ros.core.steppers import ImplicitFriction, Motion, Sampled, Stepper
@@ -90,9 +89,11 @@ class System:
             raise UserError(f"{type(self).__name__}: law(x, u) gives {len(rates)} rates for {count} states")
         return rates
 
-    def _field(self, value: str | float, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
-        """A field of a contact: a number, a parameter or a method."""
-        found = getattr(self, value) if isinstance(value, str) else value
+    def _field(self, value: Field, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
+        """A field of a contact: a number, a parameter, a method or a function (system, x, u)."""
+        if not isinstance(value, str):
+            return value(self, x, u) if callable(value) else value
+        found = getattr(self, value)
         return found(x, u) if callable(found) else found
 
     # ------------------------------------------------------------------ what it is made of
@@ -207,15 +208,21 @@ class System:
         sample. Outputs that are states, and their rates where those are states too; the rest zero.
         """
         states = np.zeros((len(outputs), len(self.states)))
+        for state, (column, rate) in self.shown.items():
+            states[:, state] = (rates if rate else outputs)[:, column]
+        return states
+
+    @property
+    def shown(self) -> Mapping[int, tuple[int, bool]]:
+        """States that a record shows: state -> the output that it is, and whether it is its rate of change."""
         names = [item.name for item in self.states]
         direct = {names.index(item.name): k for k, item in enumerate(self.outputs) if item.name in names}
+        found = {state: (column, False) for state, column in direct.items()}
         for state, column in direct.items():
             velocity = self.kinematics.get(state)
             if velocity is not None and velocity not in direct:
-                states[:, velocity] = rates[:, column]
-        for state, column in direct.items():
-            states[:, state] = outputs[:, column]
-        return states
+                found[velocity] = column, True
+        return found
 
     @property
     def outside(self) -> tuple[tuple[Parameter, float], ...]:

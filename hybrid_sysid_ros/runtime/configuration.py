@@ -82,6 +82,11 @@ def qualities(path: Path = DECLARATIONS) -> dict[str, Quality]:
     return found
 
 
+def in_si(values: Sequence[float], rig: Rig) -> tuple[float, ...]:
+    """A number for each output, from the units in which they are shown into SI."""
+    return tuple(display.scale * value for display, value in zip(rig.display, values, strict=True))
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Lists:
     """The lists among a node's parameters; one number stands for all."""
