@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.contacts import Contact, Field
+from hybrid_sysid_ros.core.declaration import Variable, check, deflections, variables
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.parameters import Parameter, declared
 from hybrid_sysid_ros.core.steppers import ImplicitFriction, Motion, Sampled, Stepper
@@ -126,6 +127,11 @@ class System:
             if item.name not in names:
                 raise UserError(f"{type(self).__name__}: output {item.name} is no state, and there is no output(x, u)")
         return tuple(names.index(item.name) for item in self.outputs)
+
+    @property
+    def plain_outputs(self) -> bool:
+        """Whether every output is a state."""
+        return type(self).output is System.output
 
     @property
     def kinematics(self) -> Mapping[int, int]:
