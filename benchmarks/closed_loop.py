@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks import picture, result
 from hybrid_sysid_ros.commands.demo import RIG, simulated_loop
+from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Status
 from hybrid_sysid_ros.control.closed_loop import Loop
 from hybrid_sysid_ros.control.linear_quadratic_regulator import LinearQuadraticRegulator
@@ -221,7 +221,7 @@ def main() -> int:
         for name, loops in runs.items()
     }
     for table in tables(results):
-        Console(width=170).print(table)
+        print_table(table)
     print(result.write(NAME, results, on=machine))
     print(draw(rig, {name: loops["hardware"][0] for name, loops in runs.items() if name not in (ITERATED, SUPERVISED)}))
     return 0
@@ -230,9 +230,9 @@ def main() -> int:
 def tables(results: Mapping[str, Mapping[str, Any]]) -> list[Table]:
     """Tracking; then cost, effort and time."""
     windows = [window for course in COURSES.values() for window in course.windows]
-    tracking = Table("controller", *windows, title="tracking RMSE [V]: mean (range over seeds)", title_justify="left")
+    tracking = Table("controller", *windows, title="tracking RMSE [V]: mean (range over seeds)")
     headings = ("cost to exact MPC", "rms u [V]", "rms change [V]", "saturated [%]", "out of bounds", "p50 [us]", "p99")
-    effort = Table("controller", *headings, title="cost, effort and time of a call", title_justify="left")
+    effort = Table("controller", *headings, title="cost, effort and time of a call")
     for name, values in results.items():
         tracking.add_row(name, *(_shown(values["rmse_volts"][window]) for window in windows))
         times = values["call_microseconds"]

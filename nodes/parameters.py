@@ -58,12 +58,15 @@ def _change(known: Mapping[str, Parameter], values: dict[str, Any], changes: lis
 
 def _descriptor(item: Parameter) -> ParameterDescriptor:
     unit = f" [{item.unit}]" if item.unit else ""
+    limits = f"each within [{item.low:g}, {item.high:g}]" if item.each else ""
     choices = f"one of {', '.join(item.choices)}" if item.choices else ""
     descriptor = ParameterDescriptor(
-        description=f"{item.description}{unit}", additional_constraints=choices, read_only=not item.live
+        description=f"{item.description}{unit}", additional_constraints=limits or choices, read_only=not item.live
     )
-    if math.isfinite(item.low) and item.kind is float:
+    if item.each or not math.isfinite(item.low):
+        return descriptor  # ROS has no range for lists
+    if item.kind is float:
         descriptor.floating_point_range = [FloatingPointRange(from_value=float(item.low), to_value=float(item.high))]
-    elif math.isfinite(item.low):
+    else:
         descriptor.integer_range = [IntegerRange(from_value=int(item.low), to_value=int(item.high), step=1)]
     return descriptor

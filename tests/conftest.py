@@ -3,6 +3,11 @@
 
 import os
 
+# Of two processes that fill a cache for the first time numba may give one the other's code: each worker has its own.
+WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
+if WORKER:
+    os.environ["NUMBA_CACHE_DIR"] = os.path.abspath(os.path.join(".pytest_cache", "numba", WORKER))
+
 # Threads of linear algebra spin while they wait: with a busy neighbour the small problems here take ten times as long.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
@@ -23,7 +28,7 @@ from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.estimation import METHODS
 from hybrid_sysid_ros.estimation.filter import Filter
 from hybrid_sysid_ros.models import Model, Sampling, load
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -215,8 +220,7 @@ def policy_folder(rig: Rig, model_folder: Path) -> Path:
         problem=problem,
         model=load(model_folder).seal,
         rig=rig.name,
-        states=2,
-        output=0,
+        output_map=np.array([[1.0, 0.0]]),
         centre=centre,
         scale=scale,
         layers=((weights, np.zeros(1)), (np.array([[1.0 / small]]), np.array([1.0 / rig.actuators[0].high]))),
@@ -233,7 +237,10 @@ def domain() -> Iterator[int]:
     pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        yield 1 + os.getpid() % 100
+        if WORKER:  # those of one run have one parent
+            yield 1 + (os.getppid() + int(WORKER.removeprefix("gw"))) % 100
+        else:
+            yield 1 + os.getpid() % 100
 
 
 @pytest.fixture
@@ -244,6 +251,23 @@ def bench(domain: int) -> Iterator["Bench"]:
     made = Bench(domain)
     yield made
     made.close()
+
+
+@pytest.fixture
+def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Run a program's main() with its name and arguments; give status, standard output and standard error."""
+
+    def run(main: Callable[[], None], *words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", [str(word) for word in words])
+        status = 0
+        try:
+            main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return run
 
 
 @pytest.fixture

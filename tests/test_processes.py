@@ -20,7 +20,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 TIMEOUT = 60.0  # s
 HEAVY = {
-    *("casadi", "jinja2", "joblib", "matplotlib", "onnx", "optuna", "pandas", "plotly", "rich", "rosbags", "torch"),
+    *("jinja2", "joblib", "matplotlib", "onnx", "optuna", "pandas", "plotly", "rich", "rosbags", "torch"),
     *("scipy.optimize", "scipy.signal", "scipy.special", "scipy.stats"),  # its linear algebra numba itself loads
 }
 

@@ -124,6 +124,14 @@ def stepped(system: System, x: Array, u: Array, *, step: float) -> Array:
     return following
 
 
+def output_of(system: System, x: Array, u: Array) -> Array:
+    """The outputs (outputs,) at states x (states,) under inputs u (inputs,) that act now, without delay."""
+    outputs = np.empty(len(system.outputs))
+    given = np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(u, dtype=float)
+    advance(compiled(system).output, *given, system.values, system.weights, 0.0, outputs)
+    return outputs
+
+
 class Sensitivities:
     """Rollouts with the derivatives of their outputs: the tangent-linear model, or forward sensitivity.
 

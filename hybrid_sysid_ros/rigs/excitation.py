@@ -108,7 +108,7 @@ class Excitation:
         for name, value in values.items():
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
                 raise UserError(f"{where}.{name} is {value!r}: it needs a number")
-            if name in ("hold", "period") and value <= 0 or name == "lines" and value < 1:
+            if (name in ("hold", "period") and value <= 0) or (name == "lines" and value < 1):
                 raise UserError(f"{where}.{name} is {value:g}: it must be above 0")
         return cls(kind=kind, numbers=values)
 

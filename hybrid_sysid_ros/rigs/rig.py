@@ -13,7 +13,7 @@ from hybrid_sysid_ros.core import System, Variable
 from hybrid_sysid_ros.rigs import folder as folders
 from hybrid_sysid_ros.rigs.actuator import Actuator
 from hybrid_sysid_ros.rigs.excitation import Excitation, Schedule, Segment
-from hybrid_sysid_ros.rigs.joints import Joint, Joints
+from hybrid_sysid_ros.rigs.joints import Joints
 from hybrid_sysid_ros.rigs.sensor import Display, Sensor
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_unknown, section

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.control import Problem
-from hybrid_sysid_ros.control.policy.sampling import Spread
+from hybrid_sysid_ros.control.scenarios import Spread
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import DECLARATIONS, Parameter, defaults, parameters
@@ -18,7 +19,7 @@ from hybrid_sysid_ros.support.structured import numbers, read_mapping, section
 
 __all__ = [
     "CAMERA", "Parameter", "Quality", "defaults", "estimator_tuning", "mpc_problem", "parameters", "qualities",
-    "sampling_spread", "shipped",
+    "shipped", "spread_of",
 ]  # fmt: skip
 
 CAMERA = "camera"
@@ -92,18 +93,22 @@ def estimator_tuning(values: Mapping[str, Any], rig: Rig) -> Tuning:
     Raises:
         UserError: `followed` is no list of NAME=DRIFT.
     """
-    camera = rig.display[0].scale * values["camera_noise"]
+    outputs, inputs, camera = len(rig.display), len(rig.actuators), rig.display[0].scale * values["camera_noise"]
+
+    def of_outputs(name: str) -> tuple[float, ...]:
+        return in_si(listed(values, name, "parameter", outputs), rig)
+
     return Tuning(
-        measurement_noise=in_si(values["measurement_noise"], rig)[0],
-        process_noise=tuple(values["process_noise"]),
-        disturbance_noise=values["disturbance_noise"][0],
-        disturbance_limit=values["disturbance_limit"][0],
-        hum_hertz=values["hum_hertz"][0],
-        hum_amplitude=in_si(values["hum_amplitude"], rig)[0],
-        hum_noise=in_si(values["hum_noise"], rig)[0],
+        measurement_noise=of_outputs("measurement_noise")[0],
+        process_noise=listed(values, "process_noise", "parameter", len(rig.system.states)),
+        disturbance_noise=listed(values, "disturbance_noise", "parameter", inputs)[0],
+        disturbance_limit=listed(values, "disturbance_limit", "parameter", inputs)[0],
+        hum_hertz=listed(values, "hum_hertz", "parameter", outputs)[0],
+        hum_amplitude=of_outputs("hum_amplitude")[0],
+        hum_noise=of_outputs("hum_noise")[0],
         gate=values["gate"],
         patience=values["patience"],
-        input_noise=values["input_noise"][0],
+        input_noise=listed(values, "input_noise", "parameter", inputs)[0],
         followed=_drifts(values["followed"]),
         channels={CAMERA: Channel(state=rig.system.measured[0], noise=camera)} if camera else {},
         window=values["window"],
@@ -123,46 +128,56 @@ def _drifts(text: str) -> dict[str, float]:
     return found
 
 
-def mpc_problem(values: Mapping[str, Any], rig: Rig) -> Problem:
+def by_state(values: Sequence[float], rig: Rig, system: System, *, other: float) -> tuple[float, ...]:
+    """Numbers given for the rig's states, for the states of a model of it by their names; ``other`` for its own."""
+    known = dict(zip((item.name for item in rig.system.states), values, strict=True))
+    return tuple(known.get(item.name, other) for item in system.states)
+
+
+def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> Problem:
     """Problem of the exact MPC from the parameters of the node `controller`; outputs are weighed as they are shown.
+
+    system: the model that the MPC predicts with, by default the rig's own. States that it has alone have no bounds.
 
     Raises:
         UserError: a number makes no problem.
     """
-    low = tuple(-math.inf if value <= -NONE else value for value in values["state_low"])
-    high = tuple(math.inf if value >= NONE else value for value in values["state_high"])
-    bounds = tuple(zip(low, high, strict=True))
+    scale, system = rig.display[0].scale, system or rig.system
+    low = [-math.inf if value <= -NONE else value for value in values["state_low"]]
+    high = [math.inf if value >= NONE else value for value in values["state_high"]]
     return Problem(
         horizon=values["horizon"],
         period=values["period"],
         substeps=values["substeps"],
-        output_weight=values["output_weight"][0],
-        rate_weight=values["rate_weight"][0],
-        input_limit=rig.actuators[0].high,
-        output_scale=rig.display[0].scale,
+        output_weights=tuple(values["output_weight"]),
+        rate_weights=tuple(values["rate_weight"]),
+        input_low=tuple(actuator.low for actuator in rig.actuators),
+        input_high=tuple(actuator.high for actuator in rig.actuators),
+        output_scales=tuple(display.scale for display in rig.display),
         smoothing=values["smoothing"],
         max_iterations=values["max_iterations"],
-        input_weight=values["input_weight"][0],
-        rate_limit=values["rate_limit"][0] or math.inf,
-        state_bounds=() if all(math.isinf(value) for value in (*low, *high)) else bounds,
-        soft_linear=values["soft_linear"],
-        soft_quadratic=values["soft_quadratic"],
-    )
+        input_weights=tuple(values["input_weight"]),
+        rate_limits=tuple(limit or math.inf for limit in values["rate_limit"]),
+        state_low=by_state(low, rig, system, other=-math.inf),
+        state_high=by_state(high, rig, system, other=math.inf),
+        soft_linear=(values["soft_linear"] / scale,),
+        soft_quadratic=(values["soft_quadratic"] / scale**2,),
+    ).sized(system)
 
 
-def sampling_spread(rig: Rig) -> Spread:
-    """What the closed loops are made of that a policy of the rig learns from.
+def spread_of(rig: Rig) -> Spread:
+    """What the closed loops are made of that a policy of the rig learns from, from the section policy_training.
 
     Raises:
-        UserError: section policy_training lacks a number.
+        UserError: it lacks a number.
     """
     told, where = rig.section("policy_training"), f"{rig.file}: policy_training"
     system = rig.system
     return Spread(
-        amplitude=listed(told, "amplitude", where, len(system.outputs))[0],
-        disturbance=listed(told, "disturbance", where, len(system.inputs))[0],
-        input_jitter=listed(told, "input_jitter", where, len(system.inputs))[0],
-        kick=listed(told, "kick", where, len(system.states)),
+        amplitude=in_si(listed(told, "amplitude", where, len(system.outputs)), rig),
+        disturbance=listed(told, "disturbance", where, len(system.inputs)),
+        input_jitter=listed(told, "input_jitter", where, len(system.inputs)),
+        push=listed(told, "push", where, len(system.states)),
         parameters=numbers(told.get("parameters", 0.0), f"{where}.parameters", count=1)[0],
     )
 

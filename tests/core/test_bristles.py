@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 
 from hybrid_sysid_ros.core import COMPILED, kernels, simulate
 from hybrid_sysid_ros.core.friction import stribeck
-from hybrid_sysid_ros.models.dahl import Dahl
-from hybrid_sysid_ros.models.lugre import LuGre
+from tests.one_joint import Dahl
+from tests.one_joint import LuGre
 
 FREE = {"gain": 1.0, "centre": 0.0, "stiffness": 0.0, "input_delay": 0.0}
 """A block on a table that the input pushes: v' = u - friction."""

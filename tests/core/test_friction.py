@@ -2,9 +2,9 @@
 
 import casadi
 import pytest
+from hybrid_sysid_ros.core.casadi_form import symbolic
 
 from hybrid_sysid_ros.core import COMPILED
-from hybrid_sysid_ros.core.casadi_form import symbolic
 from hybrid_sysid_ros.core.friction import rational_stribeck, stribeck
 
 COULOMB, STATIC, SPEED = 0.25, 0.40, 0.3  # N m, N m, rad/s: of the flexible joint

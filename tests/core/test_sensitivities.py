@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
+from hybrid_sysid_ros.core.forward_sensitivity import forward_sensitivity
+from tests.test_equations import structure
+from tests.test_linearisation import polynomial
 
 from hybrid_sysid_ros.core import kernels
-from hybrid_sysid_ros.core.forward_sensitivity import forward_sensitivity
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.problem import Problem
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.models.linear import Linear
-from tests.test_equations import structure
-from tests.test_linearisation import polynomial
+from tests.one_joint import Linear
 
 STEP, EVERY, SAMPLES = 0.005, 10, 60
 
