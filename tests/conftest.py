@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from hybrid_sysid_ros.estimation.filter import Filter
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.control.policy.policy import Policy
@@ -26,15 +27,14 @@ from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.core import Dry, System, bounded, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.estimation import METHODS
-from hybrid_sysid_ros.estimation.filter import Filter
 from hybrid_sysid_ros.models import Model, Sampling, load
-from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 from studies.beam_lecture import records as bab
+from tests.one_joint import Linear
 
 if TYPE_CHECKING:
     from tests.node_bench import Bench

@@ -17,7 +17,7 @@ from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands.terminal import console, print_table
 from hybrid_sysid_ros.control import Controller, ExactMpc
-from hybrid_sysid_ros.control.closed_loop import simulate_loop
+from hybrid_sysid_ros.control.closed_loop import ClosedLoop, simulate_loop
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
 from hybrid_sysid_ros.identification import Part, evaluate, identify

@@ -44,10 +44,6 @@ class Softsign(Block):
         return weights.ravel()
 
     @property
-    def code(self) -> str:
-        return f"Softsign(features={self.features}, units={self.units}, outputs={self.outputs})"
-
-    @property
     def kernels(self) -> Kernels:
         units, features, outputs = self.units, self.features, self.outputs
         width = features + 1 + outputs
@@ -138,10 +134,6 @@ class Perceptron(Block):
         return self.layout.size
 
     @property
-    def code(self) -> str:
-        return f"Perceptron(widths={self.widths!r})"
-
-    @property
     def kernels(self) -> Kernels:
         parts, features, outputs = perceptron.passes(self.layout), self.features, self.outputs
         forward, output, gradient, values, scratch = (
@@ -195,10 +187,6 @@ class Polynomial(Block):
     @property
     def size(self) -> int:  # type: ignore[override]
         return len(self.exponents)
-
-    @property
-    def code(self) -> str:
-        return f"Polynomial(exponents={self.exponents!r}, features={self.features})"
 
     @property
     def kernels(self) -> Kernels:
@@ -283,10 +271,6 @@ class GatedUnits(Block):
         matrix = bias + 3 * self.units
         reset_bias = matrix + 3 * self.units**2
         return bias, matrix, reset_bias, reset_bias + self.units
-
-    @property
-    def code(self) -> str:
-        return f"GatedUnits(units={self.units}, size={self.size}, inputs={self.inputs}, readouts={self.readouts})"
 
     @property
     def kernels(self) -> Kernels:

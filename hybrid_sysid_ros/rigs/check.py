@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Sensitivities, System, compiled, rollouts, stepped
-from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.core.call import call_slopes, call_value
+from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.rigs.experiments import ExperimentController, excitation
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -61,7 +61,7 @@ def check(rig: Rig) -> Findings:
     growth, grown = _growth(rig.system, magnitudes, rig.step)
     if growth > GROWTH and not rig.experiments.loops:
         problems.append(
-            f"{where}: unstable at the origin: {grown} grows by e in {1 / growth:.3g} s; give the experiments in "
+            f"{where}: unstable at the origin: {grown} grow by e in {1 / growth:.3g} s; give the experiments in "
             f"{rig.file.name} a loop that holds it"
         )
     elif not steady:
@@ -140,7 +140,7 @@ def _experiment(rig: Rig) -> tuple[Array, Array]:
 
 
 def _growth(system: System, magnitudes: Array, step: float) -> tuple[float, str]:
-    """Fastest growth [1/s] of the system linearised at the origin, stick-slip rounded, and the state that grows most."""
+    """Fastest growth [1/s] of the system linearised at the origin, stick-slip rounded, and the states that grow."""
     n, m = len(system.states), len(system.inputs)
     address, columns = compiled(system).slopes(smooth=True)
     slopes, following = np.zeros((n, n + m)), np.zeros(n)
@@ -150,7 +150,8 @@ def _growth(system: System, magnitudes: Array, step: float) -> tuple[float, str]
     fastest = int(np.argmax(np.abs(values)))
     share = np.abs(vectors[:, fastest]) / magnitudes
     rate = np.log(max(float(np.abs(values[fastest])), 1e-300)) / step
-    return float(rate), system.states[int(np.argmax(share))].name
+    grown = [item.name for item, part in zip(system.states, share, strict=True) if part > 0.3 * np.max(share)]
+    return float(rate), " and ".join(grown)
 
 
 @kernel
