@@ -10,6 +10,8 @@ from hybrid_sysid_ros.models import STRUCTURES, build
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
+from tests.one_joint import narx as narx_of
+from tests.one_joint import recurrent as recurrent_of
 
 RANGE = np.array([0.15, 0.5, 10.0])  # position [rad], velocity [rad/s], drive [V] of the beam's records
 DEFLECTION = 0.005  # of bristles, as far as they bend [rad]
@@ -27,12 +29,12 @@ def structure(name: str, seed: int = 0) -> System:
 
 
 def recurrent() -> Recurrent:
-    system = Recurrent(units=5, position_scale=0.05, rate_scale=0.2, drive_scale=4.0)
+    system = recurrent_of(5, scales=(0.05, 0.2, 4.0))
     return system.with_weights(np.random.default_rng(0).normal(size=len(system.weights)))
 
 
 def polynomial() -> Narx:
-    return Narx(
+    return narx_of(
         exponents=((0, 0, 0, 0), (1, 0, 0, 0), (0, 1, 1, 0), (2, 0, 0, 1), (0, 0, 1, 2)),
         coefficients=(0.1, 0.9, -0.2, 0.3, 0.1),
         output_lags=2,

@@ -7,9 +7,9 @@ import pytest
 
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.estimation import Channel, Tuning
-from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.support.errors import UserError
 from tests.one_joint import Linear
+from tests.one_joint import narx as narx_of
 from tests.straight_beam import straight
 
 PERIOD = 0.005
@@ -152,7 +152,7 @@ def test_a_channel_that_is_not_there_or_too_early_is_told(kind):
 
 # A recurrence steps by its own samples, y+ = .9 y + .1 (u + d), and has no parameters with names.
 
-ARX = Narx(
+ARX = narx_of(
     exponents=((1, 0), (0, 1)),
     coefficients=(0.9, 0.1),
     output_lags=1,

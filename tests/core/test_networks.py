@@ -15,21 +15,21 @@ from tests.test_equations import MOTIONS, RANGE, structure
 from benchmarks.network_plant import NETWORK, WEIGHTS, NetworkPlant, layers
 from hybrid_sysid_ros.core import System, kernels
 from hybrid_sysid_ros.core.perceptron import Perceptron, compiled, passes, unrolled
-from hybrid_sysid_ros.models.narx import Narx
-from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.support.errors import UserError
+from tests.one_joint import narx as narx_of
+from tests.one_joint import recurrent as recurrent_of
 
 SUBSTEPS, STEP = 3, 0.005
 
 
 def recurrent():
-    system = Recurrent(units=5, position_scale=0.05, rate_scale=0.2, drive_scale=4.0)
+    system = recurrent_of(5, scales=(0.05, 0.2, 4.0))
     return system.with_weights(np.random.default_rng(0).normal(size=len(system.weights)))
 
 
 def polynomial():
     """Compiled after one of more lags, with which it shares the step and not the size of its dual numbers."""
-    lag = Narx(
+    lag = narx_of(
         exponents=((1, 0, 0, 0, 0, 0, 0, 0, 0), (0, 0, 0, 0, 1, 0, 0, 0, 0)),
         coefficients=(0.9, 0.1),
         output_lags=4,
@@ -38,7 +38,7 @@ def polynomial():
         input_range=(-10.0, 10.0),
     )
     linearisation(lag, smoothing=0.005)
-    return Narx(
+    return narx_of(
         exponents=((0, 0, 0, 0), (1, 0, 0, 0), (0, 1, 1, 0), (2, 0, 0, 1), (0, 0, 1, 2)),
         coefficients=(0.1, 0.9, -0.2, 0.3, 0.1),
         output_lags=2,
