@@ -114,7 +114,7 @@ def test_a_plant_that_changes_goes_on_as_the_other_one(rig):
     plant = Plant(rig, seed=0, noisy=False)
     for _ in range(200):
         plant.advance(5.0)
-    other.reset(plant.state, drive=5.0)
+    other.reset(plant.state, inputs=5.0)
     plant.change(coulomb=4.0)
     for _ in range(200):
         plant.advance(5.0)

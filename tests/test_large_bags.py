@@ -257,7 +257,7 @@ GROWTH = """
 import sys
 from typing import Any
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 
 def kilobytes(key):
     return next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith(key))

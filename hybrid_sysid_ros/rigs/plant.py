@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hybrid_sysid_ros.core import compiled
-from hybrid_sysid_ros.core.rollout import advance
+from hybrid_sysid_ros.core.call import call_value
+from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import LowPassFilter, Sensor
 
@@ -44,15 +46,14 @@ class Plant:
         self.noisy = noisy
         system, random = rig.system, np.random.default_rng(seed)
         functions = compiled(system)
-        self._step, self._output = functions.step, functions.output
+        self._functions = functions.step, functions.output
         self._parameters, self._weights = system.values, system.weights
         self._phases = random.uniform(0, 2 * np.pi, len(rig.sensors))
         self._random = random
         self._noise: Iterator[list[float]] = iter(())
         self._delays = [_split(delay / rig.step) for delay in system.input_delays]
         self._channels = [_Reading(sensor, rig.step) for sensor in rig.sensors]
-        self._following, self._drive = np.zeros(len(system.states)), np.zeros(len(rig.actuators))
-        self._outputs = np.zeros(len(rig.sensors))
+        self._drive, self._outputs = np.zeros(len(rig.actuators)), np.zeros(len(rig.sensors))
         self.reset(np.zeros(len(system.states)))
 
     def reset(self, state: ArrayLike, *, inputs: ArrayLike | None = None) -> None:
@@ -66,8 +67,7 @@ class Plant:
             for value, (whole, _) in zip(stood, self._delays, strict=True)
         ]
         self._act()
-        advance(self._output, self.state, self._drive, self._parameters, self._weights, self.rig.step, self._outputs)
-        for channel, value in zip(self._channels, self._outputs.tolist(), strict=True):
+        for channel, value in zip(self._channels, self._move(steps=0), strict=True):
             channel.reset(value)
         self._read()
 
@@ -83,20 +83,25 @@ class Plant:
 
     def advance(self, inputs: ArrayLike) -> None:
         """One step under commanded inputs (inputs,), bounded by the actuators; NaN counts as rest."""
-        values = np.atleast_1d(np.asarray(inputs, dtype=float)).tolist()
+        values = [inputs] if isinstance(inputs, float) else np.atleast_1d(np.asarray(inputs, dtype=float)).tolist()
         for actuator, past, value in zip(self.rig.actuators, self._past, values, strict=True):
             past.appendleft(actuator.bounded(value))
         self._act()
         for channel in self._channels:
             channel.advance()
-        step = self.rig.step
-        advance(self._step, self.state, self._drive, self._parameters, self._weights, step, self._following)
-        self.state[:] = self._following
-        advance(self._output, self.state, self._drive, self._parameters, self._weights, step, self._outputs)
-        for channel, value in zip(self._channels, self._outputs.tolist(), strict=True):
+        for channel, value in zip(self._channels, self._move(steps=1), strict=True):
             channel.see(value)
         self._ticks += 1
         self._read()
+
+    def _move(self, *, steps: int) -> list[float]:
+        """Advance the state in place under what acts now; the outputs there (outputs,)."""
+        _moved(
+            *self._functions, self.state, self._drive, self._parameters, self._weights, self.rig.step, steps,
+            self._outputs,
+        )  # fmt: skip
+        found: list[float] = self._outputs.tolist()
+        return found
 
     def _act(self) -> None:
         """What acts on the system now, behind the delays."""
@@ -130,6 +135,18 @@ class Plant:
             outputs=np.array([channel.value for channel in self._channels]),
             filtered=np.array([channel.filtered for channel in self._channels]),
         )
+
+
+@kernel
+def _moved(
+    step: int, output: int, x: Array, u: Array, p: Array, w: Array, h: float, steps: int, y: Array
+) -> None:
+    """Steps of x (states,) in place under u (inputs,), and the outputs y (outputs,), by addresses of compiled code."""
+    following = np.empty_like(x)
+    for _ in range(steps):
+        call_value(step, x, u, p, w, h, 0.0, following)
+        x[:] = following
+    call_value(output, x, u, p, w, h, 0.0, y)
 
 
 class _Reading:
@@ -171,8 +188,8 @@ class _Reading:
         self.read_plainly()
         sensor, hum = self._sensor, 0.0
         if sensor.hum is not None:
-            hum = np.sqrt(2) * sensor.hum.rms * np.sin(2 * np.pi * sensor.hum.hertz * time + phase)
-        reading = float(self.value / sensor.scale + hum + sensor.white_noise * white)
+            hum = math.sqrt(2) * sensor.hum.rms * math.sin(2 * math.pi * sensor.hum.hertz * time + phase)
+        reading = self.value / sensor.scale + hum + sensor.white_noise * white
         self.value = (sensor.quantiser.read(reading) if sensor.quantiser else reading) * sensor.scale
 
 

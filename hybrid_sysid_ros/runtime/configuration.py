@@ -87,24 +87,45 @@ def in_si(values: Sequence[float], rig: Rig) -> tuple[float, ...]:
     return tuple(display.scale * value for display, value in zip(rig.display, values, strict=True))
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Lists:
+    """The lists among a node's parameters; one number stands for all."""
+
+    values: Mapping[str, Any]
+    rig: Rig
+
+    def states(self, name: str) -> tuple[float, ...]:
+        return numbers(self.values[name], f"parameter {name}", count=len(self.rig.system.states))
+
+    def inputs(self, name: str) -> tuple[float, ...]:
+        return numbers(self.values[name], f"parameter {name}", count=len(self.rig.system.inputs))
+
+    def outputs(self, name: str) -> tuple[float, ...]:
+        return numbers(self.values[name], f"parameter {name}", count=len(self.rig.display))
+
+    def outputs_si(self, name: str) -> tuple[float, ...]:
+        """From the units in which the outputs are shown into SI."""
+        return in_si(self.outputs(name), self.rig)
+
+
 def estimator_tuning(values: Mapping[str, Any], rig: Rig) -> Tuning:
     """Tuning of the estimators from the parameters of the node `estimator`; outputs come into SI.
 
     Raises:
         UserError: `followed` is no list of NAME=DRIFT.
     """
-    camera = rig.display[0].scale * values["camera_noise"]
+    lists, camera = _Lists(values=values, rig=rig), rig.display[0].scale * values["camera_noise"]
     return Tuning(
-        measurement_noise=in_si(values["measurement_noise"], rig)[0],
-        process_noise=tuple(values["process_noise"]),
-        disturbance_noise=values["disturbance_noise"][0],
-        disturbance_limit=values["disturbance_limit"][0],
-        hum_hertz=values["hum_hertz"][0],
-        hum_amplitude=in_si(values["hum_amplitude"], rig)[0],
-        hum_noise=in_si(values["hum_noise"], rig)[0],
+        measurement_noise=lists.outputs_si("measurement_noise")[0],
+        process_noise=lists.states("process_noise"),
+        disturbance_noise=lists.inputs("disturbance_noise")[0],
+        disturbance_limit=lists.inputs("disturbance_limit")[0],
+        hum_hertz=lists.outputs("hum_hertz")[0],
+        hum_amplitude=lists.outputs_si("hum_amplitude")[0],
+        hum_noise=lists.outputs_si("hum_noise")[0],
         gate=values["gate"],
         patience=values["patience"],
-        input_noise=values["input_noise"][0],
+        input_noise=lists.inputs("input_noise")[0],
         followed=_drifts(values["followed"]),
         channels={CAMERA: Channel(state=rig.system.measured[0], noise=camera)} if camera else {},
         window=values["window"],
@@ -139,21 +160,22 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
         UserError: a number makes no problem.
     """
     scale, system = rig.display[0].scale, system or rig.system
-    low = [-math.inf if value <= -NONE else value for value in values["state_low"]]
-    high = [math.inf if value >= NONE else value for value in values["state_high"]]
+    lists = _Lists(values=values, rig=rig)
+    low = [-math.inf if value <= -NONE else value for value in lists.states("state_low")]
+    high = [math.inf if value >= NONE else value for value in lists.states("state_high")]
     return Problem(
         horizon=values["horizon"],
         period=values["period"],
         substeps=values["substeps"],
-        output_weights=tuple(values["output_weight"]),
-        rate_weights=tuple(values["rate_weight"]),
+        output_weights=lists.outputs("output_weight"),
+        rate_weights=lists.inputs("rate_weight"),
         input_low=tuple(actuator.low for actuator in rig.actuators),
         input_high=tuple(actuator.high for actuator in rig.actuators),
         output_scales=tuple(display.scale for display in rig.display),
         smoothing=values["smoothing"],
         max_iterations=values["max_iterations"],
-        input_weights=tuple(values["input_weight"]),
-        rate_limits=tuple(limit or math.inf for limit in values["rate_limit"]),
+        input_weights=lists.inputs("input_weight"),
+        rate_limits=tuple(limit or math.inf for limit in lists.inputs("rate_limit")),
         state_low=by_state(low, rig, system, other=-math.inf),
         state_high=by_state(high, rig, system, other=math.inf),
         soft_linear=(values["soft_linear"] / scale,),

@@ -39,8 +39,8 @@ class Parameter:
     """Length of the list."""
 
     def __post_init__(self) -> None:
-        first = self.default[0] if isinstance(self.default, list) and self.default else self.default
-        if type(first) not in _KINDS or (self.each and type(first) not in (int, float)):
+        items = self.default if self.each and isinstance(self.default, list) else [self.default]
+        if any(type(item) not in _KINDS or (self.each and type(item) not in (int, float)) for item in items):
             raise UserError(f"parameter {self.name}: the default {self.default!r} is of no known kind")
         if self.each not in ("", *EACH):
             raise UserError(f"parameter {self.name}: each is {self.each!r}: choose one of {', '.join(EACH)}")
