@@ -27,10 +27,12 @@ TINY = 1e-12
 
 @dataclass(frozen=True, kw_only=True)
 class Contact:
-    """on: the name of the velocity that carries it. viscous: D, resolved trapezoidally."""
+    """Friction on one velocity."""
 
     on: str
+    """Name of the velocity that carries it."""
     viscous: Field = 0.0
+    """D, resolved trapezoidally."""
     fields: ClassVar[tuple[str, ...]] = ("viscous",)
 
     @property
@@ -56,10 +58,11 @@ class Viscous(Contact):
 
 @dataclass(frozen=True, kw_only=True)
 class Dry(Contact):
-    """Dry friction of a level. creep: speed below which it is viscous; 0: it sticks exactly."""
+    """Dry friction of a level."""
 
     level: Field
     creep: Field = 0.0
+    """Speed below which it is viscous; 0: it sticks exactly."""
     fields: ClassVar[tuple[str, ...]] = ("viscous", "level", "creep")
 
     def solve(
@@ -84,7 +87,8 @@ class Bristles(Contact):
     level: Field
     stiffness: Field
     damping: Field = 0.0
-    deflection: str = "deflection [rad]"
+    deflection: str = "deflection"
+    """Name of the hidden state; its unit is that of the velocity times s unless it is said here."""
     fields: ClassVar[tuple[str, ...]] = ("viscous", "level", "stiffness", "damping")
 
     @property

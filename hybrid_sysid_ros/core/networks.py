@@ -44,10 +44,6 @@ class Softsign(Block):
         return weights.ravel()
 
     @property
-    def code(self) -> str:
-        return f"Softsign(features={self.features}, units={self.units}, outputs={self.outputs})"
-
-    @property
     def kernels(self) -> Kernels:
         units, features, outputs = self.units, self.features, self.outputs
         width = features + 1 + outputs
@@ -138,10 +134,6 @@ class Perceptron(Block):
         return self.layout.size
 
     @property
-    def code(self) -> str:
-        return f"Perceptron(widths={self.widths!r})"
-
-    @property
     def kernels(self) -> Kernels:
         parts, features, outputs = perceptron.passes(self.layout), self.features, self.outputs
         forward, output, gradient, values, scratch = (
@@ -194,10 +186,6 @@ class Polynomial(Block):
     @property
     def size(self) -> int:  # type: ignore[override]
         return len(self.exponents)
-
-    @property
-    def code(self) -> str:
-        return f"Polynomial(exponents={self.exponents!r}, features={self.features})"
 
     @property
     def kernels(self) -> Kernels:
@@ -271,10 +259,6 @@ class GatedUnits(Block):
     @property
     def outputs(self) -> int:  # type: ignore[override]
         return self.units + 1
-
-    @property
-    def code(self) -> str:
-        return f"GatedUnits(units={self.units}, size={self.size})"
 
     @property
     def kernels(self) -> Kernels:

@@ -80,8 +80,9 @@ def rollouts(
     """Free runs without re-initialisation: states (samples, states) and outputs (samples, outputs) of all.
 
     starts: see :data:`Starts`. x0 (windows, states). inputs (steps, inputs): mean of each input over each ``step`` [s].
-    A sample comes every ``every`` steps, the first one is x0.
+    A sample comes every ``every`` steps, the first one is x0. Raises ValueError for arrays of other sizes.
     """
+    _fitting(system, x0, inputs)
     functions, total = compiled(system), int((starts[:, 2] + starts[:, 3]).max())
     states, outputs = np.empty((total, len(system.states))), np.empty((total, len(system.outputs)))
     _rollouts(
@@ -109,6 +110,15 @@ def simulate(system: System, initial_state: Array, inputs: Array, *, step: float
     return states
 
 
+def _fitting(system: System, x0: Array, inputs: Array) -> None:
+    """Compiled code would read and write behind the ends of arrays of other sizes."""
+    n, m = len(system.states), len(system.inputs)
+    if x0.ndim != 2 or inputs.ndim != 2 or x0.shape[1] != n or inputs.shape[1] != m:
+        raise ValueError(
+            f"{type(system).__name__}: states {x0.shape} and inputs {inputs.shape} must have {n} and {m} columns"
+        )
+
+
 @kernel
 def advance(step: int, x: Array, u: Array, p: Array, w: Array, h: float, following: Array) -> None:
     """One step by the address of a compiled one, from Python; ``following`` (states,) receives the new state."""
@@ -116,9 +126,13 @@ def advance(step: int, x: Array, u: Array, p: Array, w: Array, h: float, followi
 
 
 def stepped(system: System, x: Array, u: Array, *, step: float) -> Array:
-    """The states (states,) one step [s] after x (states,) under inputs u (inputs,) that act now, without delay."""
+    """The states (states,) one step [s] after x (states,) under inputs u (inputs,) that act now, without delay.
+
+    Raises ValueError for arrays of other sizes.
+    """
     following = np.empty(len(system.states))
     given = np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(u, dtype=float)
+    _fitting(system, given[0][None], given[1][None])
     advance(compiled(system).step, *given, system.values, system.weights, step, following)
     return following
 
@@ -158,6 +172,7 @@ class Sensitivities:
         self, system: System, starts: Starts, x0: Array, inputs: Array, *, step: float, every: int, out: Array
     ) -> None:
         """Derivatives into ``out`` (samples, outputs, columns); see :func:`rollouts`."""
+        _fitting(system, x0, inputs)
         _tangents(
             self._step,
             self._output,

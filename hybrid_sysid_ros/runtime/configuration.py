@@ -24,6 +24,8 @@ __all__ = [
 
 CAMERA = "camera"
 """Channel of an estimator for a second sensor of the rig's first output."""
+OWN_NOISE = 0.05
+"""Process noise of a state without a unit that a model has beside the rig's [1/sqrt(s)]."""
 NONE = 1e9
 """A bound of a state from which on it is none."""
 TRAINED = Path(__file__).parents[1] / "trained"
@@ -108,26 +110,31 @@ class _Lists:
         return in_si(self.outputs(name), self.rig)
 
 
-def estimator_tuning(values: Mapping[str, Any], rig: Rig) -> Tuning:
+def estimator_tuning(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> Tuning:
     """Tuning of the estimators from the parameters of the node `estimator`; outputs come into SI.
+
+    system: the model that the estimator predicts with, by default the rig's own. Of the states that it has alone,
+    those without a unit, such as hidden units of a network, drift by OWN_NOISE, others not.
 
     Raises:
         UserError: `followed` is no list of NAME=DRIFT.
     """
-    lists, camera = _Lists(values=values, rig=rig), rig.display[0].scale * values["camera_noise"]
+    lists, system = _Lists(values=values, rig=rig), system or rig.system
+    camera = rig.display[0].scale * values["camera_noise"]
+    drifts = dict(zip((item.name for item in rig.system.states), lists.states("process_noise"), strict=True))
     return Tuning(
-        measurement_noise=lists.outputs_si("measurement_noise")[0],
-        process_noise=lists.states("process_noise"),
-        disturbance_noise=lists.inputs("disturbance_noise")[0],
-        disturbance_limit=lists.inputs("disturbance_limit")[0],
-        hum_hertz=lists.outputs("hum_hertz")[0],
-        hum_amplitude=lists.outputs_si("hum_amplitude")[0],
-        hum_noise=lists.outputs_si("hum_noise")[0],
+        measurement_noise=lists.outputs_si("measurement_noise"),
+        process_noise=tuple(drifts.get(item.name, 0.0 if item.unit else OWN_NOISE) for item in system.states),
+        disturbance_noise=lists.inputs("disturbance_noise"),
+        disturbance_limit=lists.inputs("disturbance_limit"),
+        hum_hertz=lists.outputs("hum_hertz"),
+        hum_amplitude=lists.outputs_si("hum_amplitude"),
+        hum_noise=lists.outputs_si("hum_noise"),
         gate=values["gate"],
         patience=values["patience"],
-        input_noise=lists.inputs("input_noise")[0],
+        input_noise=lists.inputs("input_noise"),
         followed=_drifts(values["followed"]),
-        channels={CAMERA: Channel(state=rig.system.measured[0], noise=camera)} if camera else {},
+        channels={CAMERA: Channel(of=rig.system.outputs[0].name, noise=camera)} if camera else {},
         window=values["window"],
         horizon=values["horizon"],
     )
