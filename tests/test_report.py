@@ -61,10 +61,9 @@ class Page(html.parser.HTMLParser):
 
 
 def record(name, seed, duration=12.0):
-    """A simulated experiment of the beam with a little noise."""
+    """A simulated experiment of the beam with a little noise. The law makes its drive of its reference."""
     time = PERIOD * np.arange(round(duration * RATE) + 1)
-    reference = multisine(seed, amplitude=4.0, low=0.1, high=2.0, lines=20, period=duration)(time)
-    drive = (1.0 + reference)[:, None]
+    drive = 1.0 + multisine(seed, amplitude=4.0, low=0.1, high=2.0, lines=20, period=duration)(time)[:, None]
     states = simulate(RIG.system, np.zeros(2), drive[:-1], step=PERIOD)
     noise = 5e-4 * np.random.default_rng(seed).normal(size=len(time))
     return Record(
@@ -72,7 +71,10 @@ def record(name, seed, duration=12.0):
         time=time,
         input=drive,
         output=states[:, :1] + noise[:, None],
-        channels={"reference": RIG.display[0].si(reference)},
+        channels={
+            "reference": states[:, 0] + RIG.display[0].si(drive[:, 0] / RIG.experiments.loops[0].gain),
+            "filtered": states[:, 0],
+        },
         digest=f"{seed:064x}",
     )
 

@@ -148,9 +148,7 @@ class Signals:
         if period is not None:
             (period,) = numbers(period, f"{where_all}.period", count=1)
         inputs, outputs, channels = found
-        return cls(
-            namespace=namespace, inputs=inputs, outputs=outputs, channels=channels, period=period, source=where
-        )
+        return cls(namespace=namespace, inputs=inputs, outputs=outputs, channels=channels, period=period, source=where)
 
     @classmethod
     def load(cls, path: Path | str) -> Signals:

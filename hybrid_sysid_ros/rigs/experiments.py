@@ -119,7 +119,9 @@ def _measurements(rig: Rig, stamps: NDArray[np.int64], shown: list[Measurement],
 
 def _references(rig: Rig, stamps: NDArray[np.int64], wanted: Array) -> Series:
     """The references of the loops, one point a message."""
-    places = {index: rig.joints.place(rig.system.outputs[loop.output].name) for index, loop in rig.experiments.loops.items()}
+    places = {
+        index: rig.joints.place(rig.system.outputs[loop.output].name) for index, loop in rig.experiments.loops.items()
+    }
     names = list(dict.fromkeys(joint for joint, _ in places.values()))
     fields = {f: np.full((len(stamps), 1, len(names)), np.nan) for f in dict.fromkeys(f for _, f in places.values())}
     for index, (joint, field) in places.items():

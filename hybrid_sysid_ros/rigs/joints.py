@@ -83,7 +83,9 @@ class Joints:
     def signals(self, system: System, sensors: Sequence[Sensor]) -> Given:
         """Inputs, outputs and channels of records, as these topics carry them; see :meth:`.Rig.channel`."""
 
-        def signal(topic: str, name: str, unit: str, form: str = "{field}[{joint}]", holds: str = "preceding") -> Signal:
+        def signal(
+            topic: str, name: str, unit: str, form: str = "{field}[{joint}]", holds: str = "preceding"
+        ) -> Signal:
             joint, field = self.place(name)
             return Signal(topic=topic, field=form.format(joint=joint, field=field), unit=unit, holds=holds)
 
@@ -98,7 +100,11 @@ class Joints:
                     MEASUREMENTS, item.name, item.unit, form
                 )
         for item in system.outputs:
-            form = "points[0].{field}s[{joint}]" if self.place(item.name)[1] == "position" else "points[0].velocities[{joint}]"
+            form = (
+                "points[0].{field}s[{joint}]"
+                if self.place(item.name)[1] == "position"
+                else "points[0].velocities[{joint}]"
+            )
             channels["reference" if alone[0] else f"reference_{item.name}"] = signal(
                 REFERENCES, item.name, item.unit, form
             )

@@ -9,8 +9,8 @@ from tempfile import TemporaryDirectory
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.identification import Part
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from studies.beam_lecture import records as bab
 

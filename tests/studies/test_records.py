@@ -145,11 +145,9 @@ def test_an_unreadable_file_is_named(tmp_path):
     assert not (tmp_path / "bags").exists()
 
 
-def test_the_real_records_are_closed_loops_exactly(data, tmp_path):
-    real = bab.import_folder(data / "bab", tmp_path)
-    assert len(real) >= 7
-    for bag in real:
-        record = bags.read(bag, load_rig("cam_beam").signals)
+def test_the_real_records_are_closed_loops_exactly(author_records):
+    assert len(author_records) >= 7
+    for record in author_records:
         assert record.duration == pytest.approx(55.0, abs=0.01)
         assert record.sampling_time == pytest.approx(1e-3, rel=1e-12)
         assert_closed_loop(record)

@@ -83,16 +83,16 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
         raise UserError(
             f"re-simulation: rig {rig.name} has a controller of one input and one output; the model has more"
         )
-    filtered = rig.sensors[0].low_pass
-    if not rig.experiments.loops or filtered is None:
-        raise UserError(f"re-simulation: rig {rig.name} has no loop behind a low-pass that could be done again")
+    filtered = _low_pass(rig)
     recorded = "filtered" in record.channels
     if not recorded:
-        record = replace(record, channels={**record.channels, "filtered": _filtered(record, rig, filtered)})
+        record = replace(record, channels={**record.channels, "filtered": _filtered(record, rig)})
     used = part.of(record, sampling)
-    quantiser = rig.sensors[0].quantiser
-    count = quantiser.count if quantiser is not None else 0.0
-    _check_law(used, rig, count if recorded else DEVIATIONS * rig.sensors[0].noise)
+    _check_law(
+        used,
+        rig,
+        _count(rig) if recorded else DEVIATIONS * rig.sensors[0].noise,
+    )
     grid = Sampling(step=sampling.step, period=max(sampling.step, used.sampling_time), input="averaged")
     experiment = prepare(used, system, grid)
     steps = len(experiment.inputs)
@@ -160,14 +160,14 @@ def _check_law(record: Record, rig: Rig, tolerance: float) -> None:
     """
     if "reference" not in record.channels:
         return
-    gain, actuator = rig.experiments.loops[0].gain, rig.actuators[0]
+    gain, low_limit, high_limit = rig.experiments.loops[0].gain, rig.actuators[0].low, rig.actuators[0].high
     scale = gain / rig.display[0].scale
     told = scale * (record.channels["reference"] - record.channels["filtered"])
     bends = np.abs(np.diff(record.channels["filtered"], 2)) / 8.0
     bend = np.maximum(np.append(bends, bends[-1:]), np.insert(bends, 0, bends[:1]))
     slack = scale * bend + gain * tolerance
-    low = np.clip(np.minimum(told[:-1], told[1:]) - slack, actuator.low, actuator.high)
-    high = np.clip(np.maximum(told[:-1], told[1:]) + slack, actuator.low, actuator.high)
+    low = np.clip(np.minimum(told[:-1], told[1:]) - slack, low_limit, high_limit)
+    high = np.clip(np.maximum(told[:-1], told[1:]) + slack, low_limit, high_limit)
     known = np.isfinite(low + high)
     given = record.input[:-1, 0]
     strayed = (given < low - ROUNDING) | (given > high + ROUNDING)
@@ -178,9 +178,23 @@ def _check_law(record: Record, rig: Rig, tolerance: float) -> None:
         )
 
 
-def _filtered(record: Record, rig: Rig, part: LowPass) -> Array:
+def _low_pass(rig: Rig) -> LowPass:
+    """The filter behind which the rig's controller measures."""
+    found = rig.sensors[0].low_pass
+    if not rig.experiments.loops or found is None:
+        raise UserError(f"re-simulation: rig {rig.name} has no loop behind a low-pass that could be done again")
+    return found
+
+
+def _count(rig: Rig) -> float:
+    """The smallest step of the sensor's readings, in the unit of its display."""
+    quantiser = rig.sensors[0].quantiser
+    return 0.0 if quantiser is None else quantiser.count
+
+
+def _filtered(record: Record, rig: Rig) -> Array:
     """The output behind the rig's filter, (samples,) in the output's unit, from settled at its first value."""
-    low_pass = LowPassFilter(part, rig.step)
+    low_pass = LowPassFilter(_low_pass(rig), rig.step)
     ticks = rig.step * np.arange(round(record.time[-1] / rig.step) + 1)
     values = np.interp(ticks, record.time, record.output[:, 0])
     low_pass.reset(float(values[0]))
