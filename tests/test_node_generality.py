@@ -90,6 +90,32 @@ def test_two_inputs_drive_two_outputs_to_their_references(domain: int, carts: Pa
     assert all(len(point.positions) == 2 and not point.velocities for point in points)
 
 
+def test_the_flexible_joint_s_link_follows_speeds_in_lockstep(domain: int, tmp_path: Path) -> None:
+    """Two outputs, a place and a speed; of five states one is a deflection that belongs to no joint."""
+    model = two_carts.exact_model("flexible_joint", tmp_path / "model")
+    bench = Bench(domain, namespace="flexible_joint")
+    try:
+        loop = Lockstep(bench, "flexible_joint", model)
+        loop.run(800)
+    finally:
+        bench.close()
+    rig = rigs.load("flexible_joint")
+    assert list(loop.measurements[0].name) == ["motor", "link"]
+    seconds = np.array([stamp_of(item) for item in loop.measurements]) / SECOND - 1.0
+    wanted = rig.schedule()(seconds)[:, 1]
+    speed = rig.display[1].shown(loop.column(loop.measurements, "velocity", "link"))
+    settled = (seconds % 1.0 > 0.6) & (seconds > 1.0)
+    assert np.abs(speed - wanted)[settled].mean() < 1.5  # rpm, of steps up to 30; the sensor's noise is .2
+    torque = loop.column(loop.commands, "effort", "motor")
+    assert np.abs(torque).max() <= 2.0
+    names = list(loop.estimates[-1].name)
+    hidden = [item.name for item in rig.system.states if item.name not in ("motor_angle", "link_angle")][2:]
+    assert names == ["motor", "link", *hidden, "motor_ahead", "link_ahead", *(f"{name}_ahead" for name in hidden)]
+    point = loop.references[0].points[0]
+    assert loop.references[0].joint_names == ["link"]
+    assert (len(point.positions), len(point.velocities)) == (0, 1)
+
+
 def test_a_command_that_lacks_an_input_is_rejected(domain: int, carts: Path) -> None:
     bench = Bench(domain, namespace="two_carts")
     try:
