@@ -19,7 +19,7 @@ POLICY_COMMANDS = [
     LateCommand("export", f"{HERE}.policy_export", "Write a policy as ONNX and as C99."),
 ]
 MODEL_COMMANDS = [
-    LateCommand("export", f"{HERE}.model_export", "Write a model as CasADi functions, for do-mpc, acados or a script."),
+    LateCommand("export", f"{HERE}.model_export", "Write a model as CasADi functions."),
 ]
 RIG_COMMANDS = [
     LateCommand("new", f"{HERE}.rig_new", "Write a small rig to begin with."),
@@ -32,5 +32,5 @@ def main() -> None:
     """Run a command of the command line."""
     policy = Commands("policy", POLICY_COMMANDS, help="Approximate MPC.")
     rig = Commands("rig", RIG_COMMANDS, help="Rigs: a folder each.")
-    model = Commands("model", MODEL_COMMANDS, help="Use a model elsewhere.")
+    model = Commands("model", MODEL_COMMANDS, help="Models elsewhere.")
     run_program(Commands("hybrid-sysid", [*COMMANDS, model, policy, rig]))

@@ -1,4 +1,4 @@
-"""hybrid-sysid model export: a model for other programs."""
+"""hybrid-sysid model export: a model as CasADi functions."""
 
 from __future__ import annotations
 
