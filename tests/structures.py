@@ -22,7 +22,8 @@ def structure(name: str, seed: int = 0) -> System:
     """A structure with every parameter away from its start, and a network that matters."""
     random = np.random.default_rng(seed)
     system, _ = build(name, CamBeam(), scales=RANGE, seed=seed)
-    values = [item.start + 0.1 * item.scale * random.uniform(-1, 1) for item in system.parameters]
+    moved = [item.start + 0.1 * item.scale * random.uniform(-1, 1) for item in system.parameters]
+    values = [v if item.fixed else m for v, m, item in zip(system.values, moved, system.parameters, strict=True)]
     bounded = [np.clip(v, item.low, item.high) for v, item in zip(values, system.parameters, strict=True)]
     system = system.with_values(np.array(bounded))
     return system.with_weights(random.normal(size=len(system.weights))) if len(system.weights) else system

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hybrid_sysid_ros.identification.selection.blocks import BLOCKS, WORST, Validation, blocks_of, cross_validate
+from hybrid_sysid_ros.identification.selection.cross_validation import BLOCKS, WORST, Validation, blocks_of, cross_validate
 
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.recipes import Recipe
