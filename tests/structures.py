@@ -1,11 +1,13 @@
 """Systems of every structure with numbers that matter, for tests of what holds for all of them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core import Dry, RungeKutta, System, bounded
+from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.models import STRUCTURES, build
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.recurrent import Recurrent
@@ -42,6 +44,53 @@ def polynomial() -> Narx:
         output_scale=0.1,
         input_scale=5.0,
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cart(System):
+    """v' = left + right - F sgn v, of two thrusters that act after different times."""
+
+    states = ("position [m]", "velocity [m/s]")
+    inputs = ("left [m/s^2]", "right [m/s^2]")
+    outputs = ("position", "effort [m/s^2]")
+    contacts = (Dry(on="velocity", level=2.0),)
+    delays = {"left": 0.1, "right": "right_delay"}
+
+    right_delay: float = bounded(0.25, 0.0, 1.0, unit="s")
+    """Of the right thruster."""
+
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return x[1], u[0] + u[1]
+
+    def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return x[0], u[0] + u[1] - 3.0 * x[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoTanks(System):
+    """Levels a, b [m] under two pumps that act late; measured are the flow between the tanks and the first level."""
+
+    states = ("first [m]", "second [m]")
+    inputs = ("left [m^3/s]", "right [m^3/s]")
+    outputs = ("flow [m^3/s]", "first [m]")
+    delays = {"left": "left_delay", "right": "right_delay"}
+    stepper = RungeKutta()
+
+    area: float = bounded(0.5, 0.1, 2.0, unit="m^2")
+    """Of each tank."""
+    pipe: float = bounded(0.3, 0.01, 1.0, unit="m^2/s")
+    """Flow per difference of levels."""
+    left_delay: float = bounded(0.0312, 0.0, 1.0, unit="s")
+    """Of the left pump."""
+    right_delay: float = bounded(0.117, 0.0, 1.0, unit="s")
+    """Of the right pump."""
+
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        flow = self.pipe * (x[0] - x[1])
+        return (u[0] - flow) / self.area, (u[1] + flow) / self.area
+
+    def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return self.pipe * (x[0] - x[1]) + 0.1 * u[1], x[0]
 
 
 SYSTEMS: dict[str, Callable[[], System]] = {

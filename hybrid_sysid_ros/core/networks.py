@@ -111,11 +111,12 @@ class Softsign(Block):
 
 @dataclass(frozen=True, kw_only=True)
 class Perceptron(Block):
-    """y = W_L tanh(... tanh(W_1 z + b_1) ...) + b_L, computed in vector registers; its weights are packed ones and the
-    system's only ones, see :class:`~.perceptron.Perceptron`. A fit does not learn them.
+    """y = W_L tanh(... tanh(W_1 z + b_1) ...) + b_L, computed in vector registers; its weights are packed ones, see
+    :class:`~.perceptron.Perceptron`. A fit does not learn them.
     """
 
     widths: tuple[int, ...]
+    at: int = 0
 
     @property
     def layout(self) -> perceptron.Perceptron:
@@ -136,32 +137,29 @@ class Perceptron(Block):
     @property
     def kernels(self) -> Kernels:
         parts, features, outputs = perceptron.passes(self.layout), self.features, self.outputs
-        forward, output, gradient, values, scratch = (
-            parts.forward,
-            parts.output,
-            parts.gradient,
-            parts.values,
-            registers.scratch,
-        )
+        forward, output, gradient, values = parts.forward, parts.output, parts.gradient, parts.values
+        scratch, behind = registers.scratch, registers.behind
 
         @inner
         def value(w: Any, at: int, z: Any, y: Any) -> None:
             memory = scratch(values)
             for j in range(features):
                 memory[j] = z[j]
-            forward(w, memory)
+            own = behind(w, at)
+            forward(own, memory)
             for k in range(outputs):
-                y[k] = output(w, memory, k)
+                y[k] = output(own, memory, k)
 
         @inner
         def slopes(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
             memory, row = scratch(values), scratch(features)
             for j in range(features):
                 memory[j] = z[j]
-            forward(w, memory)
+            own = behind(w, at)
+            forward(own, memory)
             for k in range(outputs):
-                y[k] = output(w, memory, k)
-                gradient(w, memory, k, row)
+                y[k] = output(own, memory, k)
+                gradient(own, memory, k, row)
                 for j in range(features):
                     by_z[k * features + j] = row[j]
 
@@ -182,6 +180,7 @@ class Polynomial(Block):
     exponents: tuple[tuple[int, ...], ...]
     features: int
     outputs: int = 1
+    at: int = 0
 
     @property
     def size(self) -> int:  # type: ignore[override]
@@ -251,6 +250,7 @@ class GatedUnits(Block):
 
     units: int
     size: int
+    at: int = 0
 
     @property
     def features(self) -> int:  # type: ignore[override]
