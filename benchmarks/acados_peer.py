@@ -55,7 +55,10 @@ class AcadosMpc:
         ocp.model = model
         ocp.solver_options.N_horizon = problem.horizon
         ocp.solver_options.tf = problem.horizon * problem.period
-        outputs, changes, inputs = problem.weights
+        problem = problem.sized(system)
+        outputs, changes, inputs = (
+            part[:, 0] for part in (problem.weights.outputs, problem.weights.rates, problem.weights.inputs)
+        )
         size = self._states + 1
         ocp.cost.cost_type = ocp.cost.cost_type_0 = "LINEAR_LS"
         ocp.cost.cost_type_e = "LINEAR_LS"
@@ -70,7 +73,7 @@ class AcadosMpc:
         ocp.cost.W_e = 2.0 * np.diag([outputs[-1]])
         ocp.cost.yref = ocp.cost.yref_0 = np.zeros(3)
         ocp.cost.yref_e = np.zeros(1)
-        ocp.constraints.lbu, ocp.constraints.ubu = np.array([-problem.input_limit]), np.array([problem.input_limit])
+        ocp.constraints.lbu, ocp.constraints.ubu = np.array(problem.input_low), np.array(problem.input_high)
         ocp.constraints.idxbu = np.array([0])
         ocp.constraints.x0 = np.zeros(size)
         options = ocp.solver_options
@@ -113,7 +116,7 @@ class AcadosMpc:
         began = perf_counter()
         status = solver.solve()
         self.times["call"].append(perf_counter() - began)
-        u = np.clip(solver.get(0, "u"), -self.problem.input_limit, self.problem.input_limit)
+        u = np.clip(solver.get(0, "u"), self.problem.input_low, self.problem.input_high)
         done = Status.ITERATED if self.real_time else (Status.SOLVED if status == 0 else Status.NOT_CONVERGED)
         return Plan(input=u, inputs=u[None], states=np.zeros((0, self._states)), status=done)
 
@@ -134,6 +137,7 @@ class AcadosMpc:
             solver.options_set("rti_phase", 2)
 
     def _follow(self, preview: Array) -> None:
+        preview = preview.ravel()
         self._preview = preview
         for i in range(1, self.horizon):
             self.solver.set(i, "yref", np.array([preview[i - 1], 0.0, 0.0]))

@@ -16,17 +16,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks import acados_peer, result
 from benchmarks.network_plant import NetworkPlant
+from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
+from hybrid_sysid_ros.control.stage_cost import stage_costs
 from hybrid_sysid_ros.core import System, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.narx import Narx
-from hybrid_sysid_ros.rigs.excitation import hardware_reference
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
 
@@ -51,28 +51,26 @@ def cases() -> dict[str, Case]:
     """The problems by name."""
     rig = load("cam_beam")
     scale = rig.sensor.radians_per_volt
-    plain: dict[str, Any] = {"output_scale": 1.0, "smoothing": 0.0, "input_limit": 10.0, "max_iterations": 100}
+    plain: dict[str, Any] = {"period": 0.05, "input_low": (-10.0,), "input_high": (10.0,), "max_iterations": 100}
     network = Problem(
-        horizon=20, period=0.05, substeps=2, output_weight=1e2, rate_weight=1e-1, input_weight=1e-2, **plain
+        horizon=20, substeps=2, output_weights=(1e2,), rate_weights=(1e-1,), input_weights=(1e-2,), **plain
     )
-    lecture = Problem(
-        horizon=10, period=0.05, substeps=1, output_weight=1e3, rate_weight=0.0, input_weight=1.0, **plain
-    )
+    lecture = Problem(horizon=10, substeps=1, output_weights=(1e3,), input_weights=(1.0,), **plain)
     return {
         "network": Case(
             system=NetworkPlant(),
             problem=network,
-            reference=lambda t: np.where((0.2 * t) % 1.0 < 0.5, 2.0, -2.0),
+            reference=lambda t: np.where((0.2 * t) % 1.0 < 0.5, 2.0, -2.0)[:, None],
             samples=150,
             noise=(0.02, 0.3),
         ),
         "lecture": Case(
-            system=lecture_model(), problem=lecture, reference=hardware_reference, samples=1000, noise=(0.02,)
+            system=lecture_model(), problem=lecture, reference=rig.schedule().of(0), samples=1000, noise=(0.02,)
         ),
         "beam": Case(
             system=load_model(configuration.shipped("cam_beam", "model")).system,
             problem=configuration.mpc_problem(configuration.defaults("cam_beam", "controller"), rig),
-            reference=lambda t: scale * hardware_reference(t),
+            reference=lambda t: scale * rig.schedule().of(0)(t)[:, None],
             samples=2500,
             noise=(0.0, 0.02),
         ),
@@ -106,13 +104,14 @@ def lecture_model() -> Narx:
 def loop(case: Case, seed: int, controller: Any, other: Any = None) -> dict[str, Any]:
     """One closed loop; ``other`` answers some of the same questions."""
     random = np.random.default_rng(seed)
-    problem, system = case.problem, case.system
-    states, output = len(system.states), system.measured[0]
+    system = case.system
+    problem = case.problem.sized(system)
+    states, output = len(system.states), list(system.measured)
     noise = np.zeros(states)
     noise[: len(case.noise)] = case.noise
     x, u = np.zeros(states), np.zeros(1)
     times: dict[str, list[float]] = {"call": [], "prepare": [], "other": []}
-    statuses, apart, cost = [], [], 0.0
+    statuses, apart, rows = [], [], []
     controller.reset()
     for k in range(case.samples):
         ahead: Array = problem.period * np.arange(k + 1, k + 1 + problem.horizon, dtype=np.float64)
@@ -128,17 +127,18 @@ def loop(case: Case, seed: int, controller: Any, other: Any = None) -> dict[str,
             times["other"].append(perf_counter() - began)
             if answer.status is Status.SOLVED and plan.status is Status.SOLVED:
                 apart.append(abs(float(answer.input[0] - plan.input[0])))
-        change = float(plan.input[0] - u[0])
         u = plan.input
         began = perf_counter()
         controller.prepare(problem.period)
         times["prepare"].append(perf_counter() - began)
         held = np.tile(u, (problem.substeps, 1))
         x = simulate(system, x, held, step=problem.period / problem.substeps)[-1] + noise * random.normal(size=states)
-        error = (x[output] - preview[0]) / problem.output_scale
-        cost += problem.output_weight * error**2 + problem.rate_weight * change**2
-        cost += problem.input_weight * float(u[0]) ** 2
-    return {"times": times, "statuses": statuses, "apart": apart, "cost": cost}
+        rows.append((x[output], preview[0], u, x))
+    outputs, references, inputs, reached = (np.array(part) for part in zip(*rows, strict=True))
+    costs = stage_costs(
+        problem, outputs=outputs, references=references, inputs=inputs, previous=np.zeros(1), states=reached
+    )
+    return {"times": times, "statuses": statuses, "apart": apart, "cost": float(np.sum(costs))}
 
 
 def main() -> int:
@@ -193,7 +193,7 @@ def main() -> int:
         for solver, times in measured.items():
             cells = (f"{times[key]:.3f}" for key in ("p50", "p99", "max"))
             shown.add_row(name, solver.replace("_", " "), *cells, *more.get(solver, ("", "", "")))
-    Console(width=160).print(shown)
+    print_table(shown)
     print(result.write(NAME, results, on=machine))
     return 0
 

@@ -24,12 +24,12 @@ from typing import Any
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from benchmarks import result
 from benchmarks.mpc_speed import Case, cases, loop
+from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import Controller, ExactMpc, Problem
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.control.policy import policy
@@ -83,7 +83,7 @@ def main(arguments: list[str]) -> int:
                 shown.add_row(name, ", ".join(f"{part} {item:.4g}" for part, item in value.items()))
             else:
                 shown.add_row(name, f"{value:.4g}")
-    Console(width=160).print(shown)
+    print_table(shown)
     print(result.write(NAME, results, on=machine))
     return 0
 
@@ -251,7 +251,7 @@ def cost(
     """Cost of one loop, by the weights of the problem."""
     target, plant = reference(random, spread.amplitude), drawn(system, spread.parameters, random)
     offset = np.array([random.normal() * spread.disturbance])
-    scale, periods = problem.output_scale, round(SECONDS / problem.period)
+    scale, periods = problem.output_scales[0], round(SECONDS / problem.period)
     wanted = scale * target(problem.period * np.arange(1, periods + problem.horizon + 1))
     x = np.array([scale * random.uniform(-spread.amplitude, spread.amplitude), random.normal() * spread.kick[1]])
     u, total = np.zeros(1), 0.0
@@ -259,7 +259,7 @@ def cost(
     following = np.empty_like(x)
     controller.reset()
     for k in range(periods):
-        question = (x, offset, u, wanted[k : k + problem.horizon])
+        question = (x, offset, u, wanted[k : k + problem.horizon, None])
         if questions is not None:
             questions.append(tuple(part.copy() for part in question))
         given = controller.control(*question).input
@@ -267,8 +267,8 @@ def cost(
         for _ in range(problem.substeps):
             advance(x, given + offset, parameters, weights, problem.period / problem.substeps, following)
             x = following.copy()
-        total += problem.output_weight * float((x[0] - wanted[k]) / scale) ** 2
-        total += problem.rate_weight * float(given[0] - u[0]) ** 2 + problem.input_weight * float(given[0]) ** 2
+        total += problem.output_weights[0] * float((x[0] - wanted[k]) / scale) ** 2
+        total += problem.rate_weights[0] * float(given[0] - u[0]) ** 2 + problem.input_weights[0] * float(given[0]) ** 2
         u = given
     return total
 

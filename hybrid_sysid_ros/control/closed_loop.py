@@ -3,76 +3,116 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Controller, Status
 from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.stage_cost import stage_costs
 from hybrid_sysid_ros.estimation import Estimator
-from hybrid_sysid_ros.rigs.excitation import Reference
-from hybrid_sysid_ros.rigs.plant import Plant
 
 Array = NDArray[np.float64]
 
+Reference = Callable[[Array], Array]
+"""q(t): times (samples,) [s] in, outputs (samples, p) [SI] out."""
+
+
+class Plant(Protocol):
+    """What a loop is closed around."""
+
+    step: float
+    """Of one :meth:`advance` [s]."""
+
+    @property
+    def time(self) -> float:
+        """[s]"""
+        ...
+
+    def outputs(self) -> Array:
+        """What the sensors would show without noise now, (p,)."""
+        ...
+
+    def sensed(self) -> Array:
+        """What they show, (p,)."""
+        ...
+
+    def advance(self, inputs: Array) -> None:
+        """One step under inputs (m,)."""
+        ...
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Loop:
-    """time (samples,) [s]; position, estimate and reference (samples,) [rad]; input (samples,) [drive unit] from each
-    sample on; statuses: how often each stood behind an input.
-    """
+class ClosedLoop:
+    """A loop as it went, a row a sample; SI units. n states of the model, m inputs, p outputs."""
 
     time: Array
-    position: Array
-    estimate: Array
-    reference: Array
-    input: Array
-    statuses: Counter[Status]
+    """(samples,) [s]."""
+    outputs: Array
+    """(samples, p), without noise."""
+    estimates: Array
+    """(samples, n), estimated states."""
+    references: Array
+    """(samples, p)."""
+    inputs: Array
+    """(samples, m), from each sample on."""
+    statuses: Counter[Status] = field(default_factory=Counter)
+    """How often each stood behind an input."""
 
-    def tracking_rmse(self, start: float, stop: float) -> float:
-        """Root mean square of position - reference within start <= t < stop [s], in rad."""
+    def tracking_rmse(self, start: float, stop: float) -> Array:
+        """Root mean square (p,) of outputs - references within start <= t < stop [s]."""
         inside = (self.time >= start) & (self.time < stop)
-        return float(np.sqrt(np.mean((self.position - self.reference)[inside] ** 2)))
+        found: Array = np.sqrt(np.mean((self.outputs - self.references)[inside] ** 2, axis=0))
+        return found
 
     def cost(self, problem: Problem) -> float:
-        """The loop as it went, by the weights of the MPC: sum of the weighted squared errors and input changes."""
-        errors = (self.position - self.reference) / problem.output_scale
-        changes = np.diff(self.input, prepend=0.0)
-        return float(problem.output_weight * np.sum(errors**2) + problem.rate_weight * np.sum(changes**2))
+        """The loop by the stage cost of a problem that is sized, from inputs 0 on."""
+        costs = stage_costs(
+            problem,
+            outputs=self.outputs,
+            references=self.references,
+            inputs=self.inputs,
+            previous=np.zeros(self.inputs.shape[1]),
+            states=self.estimates,
+        )
+        return float(np.sum(costs))
 
 
-def run_loop(
+def simulate_loop(
     plant: Plant,
     estimator: Estimator,
     controller: Controller,
     reference: Reference,
     *,
+    inputs: int,
     duration: float,
     period: float,
     lead: float,
-) -> Loop:
+) -> ClosedLoop:
     """Run a loop from rest.
 
-    reference: in volts of the sensor. period: of the measurements [s], a multiple of the plant's step. lead: how far
+    inputs: how many. duration [s]. period: of the measurements [s], a multiple of the plant's step. lead: how far
     the estimate's ``ahead`` lies after its measurement [s]; the preview begins there.
     """
-    scale = plant.rig.sensor.radians_per_volt
-    steps = round(period / plant.rig.step)
-    ahead = lead + controller.period * np.arange(1, controller.horizon + 1)
-    u = 0.0
-    output = plant.rig.system.measured[0]
+    steps, samples = round(period / plant.step), round(duration / period)
+    ahead: Array = lead + controller.period * np.arange(1, controller.horizon + 1, dtype=np.float64)
+    u = np.zeros(inputs)
     statuses: Counter[Status] = Counter()
-    rows = []
-    for _ in range(round(duration / period)):
+    rows: list[tuple[float, Array, Array, Array, Array]] = []
+    for _ in range(samples):
         time = plant.time
-        estimate = estimator.update(time, np.array([plant.measure().position]), np.array([u]))
-        plan = controller.control(estimate.ahead, estimate.disturbance, np.array([u]), scale * reference(time + ahead))
-        u = float(plan.input[0])
+        estimate = estimator.update(time, plant.sensed(), u)
+        plan = controller.control(estimate.ahead, estimate.disturbance, u, reference(time + ahead))
+        u = plan.input
         statuses[plan.status] += 1
-        rows.append((time, plant.state[output], estimate.state[output], scale * float(reference(time)), u))
+        rows.append((time, plant.outputs(), estimate.state, reference(np.array([time]))[0], u))
         controller.prepare(period)
         for _ in range(steps):
             plant.advance(u)
-    time, position, estimated, wanted, inputs = np.array(rows).T
-    return Loop(time=time, position=position, estimate=estimated, reference=wanted, input=inputs, statuses=statuses)
+    times, outputs, estimates, references, applied = (np.array(part, dtype=float) for part in zip(*rows, strict=True))
+    return ClosedLoop(
+        time=times, outputs=outputs, estimates=estimates, references=references, inputs=applied, statuses=statuses
+    )

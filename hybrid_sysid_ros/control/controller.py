@@ -25,22 +25,22 @@ class Status(Enum):
     FAILED = "failed"
     """No solution: the rest of the last plan."""
     FEEDBACK = "feedback"
-    """The answer of a fixed law."""
+    """The input of a fixed law."""
     POLICY = "policy"
-    """The network's answer."""
+    """The network's plan."""
     HELD = "held"
     """Nothing to go on: the last input."""
 
 
 class Plan(NamedTuple):
-    """input (inputs,): what to apply now, within its bounds. inputs (horizon, inputs) and states (horizon, states): the
-    plan behind it, where the controller has one (else only the first row, or none). A tuple, for a data class takes
-    as long to make as a network to answer.
-    """
+    """A tuple, for a data class takes as long to make as a network to answer. n states, m inputs."""
 
     input: Array
+    """(m,), what to apply now, within its bounds."""
     inputs: Array
+    """(horizon, m), the plan behind it, where the controller has one; else only the first row."""
     states: Array
+    """(horizon, n), where it leads; else no row."""
     status: Status
 
 
@@ -56,8 +56,8 @@ class Controller(Protocol):
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
         """The input for a state.
 
-        state (states,): the one that the input will meet, a delay ahead. disturbance (inputs,): estimated offset of the
-        input. previous_input (inputs,): the one applied last. preview (horizon,): reference of the output, at period,
+        state (n,): the one that the input will meet, a delay ahead. disturbance (m,): estimated offset of the inputs.
+        previous_input (m,): the one applied last. preview (horizon, p): reference of the outputs, at period,
         2 period, ... after the state's time. The input of the plan is within the bounds and finite, always.
         """
         ...

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, solve_discrete_are
+from scipy.linalg import LinAlgError, null_space, solve_discrete_are
 
 from hybrid_sysid_ros.control.controller import Plan, Status
+from hybrid_sysid_ros.control.mpc.horizon import new_horizon, prediction
+from hybrid_sysid_ros.control.mpc.shooting import bounded, linearised
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.adapters import linearisation, workspace
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -21,38 +22,60 @@ ROUNDING_ERROR = 1e-9
 """Largest difference of a state from itself an interval later that is called rest, relative."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rest:
+    """A point of rest and the linear model about it, of one interval: n states, m inputs, p outputs."""
+
+    point: Array
+    """[x, u] (n + m,)."""
+    outputs: Array
+    """(p,)."""
+    transition: Array
+    """A (n, n)."""
+    gain: Array
+    """B (n, m)."""
+    reading: Array
+    """[C, D] (p, n + m), of the outputs at the end of an interval by the states there and the inputs of it."""
+
+
 class LinearQuadraticRegulator:
     """u = u_- + K (z_s - z) + sum_i g_i (q_i - q_N), within the bounds; z = [x, u_-].
 
-    It minimises sum_{i>=1} output_weight ((y_i - q_i) / output_scale)^2 + sum_{i>=0} rate_weight (u_i - u_{i-1})^2
-    + input_weight (u_i - u_s)^2 over the linear model x+ = A x + B (u + d) about its rest at output 0, where the
-    reference stays at q_N and the disturbance at d for ever: the MPC's own weights, without end and without bounds.
+    It minimises sum_{i>=1} (y_i - q_i)' W (y_i - q_i) + sum_{i>=0} of the weights of changes and of (u_i - u_s)
+    over the linear model x+ = A x + B (u + d) about a rest, where the reference stays at q_N and the disturbance at d for
+    ever: the MPC's own weights, without end and without bounds.
 
-    z_s is the state of rest at q_N with the input that compensates d, so that tracking is offset-free without an
-    integral (Pannocchia & Rawlings 2003, AIChE J. 49(2)). K is the gain of the discrete algebraic Riccati equation, g
+    z_s is the state of rest at q_N with the inputs that compensate d, so that tracking is offset-free without an
+    integral (Pannocchia & Rawlings 2003, AIChE J. 49(2)); where there are fewer inputs than tracked outputs it is the
+    rest nearest to q_N by their weights. K is the gain of the discrete algebraic Riccati equation, g
     that of the previewed reference (Tomizuka 1975, J. Dyn. Sys. Meas. Control 97(2)); a bounded input does not wind
     anything up, for u_- is the input that was applied.
     """
 
     def __init__(
-        self, system: System, problem: Problem, *, smoothing: float | None = None, preview: bool = True
+        self,
+        system: System,
+        problem: Problem,
+        *,
+        smoothing: float | None = None,
+        preview: bool = True,
+        about: Array | None = None,
     ) -> None:
-        """smoothing: of stick-slip where the model is linearised [rad/s], the problem's by default: a resting beam
+        """smoothing: of stick-slip where the model is linearised, the problem's by default: what rests
         sticks, and what a linear law takes dry friction for is a choice. preview: without it the reference is taken to
-        stay where it will be in a period.
+        stay where it will be in a period. about (p,): tracked outputs at rest, zeros by default.
 
-        Raises UserError for a model that doesn't rest at output 0, or that the weights don't stabilise.
+        Raises UserError for a model that doesn't rest there, or that the weights don't stabilise.
         """
-        if len(system.inputs) != 1:
-            raise UserError(f"{type(system).__name__}: the regulator takes models of one input")
-        self.problem = problem
+        problem = problem.sized(system)
+        self.problem = problem if smoothing is None else replace(problem, smoothing=smoothing)
         self.horizon = problem.horizon
         self.period = problem.period
-        self.output = system.measured[0]
         self._previewing = preview
-        smoothing = problem.smoothing if smoothing is None else smoothing
-        self.rest, self.transition, self.gain = _rest(system, problem, smoothing)
-        self.feedback, self.feedforward, self.target = _gains(self.transition, self.gain, self.output, problem)
+        self._limits = new_horizon(system, problem)
+        wanted = np.zeros(len(system.outputs)) if about is None else np.asarray(about, dtype=float)
+        self.rest = _rest(system, self.problem, wanted)
+        self.feedback, self.feedforward, self.target = _gains(self.rest, self.problem)
 
     def reset(self) -> None:
         """It remembers nothing."""
@@ -62,75 +85,89 @@ class LinearQuadraticRegulator:
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`. What is not a number gives HELD."""
-        limit, rate = self.problem.input_limit, self.problem.rate_limit
-        previous = float(previous_input[0])
-        last = min(max(previous, -limit), limit) if math.isfinite(previous) else 0.0
+        previous = np.asarray(previous_input, dtype=float)
+        last = np.clip(np.where(np.isfinite(previous), previous, 0.0), self._limits.low, self._limits.high)
+        preview = np.asarray(preview, dtype=float)
         final = preview[-1] if self._previewing else preview[0]
-        target = self.rest + self.target * (final - self.rest[self.output])
-        target[-1] -= disturbance[0]
-        change = float(self.feedback @ (target - np.append(state, last)))
+        target = self.rest.point + self.target @ (final - self.rest.outputs)
+        target[len(state) :] -= disturbance
+        change = self.feedback @ (target - np.concatenate([state, last]))
         if self._previewing:
-            change += float(self.feedforward @ (preview - final))
-        if not (math.isfinite(change) and math.isfinite(previous)):
-            return self._plan(last, Status.HELD)
-        return self._plan(min(max(last + min(max(change, -rate), rate), -limit), limit), Status.FEEDBACK)
+            change = change + np.einsum("ijk,ik->j", self.feedforward, preview - final)
+        sound = bool(np.isfinite(change).all() and np.isfinite(previous).all())
+        inputs = (last + change if sound else last)[None].copy()
+        bounded(self._limits, last, inputs)
+        states = np.zeros((0, len(self.rest.transition)))
+        return Plan(
+            input=inputs[0].copy(), inputs=inputs, states=states, status=Status.FEEDBACK if sound else Status.HELD
+        )
 
-    def _plan(self, value: float, status: Status) -> Plan:
-        inputs = np.array([[value]])
-        return Plan(input=inputs[0], inputs=inputs, states=np.zeros((0, len(self.transition))), status=status)
 
-
-def _rest(system: System, problem: Problem, smoothing: float) -> tuple[Array, Array, Array]:
-    """[x, u] (states + 1,) at rest with output 0, and there A (states, states) and B (states, 1) of an interval."""
-    states, output = len(system.states), system.measured[0]
-    linearise, rows = linearisation(system, smoothing=smoothing), workspace(system)
-    point, following = np.zeros(states + 1), np.zeros(states)
-    transition, gain = np.zeros((states, states)), np.zeros((states, 1))
-    step = problem.period / problem.substeps
+def _rest(system: System, problem: Problem, wanted: Array) -> Rest:
+    """Newton's method for a point of rest with the tracked outputs at ``wanted`` (p,), as near as they get."""
+    n, m = len(system.states), len(system.inputs)
+    horizon, model = new_horizon(system, replace(problem, horizon=1)), prediction(system, problem)
+    point = np.zeros(n + m)
     for _ in range(NEWTON_STEPS):
-        given = (point[:-1], point[-1:], system.values, system.weights, step, problem.substeps)
-        linearise(*given, rows, following, transition, gain)
-        moved = np.append(following - point[:-1], point[output])
-        if not np.all(np.isfinite(moved)):
+        horizon.states[:], horizon.inputs[:] = point[:n], point[n:]
+        linearised(model, horizon)
+        found = Rest(
+            point=point,
+            outputs=horizon.outputs[0].copy(),
+            transition=horizon.A[0].copy(),
+            gain=horizon.B[0].copy(),
+            reading=np.hstack([horizon.C[0], horizon.D[0]]),
+        )
+        moved = horizon.reached[0] - point[:n]
+        if not (np.isfinite(moved).all() and np.isfinite(found.outputs).all()):
             break
-        if np.max(np.abs(moved)) <= ROUNDING_ERROR * (1.0 + np.max(np.abs(point))):
-            return point, transition, gain
-        point = point - np.linalg.lstsq(_resting(transition, gain, output), moved, rcond=None)[0]
-    raise UserError(f"{type(system).__name__}: does not rest at output 0, so it can't be linearised there")
+        back = -np.linalg.lstsq(_balance(found), moved, rcond=None)[0]
+        step = back + _target(found, problem) @ (wanted - found.outputs - found.reading @ back)
+        small = ROUNDING_ERROR * (1.0 + np.max(np.abs(point)))
+        if np.max(np.abs(moved)) <= small and np.max(np.abs(found.reading @ step)) <= small:
+            return found
+        point = point + step
+    raise UserError(
+        f"{type(system).__name__}: does not rest at outputs {wanted.tolist()}, so it can't be linearised there"
+    )
 
 
-def _resting(transition: Array, gain: Array, output: int) -> Array:
-    """The matrix of A x + B u - x = 0, y = q."""
-    states = len(transition)
-    reading = np.append(np.eye(states)[output], 0.0)
-    return np.vstack([np.hstack([transition - np.eye(states), gain]), reading])
+def _balance(rest: Rest) -> Array:
+    """The matrix of A x + B u - x = 0, (n, n + m)."""
+    return np.hstack([rest.transition - np.eye(len(rest.transition)), rest.gain])
 
 
-def _gains(transition: Array, gain: Array, output: int, problem: Problem) -> tuple[Array, Array, Array]:
-    """K (states + 1,), g (horizon,) and the derivative (states + 1,) of the rest [x, u] by its output.
+def _target(rest: Rest, problem: Problem) -> Array:
+    """Derivative (n + m, p) of the rest by the outputs that are wanted, nearest by their weights."""
+    roots = np.sqrt(problem.stage_weights.outputs[0])
+    free = null_space(_balance(rest))
+    found: Array = free @ np.linalg.pinv(roots[:, None] * rest.reading @ free) * roots
+    return found
 
-    With the input before as a state and its change w as the input, z+ = F z + G w, z = [x, u_-].
+
+def _gains(rest: Rest, problem: Problem) -> tuple[Array, Array, Array]:
+    """K (m, n + m), g (horizon, m, p) and the derivative (n + m, p) of the rest [x, u] by its outputs.
+
+    With the inputs before as states and their changes w as the inputs, z+ = F z + G w, z = [x, u_-].
     """
-    states = len(transition)
-    through = np.block([[transition, gain], [np.zeros((1, states)), np.ones((1, 1))]])
-    change = np.vstack([gain, np.ones((1, 1))])
-    reading = np.append(np.eye(states)[output], 0.0)
-    output_weight = problem.output_weight / problem.output_scale**2
-    weights = output_weight * np.outer(reading, reading)
-    weights[-1, -1] = problem.input_weight
-    crossed = np.zeros((states + 1, 1))
-    crossed[-1] = problem.input_weight
-    price = np.array([[problem.rate_weight + problem.input_weight]])
+    n, m = rest.gain.shape
+    stage, reading = problem.stage_weights, rest.reading
+    through = np.block([[rest.transition, rest.gain], [np.zeros((m, n)), np.eye(m)]])
+    change = np.vstack([rest.gain, np.eye(m)])
+    outputs, inputs = np.diag(stage.outputs[0]), np.diag(stage.inputs[0])
+    weights = reading.T @ outputs @ reading
+    weights[n:, n:] += inputs
+    crossed = np.vstack([np.zeros((n, m)), inputs])
+    price = np.diag(stage.rates[0]) + inputs
     try:
         value = solve_discrete_are(through, change, weights, price, s=crossed)
-        slope = np.linalg.solve(_resting(transition, gain, output), np.append(np.zeros(states), 1.0))
     except (LinAlgError, ValueError) as error:
         raise UserError(f"regulator: no linear feedback stabilises the model under these weights ({error})") from error
-    curvature = float((price + change.T @ value @ change)[0, 0])
-    feedback = ((change.T @ value @ through + crossed.T) / curvature)[0]
-    closed = through - np.outer(change, feedback)
-    feedforward, ahead = np.zeros(problem.horizon), change[:, 0] / curvature
+    curvature = price + change.T @ value @ change
+    feedback = np.linalg.solve(curvature, change.T @ value @ through + crossed.T)
+    closed, ahead = through - change @ feedback, change
+    feedforward = np.zeros((problem.horizon, m, len(reading)))
     for i in range(problem.horizon):
-        feedforward[i] = output_weight * (ahead @ reading)
+        feedforward[i] = np.linalg.solve(curvature, (reading @ ahead).T @ outputs)
         ahead = closed @ ahead
-    return feedback, feedforward, slope
+    return feedback, feedforward, _target(rest, problem)

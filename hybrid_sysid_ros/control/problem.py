@@ -2,75 +2,153 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hybrid_sysid_ros.control.stage_cost import StageWeights
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
+Values = tuple[float, ...]
+
+_PER_OUTPUT = ("output_weights", "output_scales")
+_PER_INPUT = ("rate_weights", "input_weights", "input_low", "input_high", "rate_limits")
+_PER_STATE = ("state_low", "state_high", "soft_linear", "soft_quadratic")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
-    """Minimise  sum_{i=1}^{N} output_weight ((y_i - q_i) / output_scale)^2
-    + sum_{i=0}^{N-1} rate_weight (u_i - u_{i-1})^2 + input_weight u_i^2  +  sum of soft_linear s + soft_quadratic s^2
-    over |u_i| <= input_limit, |u_i - u_{i-1}| <= rate_limit, x_{i+1} = step(x_i, u_i + d); s is by how much a state
-    (divided by output_scale) at i = 1..N is outside of its bounds.
+    """The problem of a system with n states, m inputs and p outputs, over the inputs u_0..u_{N-1}.
 
-    horizon: N. period: length of one interval [s]. substeps: integration steps in it. output_scale: the unit that the
-    output is weighed in [rad] (a volt of the sensor). smoothing: of stick-slip [rad/s]. max_iterations: of the solver.
-    state_bounds: (lower, upper) of each state, or none. literal: the cost as the lecture prints it, which weighs x_k to
-    x_{k+N-1} and leaves the first change of the input free.
+    Minimise
+        sum_{i=1}^{N}    sum_k output_weights_k ((y_ik - q_ik) / output_scales_k)^2
+      + sum_{i=0}^{N-1}  sum_j rate_weights_j (u_ij - u_{i-1,j})^2 + input_weights_j u_ij^2
+      + sum_{i=1}^{N}    sum_a soft_linear_a s_ia + soft_quadratic_a s_ia^2
+
+    with x_{i+1} = step(x_i, u_i + d), y_{i+1} = output(x_{i+1}, u_i + d), input_low <= u_i <= input_high,
+    |u_i - u_{i-1}| <= rate_limits, and s_ia by how much a state is outside of its bounds.
+
+    A tuple of one value holds for every output, input or state; :meth:`sized` writes it out.
     """
 
     horizon: int
+    """N."""
     period: float
+    """Length of one interval [s]."""
     substeps: int
-    output_weight: float
-    rate_weight: float
-    input_limit: float
-    output_scale: float
-    smoothing: float
-    max_iterations: int
-    input_weight: float = 0.0
-    rate_limit: float = math.inf
-    state_bounds: tuple[tuple[float, float], ...] = ()
-    soft_linear: float = 0.0
-    soft_quadratic: float = 1e4
-    literal: bool = False
+    """Integration steps in an interval."""
+    output_weights: Values
+    """(p,); an output of weight 0 is not tracked."""
+    input_low: Values
+    """(m,) [unit of each input]."""
+    input_high: Values
+    """(m,)."""
+    output_scales: Values = (1.0,)
+    """(p,), the unit that each output is weighed in [SI]."""
+    rate_weights: Values = (0.0,)
+    """(m,) of changes [1/unit^2]."""
+    input_weights: Values = (0.0,)
+    """(m,) [1/unit^2]."""
+    rate_limits: Values = (math.inf,)
+    """(m,), largest change from one interval to the next."""
+    state_low: Values = (-math.inf,)
+    """(n,), soft bounds."""
+    state_high: Values = (math.inf,)
+    """(n,)."""
+    soft_linear: Values = (0.0,)
+    """(n,), price of a state outside of its bounds, by the distance [1/unit]."""
+    soft_quadratic: Values = (1e4,)
+    """(n,), and by its square [1/unit^2]."""
+    smoothing: float = 0.0
+    """Of stick-slip [unit of the velocity]."""
+    max_iterations: int = 100
+    """Of the solver."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "state_bounds", tuple((float(low), float(high)) for low, high in self.state_bounds))
-        for name in ("horizon", "period", "substeps", "output_weight", "input_limit", "output_scale", "max_iterations"):
+        for name in (*_PER_OUTPUT, *_PER_INPUT, *_PER_STATE):
+            object.__setattr__(self, name, _numbers(name, getattr(self, name)))
+        for name in ("horizon", "period", "substeps", "max_iterations"):
             if not (getattr(self, name) > 0 and math.isfinite(getattr(self, name))):
                 raise UserError(f"mpc: {name} is {getattr(self, name)}; it must be above 0")
-        for name in ("rate_weight", "smoothing", "input_weight", "soft_linear"):
-            if not (getattr(self, name) >= 0 and math.isfinite(getattr(self, name))):
-                raise UserError(f"mpc: {name} is {getattr(self, name)}; it must not be negative")
-        if not (self.rate_limit > 0 and self.soft_quadratic > 0):
-            raise UserError("mpc: rate_limit and soft_quadratic must be above 0")
-        if any(not low < high for low, high in self.state_bounds):
-            raise UserError(f"mpc: state_bounds {self.state_bounds}: a lower bound is not below its upper one")
-        if self.literal and self.horizon < 2:
-            raise UserError("mpc: the literal cost weighs nothing on a horizon of 1")
+        self._check("output_scales", "soft_quadratic", least=0.0, strictly=True)
+        self._check("output_weights", "rate_weights", "input_weights", "soft_linear", least=0.0)
+        self._check("input_low", "input_high")
+        if not (self.smoothing >= 0 and math.isfinite(self.smoothing)):
+            raise UserError(f"mpc: smoothing is {self.smoothing}; it must not be negative")
+        if not all(limit > 0 for limit in self.rate_limits):
+            raise UserError(f"mpc: rate_limits {self.rate_limits} must be above 0")
+        if not any(self.output_weights):
+            raise UserError("mpc: all output_weights are 0, so there is nothing to track; give one output a weight")
+        for kind in ("input", "state"):
+            low, high = getattr(self, f"{kind}_low"), getattr(self, f"{kind}_high")
+            if len(low) != len(high) or not all(a < b for a, b in zip(low, high, strict=True)):
+                raise UserError(f"mpc: {kind}_low {low} is not below {kind}_high {high} everywhere")
+
+    def _check(self, *names: str, least: float = -math.inf, strictly: bool = False) -> None:
+        for name in names:
+            for value in getattr(self, name):
+                if not math.isfinite(value) or value < least or (strictly and value == least):
+                    raise UserError(
+                        f"mpc: {name} has {value}; it must be {'above' if strictly else 'at least'} {least}"
+                    )
+
+    def sized(self, system: System) -> Problem:
+        """The problem with a value for each output, input and state of a system.
+
+        Raises UserError where it has another number of values.
+        """
+        found: dict[str, Values] = {}
+        counts = (
+            (_PER_OUTPUT, len(system.outputs), "outputs"),
+            (_PER_INPUT, len(system.inputs), "inputs"),
+            (_PER_STATE, len(system.states), "states"),
+        )
+        for names, count, what in counts:
+            for name in names:
+                values = getattr(self, name)
+                if len(values) not in (1, count):
+                    raise UserError(
+                        f"mpc: {name} has {len(values)} values; {type(system).__name__} has {count} {what}: "
+                        "give one for each, or one for all"
+                    )
+                found[name] = values if len(values) == count else values * count
+        made: Problem = dataclasses.replace(self, **found)  # type: ignore[arg-type]
+        return made
 
     @property
-    def weights(self) -> Array:
-        """Weights (3, horizon) of y_1..y_N [1/rad^2], u_0 - u_-1..u_{N-1} - u_{N-2} and u_0..u_{N-1}."""
-        weights = np.ones((3, self.horizon))
-        weights *= np.array([[self.output_weight / self.output_scale**2], [self.rate_weight], [self.input_weight]])
-        if self.literal:
-            weights[0, -1] = weights[1, 0] = 0.0
-        return weights
+    def weights(self) -> StageWeights:
+        """Of the stages of the horizon; of a problem that is :meth:`sized`."""
+        return self._weights(self.horizon)
 
-    def bounds(self, states: int) -> tuple[Array, Array]:
-        """Lower and upper bounds of the states, (states,) each. Raises UserError where they are not as many."""
-        if not self.state_bounds:
-            return np.full(states, -np.inf), np.full(states, np.inf)
-        if len(self.state_bounds) != states:
-            raise UserError(f"mpc: state_bounds has {len(self.state_bounds)} entries; the model has {states} states")
-        low, high = np.array(self.state_bounds).T
-        return low.copy(), high.copy()
+    @property
+    def stage_weights(self) -> StageWeights:
+        """Of one stage, for whole loops; of a problem that is :meth:`sized`."""
+        return Problem._weights(self, 1)
+
+    def _weights(self, stages: int) -> StageWeights:
+        outputs = np.array(self.output_weights) / np.array(self.output_scales) ** 2
+        return StageWeights(
+            outputs=np.tile(outputs, (stages, 1)),
+            rates=np.tile(self.rate_weights, (stages, 1)),
+            inputs=np.tile(self.input_weights, (stages, 1)),
+            low=np.array(self.state_low),
+            high=np.array(self.state_high),
+            linear=np.array(self.soft_linear),
+            quadratic=np.array(self.soft_quadratic),
+        )
+
+
+def _numbers(name: str, values: Any) -> Values:
+    """A tuple of numbers from what a file or a caller gives."""
+    try:
+        found = tuple(float(value) for value in (values if isinstance(values, Sequence | np.ndarray) else (values,)))
+    except (TypeError, ValueError) as error:
+        raise UserError(f"mpc: {name} is {values!r}; it needs numbers") from error
+    if not found or any(math.isnan(value) for value in found):
+        raise UserError(f"mpc: {name} is {values!r}; it needs numbers")
+    return found

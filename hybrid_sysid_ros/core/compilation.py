@@ -7,6 +7,7 @@ leaves old code of its callers, and leaves the compiled code of everything else.
 from __future__ import annotations
 
 import atexit
+import fcntl
 import hashlib
 import os
 import re
@@ -42,8 +43,24 @@ _IMPORT = re.compile(r"^(?:from +([\w.]+) +import +(\([^)]*\)|[^\n]*)|import +([
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Decorator of a loop that Python calls: compiled at its first call, or loaded from the cache on disk."""
-    with kept_in(folder(function.__module__, digest(function.__module__))):
-        return numba.njit(cache=True, fastmath={"contract"}, **OPTIONS)(function)
+    place = folder(function.__module__, digest(function.__module__))
+    with kept_in(place):
+        made = numba.njit(cache=True, fastmath={"contract"}, **OPTIONS)(function)
+    # Two processes that keep code for other arguments at the same time could give one the other's.
+    file = made._cache._cache_file
+    file.save = _in_turn(file.save, place / "lock")
+    return made
+
+
+def _in_turn(function: Callable[..., None], lock: Path) -> Callable[..., None]:
+    """One process at a time."""
+
+    def waiting(*arguments: Any) -> None:
+        with lock.open("w") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            function(*arguments)
+
+    return waiting
 
 
 @contextmanager

@@ -61,6 +61,16 @@ def output_of(system: System, *, weights: casadi.SX | None = None) -> Trace:
     return _traced(system, "output(x, u)", output, weights)
 
 
+def shown_states(system: System) -> tuple[int, ...]:
+    """For each output the state that it is, -1 where the map computes it."""
+    traced = output_of(system)
+    states = casadi.vertsplit(traced.x)
+    return tuple(
+        next((i for i, state in enumerate(states) if casadi.is_equal(output, state)), -1)
+        for output in casadi.vertsplit(traced.result)
+    )
+
+
 def kinematics_of(system: System) -> Mapping[int, int]:
     """Position state -> the velocity state that is its rate, as the law says."""
     key = system.form

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.control.policy.sample_store import SampleStore
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
+from hybrid_sysid_ros.support.parallel import Store
 
 
 def train_policy(
@@ -33,10 +33,10 @@ def train_policy(
     if not model.seal:
         raise UserError("policy: the model was never saved; save it first, for the policy belongs to what is on disk")
     rig = load(model.rig)
-    problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig)
+    problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig).sized(model.system)
     settings = settings or Settings()
-    spread = configuration.sampling_spread(rig)
-    store = SampleStore(samples, f"{model.seal} {problem} {spread} {settings}") if samples is not None else None
+    spread = configuration.spread_of(rig)
+    store = Store(samples, f"{model.seal} {problem} {spread} {settings}") if samples is not None else None
     policy = train(model, problem, spread, settings, seed=seed, store=store, progress=progress)
     if store is not None:
         store.remove()

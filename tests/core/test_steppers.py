@@ -10,8 +10,8 @@ from scipy.linalg import expm
 from hybrid_sysid_ros.core import Recurrence, RungeKutta, System, bounded, simulate, stepped
 from hybrid_sysid_ros.core.mathematics import cos, sin
 from hybrid_sysid_ros.core.symbolic import symbolic_step
-from hybrid_sysid_ros.models.linear import Linear
 from tests.evaluation import evaluated
+from tests.joints import Linear
 
 
 def test_the_linear_simulation_tends_to_the_matrix_exponential():

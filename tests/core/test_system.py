@@ -21,9 +21,9 @@ from hybrid_sysid_ros.core import (
     stepped,
 )
 from hybrid_sysid_ros.core.mathematics import sin
-from hybrid_sysid_ros.models.linear import Linear
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
+from tests.joints import Linear
 from tests.structures import RANGE, structure
 
 

@@ -1,103 +1,124 @@
-"""The problem of the MPC as IPOPT solves it: slower, and the yardstick of tests and benchmarks."""
+"""The problem of the MPC as IPOPT solves it: slower, the reference of tests and benchmarks, and a cold start."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import casadi
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Plan, Status
+from hybrid_sysid_ros.control.mpc.horizon import new_horizon, new_instance
+from hybrid_sysid_ros.control.mpc.shooting import bounded, one_delay
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.symbolic import symbolic_step
+from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 
 Array = NDArray[np.float64]
 
 
 class InteriorPointMpc:
-    """Multiple shooting on the CasADi form, from the last solution moved on by one interval."""
+    """Multiple shooting on the CasADi form, from the last solution moved on by one interval.
+
+    Waechter & Biegler (2006), Mathematical Programming 106(1).
+    """
 
     def __init__(self, system: System, problem: Problem, *, tolerance: float = 1e-6) -> None:
+        """tolerance: IPOPT's own. Raises UserError for a problem that is not the system's."""
+        one_delay(system, problem)
         self.system = system
-        self.problem = problem
+        self.problem = problem = problem.sized(system)
         self.horizon = problem.horizon
         self.period = problem.period
-        states = len(system.states)
-        x = casadi.SX.sym("x", states, problem.horizon + 1)
-        u = casadi.SX.sym("u", problem.horizon)
-        outside = casadi.SX.sym("s", states, problem.horizon)
-        disturbance, previous = casadi.SX.sym("d"), casadi.SX.sym("u_previous")
-        preview, initial = casadi.SX.sym("q", problem.horizon), casadi.SX.sym("x_0", states)
-        step = symbolic_step(
-            system,
-            step=problem.period / problem.substeps,
-            substeps=problem.substeps,
-            smoothing=problem.smoothing,
-        )
-        outputs, changes, inputs = problem.weights
-        difference = u - casadi.vertcat(previous, u[:-1])
-        cost = casadi.dot(outputs, (x[system.measured[0], 1:].T - preview) ** 2)
-        cost += casadi.dot(changes, difference**2) + casadi.dot(inputs, u**2)
-        slack = casadi.vec(outside) / problem.output_scale
-        cost += problem.soft_linear * casadi.sum1(slack) + problem.soft_quadratic * casadi.sumsqr(slack)
-        ends = casadi.horzcat(*(step(x[:, i], u[i] + disturbance) for i in range(problem.horizon)))
-        low, high = problem.bounds(states)
-        bounded = np.flatnonzero(np.isfinite(low) | np.isfinite(high))
-        rows = [
-            (x[:, 0] - initial, np.zeros(states), np.zeros(states)),
-            (casadi.vec(ends - x[:, 1:]), 0.0, 0.0),
-            (difference, -problem.rate_limit, problem.rate_limit),
-            *((x[a, 1:].T + outside[a, :].T, low[a], np.inf) for a in bounded),
-            *((x[a, 1:].T - outside[a, :].T, -np.inf, high[a]) for a in bounded),
-        ]
-        self._rows = [np.concatenate([np.broadcast_to(row[k], row[0].numel()) for row in rows]) for k in (1, 2)]
-        limits = np.full(problem.horizon, problem.input_limit)
-        free = np.full(x.numel(), np.inf)
-        idle = np.zeros(outside.numel())
-        most = np.tile(np.where(np.isfinite(low) | np.isfinite(high), np.inf, 0.0), problem.horizon)
-        self._bounds = [np.concatenate([-limits, -free, idle]), np.concatenate([limits, free, most])]
-        statement = {
-            "x": casadi.vertcat(u, casadi.vec(x), casadi.vec(outside)),
-            "f": cost,
-            "g": casadi.vertcat(*(row[0] for row in rows)),
-            "p": casadi.vertcat(initial, disturbance, previous, preview),
-        }
-        options = {"print_level": 0, "sb": "yes", "max_iter": problem.max_iterations, "tol": tolerance, "mu_init": 1e-3}
-        self._solver = casadi.nlpsol(
-            "mpc",
-            "ipopt",
-            statement,
-            {"expand": True, "print_time": False, "error_on_fail": False, "ipopt": options},
-        )
+        self._limits = new_horizon(system, problem)
+        self._flat, self._instance = new_instance(system, problem)
+        self._solver, self._bounds = _statement(system, problem, tolerance)
         self.reset()
 
     def reset(self) -> None:
         """Forget the last solution."""
-        self._inputs = np.zeros(self.horizon)
+        self._inputs = np.zeros((self.horizon, len(self.system.inputs)))
         self._states = np.zeros((self.horizon + 1, len(self.system.states)))
         self._cold = True
 
     def prepare(self, elapsed: float) -> None:
         """Move the plan on by one interval."""
-        self._inputs = np.append(self._inputs[1:], self._inputs[-1])
+        self._inputs = np.concatenate([self._inputs[1:], self._inputs[-1:]])
         self._states = np.concatenate([self._states[1:], self._states[-1:]])
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`."""
-        question = np.concatenate([state, disturbance, previous_input, preview])
-        if np.all(np.isfinite(question)):
-            if self._cold:
-                self._inputs[:], self._states[:] = previous_input[0], state
-            guess = np.concatenate([self._inputs, self._states.ravel(), np.zeros(self._states[1:].size)])
-            bounds = dict(zip(("lbx", "ubx", "lbg", "ubg"), self._bounds + self._rows, strict=True))
-            found = np.array(self._solver(x0=guess, p=question, **bounds)["x"]).ravel()
-            if np.all(np.isfinite(found)):
-                self._cold = False
-                self._inputs = found[: self.horizon].copy()
-                self._states = found[self.horizon :][: self._states.size].reshape(self._states.shape).copy()
-                return self._planned(Status.SOLVED if self._solver.stats()["success"] else Status.NOT_CONVERGED)
-        return self._planned(Status.FAILED)
+        instance = self._instance
+        instance.state[:] = state
+        instance.disturbance[:] = disturbance
+        instance.previous[:] = np.clip(previous_input, self.problem.input_low, self.problem.input_high)
+        instance.preview[:] = preview
+        if not np.isfinite(self._flat).all():
+            return self._planned(Status.FAILED)
+        if self._cold:
+            self._inputs[:], self._states[:] = instance.previous, instance.state
+        guess = np.concatenate([self._inputs.ravel(), self._states.ravel(), np.zeros(self._states[1:].size)])
+        found = np.array(self._solver(x0=guess, p=self._flat, **self._bounds)["x"]).ravel()
+        if not np.isfinite(found).all():
+            return self._planned(Status.FAILED)
+        self._cold = False
+        self._inputs[:] = found[: self._inputs.size].reshape(self._inputs.shape)
+        self._states[:] = found[self._inputs.size :][: self._states.size].reshape(self._states.shape)
+        return self._planned(Status.SOLVED if self._solver.stats()["success"] else Status.NOT_CONVERGED)
 
     def _planned(self, status: Status) -> Plan:
-        inputs = np.clip(self._inputs, -self.problem.input_limit, self.problem.input_limit)[:, None]
-        return Plan(input=inputs[0].copy(), inputs=inputs, states=self._states[1:].copy(), status=status)
+        """The last solution, or where there is none the input before, within the bounds."""
+        previous, inputs = self._instance.previous, self._inputs.copy()
+        if self._cold:
+            inputs[:] = np.where(np.isfinite(previous), previous, 0.0)
+        bounded(self._limits, previous, inputs)
+        states = self._states[1:] if not self._cold else self._states[:0]
+        return Plan(input=inputs[0].copy(), inputs=inputs, states=states.copy(), status=status)
+
+
+def _statement(system: System, problem: Problem, tolerance: float) -> tuple[Any, dict[str, Array]]:
+    """IPOPT for [inputs, states, excesses] of a sized problem, given [x, d, u_previous, q_1, ...], and its bounds."""
+    n, m, p, count = len(system.states), len(system.inputs), len(system.outputs), problem.horizon
+    weights = problem.weights
+    x, u = casadi.SX.sym("x", n, count + 1), casadi.SX.sym("u", m, count)
+    outside, preview = casadi.SX.sym("s", n, count), casadi.SX.sym("q", p, count)
+    initial, disturbance, previous = (casadi.SX.sym(*item) for item in (("x_0", n), ("d", m), ("u_previous", m)))
+    step = symbolic_step(
+        system, step=problem.period / problem.substeps, substeps=problem.substeps, smoothing=problem.smoothing
+    )
+    output = symbolic_output(system)
+    change = u - casadi.horzcat(previous, u[:, :-1])
+    drives = [u[:, i] + disturbance for i in range(count)]
+    ends = casadi.horzcat(*(step(x[:, i], drives[i]) for i in range(count)))
+    y = casadi.horzcat(*(output(x[:, i + 1], drives[i]) for i in range(count)))
+    cost = casadi.dot(weights.outputs.T, (y - preview) ** 2)
+    cost += casadi.dot(weights.rates.T, change**2) + casadi.dot(weights.inputs.T, u**2)
+    linear, quadratic = (np.tile(price, (count, 1)).T for price in (weights.linear, weights.quadratic))
+    cost += casadi.dot(linear, outside) + casadi.dot(quadratic, outside**2)
+    has_bound = np.isfinite(weights.low) | np.isfinite(weights.high)
+    rate = np.tile(problem.rate_limits, count)
+    rows = [
+        (x[:, 0] - initial, np.zeros(n), np.zeros(n)),
+        (casadi.vec(ends - x[:, 1:]), np.zeros(n * count), np.zeros(n * count)),
+        (casadi.vec(change), -rate, rate),
+        (casadi.vec(x[:, 1:] + outside), np.tile(weights.low, count), np.full(n * count, np.inf)),
+        (casadi.vec(x[:, 1:] - outside), np.full(n * count, -np.inf), np.tile(weights.high, count)),
+    ]
+    free = np.full(x.numel(), np.inf)
+    most = np.tile(np.where(has_bound, np.inf, 0.0), count)
+    bounds = {
+        "lbx": np.concatenate([np.tile(problem.input_low, count), -free, np.zeros(n * count)]),
+        "ubx": np.concatenate([np.tile(problem.input_high, count), free, most]),
+        "lbg": np.concatenate([row[1] for row in rows]),
+        "ubg": np.concatenate([row[2] for row in rows]),
+    }
+    statement = {
+        "x": casadi.vertcat(casadi.vec(u), casadi.vec(x), casadi.vec(outside)),
+        "f": cost,
+        "g": casadi.vertcat(*(row[0] for row in rows)),
+        "p": casadi.vertcat(initial, disturbance, previous, casadi.vec(preview)),
+    }
+    options = {"print_level": 0, "sb": "yes", "max_iter": problem.max_iterations, "tol": tolerance, "mu_init": 1e-3}
+    settings = {"expand": True, "print_time": False, "error_on_fail": False, "ipopt": options}
+    return casadi.nlpsol("mpc", "ipopt", statement, settings), bounds

@@ -9,10 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Plan, Status
-from hybrid_sysid_ros.control.mpc.horizon import Question, finite, respond
+from hybrid_sysid_ros.control.mpc import sensitivity as derivatives
+from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import factorise
-from hybrid_sysid_ros.control.mpc.sensitivity import sensitivity
-from hybrid_sysid_ros.control.mpc.shooting import Shooting, shooting
+from hybrid_sysid_ros.control.mpc.shooting import (
+    Shooting,
+    bounded,
+    cold_start,
+    feedback,
+    forget,
+    prepare,
+    shift,
+    shooting,
+    solve,
+)
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System
 
@@ -25,7 +35,7 @@ BETWEEN_LOOKS = 4
 class ExactMpc:
     """Solves the problem at every call, from the last plan.
 
-    Converged: Gauss-Newton steps until the KKT residual is within the tolerance. In real time: one step a call, whose
+    Converged: steps until the KKT residual is within the tolerance. In real time: one step a call, whose
     larger part, the linearisation, :meth:`prepare` does beforehand (Diehl et al. 2002, J. Process Control 12(4)).
 
     Offset-free: d is the estimated input disturbance, so the prediction meets the measurement at rest (Pannocchia &
@@ -43,10 +53,10 @@ class ExactMpc:
         clock: Callable[[], float] | None = None,
     ) -> None:
         """tolerance: largest KKT residual of a solution. time_limit: of one call [s], told by ``clock`` (without one
-        there is none). Raises UserError for a model that the MPC can't take.
+        there is none). Raises UserError for a problem that is not the system's.
         """
         self.system = system
-        self.problem = problem
+        self.problem = problem.sized(system)
         self.horizon = problem.horizon
         self.period = problem.period
         self.real_time = real_time
@@ -54,15 +64,16 @@ class ExactMpc:
         self._time_limit = time_limit
         self._clock = clock
         self._shooting = shooting(system, problem)
-        states = len(system.states)
-        self._question = Question(np.zeros(states), np.zeros(1), np.zeros(1), np.zeros(problem.horizon))
-        self._last = (np.zeros((problem.horizon + 1, states)), np.zeros(problem.horizon))
+        self._flat, self._instance = new_instance(system, self.problem)
+        horizon = self._shooting.horizon
+        self._kept = (np.zeros_like(horizon.states), np.zeros_like(horizon.inputs), np.zeros_like(horizon.disturbance))
         self.iterations = 0
         self.residual = math.inf
         self.reset()
 
     def reset(self) -> None:
         """Forget the last plan."""
+        forget(self._shooting.horizon, self._shooting.program)
         self._cold = True
         self._prepared = False
 
@@ -77,8 +88,8 @@ class ExactMpc:
         return self._shooting
 
     def adopt(self, disturbance: Array, inputs: Array, states: Array) -> None:
-        """Take another controller's plan as the last one: inputs (horizon,) and the states (horizon + 1, states) that
-        they lead to, under an input disturbance (1,).
+        """Take another controller's plan as the last one: inputs (N, m) and the states (N + 1, n) that they lead to,
+        under an input disturbance (m,).
         """
         horizon = self._shooting.horizon
         horizon.disturbance[:], horizon.inputs[:], horizon.states[:] = disturbance, inputs, states
@@ -89,9 +100,9 @@ class ExactMpc:
         if self._cold:
             return
         mpc = self._shooting
-        mpc.shift(mpc.model, mpc.horizon, min(elapsed / self.period, 1.0))
+        shift(mpc.prediction, mpc.horizon, min(elapsed / self.period, 1.0))
         if self.real_time:
-            mpc.prepare(mpc.model, mpc.horizon, mpc.program)
+            prepare(mpc.prediction, mpc.horizon, mpc.program)
             self._prepared = factorise(mpc.program)
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
@@ -100,35 +111,40 @@ class ExactMpc:
         Where something is not a number, the problem has no solution, or the time is over, the plan is what is left of
         the last one; where there is none, the previous input, or zero if that is no number either.
         """
-        question = self._question
-        question.state[:] = state
-        question.disturbance[:] = disturbance
-        question.previous[:] = previous_input
-        question.reference[:] = preview
-        if not all(map(finite, question)):
+        mpc, instance = self._shooting, self._instance
+        instance.state[:] = state
+        instance.disturbance[:] = disturbance
+        instance.previous[:] = previous_input
+        instance.preview[:] = preview
+        if not np.isfinite(self._flat).all():
             return self._rest(Status.FAILED)
-        mpc = self._shooting
+        np.clip(instance.previous, mpc.horizon.low, mpc.horizon.high, out=instance.previous)
         cold = self._cold
         if cold:
-            mpc.begin(mpc.model, mpc.horizon, question)
-        self._last[0][:] = mpc.horizon.states
-        self._last[1][:] = mpc.horizon.inputs
+            cold_start(mpc.prediction, mpc.horizon, instance)
+        plan = (mpc.horizon.states, mpc.horizon.inputs, mpc.horizon.disturbance)
+        for kept, part in zip(self._kept, plan, strict=True):
+            kept[:] = part
         if self.real_time and self._prepared and not cold:
             self._prepared = False
-            status = Status.ITERATED if respond(mpc.horizon, mpc.program, question) else Status.FAILED
+            status = Status.ITERATED if feedback(mpc.horizon, mpc.program, instance) else Status.FAILED
         else:
             status = self._solve()
-        if status is Status.FAILED or status is Status.LATE or not finite(mpc.horizon.inputs):
-            mpc.horizon.states[:], mpc.horizon.inputs[:] = self._last
+        sound = np.isfinite(mpc.horizon.inputs).all() and np.isfinite(mpc.horizon.states).all()
+        if status is Status.FAILED or status is Status.LATE or not sound:
+            for kept, part in zip(self._kept, plan, strict=True):
+                part[:] = kept
+            forget(mpc.horizon, mpc.program)
             return self._rest(status if status is Status.LATE else Status.FAILED)
         self._cold = False
         return self._planned(status)
 
     def sensitivity(self) -> Array:
-        """Derivatives of the first input by [x, d, u_previous, q_1..q_N], (states + 2 + horizon,), at the answer that
+        """Derivatives (m, n + 2 m + N p) of the first inputs by [x, d, u_previous, q_1, ..., q_N], at the solution that
         :meth:`control` just gave with SOLVED; NaN where it has none. See :mod:`~.sensitivity`.
         """
-        return sensitivity(self._shooting, self._question)[0]
+        inputs = self._instance.previous.shape[0]
+        return derivatives.sensitivity(self._shooting, self._flat)[:inputs]
 
     def _solve(self) -> Status:
         """Iterate until solved, out of iterations or out of time."""
@@ -138,12 +154,12 @@ class ExactMpc:
         while True:
             share = most - self.iterations if self._clock is None else min(BETWEEN_LOOKS, most - self.iterations)
             anew = self.iterations == 0
-            answer = mpc.solve(mpc.model, mpc.horizon, mpc.program, self._question, share, self._tolerance, anew)
-            self.iterations += answer.iterations
-            self.residual = answer.residual
-            if answer.iterations == 0:
+            found = solve(mpc.prediction, mpc.horizon, mpc.program, self._instance, share, self._tolerance, anew)
+            self.iterations += found.iterations
+            self.residual = found.residual
+            if found.iterations == 0:
                 return Status.FAILED
-            if answer.solved:
+            if found.solved:
                 return Status.SOLVED
             if self.iterations >= most:
                 return Status.NOT_CONVERGED
@@ -154,13 +170,13 @@ class ExactMpc:
         """What is left of the last plan, or the previous input."""
         if not self._cold:
             return self._planned(status)
-        last, limit = float(self._question.previous[0]), self.problem.input_limit
-        held = min(max(last, -limit), limit) if math.isfinite(last) else 0.0
-        inputs = np.full((self.horizon, 1), held)
-        nowhere = np.zeros((0, len(self.system.states)))
-        return Plan(input=inputs[0].copy(), inputs=inputs, states=nowhere, status=status)
+        horizon, last = self._shooting.horizon, self._instance.previous
+        held = np.clip(np.where(np.isfinite(last), last, 0.0), horizon.low, horizon.high)
+        inputs = np.tile(held, (self.horizon, 1))
+        return Plan(input=inputs[0].copy(), inputs=inputs, states=horizon.states[:0].copy(), status=status)
 
     def _planned(self, status: Status) -> Plan:
-        horizon, limit = self._shooting.horizon, self.problem.input_limit
-        inputs = np.minimum(np.maximum(horizon.inputs, -limit), limit)[:, None]
+        horizon = self._shooting.horizon
+        inputs = horizon.inputs.copy()
+        bounded(horizon, self._instance.previous, inputs)
         return Plan(input=inputs[0].copy(), inputs=inputs, states=horizon.states[1:].copy(), status=status)

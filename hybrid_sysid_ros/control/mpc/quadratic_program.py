@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import daqp
-import numba
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core.compilation import OPTIONS, inner
+from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -62,8 +63,35 @@ def _function(name: str, result: Any, *arguments: Any) -> Any:
     return function
 
 
-_update = _function("daqp_update_ldp", ctypes.c_int, ctypes.c_int, _POINTER, _POINTER)
-_solve = _function("daqp_solve", None, _POINTER, _POINTER)
+def _address(name: str) -> int:
+    found = ctypes.cast(getattr(ctypes.CDLL(daqp.__file__), name), ctypes.c_void_p).value
+    assert found is not None
+    return found
+
+
+@intrinsic
+def _update(typingctx, function, changed, workspace, problem):  # type: ignore[no-untyped-def]
+    """Int daqp_update_ldp(int, workspace *, problem *), by its address."""
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        number, place = ir.IntType(32), ir.IntType(64)
+        target = builder.inttoptr(arguments[0], ir.FunctionType(number, [number, place, place]).as_pointer())
+        return builder.sext(builder.call(target, [builder.trunc(arguments[1], number), *arguments[2:]]), place)
+
+    return types.int64(types.int64, types.int64, types.int64, types.int64), build
+
+
+@intrinsic
+def _solve(typingctx, function, result, workspace):  # type: ignore[no-untyped-def]
+    """Void daqp_solve(result *, workspace *), by its address."""
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = ir.IntType(64)
+        target = builder.inttoptr(arguments[0], ir.FunctionType(ir.VoidType(), [place, place]).as_pointer())
+        builder.call(target, arguments[1:])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, types.int64), build
 
 
 class Program(NamedTuple):
@@ -71,7 +99,8 @@ class Program(NamedTuple):
 
     hessian (variables, variables), gradient (variables,), rows (rows, variables), lower and upper (variables + rows,),
     states (variables + rows,) of the constraints, solution (variables,), multipliers (variables + rows,), positive at
-    an upper bound: H x + f + [I R'] multipliers = 0. result: the library's answer, addresses: of its structures.
+    an upper bound: H x + f + [I R'] multipliers = 0. result: what the library found, addresses: of its structures and
+    functions.
     """
 
     hessian: Array
@@ -99,12 +128,13 @@ def quadratic_program(
     rows: int,
     *,
     soft_rows: NDArray[np.bool_] | None = None,
-    soft_weight: tuple[float, float] = (0.0, 1.0),
+    soft_linear: Array | None = None,
+    soft_quadratic: Array | None = None,
 ) -> QuadraticProgram:
     """A program of so many variables, bounded each, and so many rows.
 
-    soft_rows (rows,): which may be violated by s at the price of linear s + quadratic s^2, soft_weight = (linear,
-    quadratic). Raises UserError where the installed solver is not the one whose structures are known here.
+    soft_rows (rows,): which may be violated by s at the price of soft_linear s + soft_quadratic s^2, (rows,) each.
+    Raises UserError where the installed solver is not the one whose structures are known here.
     """
     constraints = variables + rows
     program = Program(
@@ -117,7 +147,7 @@ def quadratic_program(
         solution=np.zeros(variables),
         multipliers=np.zeros(constraints),
         result=np.zeros(ctypes.sizeof(_Result) // 4, np.int32),
-        addresses=np.zeros(3, np.int64),
+        addresses=np.zeros(5, np.int64),
     )
     if soft_rows is not None:
         program.states[variables:][soft_rows] = SOFT
@@ -147,10 +177,13 @@ def quadratic_program(
     if flag < 0:
         raise UserError(f"the quadratic program can't be set up (flag {flag}); the weights may be no numbers")
     if soft_rows is not None and np.any(soft_rows):
-        linear, quadratic = np.full(constraints, soft_weight[0]), np.full(constraints, 0.5 / soft_weight[1])
+        linear, quadratic = np.zeros(constraints), np.zeros(constraints)
+        linear[variables:] = 0.0 if soft_linear is None else soft_linear
+        quadratic[variables:] = 0.5 / (1.0 if soft_quadratic is None else soft_quadratic)
         weigh = _function("daqp_set_soft_weights", ctypes.c_int, *[_POINTER] * 5)
         weigh(place, *(values.ctypes.data for values in (quadratic, quadratic, linear, linear)))
-    program.addresses[:] = ctypes.addressof(problem), place, ctypes.addressof(result)
+    functions = _address("daqp_update_ldp"), _address("daqp_solve")
+    program.addresses[:] = ctypes.addressof(problem), place, ctypes.addressof(result), *functions
     made = QuadraticProgram(program=program, memory=(problem, workspace, result))
     weakref.finalize(workspace, _release, place)
     return made
@@ -161,31 +194,33 @@ def _release(place: int) -> None:
     _function("free_daqp_ldp", None, _POINTER)(place)
 
 
-solve: Callable[[Program, int], bool]
-
-
-@inner  # type: ignore[no-redef]
-def solve(program, changed):  # type: ignore[no-untyped-def]
+@inner
+def solve(program: Program, changed: int) -> bool:
     """Solve a program of which ``changed`` has changed; True where ``solution`` and ``multipliers`` are optimal.
 
     The search begins at the working set that ``states`` names, where they are among the changes.
     """
-    problem, workspace, result = program.addresses
-    if _update(changed, workspace, problem) < 0:
+    problem, workspace, result, update, search = program.addresses
+    if _update(update, changed, workspace, problem) < 0:
         return False
-    _solve(result, workspace)
-    return program.result[8] > 0
+    _solve(search, result, workspace)
+    if not program.result[8] > 0:
+        return False
+    for i in range(program.solution.shape[0]):
+        if not np.isfinite(program.solution[i]):
+            return False
+    return True
 
 
-@numba.njit(**OPTIONS)
+@kernel
 def factorise(program: Program) -> bool:
     """Take in new matrices ahead of the next solution, which then has only vectors to take in."""
-    problem, workspace, _ = program.addresses
-    return bool(_update(MATRICES, workspace, problem) >= 0)
+    problem, workspace, _, update, _ = program.addresses
+    return _update(update, MATRICES, workspace, problem) >= 0  # type: ignore[no-any-return]
 
 
 @inner
-def remember(program: Program) -> None:
+def keep_working_set(program: Program) -> None:
     """Let the next search begin at the working set of this solution."""
     for i in range(program.states.shape[0]):
         state = program.states[i] & SOFT
@@ -194,3 +229,11 @@ def remember(program: Program) -> None:
         elif program.multipliers[i] < 0.0:
             state |= ACTIVE | AT_LOWER
         program.states[i] = state
+
+
+@inner
+def clear_working_set(program: Program) -> None:
+    """Let the next search begin at no constraint."""
+    for i in range(program.states.shape[0]):
+        program.states[i] &= SOFT
+        program.multipliers[i] = 0.0

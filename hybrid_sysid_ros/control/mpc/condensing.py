@@ -1,0 +1,290 @@
+"""Condensing: the states eliminated, the quadratic program of the inputs alone, and the step to its solution.
+
+Bock & Plitt (1984), IFAC World Congress.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance
+from hybrid_sysid_ros.control.mpc.quadratic_program import Program
+from hybrid_sysid_ros.control.stage_cost import excess, stage_cost
+from hybrid_sysid_ros.core.call import pointer
+from hybrid_sysid_ros.core.compilation import inner
+
+Array = NDArray[np.float64]
+
+LEAST_CURVATURE = 1e-9
+"""Added to the Hessian's diagonal, in shares of its largest entry: inputs without weight must not make it singular."""
+
+NO_BOUND = 1e30
+
+
+@inner
+def assign(target: Any, values: Any) -> None:
+    """target[:] = values; the compiler takes some seconds over that notation, for the message of its error."""
+    for i in range(target.shape[0]):
+        target[i] = values[i]
+
+
+@inner
+def condense(horizon: Horizon, program: Program) -> None:
+    """States and outputs as functions of the inputs, and with them the Gauss-Newton Hessian and the rows of bounds."""
+    count, n = horizon.reached.shape
+    m, p, v = horizon.inputs.shape[1], horizon.outputs.shape[1], program.gradient.shape[0]
+    program.hessian[:] = 0.0
+    hessian, driven, seen = pointer(program.hessian), pointer(horizon.driven), pointer(horizon.seen)
+    for i in range(count):
+        _propagate(horizon, i)
+        wide = (i + 1) * m
+        for k in range(p):
+            row = (i * p + k) * v
+            for c in range(wide):
+                seen[row + c] = 0.0
+            for a in range(n):
+                slope, first = horizon.C[i, k, a], (i * n + a) * v
+                if slope != 0.0:
+                    for c in range(wide):
+                        seen[row + c] += slope * driven[first + c]
+            for j in range(m):
+                seen[row + i * m + j] += horizon.D[i, k, j]
+            weight = 2.0 * horizon.weights.outputs[i, k]
+            if weight != 0.0:
+                for c in range(wide):
+                    slope, to = weight * seen[row + c], c * v
+                    for d in range(c + 1):
+                        hessian[to + d] += slope * seen[row + d]
+    _weigh_inputs(horizon, program)
+    first = horizon.rated.shape[0] * count
+    for r in range(horizon.bounded.shape[0]):
+        for i in range(count):
+            for c in range((i + 1) * m):
+                program.rows[first + r * count + i, c] = horizon.driven[i, horizon.bounded[r], c]
+
+
+@inner
+def _propagate(horizon: Horizon, i: int) -> None:
+    """free, driven and forced of an interval from those before it."""
+    n, m, v = horizon.A.shape[1], horizon.B.shape[2], horizon.driven.shape[2]
+    driven = pointer(horizon.driven)
+    for a in range(n):
+        total = horizon.reached[i, a] - horizon.states[i + 1, a]
+        if i > 0:
+            for b in range(n):
+                total += horizon.A[i, a, b] * horizon.forced[i - 1, b]
+        horizon.forced[i, a] = total
+        for c in range(n):
+            total = horizon.A[i, a, c]
+            if i > 0:
+                total = 0.0
+                for b in range(n):
+                    total += horizon.A[i, a, b] * horizon.free[i - 1, b, c]
+            horizon.free[i, a, c] = total
+        to = (i * n + a) * v
+        for b in range(n):
+            slope, first = horizon.A[i, a, b], ((i - 1) * n + b) * v
+            if b == 0:
+                for c in range(i * m):
+                    driven[to + c] = slope * driven[first + c]
+            else:
+                for c in range(i * m):
+                    driven[to + c] += slope * driven[first + c]
+        for j in range(m):
+            driven[to + i * m + j] = horizon.B[i, a, j]
+
+
+@inner
+def _weigh_inputs(horizon: Horizon, program: Program) -> None:
+    """The weights of inputs and their changes into the Hessian, its upper half, and its least curvature."""
+    count, m = horizon.inputs.shape
+    hessian, v = program.hessian, program.gradient.shape[0]
+    largest = 0.0
+    for i in range(count):
+        for j in range(m):
+            c = i * m + j
+            hessian[c, c] += 2.0 * (horizon.weights.rates[i, j] + horizon.weights.inputs[i, j])
+            if i + 1 < count:
+                hessian[c, c] += 2.0 * horizon.weights.rates[i + 1, j]
+                hessian[c + m, c] -= 2.0 * horizon.weights.rates[i + 1, j]
+            largest = max(largest, hessian[c, c])
+    for c in range(v):
+        hessian[c, c] += LEAST_CURVATURE * largest
+        for d in range(c):
+            hessian[d, c] = hessian[c, d]
+
+
+@inner
+def evaluate(horizon: Horizon, program: Program, instance: Instance) -> tuple[float, float]:
+    """Gradient and bounds of the program for an instance; the cost of the trajectory and the sum of its gaps."""
+    count, n = horizon.reached.shape
+    m, p, v = horizon.inputs.shape[1], horizon.outputs.shape[1], program.gradient.shape[0]
+    weights, inputs, gradient, seen = horizon.weights, horizon.inputs, pointer(program.gradient), pointer(horizon.seen)
+    program.gradient[:] = 0.0
+    cost = gap = 0.0
+    off = np.empty(n)
+    for a in range(n):
+        gap += abs(instance.state[a] - horizon.states[0, a])
+    for i in range(count):
+        before = instance.previous if i == 0 else inputs[i - 1]
+        cost += stage_cost(
+            weights, i, horizon.outputs[i], instance.preview[i], inputs[i], before, horizon.states[i + 1]
+        )
+        _off(horizon, instance, i, off)
+        for k in range(p):
+            error = horizon.outputs[i, k] - instance.preview[i, k]
+            for a in range(n):
+                error += horizon.C[i, k, a] * off[a]
+            for j in range(m):
+                error += horizon.D[i, k, j] * (instance.disturbance[j] - horizon.disturbance[j])
+            slope, row = 2.0 * weights.outputs[i, k] * error, (i * p + k) * v
+            if slope != 0.0:
+                for c in range((i + 1) * m):
+                    gradient[c] += slope * seen[row + c]
+        for a in range(n):
+            gap += abs(horizon.reached[i, a] - horizon.states[i + 1, a])
+        for j in range(m):
+            _bound_input(horizon, program, i, j, inputs[i, j] - before[j])
+        for r in range(horizon.bounded.shape[0]):
+            a = horizon.bounded[r]
+            expected = horizon.states[i + 1, a] + off[a]
+            row = v + (horizon.rated.shape[0] + r) * count + i
+            program.lower[row] = max(weights.low[a] - expected, -NO_BOUND)
+            program.upper[row] = min(weights.high[a] - expected, NO_BOUND)
+    return cost, gap
+
+
+@inner
+def _bound_input(horizon: Horizon, program: Program, i: int, j: int, change: float) -> None:
+    """Bounds of one input and its change, and their parts of the gradient."""
+    count, m = horizon.inputs.shape
+    c, u = i * m + j, horizon.inputs[i, j]
+    slope = 2.0 * horizon.weights.rates[i, j] * change
+    program.gradient[c] += slope + 2.0 * horizon.weights.inputs[i, j] * u
+    if i > 0:
+        program.gradient[c - m] -= slope
+    program.lower[c] = horizon.low[j] - u
+    program.upper[c] = horizon.high[j] - u
+    for r in range(horizon.rated.shape[0]):
+        if horizon.rated[r] == j:
+            row = count * m + r * count + i
+            program.lower[row] = -horizon.rate[j] - change
+            program.upper[row] = horizon.rate[j] - change
+
+
+@inner
+def _off(horizon: Horizon, instance: Instance, i: int, off: Array) -> None:
+    """How far the states at the end of an interval will be off the trajectory if the inputs stay, (n,)."""
+    n, m = horizon.B.shape[1:]
+    for a in range(n):
+        total = horizon.forced[i, a]
+        for b in range(n):
+            total += horizon.free[i, a, b] * (instance.state[b] - horizon.states[0, b])
+        for j in range(m):
+            shifted = instance.disturbance[j] - horizon.disturbance[j]
+            if shifted != 0.0:
+                for k in range(i + 1):
+                    total += horizon.driven[i, a, k * m + j] * shifted
+        off[a] = total
+
+
+@inner
+def residual(horizon: Horizon, program: Program, instance: Instance) -> float:
+    """KKT residual of the trajectory with the last multipliers: the gradient of the Lagrangian and the gaps."""
+    count, n = horizon.reached.shape
+    v = program.gradient.shape[0]
+    largest = 0.0
+    for a in range(n):
+        largest = max(largest, abs(instance.state[a] - horizon.states[0, a]))
+        for i in range(count):
+            largest = max(largest, abs(horizon.reached[i, a] - horizon.states[i + 1, a]))
+    for c in range(v):
+        total = program.gradient[c] + program.multipliers[c]
+        for r in range(program.rows.shape[0]):
+            total += program.rows[r, c] * program.multipliers[v + r]
+        largest = max(largest, abs(total))
+    return largest
+
+
+@inner
+def find_adjoint(horizon: Horizon, program: Program, instance: Instance) -> float:
+    """The multipliers of the dynamics, and the largest of them: how fast the cost can fall by opening a gap."""
+    count, n = horizon.reached.shape
+    v = program.gradient.shape[0]
+    largest = 0.0
+    for a in range(n):
+        horizon.adjoint[count, a] = 0.0
+    for i in range(count - 1, -1, -1):
+        after = horizon.adjoint[i + 1]
+        for k in range(horizon.outputs.shape[1]):
+            slope = 2.0 * horizon.weights.outputs[i, k] * (horizon.outputs[i, k] - instance.preview[i, k])
+            for a in range(n):
+                after[a] += slope * horizon.C[i, k, a]
+        for r in range(horizon.bounded.shape[0]):
+            after[horizon.bounded[r]] += program.multipliers[v + (horizon.rated.shape[0] + r) * count + i]
+        for b in range(n):
+            total = 0.0
+            for a in range(n):
+                total += horizon.A[i, a, b] * after[a]
+            horizon.adjoint[i, b] = total
+            largest = max(largest, abs(after[b]))
+    return largest
+
+
+@inner
+def expand(horizon: Horizon, program: Program, instance: Instance) -> None:
+    """The step of inputs and states that a solution of the program means."""
+    count, n = horizon.reached.shape
+    m = horizon.inputs.shape[1]
+    for a in range(n):
+        horizon.moved[0, a] = instance.state[a] - horizon.states[0, a]
+    for i in range(count):
+        for j in range(m):
+            horizon.step[i, j] = program.solution[i * m + j]
+        for a in range(n):
+            total = horizon.reached[i, a] - horizon.states[i + 1, a]
+            for j in range(m):
+                shifted = instance.disturbance[j] - horizon.disturbance[j]
+                total += horizon.B[i, a, j] * (horizon.step[i, j] + shifted)
+            for b in range(n):
+                total += horizon.A[i, a, b] * horizon.moved[i, b]
+            horizon.moved[i + 1, a] = total
+
+
+@inner
+def move(horizon: Horizon, length: float) -> None:
+    """Go along the step."""
+    for i in range(horizon.inputs.shape[0]):
+        for j in range(horizon.inputs.shape[1]):
+            horizon.inputs[i, j] += length * horizon.step[i, j]
+    for i in range(horizon.states.shape[0]):
+        for a in range(horizon.states.shape[1]):
+            horizon.states[i, a] += length * horizon.moved[i, a]
+
+
+@inner
+def cut(horizon: Horizon, previous: Array, inputs: Array) -> None:
+    """Keep inputs (N, m) within their bounds and rate limits, from ``previous`` (m,) on; what is no number is held."""
+    for j in range(inputs.shape[1]):
+        before = previous[j]
+        before = min(max(before, horizon.low[j]), horizon.high[j]) if np.isfinite(before) else np.nan
+        for i in range(inputs.shape[0]):
+            u = inputs[i, j]
+            if not np.isfinite(u):
+                u = before if np.isfinite(before) else 0.0
+            if np.isfinite(before):
+                u = min(max(u, before - horizon.rate[j]), before + horizon.rate[j])
+            before = min(max(u, horizon.low[j]), horizon.high[j])
+            inputs[i, j] = before
+
+
+@inner
+def outside(horizon: Horizon, i: int) -> float:
+    """By how much a state at the end of an interval is outside of its bounds at most."""
+    largest = 0.0
+    for a in range(horizon.states.shape[1]):
+        largest = max(largest, excess(horizon.weights, a, horizon.states[i + 1, a]))
+    return largest
