@@ -3,11 +3,6 @@
 
 import os
 
-# Of two processes that fill a cache for the first time numba may give one the other's code: each worker has its own.
-WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
-if WORKER:
-    os.environ["NUMBA_CACHE_DIR"] = os.path.abspath(os.path.join(".pytest_cache", "numba", WORKER))
-
 # Threads of linear algebra spin while they wait: with a busy neighbour the small problems here take ten times as long.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
@@ -19,14 +14,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from hybrid_sysid_ros.estimation.filter import Filter
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.core import Dry, System, bounded, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.estimation import METHODS
+from hybrid_sysid_ros.estimation import METHODS, Estimator
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps
@@ -170,9 +164,9 @@ def flexible_joint() -> FlexibleJoint:
 
 
 @pytest.fixture(scope="module", params=METHODS.values(), ids=list(METHODS))
-def kind(request: pytest.FixtureRequest) -> type[Filter]:
+def kind(request: pytest.FixtureRequest) -> type[Estimator]:
     """Each method of estimation."""
-    kind: type[Filter] = request.param
+    kind: type[Estimator] = request.param
     return kind
 
 
@@ -237,10 +231,7 @@ def domain() -> Iterator[int]:
     pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        if WORKER:  # those of one run have one parent
-            yield 1 + (os.getppid() + int(WORKER.removeprefix("gw"))) % 100
-        else:
-            yield 1 + os.getpid() % 100
+        yield 1 + os.getpid() % 100
 
 
 @pytest.fixture

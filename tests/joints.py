@@ -49,7 +49,7 @@ class Dahl(Linear):
 
 
 @dataclass(frozen=True, kw_only=True)
-class LuGre(Dahl):
+class LuGre(Linear):
     """And - s0 z - s1 z',  z' = v - |v| s0 z / F(v), F a Stribeck curve: Canudas de Wit et al. (1995)."""
 
     contacts = (
@@ -58,6 +58,10 @@ class LuGre(Dahl):
         ),
     )
 
+    coulomb: float = bounded(1.0, 0.0, 100.0, unit="rad/s^2")
+    """Fc."""
+    bristle_stiffness: float = bounded(500.0, 1.0, 1e5, unit="1/s^2")
+    """s0."""
     static_excess: float = bounded(0.2, 0.0, 100.0, unit="rad/s^2")
     """Friction at rest above Fc."""
     stribeck_speed: float = bounded(0.05, 0.005, 2.0, unit="rad/s")

@@ -22,27 +22,34 @@ def structure(name: str, seed: int = 0) -> System:
     """A structure with every parameter away from its start, and a network that matters."""
     random = np.random.default_rng(seed)
     system, _ = build(name, CamBeam(), scales=RANGE, seed=seed)
-    values = [item.start + 0.1 * item.scale * random.uniform(-1, 1) for item in system.parameters]
-    bounded = [np.clip(v, item.low, item.high) for v, item in zip(values, system.parameters, strict=True)]
-    system = system.with_values(np.array(bounded))
+    moved = [item.start + 0.1 * item.scale * random.uniform(-1, 1) for item in system.parameters]
+    values = [
+        value if item.fixed else float(np.clip(begin, item.low, item.high))
+        for begin, value, item in zip(moved, system.values, system.parameters, strict=True)
+    ]
+    system = system.with_values(values)
     return system.with_weights(random.normal(size=len(system.weights))) if len(system.weights) else system
 
 
+POSITION, DRIVE = CamBeam.outputs[0], CamBeam.inputs[0]
+
+
 def recurrent() -> Recurrent:
-    system = Recurrent(units=5, position_scale=0.05, rate_scale=0.2, drive_scale=4.0)
+    system = Recurrent(outputs=(POSITION,), inputs=(DRIVE,), units=5, scales=(0.05, 0.2, 4.0))
     return system.with_weights(np.random.default_rng(0).normal(size=len(system.weights)))
 
 
 def polynomial() -> Narx:
     return Narx(
-        exponents=((0, 0, 0, 0), (1, 0, 0, 0), (0, 1, 1, 0), (2, 0, 0, 1), (0, 0, 1, 2)),
+        outputs=(POSITION,),
+        inputs=(DRIVE,),
+        exponents=(((0, 0, 0, 0), (1, 0, 0, 0), (0, 1, 1, 0), (2, 0, 0, 1), (0, 0, 1, 2)),),
         coefficients=(0.1, 0.9, -0.2, 0.3, 0.1),
         output_lags=2,
         input_lags=2,
-        output_range=(-0.2, 0.2),
-        input_range=(-10.0, 10.0),
-        output_scale=0.1,
-        input_scale=5.0,
+        scales=(0.1, 5.0),
+        low=(-0.2, -10.0),
+        high=(0.2, 10.0),
     )
 
 

@@ -11,8 +11,7 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Bristles, Contact, Dry, Parameter, Sampled, System, Viscous, trace
-from hybrid_sysid_ros.core.declaration import deflections
+from hybrid_sysid_ros.core import Bristles, Contact, Dry, Parameter, Sampled, System, Variable, Viscous, trace
 from hybrid_sysid_ros.core.friction import stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.support.errors import UserError
@@ -65,9 +64,9 @@ class Linear(System):
             )
         velocities = list(dict.fromkeys([*(self._names[i] for i in origin.kinematics.values()), *carriers]))
         contacts = [self._contact(name, rubs=name in carriers) for name in velocities]
-        hidden = deflections(type(origin).__name__, contacts, origin.declared_states)
+        deflections = [contact.state for contact in contacts if contact.state is not None]
         object.__setattr__(self, "contacts", tuple(contacts))
-        object.__setattr__(self, "states", (*origin.declared_states, *hidden))
+        object.__setattr__(self, "states", (*origin.declared_states, *map(Variable.of, deflections)))
         for name in ("inputs", "outputs", "delays"):
             object.__setattr__(self, name, getattr(origin, name))
         for item in self.parameters:

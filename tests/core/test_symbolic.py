@@ -20,6 +20,7 @@ def points(count=200, seed=1):
 
 
 @pytest.mark.parametrize("name", MOTIONS)
+def test_the_compiled_and_the_casadi_form_agree(name):
     system = structure(name)
     symbolic = symbolic_step(system, step=0.005)
     random = np.random.default_rng(2)
@@ -73,6 +74,7 @@ CORNERLESS = ("dahl", "lugre", "narx", "recurrent")
     ("name", "smoothing"),
     [(name, smoothing) for name in SYSTEMS for smoothing in ((0.0,) if name in CORNERLESS else (0.0, 0.005))],
 )
+def test_the_slopes_of_a_step_are_those_of_the_casadi_form(name, smoothing):
     system = SYSTEMS[name]()
     states, inputs = len(system.states), len(system.inputs)
     step = symbolic_step(system, step=0.005, smoothing=smoothing, parametric=True)

@@ -124,8 +124,9 @@ def test_nothing_grows_outside_the_range_that_was_identified():
 def test_a_network_is_bounded_however_far_it_is_asked(name):
     system = structure(name)
     silent = system.with_weights(np.zeros(len(system.weights)))
-    output_weights = system.weights.reshape(-1, 5)[:, -1]
-    bound = system.network.scale * np.sum(np.abs(output_weights))
+    outputs = len(system.on)
+    output_weights = system.weights.reshape(system.units, -1)[:, -outputs:]
+    bound = np.array(system.scales[-outputs:]) @ np.sum(np.abs(output_weights), axis=0)
     random = np.random.default_rng(1)
     for _ in range(200):
         x = random.uniform(-1.5, 1.5, 3) * RANGE
@@ -171,8 +172,9 @@ def test_a_parameter_outside_its_bounds_is_named():
 def test_a_system_without_a_learned_part_takes_no_weights():
     with pytest.raises(UserError, match="Linear has no learned part, but 3 weights"):
         Linear().with_weights(np.zeros(3))
+    hybrid = structure("hybrid")
     with pytest.raises(UserError, match="a network weight is not finite"):
-        structure("hybrid").with_weights(np.full(30, np.nan)).check()
+        hybrid.with_weights(np.full(len(hybrid.weights), np.nan)).check()
 
 
 def test_values_go_in_and_out_by_name():
