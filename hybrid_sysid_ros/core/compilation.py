@@ -41,14 +41,19 @@ _IMPORT = re.compile(r"^(?:from +([\w.]+) +import +(\([^)]*\)|[^\n]*)|import +([
 """Those of a module, not those in its functions: compiled code is made of what its module names."""
 
 
-def kernel(function: Callable[..., Any]) -> Any:
-    """Decorator of a loop that Python calls: compiled at its first call, or loaded from the cache on disk."""
+def kernel(function: Callable[..., Any], signature: str | None = None) -> Any:
+    """Decorator of a loop that Python calls: compiled at its first call, or loaded from the cache on disk. With a
+    signature at once, and for its arguments alone.
+    """
     place = folder(function.__module__, digest(function.__module__))
     with kept_in(place):
         made = numba.njit(cache=True, fastmath={"contract"}, **OPTIONS)(function)
-    # Two processes that keep code for other arguments at the same time could give one the other's.
-    file = made._cache._cache_file
-    file.save = _in_turn(file.save, place / "lock")
+        # Two processes that keep code for other arguments at the same time could give one the other's.
+        file = made._cache._cache_file
+        file.save = _in_turn(file.save, place / "lock")
+        if signature is not None:
+            made.compile(signature)
+            made.disable_compile()
     return made
 
 
