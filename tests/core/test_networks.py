@@ -12,7 +12,6 @@ from benchmarks.network_plant import WEIGHTS, NetworkPlant, layers
 from hybrid_sysid_ros.core import Perceptron, Softsign, System, stepped
 from hybrid_sysid_ros.core.blocks import Block
 from hybrid_sysid_ros.core.networks import GatedUnits, Polynomial
-from hybrid_sysid_ros.core.perceptron import Perceptron as Layout
 from hybrid_sysid_ros.core.steppers import Sampled
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.support.errors import UserError
@@ -74,7 +73,7 @@ def test_a_perceptron_in_registers_is_the_one_that_is_written(widths):
     random = np.random.default_rng(0)
     weights = [(random.normal(size=(b, a)), random.normal(size=b)) for a, b in pairwise(widths)]
     block = Perceptron(widths=widths)
-    packed = block.layout.packed(weights)
+    packed = block.packed(weights)
     assert len(packed) == block.size
     for _ in range(20):
         z = 3.0 * random.normal(size=widths[0])
@@ -86,7 +85,7 @@ def test_a_perceptron_in_registers_is_the_one_that_is_written(widths):
 def test_tanh_in_registers_is_that_of_the_library():
     """One unit without bias: y = tanh(z)."""
     block = Perceptron(widths=(1, 1, 1))
-    packed = block.layout.packed([(np.ones((1, 1)), np.zeros(1)), (np.ones((1, 1)), np.zeros(1))])
+    packed = block.packed([(np.ones((1, 1)), np.zeros(1)), (np.ones((1, 1)), np.zeros(1))])
     for z in [0.0, -0.0, 1e-300, 1e-9, 0.3, -0.7, 5.0, -18.9, 19.5, 40.0, -1e300]:
         assert through(block, packed, [z])[0][0] == pytest.approx(np.tanh(z), rel=1e-9, abs=5e-16)
     assert np.isnan(through(block, packed, [np.nan])[0][0])
@@ -134,9 +133,7 @@ def test_every_block_is_the_one_that_is_exported(name):
     random = np.random.default_rng(2)
     weights = random.normal(size=block.size)
     if name == "perceptron":
-        weights = block.layout.packed(
-            [(random.normal(size=(b, a)), random.normal(size=b)) for a, b in pairwise(block.widths)]
-        )
+        weights = block.packed([(random.normal(size=(b, a)), random.normal(size=b)) for a, b in pairwise(block.widths)])
     exported = symbolic_output(Given(blocks=(block,), numbers=weights))
     z = casadi.SX.sym("z", block.features)
     jacobian = casadi.Function("j", [z], [casadi.jacobian(exported(0.0, z), z)])
@@ -170,7 +167,7 @@ def test_perceptrons_behind_each_other_have_their_own_weights():
         [(random.normal(size=(b, a)), random.normal(size=b)) for a, b in pairwise(block.widths)]
         for block in (first, second)
     ]
-    weights = np.concatenate([first.layout.packed(parts[0]), second.layout.packed(parts[1])])
+    weights = np.concatenate([first.packed(parts[0]), second.packed(parts[1])])
     z = random.normal(size=2)
     out, _ = evaluated(Given(blocks=(first, second), numbers=weights), [0.0], z, 1.0, output=True)
     np.testing.assert_allclose(out, by_hand(parts[1], by_hand(parts[0], z)), rtol=1e-12)
@@ -196,8 +193,8 @@ def test_the_reference_network_is_drawn_as_it_is_stated():
 
 def test_layers_that_do_not_fit_are_refused():
     with pytest.raises(UserError, match="a layer of 4 units is followed by one for 5"):
-        Layout.of([(np.zeros((4, 3)), np.zeros(4)), (np.zeros((1, 5)), np.zeros(1))])
+        Perceptron.of([(np.zeros((4, 3)), np.zeros(4)), (np.zeros((1, 5)), np.zeros(1))])
     with pytest.raises(UserError, match=r"biases of shape \(3,\)"):
-        Layout.of([(np.zeros((4, 3)), np.zeros(3)), (np.zeros((1, 4)), np.zeros(1))])
+        Perceptron.of([(np.zeros((4, 3)), np.zeros(3)), (np.zeros((1, 4)), np.zeros(1))])
     with pytest.raises(UserError, match="each above 0"):
-        Layout(widths=(3, 0, 1))
+        Perceptron(widths=(3, 0, 1))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.compilation import inner, kernel
-from hybrid_sysid_ros.core.perceptron import Layers, Perceptron
+from hybrid_sysid_ros.core.networks import Layers, Perceptron
 from hybrid_sysid_ros.core.registers import added, load, plus_scaled, scratch, store, tanh, zero
 from hybrid_sysid_ros.support.errors import UserError
 
