@@ -3,6 +3,8 @@
 
 import os
 
+WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
+
 # Threads of linear algebra spin while they wait: with a busy neighbour the small problems here take ten times as long.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
@@ -28,7 +30,7 @@ from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 from studies.beam_lecture import records as bab
-from tests.joints import Linear
+from tests.one_joint import Linear
 
 if TYPE_CHECKING:
     from tests.node_bench import Bench
@@ -231,7 +233,10 @@ def domain() -> Iterator[int]:
     pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        yield 1 + os.getpid() % 100
+        if WORKER:  # those of one run have one parent
+            yield 1 + (os.getppid() + int(WORKER.removeprefix("gw"))) % 100
+        else:
+            yield 1 + os.getpid() % 100
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from hybrid_sysid_ros.core import Dry, RungeKutta, System, bounded
+from hybrid_sysid_ros.core import Dry, RungeKutta, System, Variable, bounded
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.models import STRUCTURES, build
 from hybrid_sysid_ros.models.narx import Narx
@@ -31,7 +31,7 @@ def structure(name: str, seed: int = 0) -> System:
     return system.with_weights(random.normal(size=len(system.weights))) if len(system.weights) else system
 
 
-POSITION, DRIVE = CamBeam.outputs[0], CamBeam.inputs[0]
+POSITION, DRIVE = Variable.of(CamBeam.outputs[0]), Variable.of(CamBeam.inputs[0])
 
 
 def recurrent() -> Recurrent:

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hybrid_sysid_ros.core import Bristles, Dry, System, bounded, simulate, stepped
-from tests.joints import Dahl, Linear, LuGre
+from tests.one_joint import Dahl, Linear, LuGre
 
 
 def test_viscous_friction_converges_with_the_square_of_the_step():

@@ -16,7 +16,7 @@ from tests.evaluation import evaluated
 
 WIDE, POSITIVE, INSIDE, ABOVE = (-2.3, 1.9), (0.1, 3.0), (-0.95, 0.95), (1.1, 4.0)
 
-FUNCTIONS = {  # of a law, as numpy has it, and ranges of its arguments
+FUNCTIONS: dict[str, Any] = {  # of a law, as numpy has it, and ranges of its arguments
     "sin": (m.sin, np.sin, WIDE),
     "cos": (m.cos, np.cos, WIDE),
     "tan": (m.tan, np.tan, INSIDE),

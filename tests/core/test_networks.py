@@ -1,8 +1,8 @@
 """Networks inside a law: in registers or loops, they are what they are written as, with their derivatives."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import casadi
 import numpy as np
@@ -55,7 +55,7 @@ def through(block, weights, z):
     return out, slopes[:, 1 : 1 + len(z)], slopes[:, 1 + len(z) :]
 
 
-def moved(function: Callable, point, h=1e-6):
+def moved(function, point, h=1e-6):
     """Central differences (outputs, point)."""
     return np.transpose([(function(point + e) - function(point - e)) / (2 * h) for e in h * np.eye(len(point))])
 
@@ -120,7 +120,7 @@ def test_what_a_fit_learns_has_slopes_by_features_and_weights(name):
         np.testing.assert_allclose(by_weights, moved(lambda w: written(block, w, z), weights), rtol=1e-6, atol=1e-7)  # noqa: B023
 
 
-BLOCKS = {
+BLOCKS: dict[str, Any] = {
     **{name: block for name, (block, _) in LEARNT.items()},
     "perceptron": Perceptron(widths=(3, 7, 9, 2)),
     "gated units": GatedUnits(units=3, size=9 + 9 + 27 + 3 + 3 + 1 + 5),

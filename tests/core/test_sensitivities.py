@@ -7,7 +7,7 @@ from hybrid_sysid_ros.core import Sensitivities, rollouts
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.problem import Problem
 from hybrid_sysid_ros.models import Sampling
-from tests.joints import Linear
+from tests.one_joint import Linear
 from tests.structures import TwoTanks, polynomial, structure
 
 STEP, EVERY, SAMPLES = 0.005, 10, 60

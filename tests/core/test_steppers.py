@@ -11,7 +11,7 @@ from hybrid_sysid_ros.core import Recurrence, RungeKutta, System, bounded, simul
 from hybrid_sysid_ros.core.mathematics import cos, sin
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from tests.evaluation import evaluated
-from tests.joints import Linear
+from tests.one_joint import Linear
 
 
 def test_the_linear_simulation_tends_to_the_matrix_exponential():

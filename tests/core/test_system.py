@@ -1,6 +1,7 @@
 """Systems: what a class declares, what its law may be, and how each mistake is told in one line."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from hybrid_sysid_ros.core import (
 from hybrid_sysid_ros.core.mathematics import sin
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
-from tests.joints import Linear
+from tests.one_joint import Linear
 from tests.structures import RANGE, structure
 
 
@@ -58,7 +59,8 @@ class Pendulum(System):
 
 
 def test_a_class_is_read_when_it_is_made():
-    assert Pendulum.states == (Variable(name="position", unit="rad"), Variable(name="rate", unit="rad/s"))
+    kind: Any = Pendulum  # its variables are read when it is made
+    assert kind.states == (Variable(name="position", unit="rad"), Variable(name="rate", unit="rad/s"))
     assert [str(item) for item in Pendulum.outputs] == ["position [rad]", "height [m]"]
     assert Linear.outputs == Linear.states[:1]
     inertia = Pendulum().parameters[0]
@@ -122,7 +124,7 @@ def test_nothing_grows_outside_the_range_that_was_identified():
 
 @pytest.mark.parametrize("name", ["black_box", "hybrid"])
 def test_a_network_is_bounded_however_far_it_is_asked(name):
-    system = structure(name)
+    system: Any = structure(name)
     silent = system.with_weights(np.zeros(len(system.weights)))
     outputs = len(system.on)
     output_weights = system.weights.reshape(system.units, -1)[:, -outputs:]
@@ -144,7 +146,7 @@ def test_fields_that_are_no_parameters_are_part_of_the_form():
         inputs = ("u [1]",)
         stepper = RungeKutta()
         order: int = 1
-        table: np.ndarray = None
+        table: Any = None
 
         def law(self, x, u):
             return (self.table[0] * u[0] ** self.order,)
@@ -189,7 +191,7 @@ def test_values_go_in_and_out_by_name():
 # Mistakes in what a class declares
 
 
-DECLARED = {
+DECLARED: dict[str, Any] = {
     "states twice": ({"states": ("q [rad]", "q [rad]")}, "q"),
     "inputs twice": ({"inputs": ("u [V]", "u [V]")}, "u"),
     "outputs twice": ({"outputs": ("q", "q")}, "q"),
@@ -211,7 +213,12 @@ DECLARED = {
 @pytest.mark.parametrize("case", DECLARED)
 def test_a_declaration_that_does_not_fit_is_told_when_the_class_is_made(case):
     changes, named = DECLARED[case]
-    body = {"states": ("q [rad]", "v [rad/s]"), "inputs": ("u [V]",), "law": lambda self, x, u: (x[1], u[0]), **changes}
+    body: dict[str, Any] = {
+        "states": ("q [rad]", "v [rad/s]"),
+        "inputs": ("u [V]",),
+        "law": lambda self, x, u: (x[1], u[0]),
+        **changes,
+    }
     with pytest.raises(UserError) as raised:
         type("Cart", (System,), body)
     told(raised, "Cart", named)
@@ -230,7 +237,8 @@ def made(law=None, output=None, **body):
     body["law"] = law or (lambda self, x, u: (x[1], u[0]))
     if output:
         body["output"] = output
-    return dataclass(frozen=True, kw_only=True)(type("Cart", (System,), body))()
+    kind: Any = type("Cart", (System,), body)
+    return dataclass(frozen=True, kw_only=True)(kind)()
 
 
 def branching(self, x, u):
