@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.adapters import kernels
+from hybrid_sysid_ros.core import System, compiled
+from hybrid_sysid_ros.core.rollout import advance
 from hybrid_sysid_ros.estimation import Tuning
 from hybrid_sysid_ros.rigs.excitation import multisine, random_steps
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -73,7 +73,7 @@ def beam(
 def drawn(system: System, tuning: Tuning, seed: int, *, samples: int) -> Run:
     """A plant that is the model, with the start, the noise and the disturbance that the tuning says, drawn afresh."""
     random = np.random.default_rng(seed)
-    step, parameters, weights = kernels(system).step, system.values, system.weights
+    step, parameters, weights = compiled(system).step, system.values, system.weights
     drift = np.array([*tuning.process_noise, tuning.disturbance_noise, tuning.hum_noise, tuning.hum_noise])
     start = 10.0 * drift
     start[0], start[3:] = 0.0, tuning.hum_amplitude
@@ -90,7 +90,7 @@ def drawn(system: System, tuning: Tuning, seed: int, *, samples: int) -> Run:
             at = k + 20 - int(whole)
             force = tuning.input_noise / np.sqrt(PERIOD) * random.normal()
             drive = (1.0 - part) * past[at] + part * past[at - 1] + z[2] + force
-            step(z[:2].copy(), np.array([drive]), parameters, weights, PERIOD, following)
+            advance(step, z[:2].copy(), np.array([drive]), parameters, weights, PERIOD, following)
             z = np.array([*following, z[2], *(turn @ z[3:])]) + np.sqrt(PERIOD) * drift * random.normal(size=5)
         measured[k] = z[0] + z[3] + tuning.measurement_noise * random.normal()
         states[k] = z[:2]
