@@ -76,7 +76,7 @@ class EstimatorNode(RigNode):
         settings = self.settings
         self.filter = METHODS[settings["method"]](
             self.system,
-            estimator_tuning(settings, self.rig),
+            estimator_tuning(settings, self.rig, self.system),
             period=1.0 / settings["rate"],
             latency=settings["latency"],
         )

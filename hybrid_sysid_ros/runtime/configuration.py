@@ -109,16 +109,20 @@ class _Lists:
         return tuple(display.scale * value for display, value in pairs)
 
 
-def estimator_tuning(values: Mapping[str, Any], rig: Rig) -> Tuning:
+def estimator_tuning(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> Tuning:
     """Tuning of the estimators from the parameters of the node `estimator`; outputs come into SI.
+
+    system: the model that they predict with, by default the rig's own. States that it has alone drift as the rig's
+    steadiest one.
 
     Raises:
         UserError: `followed` is no list of NAME=DRIFT.
     """
     lists, camera = _Lists(values=values, rig=rig), rig.display[0].scale * values["camera_noise"]
+    process_noise = lists.states("process_noise")
     return Tuning(
         measurement_noise=lists.outputs_si("measurement_noise"),
-        process_noise=lists.states("process_noise"),
+        process_noise=by_state(process_noise, rig, system or rig.system, other=min(process_noise)),
         disturbance_noise=lists.inputs("disturbance_noise"),
         disturbance_limit=lists.inputs("disturbance_limit"),
         hum_hertz=lists.outputs("hum_hertz"),
