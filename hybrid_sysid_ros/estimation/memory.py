@@ -49,10 +49,7 @@ _INTEGERS = (
     *("point", "centre", "above", "below", "gain", "acting", "drive", "pushed", "z"),
 )
 CORE = np.dtype(
-    [
-        *((name, "i8") for name in _INTEGERS),
-        *((name, "f8") for name in ("longest_step", "slack", "span", "gate", "lead")),
-    ]
+    [*((name, "i8") for name in _INTEGERS), *((name, "f8") for name in ("longest_step", "slack", "span", "gate", "lead"))]
 )
 """windowed: whether the method optimises over the last ``span`` [s]. count: moments in use, keep: how many stay when
 there is no room, at: the one of the last measurement, fresh: the first one that was made for it. wrong: inputs of the last
@@ -66,7 +63,9 @@ CHANNEL = np.dtype([("state", "i8"), ("output", "i8"), ("hum", "i8"), ("noise", 
 MOMENT = np.dtype([("time", "f8"), ("row", "i8")])
 """time [s]; row: of its belief and its readings in the arrays."""
 
-READING = np.dtype([("value", "f8"), ("innovation", "f8"), ("normalised", "f8"), ("fate", "i8"), ("outliers", "i8")])
+READING = np.dtype(
+    [("value", "f8"), ("innovation", "f8"), ("normalised", "f8"), ("fate", "i8"), ("outliers", "i8")]
+)
 """Of a channel at a moment; innovation before any of the moment's readings, its normalised square after those of the
 channels before; outliers: in a row up to here.
 """
@@ -227,7 +226,8 @@ def _channels(system: System, tuning: Tuning, period: float) -> tuple[Records, l
     offset = len(system.states) + len(system.inputs)
     states, outputs = shown_states(system), [item.name for item in system.outputs]
     names = [item.name for item in system.states]
-    found, hums = [], []  # type: ignore[var-annotated]
+    found: list[tuple[int, int, int, float]] = []
+    hums: list[int] = []
     for k, (noise, hertz, amplitude) in enumerate(
         zip(tuning.measurement_noise, tuning.hum_hertz, tuning.hum_amplitude, strict=True)
     ):

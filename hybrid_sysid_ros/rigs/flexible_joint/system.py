@@ -61,7 +61,7 @@ class ViscousJoint(Joint):
 class StribeckJoint(ViscousJoint):
     """Ff = fv d' + [fc + (fs - fc) exp(-(d'/vs)^2)] sgn d'."""
 
-    contacts = (Dry(on="motor_speed", level="level", viscous="viscous"),)
+    contacts: ClassVar[tuple[Contact, ...]] = (Dry(on="motor_speed", level="level", viscous="viscous"),)
 
     coulomb: float = bounded(0.25, 0.0, 1.0, start=0.1, unit="N m")
     """fc."""
@@ -79,7 +79,7 @@ class StribeckJoint(ViscousJoint):
 class DahlJoint(Joint):
     """Ff = s0 z,  z' = d' (1 - s0 z / fc sgn d')."""
 
-    contacts = (Bristles(on="motor_speed", level="level", stiffness="stiffness"),)
+    contacts: ClassVar[tuple[Contact, ...]] = (Bristles(on="motor_speed", level="level", stiffness="stiffness"),)
 
     coulomb: float = bounded(0.25, 0.0, 1.0, start=0.1, unit="N m")
     """fc."""
