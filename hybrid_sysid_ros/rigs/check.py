@@ -180,7 +180,7 @@ def _on_grid(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
             other = np.array(told[kind](x, u)).ravel()
             scale = np.maximum(np.abs(values), np.max(np.abs(values)) + 1e-12)
             if np.max(np.abs(values - other) / scale) > FORMS_AGREE:
-                yield f"{where}: the compiled {kind} differs from its CasADi form; the law must give the same every time"
+                yield f"{where}: the compiled {kind} differs from the CasADi form; the law must be the same each time"
                 return
 
 
@@ -204,7 +204,7 @@ def _blind(rig: Rig, states: Array, inputs: Array, magnitudes: Array, where: str
         if value <= BLIND * values[0]:
             names = [system.states[i].name for i in np.flatnonzero(np.abs(direction) > 0.3)]
             yield (
-                f"{where}: the outputs do not tell {' and '.join(names)}: measure more, or leave out of the states what "
+                f"{where}: the outputs do not tell {' and '.join(names)}: measure more, or leave out states that "
                 "nothing depends on"
             )
 
