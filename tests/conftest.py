@@ -20,8 +20,7 @@ from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.core import Dry, System, bounded, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.estimation import METHODS
-from hybrid_sysid_ros.estimation.filter import Filter
+from hybrid_sysid_ros.estimation import METHODS, Estimator
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -165,9 +164,9 @@ def flexible_joint() -> FlexibleJoint:
 
 
 @pytest.fixture(scope="module", params=METHODS.values(), ids=list(METHODS))
-def kind(request: pytest.FixtureRequest) -> type[Filter]:
+def kind(request: pytest.FixtureRequest) -> type[Estimator]:
     """Each method of estimation."""
-    kind: type[Filter] = request.param
+    kind: type[Estimator] = request.param
     return kind
 
 

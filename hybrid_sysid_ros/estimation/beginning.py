@@ -46,7 +46,7 @@ class Beginning:
         mean = np.zeros(len(self.arrays["start"]))
         named, tail = self.system.named, len(mean) - len(self.tuning.followed)
         mean[tail:] = [named[name] for name in self.tuning.followed]
-        self._begin(0, *self._belief(0, mean))
+        self._begin(0, *self._belief(0, mean, ()))
 
     def again(self, index: int, lost: Sequence[int]) -> bool:
         """Begin again at a moment, from its readings, for the sake of the channels ``lost`` that were outliers for too
@@ -54,12 +54,14 @@ class Beginning:
         """
         row = self.memory.moments["row"][index]
         before, root = self.arrays["means"][row].copy(), self.arrays["roots"][row]
-        mean, deviations, placed = self._belief(index, before)
+        mean, deviations, placed = self._belief(index, before, lost)
         fates = self.memory.readings["fate"][self.memory.moments["row"][: index + 1]]
         believed = (fates == USED) | (fates == BEGUN)
         run = max((int(np.flatnonzero(believed[:, c])[-1]) + 1 if believed[:, c].any() else 0) for c in lost)
         change = self._shown(mean) - self._shown(before)
-        variance = self.memory.channels["noise"] + self._variance(mean, np.diag(deviations)) + self._variance(before, root)
+        variance = (
+            self.memory.channels["noise"] + self._variance(mean, np.diag(deviations)) + self._variance(before, root)
+        )
         for c in range(len(change)):
             told = believed[run:, c][fates[run:, c] != EMPTY]
             if c not in lost and told.size and told[-1] and change[c] ** 2 > self.tuning.gate * variance[c]:
@@ -80,9 +82,9 @@ class Beginning:
     def _readings(self, index: int) -> Records:
         return self.memory.readings[self.memory.moments["row"][index]]
 
-    def _belief(self, index: int, before: Array) -> tuple[Array, Array, Sequence[int]]:
-        """Mean and deviations (size,) by the readings of a moment, what is slow as it was ``before`` (size,); and the
-        channels whose readings are in it already.
+    def _belief(self, index: int, before: Array, lost: Sequence[int]) -> tuple[Array, Array, Sequence[int]]:
+        """Mean and deviations (size,) by the readings of a moment, those of the channels ``lost`` before others of the
+        same state, what is slow as it was ``before`` (size,); and the channels whose readings are in it already.
         """
         n, m, p = len(self.system.states), len(self.system.inputs), len(self.system.outputs)
         readings, channels = self._readings(index), self.memory.channels
@@ -92,7 +94,7 @@ class Beginning:
         mean[n + m : len(mean) - len(self.tuning.followed)] = 0.0
         mean[:n] = self.system.observed(outputs[None], np.zeros((1, p)), self.arrays["applied"][None])[0]
         placed: dict[int, int] = {}
-        for c in np.flatnonzero(given).tolist():
+        for c in sorted(np.flatnonzero(given).tolist(), key=lambda c: c not in lost):
             state, hum = int(channels["state"][c]), int(channels["hum"][c])
             if state >= 0 and state not in placed:
                 placed[state] = c
@@ -114,7 +116,9 @@ class Beginning:
     def _shown(self, z: Array) -> Array:
         """What each channel shows at z (size,) but for its hum, (channels,)."""
         n, m, p = len(self.system.states), len(self.system.inputs), len(self.system.outputs)
-        named = self.system.named | dict(zip(self.tuning.followed, z[len(z) - len(self.tuning.followed) :], strict=True))
+        named = self.system.named | dict(
+            zip(self.tuning.followed, z[len(z) - len(self.tuning.followed) :], strict=True)
+        )
         inputs, outputs = self.arrays["applied"] + z[n : n + m], np.empty(p)
         values = np.array(list(named.values()))
         advance(compiled(self.system).output, z[:n].copy(), inputs, values, self.system.weights, 0.0, outputs)
