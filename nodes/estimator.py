@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from time import perf_counter
 from typing import Any
 
@@ -49,7 +49,7 @@ class EstimatorNode(RigNode):
         followed = tuple(self.filter.tuning.followed)
         self.message = joint_state([joint, f"{joint}_ahead", *(f"{joint}_{name}" for name in followed)])
         self.unknown = (math.nan,) * len(followed)  # a parameter has no velocity and no effort
-        self.covariance_message = _labelled(self.system.states, followed)
+        self.covariance_message = _labelled(self.filter.labels)
         for k in range(1, 4):  # compiles, and has seen it all once before it matters
             self.on_measurement(fill(joint_state([joint]), k * SECOND // 100, position=(0.0,), effort=(0.0,)))
         self.begin()
@@ -148,7 +148,7 @@ class EstimatorNode(RigNode):
 
     def health(self) -> tuple[bytes, str, Mapping[str, object]]:
         counters = self.filter.counters
-        low, high = band(max(len(self.innovations), 1))
+        low, high = band(max(len(self.innovations), 1), len(self.system.outputs))
         values = {
             "updates": counters.updates,
             "delayed_measurements": counters.delayed,
@@ -175,9 +175,8 @@ class EstimatorNode(RigNode):
         return OK, "running" if self.stamp else "waiting for measurements", values
 
 
-def _labelled(states: Any, followed: Iterable[str]) -> Float64MultiArray:
+def _labelled(names: Sequence[str]) -> Float64MultiArray:
     """A covariance message, whose rows and columns are named by their label."""
-    names = [*(f"{state.name} [{state.unit}]" for state in states), "disturbance", "hum", "hum_quadrature", *followed]
     size = len(names)
     rows = MultiArrayDimension(label=f"covariance of {', '.join(names)}", size=size, stride=size * size)
     columns = MultiArrayDimension(label="the same", size=size, stride=size)

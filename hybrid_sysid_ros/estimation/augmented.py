@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 Records = NDArray[np.void]
 
 REACH = math.sqrt(6.0)
-"""Of differences, in deviations: it sees the break-away of a joint that sticks, which sqrt(3), the best where all is smooth,
-often misses."""
+"""Of differences, in deviations: it sees the break-away of a joint that sticks, which sqrt(3), the best where all is
+smooth, often misses."""
 
 
 @inner
@@ -37,6 +37,7 @@ def copy(source: Array, target: Array) -> None:
 
 @inner
 def copy_matrix(source: Array, target: Array) -> None:
+    """The same of matrices."""
     for i in range(source.shape[0]):
         for j in range(source.shape[1]):
             target[i, j] = source[i, j]
@@ -119,7 +120,7 @@ def differences(core: Any, at: Array, root: Array, drive: Array, h: float, follo
     n, m, size = core.states, core.inputs, at.shape[0]
     above, below = vector(core.above, size), vector(core.below, size)
     point, centre, pushed = vector(core.point, size), vector(core.centre, size), vector(core.pushed, m)
-    noise, hums_end = numbers(core.input_noise), n + m + 2 * core.hums
+    noise = numbers(core.input_noise)
     for i in range(size):
         for j in range(size):
             rows[i, j] = root[j, i]

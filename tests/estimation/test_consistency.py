@@ -9,6 +9,7 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from hybrid_sysid_ros.core import stepped
+from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.estimation import METHODS, Tuning
 from hybrid_sysid_ros.estimation.consistency import Window, band, normalised_errors
 from hybrid_sysid_ros.estimation.square_root import solve, solve_transposed, triangle
@@ -87,6 +88,11 @@ def run_of(plant, seed):
     return drawn(tuning, seed, 400, system)
 
 
+@kernel
+def triangle_of(rows, root):
+    triangle(rows, len(rows), root)
+
+
 @pytest.mark.parametrize("plant", PLANTS)
 @pytest.mark.parametrize("method", METHODS)
 def test_squared_errors_of_a_plant_as_the_filter_believes_it_to_be_are_in_their_band(method, plant):
@@ -138,7 +144,7 @@ def test_the_triangle_is_a_square_root():
     rows = np.random.default_rng(0).normal(size=(13, 4))
     rows[:, 2] = 0.0
     root = np.empty((4, 4))
-    triangle(rows.copy(), 13, root)
+    triangle_of(rows.copy(), root)
     np.testing.assert_allclose(root @ root.T, rows.T @ rows, atol=1e-12)
     assert np.all(np.triu(root, 1) == 0.0)
 
@@ -149,7 +155,7 @@ def test_equations_are_solved_where_something_has_no_variance():
     half[:, 2] = 0.0
     half[:, 4] = half[:, 0] + half[:, 1]
     root, x = np.empty((5, 5)), np.array([1.0, 2.0, 0.0, -1.0, 3.0])
-    triangle(half.copy(), 6, root)
+    triangle_of(half.copy(), root)
     np.testing.assert_allclose(root @ root.T, half.T @ half, atol=1e-12)
     solve(root, x)
     solve_transposed(root, x)
