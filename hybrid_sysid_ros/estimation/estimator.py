@@ -227,7 +227,7 @@ class Estimator(ABC):
         """Values of the channels from ``first`` on in their place; ``applied`` counts where ``since`` is before."""
         out, P = np.empty(self._parts[-1] + 1), np.empty((self._size, self._size))
         code = self._absorb(*self._memory, time, since, first, given, self._applied, out, P)
-        delayed = time <= self._newest
+        delayed = bool(time <= self._newest)
         if not delayed:
             self._newest = time
         if code == FINE:
@@ -287,7 +287,7 @@ class Estimator(ABC):
             parameters=parameters,
             covariance=P,
             innovation=out[d:e],
-            normalised_innovation=out[e],
+            normalised_innovation=float(out[e]),
         )
 
     def _start(self, time: float, first: int, values: Array) -> Estimate:
