@@ -11,6 +11,7 @@ import typer
 
 from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.commands.terminal import (
+    OwnRig,
     PartText,
     ReadPeriod,
     Recover,
@@ -38,6 +39,7 @@ def command(
     signals: SignalsFile = None,
     recover: Recover = False,
     read_period: ReadPeriod = 0.0,
+    rig: OwnRig = "",
 ) -> None:
     """Score a model by strict free run: one initial state, never corrected. Where a bag has the reference, the whole
     closed loop is simulated again from it as well.

@@ -37,7 +37,7 @@ from hybrid_sysid_ros.support.files import check_folder
 def command(
     bag: Annotated[list[Path], typer.Argument(help="Bags to learn from.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for the model.")],
-    rig: RigName = "cam_beam",
+    rig: RigName = "",
     structure: Annotated[str, typer.Option(help=STRUCTURES_HELP)] = "hybrid",
     option: Annotated[
         list[str] | None, typer.Option("--option", help="NAME=VALUE of the structure, such as units=8 or creep=1.")

@@ -56,7 +56,7 @@ def command(
     ] = "",
     folds: Annotated[int, typer.Option(help="Groups in which parts of the bags are held out in turn.", min=2)] = 3,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for a model with the best options.")] = None,
-    rig: RigName = "cam_beam",
+    rig: RigName = "",
     input_handling: InputHandling = "averaged",
     step: Step = 0.005,
     period: Period = 0.05,

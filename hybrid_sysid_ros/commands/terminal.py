@@ -26,6 +26,19 @@ WIDEST = 100_000
 """More characters than any table has."""
 
 RigName = Annotated[str, typer.Option("--rig", help="Rig, by its name or by the path of its folder (./my_rig).")]
+
+
+def _meet(rig: str) -> str:
+    """Load a rig that a path names, so that from now on it is known by the name that models and policies have."""
+    if rig:
+        load_rig(rig)
+    return rig
+
+
+OwnRig = Annotated[
+    str, typer.Option("--rig", help="Folder of the rig, where it is not known by its name.", callback=_meet)
+]
+"""Of commands that are told their rig by a model or a policy."""
 SignalsFile = Annotated[Path | None, typer.Option("--signals", help="YAML with the topics and fields of your own bag.")]
 Recover = Annotated[bool, typer.Option("--recover", help="Read what can be read of a truncated bag.")]
 ReadPeriod = Annotated[
