@@ -77,7 +77,9 @@ def test_a_linear_fit_is_the_least_squares_solution(linear_bench, rig):
         return np.concatenate([weight * (run[::10, 0] - experiment.outputs[:, 0]), point[5:] / spread])
 
     start = np.append(ENTRIES, [0.0, 0.0])
-    best = least_squares(errors, start, x_scale=np.abs(np.append(ENTRIES, spread)), jac="3-point", xtol=1e-12, ftol=1e-12)
+    best = least_squares(
+        errors, start, x_scale=np.abs(np.append(ENTRIES, spread)), jac="3-point", xtol=1e-12, ftol=1e-12
+    )
     data, prior = best.jac[:-2], best.jac[-2:]
     inverse = np.linalg.inv(best.jac.T @ best.jac)
     white = (weight * np.std(noise)) ** 2 * data.T @ data + prior.T @ prior
