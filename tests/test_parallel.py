@@ -64,12 +64,13 @@ def test_after_an_interrupt_what_is_under_way_is_kept(tmp_path):
         return squares(number)
 
     store = Store(tmp_path)
-    with pytest.raises(KeyboardInterrupt), workers_for(work, jobs=2, threads=True) as crew:
+    with workers_for(work, jobs=2, threads=True) as crew:
         items = resumed(crew, [2, 1, 3, 4], store=store, finish=True)
         next(items)
         begun.wait(20.0)
         release.set()
-        items.throw(KeyboardInterrupt)
+        with pytest.raises(KeyboardInterrupt):
+            items.throw(KeyboardInterrupt)
     assert store.find(1) is not None
     assert store.find(2) is not None
 
