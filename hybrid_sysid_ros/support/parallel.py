@@ -6,7 +6,9 @@ import hashlib
 import os
 import shutil
 import signal
+import warnings
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -66,16 +68,19 @@ def run(
 
     workers: processes, 0 for one per core; one works in this process. store: where finished pieces are kept, so that an
     interrupted run goes on. progress: gets how many pieces are done, and of how many. Ctrl-C is for this process: it
-    hands out no more work; what is under way is still kept.
+    ends what is under way; what is finished is kept.
     """
     count = min(workers or os.cpu_count() or 1, max(len(pieces), 1))
     jobs = (joblib.delayed(_once)(work, piece, store, os.getpid()) for piece in pieces)
     found: list[Arrays] = []
-    with joblib.parallel_config(backend="loky" if count > 1 else "sequential", **_threads(count)):
-        for result in joblib.Parallel(n_jobs=count, return_as="generator", batch_size=1)(jobs):
-            found.append(result)
-            if progress is not None:
-                progress(len(found), len(pieces))
+    backend = "loky" if count > 1 else "sequential"
+    with joblib.parallel_config(backend=backend, **_threads(count)), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*tasks", category=UserWarning)  # of what an interrupt leaves undone
+        with closing(joblib.Parallel(n_jobs=count, return_as="generator", batch_size=1)(jobs)) as results:
+            for result in results:
+                found.append(result)
+                if progress is not None:
+                    progress(len(found), len(pieces))
     return found
 
 
