@@ -24,12 +24,12 @@ from typing import Any
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from benchmarks import result
 from benchmarks.mpc_speed import Case, cases, loop
+from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import Controller, ExactMpc, Problem
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.control.policy import policy
@@ -83,7 +83,7 @@ def main(arguments: list[str]) -> int:
                 shown.add_row(name, ", ".join(f"{part} {item:.4g}" for part, item in value.items()))
             else:
                 shown.add_row(name, f"{value:.4g}")
-    Console(width=160).print(shown)
+    print_table(shown)
     print(result.write(NAME, results, on=machine))
     return 0
 

@@ -9,7 +9,7 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import STRUCTURES, build
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.recurrent import Recurrent
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 
 RANGE = np.array([0.15, 0.5, 10.0])  # position [rad], velocity [rad/s], drive [V] of the beam's records
 DEFLECTION = 0.005  # of bristles, as far as they bend [rad]

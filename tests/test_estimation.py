@@ -115,13 +115,13 @@ def loop(kind, rig, *, seconds=20.0, period=PERIOD, seed=0, bias=0.0, noisy=True
     ours = kind(rig.system, tuning, period=period, latency=latency)
     plant = Plant(rig, seed=seed, bias=bias, noisy=noisy)
     reference = multisine(1, amplitude=4.0, low=0.1, high=1.5, lines=15, period=10.0)
-    scale, u = rig.sensor.radians_per_volt, 0.0
+    scale, u = rig.display[0].scale, 0.0
     fine, estimates, raw = [plant.state.copy()], [], []
     for _ in range(round(seconds / period)):
         measured = plant.measure()
-        estimates.append(ours.update(measured.time, np.array([measured.position]), np.array([u])))
-        raw.append(measured.position)
-        u = float(np.clip(3 * (reference(measured.time) - measured.filtered / scale), -10, 10))
+        estimates.append(ours.update(measured.time, measured.outputs, np.array([u])))
+        raw.append(measured.outputs[0])
+        u = float(np.clip(3 * (reference(measured.time) - measured.filtered[0] / scale), -10, 10))
         for _ in range(round(period / rig.step)):
             plant.advance(u)
             fine.append(plant.state.copy())
@@ -139,7 +139,7 @@ def test_the_hum_is_taken_out_of_the_position(watched, rig):
     settled = slice(200, None)
     error = np.sqrt(np.mean(([e.state[0] for e in estimates] - truth)[settled] ** 2))
     noise = np.sqrt(np.mean((raw - truth)[settled] ** 2))
-    assert rig.sensor.volts(noise) == pytest.approx(0.052, rel=0.05)
+    assert rig.display[0].shown(noise) == pytest.approx(0.052, rel=0.05)
     assert error < noise / 3
 
 

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.estimation import METHODS, Tuning
 from hybrid_sysid_ros.estimation.cholesky import factorise, solve_factorised
 from hybrid_sysid_ros.estimation.consistency import Window, band, normalised_errors
 from hybrid_sysid_ros.estimation.unscented_kalman_filter import triangle
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 
 PERIOD = 0.005
 

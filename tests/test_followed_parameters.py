@@ -25,8 +25,8 @@ def changed(rig):
     u, rows = 0.0, []
     for _ in range(6000):
         measured = plant.measure()
-        rows.append((measured.time, measured.position, u))
-        u = float(np.clip(3 * (reference(measured.time) - rig.sensor.volts(measured.filtered)), -10, 10))
+        rows.append((measured.time, measured.outputs[0], u))
+        u = float(np.clip(3 * (reference(measured.time) - rig.display[0].shown(measured.filtered[0])), -10, 10))
         for _ in range(5):
             plant.advance(u)
     return beam, rows
@@ -114,7 +114,7 @@ def test_a_plant_that_changes_goes_on_as_the_other_one(rig):
     plant = Plant(rig, seed=0, noisy=False)
     for _ in range(200):
         plant.advance(5.0)
-    other.reset(plant.state, drive=5.0)
+    other.reset(plant.state, inputs=5.0)
     plant.change(coulomb=4.0)
     for _ in range(200):
         plant.advance(5.0)

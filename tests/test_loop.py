@@ -40,7 +40,7 @@ def write(path, *, error=0.0, delay=None, log=None, answered=None, start=START, 
     answered = k if answered is None else np.asarray(answered)
     shift = 0 if log is None else log
     zero = stamps[BEFORE]
-    positions = RIG.sensor.radians(wanted((stamps - zero) * 1e-9) - error)
+    positions = RIG.display[0].si(wanted((stamps - zero) * 1e-9) - error)
     effort = np.where(k == 0, np.nan, 0.01 * (k - 1))  # of the interval that ends at the stamp
     measured = bags.joint_states(
         "/cam_beam/joint_states", stamps, ["beam"], position=positions[:, None], effort=effort[:, None]
@@ -50,7 +50,7 @@ def write(path, *, error=0.0, delay=None, log=None, answered=None, start=START, 
     )
     begins = zero + np.arange(0, SAMPLES, every) * PERIOD
     ahead = np.arange(PREVIEW) * PERIOD
-    previews = RIG.sensor.radians(wanted((begins[:, None] + ahead - zero) * 1e-9))
+    previews = RIG.display[0].si(wanted((begins[:, None] + ahead - zero) * 1e-9))
     reference = bags.joint_trajectories(
         "/cam_beam/reference", begins, ["beam"], positions=previews[:, :, None], times=ahead * 1e-9
     )
@@ -75,7 +75,7 @@ def test_time_zero_is_the_stamp_of_the_first_reference(tmp_path):
 def test_the_reference_at_a_stamp_is_the_preview_s(tmp_path):
     loop = LoopRecord.from_bag(write(tmp_path / "run"), RIG)
     assert np.isnan(loop.reference[:BEFORE]).all()
-    np.testing.assert_allclose(RIG.sensor.volts(loop.reference[BEFORE:]), wanted(loop.time[BEFORE:]), atol=1e-12)
+    np.testing.assert_allclose(RIG.display[0].shown(loop.reference[BEFORE:]), wanted(loop.time[BEFORE:]), atol=1e-12)
 
 
 def test_of_one_time_the_newest_preview_tells(tmp_path):

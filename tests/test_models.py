@@ -17,7 +17,7 @@ from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.options import parse
 from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.structures import assemble, options_of
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
 
 FROM_DATA = {

@@ -124,7 +124,7 @@ def test_a_disturbance_is_answered_by_its_opposite(bounded):
 
 @pytest.fixture(scope="module")
 def beam_mpc(rig):
-    return ExactMpc(rig.system, dataclasses.replace(PROBLEM, output_scale=rig.sensor.radians_per_volt))
+    return ExactMpc(rig.system, dataclasses.replace(PROBLEM, output_scale=rig.display[0].scale))
 
 
 ABSURD = [1e3, -1e6, 1e12, 1e300, np.inf, -np.inf, np.nan]
@@ -232,7 +232,7 @@ def test_the_noisy_beam_comes_to_rest_on_its_reference_despite_a_bias(rig):
     settings = configuration.defaults("cam_beam", "estimator")
     tuning = configuration.estimator_tuning(settings, rig)
     estimator = ExtendedKalmanFilter(rig.system, tuning, period=0.02)
-    problem = dataclasses.replace(PROBLEM, output_scale=rig.sensor.radians_per_volt)
+    problem = dataclasses.replace(PROBLEM, output_scale=rig.display[0].scale)
     controller = ExactMpc(rig.system, problem)
     loop = run_loop(
         Plant(rig, seed=0, bias=0.4),
@@ -243,7 +243,7 @@ def test_the_noisy_beam_comes_to_rest_on_its_reference_despite_a_bias(rig):
         period=0.02,
         lead=rig.system.delay,
     )
-    volts = rig.sensor.volts(loop.position)
+    volts = rig.display[0].shown(loop.position)
     assert np.mean(volts[75:95]) == pytest.approx(2.5, abs=0.06)
     assert np.mean(volts[-20:]) == pytest.approx(-1.0, abs=0.06)
     assert np.all(np.abs(loop.input) <= 10.0)
@@ -336,7 +336,7 @@ def cost_by_hand(problem, plan, previous, preview):
 
 @pytest.mark.parametrize("option", OPTIONS)
 def test_on_the_beam_it_finds_what_an_interior_point_solver_finds(rig, option):
-    problem = dataclasses.replace(PROBLEM, output_scale=rig.sensor.radians_per_volt, **OPTIONS[option])
+    problem = dataclasses.replace(PROBLEM, output_scale=rig.display[0].scale, **OPTIONS[option])
     exact = ExactMpc(rig.system, problem, tolerance=1e-7)
     yardstick = InteriorPointMpc(rig.system, dataclasses.replace(problem, max_iterations=500), tolerance=1e-9)
     solved, ratios = 0, []
@@ -357,7 +357,7 @@ def test_on_the_beam_it_finds_what_an_interior_point_solver_finds(rig, option):
 
 
 def test_changes_of_the_input_stay_within_their_limit(rig):
-    problem = dataclasses.replace(PROBLEM, output_scale=rig.sensor.radians_per_volt, rate_limit=0.7)
+    problem = dataclasses.replace(PROBLEM, output_scale=rig.display[0].scale, rate_limit=0.7)
     controller = ExactMpc(rig.system, problem)
     for seed in range(5):
         state, d, previous, preview = question(seed, size=2.0)

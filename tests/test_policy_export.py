@@ -6,12 +6,13 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from small_policies import PROBLEM, TWO, correction_of, policy_of  # type: ignore[import-not-found]
 
-from hybrid_sysid_ros.commands import cli
+from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.control.export import compiler, folder, onnx_graph
 from hybrid_sysid_ros.control.export.vectors import asked as vectors_of
 from hybrid_sysid_ros.control.export.vectors import bounded, parts, vectors
@@ -42,20 +43,9 @@ def policy(request):
 
 
 @pytest.fixture
-def command(monkeypatch, capsys):
+def command(call):
     """Run hybrid-sysid policy export with arguments; give status, standard output and standard error."""
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["hybrid-sysid", "policy", "export", *map(str, arguments)])
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as end:
-            status = int(end.code or 0)
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return run
+    return partial(call, app.main, "hybrid-sysid", "policy", "export")
 
 
 def instances(policy, count=3000, seed=1):

@@ -8,7 +8,6 @@ from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.control.closed_loop import run_loop
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
-from hybrid_sysid_ros.rigs.excitation import hardware_reference
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.runtime import configuration
 
@@ -41,15 +40,15 @@ def test_the_shipped_policy_tracks_the_author_s_reference(shipped, rig):
         Plant(rig, seed=5, bias=0.03),
         ExtendedKalmanFilter(model.system, tuning, period=0.005, latency=latency),
         policy,
-        hardware_reference,
+        rig.schedule().of(0),
         duration=51.0,
         period=0.005,
         lead=model.system.delay + latency,
     )
-    scale = rig.sensor.radians_per_volt
+    scale = rig.display[0].scale
     assert loop.tracking_rmse(0.0, 29.0) / scale <= 0.42
     assert loop.tracking_rmse(30.0, 50.0) / scale <= 0.05
     at_rest = np.mean(loop.position[loop.time > 50.7]) / scale
     assert at_rest == pytest.approx(0.0, abs=0.05)
     assert loop.statuses == {Status.POLICY: 10_200}
-    assert np.max(np.abs(loop.input)) <= rig.input_limit
+    assert np.max(np.abs(loop.input)) <= rig.actuators[0].high

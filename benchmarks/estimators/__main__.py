@@ -22,11 +22,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks import result
 from benchmarks.estimators.runs import PERIOD, Run, beam, drawn
+from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation import METHODS, Channel, Filter, Tuning
 from hybrid_sysid_ros.estimation.consistency import band, normalised_errors
@@ -64,7 +64,7 @@ def main() -> int:
     rig = load("cam_beam")
     system = load_model(configuration.shipped(rig.name, "model")).system
     tuning = tuning_of(rig)
-    volt = rig.sensor.radians_per_volt
+    volt = rig.display[0].scale
     kinds: dict[str, Callable[..., Any]] = {**METHODS, **peers()}
     made = {name: partial(kind, system, tuning, period=PERIOD) for name, kind in kinds.items()}
     biases = np.random.default_rng(0).uniform(-BIAS, BIAS, RUNS)
@@ -132,7 +132,7 @@ def watched(make: Callable[[], Any], runs: Sequence[Run], volt: float) -> dict[s
 
 def delayed(method: type[Filter], rig: Rig, system: System, tuning: Tuning) -> dict[str, Any]:
     """Position RMSE with frames of a second sensor that come late, and the time of one frame's call."""
-    volt = rig.sensor.radians_per_volt
+    volt = rig.display[0].scale
     tuning = replace(tuning, channels={"camera": Channel(state=0, noise=FRAME_NOISE * volt)})
     errors: dict[str, list[float]] = {"no_frames": [], "punctual": [], "late_in_place": [], "late_taken_for_new": []}
     seconds: list[float] = []
@@ -159,7 +159,7 @@ def delayed(method: type[Filter], rig: Rig, system: System, tuning: Tuning) -> d
 
 def followed(method: type[Filter], rig: Rig) -> dict[str, Any]:
     """Friction and centre jump under a model that was right: how soon and how near they are found."""
-    truth = rig.system.values
+    truth: Any = rig.system
     coulomb, centre = FRICTION_RISE * truth.coulomb, truth.centre - CENTRE_FALL
     changes = {10.0: {"coulomb": coulomb}, 20.0: {"centre": centre}}
     tunings = {
@@ -197,9 +197,8 @@ def followed(method: type[Filter], rig: Rig) -> dict[str, Any]:
 
 def show(results: Mapping[str, Any]) -> None:
     """Print the results."""
-    console = Console(width=170)
     for group in ("beam", "drawn"):
-        table = Table(title=f"{group}, {results['runs']} runs", title_justify="left")
+        table = Table(title=f"{group}, {results['runs']} runs")
         for heading in ("", "position", "of raw", "velocity", "NEES", "within/below/above", "NIS", "p50", "p99"):
             table.add_column(heading)
         for name, row in results[group].items():
@@ -215,7 +214,7 @@ def show(results: Mapping[str, Any]) -> None:
                 f"{times['p50']:.1f} us",
                 f"{times['p99']:.1f} us",
             )
-        console.print(table)
+        print_table(table)
     table = Table(
         "", "no frames", "punctual", "late, in place", "late, taken for new", "p50", "p99", title="position RMSE"
     )
@@ -223,7 +222,7 @@ def show(results: Mapping[str, Any]) -> None:
         errors = (f"{value:.4f} V" for key, value in row.items() if key.endswith("volts"))
         times = row["late_frame_microseconds"]
         table.add_row(name, *errors, f"{times['p50']:.1f} us", f"{times['p99']:.1f} us")
-    console.print(table)
+    print_table(table)
     table = Table("", "parameter", "true", "found", "90 % after", "NIS followed", "not followed", title="after jumps")
     for name, row in results["followed"].items():
         for parameter in ("coulomb", "centre"):
@@ -237,7 +236,7 @@ def show(results: Mapping[str, Any]) -> None:
                 f"{row['following']['nis']:.3f}",
                 f"{row['disturbance_only']['nis']:.3f}",
             )
-    console.print(table)
+    print_table(table)
 
 
 def _rms(values: Array) -> float:

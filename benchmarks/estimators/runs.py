@@ -62,9 +62,9 @@ def beam(
         if k in due:
             plant.change(**due[k])
         shown = plant.measure()
-        measured[k], inputs[k], states[k] = shown.position, drive, plant.state
-        error = float(reference(k * PERIOD)) - shown.filtered / rig.sensor.radians_per_volt
-        drive = float(np.clip(rig.feedback_gain * error, -rig.input_limit, rig.input_limit))
+        measured[k], inputs[k], states[k] = shown.outputs[0], drive, plant.state
+        error = float(reference(k * PERIOD)) - float(shown.filtered[0]) / rig.display[0].scale
+        drive = float(np.clip(rig.experiments.loops[0].gain * error, -rig.actuators[0].high, rig.actuators[0].high))
         for _ in range(steps):
             plant.advance(drive)
     return Run(measured=measured, inputs=inputs, states=states)

@@ -1,4 +1,4 @@
-"""The whole way once round: bags, a model, the loop as ROS 2 processes, a report."""
+"""hybrid-sysid demo, the whole way once round: bags, a model, the loop as ROS 2 processes, a report."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
-from rich.console import Console
+import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.commands.terminal import console, print_table
 from hybrid_sysid_ros.control import Controller, ExactMpc
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop, simulate_loop
 from hybrid_sysid_ros.control.policy import policy
@@ -24,13 +23,7 @@ from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
 from hybrid_sysid_ros.identification import Part, evaluate, identify
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.rigs.excitation import (
-    HARDWARE_DURATION,
-    HARDWARE_SINE,
-    HARDWARE_STEPS,
-    Reference,
-    hardware_reference,
-)
+from hybrid_sysid_ros.rigs.excitation import Reference
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -41,6 +34,9 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import beside, check_file, check_folder, written_file
 from hybrid_sysid_ros.support.progress import progress_bars
 
+Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
+Train = Annotated[bool, typer.Option("--train", help="Train model and policy afresh.")]
+OUT = Path("out/demo")
 RIG = "cam_beam"
 SHIPPED_BAGS = Path(__file__).resolve().parents[2] / "bags"
 
@@ -59,9 +55,12 @@ class Records:
     """simulated or real."""
 
 
-def demo(
-    out: Path, records: Records | None = None, *, train: bool = False, console: Console | None = None
-) -> dict[str, Any]:
+def command(out: Out = OUT, train: Train = False) -> None:
+    """From bags to a controlled beam: identify, run the loop, report."""
+    demo(out, train=train)
+
+
+def demo(out: Path, records: Records | None = None, *, train: bool = False) -> dict[str, Any]:
     """Identify the beam from bags, run it under the approximate MPC as ROS 2 processes, and report.
 
     Leaves report.html, summary.json, the model and the bag of the loop in ``out``. records: those that
@@ -70,7 +69,6 @@ def demo(
 
     Raises UserError for missing records or extras, and where a node fails.
     """
-    console = console or Console()
     rig = load_rig(RIG)
     report.check_available()
     make_folder(out)
@@ -80,7 +78,7 @@ def demo(
     for folder, marker in folders.items():
         check_folder(out / folder, marker=marker)
     records = records or shipped_records()
-    console.print(f"[bold]1[/] identifying the beam from {len(records.training)} bags")
+    console.print(f"1 identifying the beam from {len(records.training)} bags")
     model = identify(records.training, rig, "hybrid", sampling=Sampling(), part=records.part)
     model.save(out / "model")
     model = load_model(out / "model")
@@ -91,13 +89,13 @@ def demo(
     model_folder, policy_folder = configuration.shipped(RIG, "model"), configuration.shipped(RIG, "policy")
     if train:
         model_folder, policy_folder = out / "model", out / "policy"
-        _train(model, policy_folder, console)
+        _train(model, policy_folder)
     used = load_model(model_folder)
     imitation = policy.load(policy_folder, model=used)
-    console.print("[bold]2[/] running plant, estimator, controller and reference as ROS 2 processes")
-    bag, plant = _run(out / "loop", model_folder, policy_folder, console)
+    console.print("2 running plant, estimator, controller and reference as ROS 2 processes")
+    bag, plant = _run(out / "loop", model_folder, policy_folder)
     loop = LoopRecord.from_bag(bag, rig)
-    console.print("[bold]3[/] comparing with the exact MPC on the same plant")
+    console.print("3 comparing with the exact MPC on the same plant")
     approximate = simulated_loop(rig, used, imitation)
     exact = simulated_loop(rig, used, ExactMpc(used.system, imitation.problem))
     summary = {
@@ -108,8 +106,7 @@ def demo(
         },
         "closed_loop": {
             "tracking_rmse_volts": {
-                "steps": round(loop.tracking_rmse(*HARDWARE_STEPS), 4),
-                "sine": round(loop.tracking_rmse(*HARDWARE_SINE), 4),
+                name: round(loop.tracking_rmse(*window), 4) for name, window in rig.schedule().windows.items()
             },
             "cost_ratio_to_exact": round(approximate.cost(imitation.problem) / exact.cost(imitation.problem), 4),
         },
@@ -122,7 +119,7 @@ def demo(
     command = "make demo TRAIN=1" if train else "make demo"
     sections = report.identification_section(model, records.tests), report.closed_loop_section(loop, rig)
     report.write(out / "report.html", *sections, report.provenance(model, command))
-    console.print(_table(summary))
+    print_table(_table(summary))
     console.print(f"report: {out / 'report.html'}   numbers: {out / 'summary.json'}   bag: {bag}")
     return summary
 
@@ -140,36 +137,12 @@ def shipped_records() -> Records:
     paths = sorted(path for path in SHIPPED_BAGS.glob("beam_*") if path.is_dir())
     if not paths:
         raise UserError(f"{SHIPPED_BAGS}: no bags there; run the demo from a checkout")
-    signals = Signals.of_rig(RIG)
+    signals = load_rig(RIG).signals
     read = [bags.read(path, signals) for path in paths]
     halved = [record for record in read if "swept" not in record.name]
     whole = [record for record in read if "swept" in record.name]
     tests = [*((record, Part(start=0.5)) for record in halved), *((record, Part()) for record in whole)]
     return Records(training=halved, part=Part(stop=0.5), tests=tests)
-
-
-class DrivenPlant:
-    """A plant as loops take it."""
-
-    def __init__(self, plant: Plant) -> None:
-        self.plant = plant
-        self.step = plant.rig.step
-
-    @property
-    def time(self) -> float:
-        return self.plant.time
-
-    def outputs(self) -> NDArray[np.float64]:
-        """Without noise."""
-        return self.plant.state[list(self.plant.rig.system.measured)].copy()
-
-    def sensed(self) -> NDArray[np.float64]:
-        """With noise."""
-        return np.array([self.plant.measure().position])
-
-    def advance(self, inputs: NDArray[np.float64]) -> None:
-        """One step."""
-        self.plant.advance(float(inputs[0]))
 
 
 def simulated_loop(
@@ -178,22 +151,27 @@ def simulated_loop(
     controller: Controller,
     *,
     seed: int = 0,
-    reference: Reference = hardware_reference,
-    duration: float = HARDWARE_DURATION,
+    reference: Reference | None = None,
+    duration: float = 0.0,
 ) -> ClosedLoop:
-    """A reference under a controller at its own period, in one process, without delays of computation."""
+    """A loop under a controller at its own period, in one process, without delays of computation.
+
+    reference: times (samples,) [s] in, the outputs as they are shown (samples, p) out; by default the rig's first.
+    """
+    schedule = rig.schedule()
+    followed, duration = reference or schedule, duration or schedule.duration
     values = configuration.defaults(rig.name, "estimator")
     estimator = ExtendedKalmanFilter(
         model.system, configuration.estimator_tuning(values, rig), period=controller.period, latency=0.0
     )
     plant = Plant(rig, seed=seed, bias=configuration.defaults(rig.name, "plant")["bias"])
     controller.reset()
-    scale = rig.sensor.radians_per_volt
+    scales = np.array([display.scale for display in rig.display])
     return simulate_loop(
-        DrivenPlant(plant),
+        plant,
         estimator,
         controller,
-        lambda t: scale * reference(t)[:, None],
+        lambda t: scales * followed(t),
         inputs=len(rig.system.inputs),
         duration=duration,
         period=controller.period,
@@ -201,12 +179,12 @@ def simulated_loop(
     )
 
 
-def _train(model: Model, folder: Path, console: Console) -> None:
+def _train(model: Model, folder: Path) -> None:
     with progress_bars(console) as update:
         train_policy(model, samples=beside(folder, ".samples"), progress=update).save(folder)
 
 
-def _run(bag: Path, model: Path, policy_folder: Path, console: Console) -> tuple[Path, Mapping[str, Any]]:
+def _run(bag: Path, model: Path, policy_folder: Path) -> tuple[Path, Mapping[str, Any]]:
     """The bag of the loop, and the last diagnostics of its plant."""
     with progress_bars(console) as update:
         outcome = session.run(
@@ -217,7 +195,7 @@ def _run(bag: Path, model: Path, policy_folder: Path, console: Console) -> tuple
             overwrite=True,
             domain=None if "ROS_DOMAIN_ID" in os.environ else 1 + os.getpid() % 100,  # beside no rig that may be on
             tell=console.print,
-            progress=lambda seconds, duration: update("hardware reference, seconds", int(seconds), int(duration)),
+            progress=lambda seconds, duration: update("reference, seconds", int(seconds), int(duration)),
         )
     if outcome.interrupted or outcome.bag is None:
         raise KeyboardInterrupt
@@ -230,7 +208,7 @@ def _write(path: Path, text: str) -> None:
 
 
 def _table(summary: dict[str, Any]) -> Table:
-    table = Table("quantity", "value", title="demo", title_justify="left")
+    table = Table("quantity", "value", title="demo")
     for record, r2 in summary["identification"]["free_run_r2"].items():
         table.add_row(f"free run R2 {record}", f"{r2:.3f}")
     table.add_row("fit", f"{summary['identification']['fit_seconds']:.1f} s")

@@ -1,4 +1,4 @@
-"""The command that certifies a policy."""
+"""hybrid-sysid policy certify: how a policy does beside the exact MPC, and how sure that is."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import Seed, console, status
+from hybrid_sysid_ros.commands.terminal import Seed, console, print_table, status
 from hybrid_sysid_ros.control.safety.certificate import FILE, LEAST_LOOPS, Certificate, find
 from hybrid_sysid_ros.control.safety.certification import certify
 from hybrid_sysid_ros.control.safety.certified_loops import EXACT, JUDGED, Certification
@@ -28,7 +28,7 @@ CRITERIA = {
 }
 
 
-def policy_certify_command(
+def command(
     policy: Annotated[Path, typer.Argument(help="Policy folder; the certificate is written into it.")],
     model: Annotated[
         Path | None, typer.Option(help="Folder of the model it imitates; the shipped one by default.")
@@ -56,7 +56,7 @@ def policy_certify_command(
         raise UserError(f"--driver {driver!r} is unknown; choose one of network, supervised, exact")
     certification = certification_of(policy, model, seed=seed, seconds=seconds)
     if again is not None:
-        console.print(loop_table(certification, again, driver))
+        print_table(loop_table(certification, again, driver))
         return
     store = beside(policy, ".certificate.part")
     check_file(policy / FILE)
@@ -79,7 +79,7 @@ def policy_certify_command(
         raise Interrupted(f"{kept} of {loops} loops are kept; the same command goes on from there") from None
     certificate.save(policy)
     for table in tables(certificate):
-        console.print(table)
+        print_table(table)
     console.print(summary(certificate))
     console.print(str(policy / FILE))
 
@@ -96,7 +96,7 @@ def _loops(policy: Path, certification: Certification) -> int:
 def tables(certificate: Certificate) -> list[Table]:
     """What was counted, and the worst cases."""
     criteria, rates = certificate.criteria, certificate.rates
-    counted = Table("driver", "a loop keeps", title="certificate", title_justify="left")
+    counted = Table("driver", "a loop keeps", title="certificate")
     for heading in ("share", "failed", "mu, Hoeffding", "mu, binomial"):
         counted.add_column(heading, justify="right")
     for name in JUDGED:
@@ -108,10 +108,10 @@ def tables(certificate: Certificate) -> list[Table]:
                 eta=", ".join(f"{value:g}" for value in criteria["input_error"]), share=criteria["cost_share"]
             )
             counted.add_row(name, words, f"{rate:.4f}", str(failed), *(f"{bound:.4f}" for bound in bounds))
-    checked = Table("the online check", "share", title="supervised", title_justify="left")
+    checked = Table("the online check", "share", title="supervised")
     for reason in REASONS:
         checked.add_row(reason, f"{certificate.check[reason]:.4f}")
-    worst = Table("worst loops of", "by", "--again", "input error", "in period", "cost / exact", title_justify="left")
+    worst = Table("worst loops of", "by", "--again", "input error", "in period", "cost / exact")
     for case in certificate.worst:
         ratio = case["cost"] / case["exact_cost"] if case["exact_cost"] else np.inf
         worst.add_row(
@@ -139,7 +139,7 @@ def loop_table(certification: Certification, loop: int, driver: str) -> Table:
     scenario = certification.scenario(loop)
     driven = certification.run(loop, {"exact": EXACT, **JUDGED}[driver])
     policy, system = certification.policy, certification.model
-    table = Table("time [s]", title_justify="left")
+    table = Table("time [s]")
     for k in policy.tracked:
         output = system.outputs[k]
         table.add_column(f"reference {output.name} [{output.unit}]")

@@ -1,4 +1,4 @@
-"""The command that takes a policy out of Python."""
+"""hybrid-sysid policy export: a policy without Python."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hybrid_sysid_ros.support.errors import UserError
 FORMATS = ("onnx", "c", "both")
 
 
-def policy_export_command(
+def command(
     policy: Annotated[Path, typer.Argument(help="Policy folder.")],
     out: Annotated[Path, typer.Argument(help="Folder for the exported policy.")],
     form: Annotated[

@@ -1,4 +1,4 @@
-"""The command that searches for the options of a structure."""
+"""hybrid-sysid search: the options of a structure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from hybrid_sysid_ros.commands.terminal import (
     SignalsFile,
     Step,
     console,
-    print_whole,
+    print_table,
     read_records,
     sampling_of,
     status,
@@ -45,7 +45,7 @@ from hybrid_sysid_ros.support.progress import progress_bars
 SHOWN = 5
 
 
-def search_command(
+def command(
     bag: Annotated[list[Path], typer.Argument(help="Bags to learn from.")],
     study: Annotated[
         str, typer.Option(help="SQLite file that keeps the trials, or a database's URL.")
@@ -141,12 +141,12 @@ def show(study: Study, objective: CrossValidation, title: str) -> None:
         raise UserError(f"{title}: none of its {len(finished)} trials gave a model; the last one: {last}")
     shown = ranking[:SHOWN] + [trial for trial in ranking[SHOWN:] if trial.number == 0]
     names = [f"{trial.number}, defaults" if trial.number == 0 else str(trial.number) for trial in shown]
-    table = Table("trial", *names, title=title, title_justify="left")
+    table = Table("trial", *names, title=title)
     table.add_row("held-out R2", *(f"{trial.outcome.score:.4f}" for trial in shown))
     table.add_row("seconds", *(f"{trial.outcome.seconds:.1f}" for trial in shown), end_section=True)
     for name in objective.space:
         table.add_row(name, *(f"{trial.options[name]:.4g}" for trial in shown))
-    print_whole(table)
+    print_table(table)
     if importance := study.importance():
         shares = ", ".join(f"{option} {100 * share:.0f} %" for option, share in importance.items() if share >= 0.01)
         console.print(f"what makes trials good: {shares}")

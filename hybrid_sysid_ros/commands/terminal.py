@@ -1,4 +1,4 @@
-"""What all commands share: where they print, their common options, and how they read bags."""
+"""What all commands share: where and how they print, their common options, and how they read bags."""
 
 from __future__ import annotations
 
@@ -13,16 +13,19 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 
-console = Console(soft_wrap=True)
-status = Console(stderr=True, soft_wrap=True)
+PLAIN: dict[str, Any] = {"markup": False, "emoji": False}
+"""Names are shown as they are: a record may be called run[red] or a:b:c."""
+console = Console(soft_wrap=True, **PLAIN)
+status = Console(stderr=True, soft_wrap=True, **PLAIN)
 
-WIDEST = 1000
+WIDEST = 100_000
 """More characters than any table has."""
 
-RigName = Annotated[str, typer.Option("--rig", help="Rig, by the name of its configuration.")]
+RigName = Annotated[str, typer.Option("--rig", help="Rig, by its name or by the path of its folder (./my_rig).")]
 SignalsFile = Annotated[Path | None, typer.Option("--signals", help="YAML with the topics and fields of your own bag.")]
 Recover = Annotated[bool, typer.Option("--recover", help="Read what can be read of a truncated bag.")]
 ReadPeriod = Annotated[
@@ -43,9 +46,33 @@ Step = Annotated[float, typer.Option(help="Integration step [s].")]
 Period = Annotated[float, typer.Option(help="Distance of the fitted samples [s].")]
 
 
-def print_whole(table: Table) -> None:
-    """Print a table at its own width: a narrower terminal breaks its lines, but nothing is cut."""
-    Console(width=WIDEST).print(table)
+def print_table(table: Table) -> None:
+    """Print a table at its own width below its title: a narrower terminal breaks their lines, but nothing is cut."""
+    whole = Console(width=WIDEST, **PLAIN)
+    if table.title:
+        whole.print(table.title, style="table.title")
+        table.title = None
+    whole.print(table)
+
+
+def score_table(
+    scores: dict[str, dict[str, float]], rig: Rig, title: str, loops: dict[str, dict[str, float]] | None = None
+) -> Table:
+    """Table of records' scores, errors as the rig's output is shown; beside them those of their re-simulated loops."""
+    error = f"RMSE [{rig.display[0].unit}]"
+    table = Table("record", "R2", error, "fit [%]", title=title)
+    for heading in ("closed loop R2", error) if loops else ():
+        table.add_column(heading)
+    for name, values in scores.items():
+        cells = [f"{values['r2']:.4f}", _shown(values, rig), f"{values['fit_percent']:.1f}"]
+        if loops:
+            cells += [f"{loops[name]['r2']:.4f}", _shown(loops[name], rig)] if name in loops else ["", ""]
+        table.add_row(name, *cells)
+    return table
+
+
+def _shown(scores: dict[str, float], rig: Rig) -> str:
+    return f"{float(rig.display[0].shown(scores['rmse'])):.3f}"
 
 
 def sampling_of(step: float, period: float, handling: str) -> Sampling:
@@ -67,9 +94,7 @@ def read_records(
     names = [bags.name_of(path) for path in paths]
     if twins := {name for name in names if names.count(name) > 1}:
         raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
-    chosen = Signals.load(signals) if signals is not None else Signals.of_rig(rig)
-    system = load_rig(rig).system
-    chosen.check_units(
-        [variable.unit for variable in system.inputs], [system.states[index].unit for index in system.measured]
-    )
+    described = load_rig(rig)
+    chosen = Signals.load(signals) if signals is not None else described.signals
+    chosen = chosen.ordered(described.system.inputs, described.system.outputs)
     return [bags.read(path, chosen, period=period or None, recover=recover) for path in paths]

@@ -6,6 +6,7 @@ block's own compiled functions, and the chain rule joins their derivatives to th
 
 from __future__ import annotations
 
+import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -54,20 +55,22 @@ def tracing(calls: Calls) -> Iterator[Calls]:
 
 
 class Block(ABC):
-    """A learned function y = block(z; w) of features z, called inside a law.
-
-    features, outputs: how many. size: of its weights. at: where those begin among the weights of the system.
-    """
+    """A learned function y = block(z; w) of features z, called inside a law. Subclasses are frozen dataclasses."""
 
     features: int
     outputs: int
     size: int
+    """Number of its weights."""
     at: int = 0
+    """Where they begin among the weights of the system."""
 
     @property
-    @abstractmethod
     def code(self) -> str:
-        """A Python expression that makes the block again, of names that :data:`~.printing.PRELUDE` imports."""
+        """A Python expression that makes the block again, wherever its weights begin. Subclasses are dataclasses."""
+        block: Any = self
+        names = (item.name for item in dataclasses.fields(block))
+        given = ", ".join(f"{name}={getattr(self, name)!r}" for name in names if name != "at")
+        return f"{type(self).__name__}({given})"
 
     @property
     @abstractmethod

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from hybrid_sysid_ros.identification.validation.residual_tests import ResidualTest
-from hybrid_sysid_ros.rigs.sensor import Sensor
+from hybrid_sysid_ros.rigs.sensor import Display
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def line(
 
 
 def volts_and_degrees(
-    figure: go.Figure, row: int, values: Sequence[Array], name: str, sensor: Sensor, *, symmetric: bool = False
+    figure: go.Figure, row: int, values: Sequence[Array], name: str, display: Display, *, symmetric: bool = False
 ) -> None:
     """One range for both axes of a panel: sensor volts at the left, degrees at the right."""
     known = np.concatenate(values)
@@ -93,7 +93,7 @@ def volts_and_degrees(
         low, high = -max(-low, high), max(-low, high)
     margin = max(0.06 * (high - low), 1e-6)
     low, high = low - margin, high + margin
-    scale = float(np.degrees(sensor.radians_per_volt))
+    scale = float(np.degrees(display.scale))
     hidden = go.Scatter(x=[None], y=[None], showlegend=False, hoverinfo="skip")
     figure.add_trace(hidden, row=row, col=1, secondary_y=True)  # an axis without a line is not drawn
     axis = {"fixedrange": True, "row": row, "col": 1, "nticks": 6}  # two axes can only be zoomed apart

@@ -30,16 +30,16 @@ TAIL_POINTS = 600  # of a distribution at most
 
 def tracking(section: ClosedLoopSection) -> go.Figure:
     """Position and reference, tracking error, input with its bounds."""
-    loop, sensor = section.loop, section.rig.sensor
+    loop, display = section.loop, section.rig.display[0]
     figure = panels(heights=[0.46, 0.24, 0.3], height=540)
-    reference, position = sensor.volts(loop.reference), sensor.volts(loop.position)
+    reference, position = display.shown(loop.reference), display.shown(loop.position)
     line(figure, 1, loop.time, position, "measured", MEASURED)
     line(figure, 1, loop.time, reference, "reference", REFERENCE, width=1.4)
-    error = sensor.volts(loop.error)
+    error = display.shown(loop.error)
     line(figure, 2, loop.time, error, f"reference {MINUS} measured", ERROR, legend=False)
-    _input(figure, 3, loop, section.rig.input_limit)
-    volts_and_degrees(figure, 1, [reference, position], "position", sensor)
-    volts_and_degrees(figure, 2, [error], "error", sensor, symmetric=True)
+    _input(figure, 3, loop, section.rig.actuators[0].high)
+    volts_and_degrees(figure, 1, [reference, position], "position", display)
+    volts_and_degrees(figure, 2, [error], "error", display, symmetric=True)
     for name, (start, stop) in section.windows.items():
         figure.add_annotation(
             x=(start + min(stop, loop.time[-1])) / 2, y=1.0, xref="x", yref="y domain", yanchor="bottom",
@@ -51,15 +51,15 @@ def tracking(section: ClosedLoopSection) -> go.Figure:
 
 def zoom(section: ClosedLoopSection, name: str) -> go.Figure:
     """Reference, position and input from one moment to another."""
-    loop, sensor = section.loop, section.rig.sensor
+    loop, display = section.loop, section.rig.display[0]
     start, stop = section.zooms[name]
     inside = loop.within(start, stop)
     figure = panels(heights=[0.62, 0.38], height=380)
-    reference, position = sensor.volts(loop.reference)[inside], sensor.volts(loop.position)[inside]
+    reference, position = display.shown(loop.reference)[inside], display.shown(loop.position)[inside]
     line(figure, 1, loop.time[inside], position, "measured", MEASURED)
     line(figure, 1, loop.time[inside], reference, "reference", REFERENCE, width=1.6)
-    _input(figure, 2, loop, section.rig.input_limit, inside)
-    volts_and_degrees(figure, 1, [reference, position], "position", sensor)
+    _input(figure, 2, loop, section.rig.actuators[0].high, inside)
+    volts_and_degrees(figure, 1, [reference, position], "position", display)
     return timed(figure, 2)
 
 

@@ -75,18 +75,18 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
     """What the blocks of a page show of a model and its free runs; prefix: of the ids of its figures."""
     from hybrid_sysid_ros.report import figures
 
-    runs, sensor = section.runs, section.sensor
+    runs, display = section.runs, section.display
     curves = [run.horizons for run in runs if np.isfinite(run.horizons.rmse).any()]
     return {
         "prefix": prefix,
         "model": section.model,
         "runs": [_run(run, section) for run in runs],
         "free_runs": [
-            drawn(figures.free_run(run, sensor), f"{prefix}free-run-{number}") for number, run in enumerate(runs)
+            drawn(figures.free_run(run, display), f"{prefix}free-run-{number}") for number, run in enumerate(runs)
         ],
         "tests": section.tests,
         "residual_tests": drawn(figures.residual_tests(section), f"{prefix}residual-tests") if section.tests else "",
-        "horizons": drawn(figures.horizons(curves, sensor), f"{prefix}horizon-curves") if curves else "",
+        "horizons": drawn(figures.horizons(curves, display), f"{prefix}horizon-curves") if curves else "",
         "parameters": list(_parameters(section)),
         "correlated": section.correlated,
         "doubts": section.doubts,
@@ -131,17 +131,17 @@ def part_text(part: Part) -> str:
 
 def _run(run: FreeRun, section: IdentificationSection) -> dict[str, Any]:
     """A row of the tables of free runs."""
-    sensor = section.sensor
+    display = section.display
     return {
         "run": run,
         "seconds": float(run.time[-1]),
         "r2": run.scores.r2,
         "fit": run.scores.fit_percent,
-        "volts": float(sensor.volts(np.float64(run.scores.rmse))),
+        "volts": float(display.shown(np.float64(run.scores.rmse))),
         "degrees": math.degrees(run.scores.rmse),
         "tests": [run.tests.get(key) for key in section.tests],
         "again": run.again,
-        "again_volts": None if run.again is None else float(sensor.volts(np.float64(run.again.output.rmse))),
+        "again_volts": None if run.again is None else float(display.shown(np.float64(run.again.output.rmse))),
     }
 
 

@@ -26,9 +26,8 @@ from hybrid_sysid_ros.identification.validation.resimulation import Resimulation
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.rigs.excitation import HARDWARE_SINE, HARDWARE_STEPS, hardware_reference
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.sensor import Sensor
+from hybrid_sysid_ros.rigs.sensor import Display
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
 Array = NDArray[np.float64]
@@ -79,7 +78,7 @@ class IdentificationSection:
     """A model and its free runs."""
 
     model: Model
-    sensor: Sensor
+    display: Display
     runs: Sequence[FreeRun]
 
     @property
@@ -130,7 +129,7 @@ def identification_section(model: Model, records: Iterable[tuple[Record, Part]])
         UserError: a record does not fit the model's sampling.
     """
     runs = tuple(free_run_of(model, record, part) for record, part in records)
-    return IdentificationSection(model=model, sensor=rigs.load(model.rig).sensor, runs=runs)
+    return IdentificationSection(model=model, display=rigs.load(model.rig).display[0], runs=runs)
 
 
 def free_run_of(model: Model, record: Record, part: Part) -> FreeRun:
@@ -169,16 +168,17 @@ def free_run_of(model: Model, record: Record, part: Part) -> FreeRun:
 
 
 def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopSection:
-    """A recorded loop, judged on the windows of the hardware reference if that is what it followed, else as a whole.
+    """A recorded loop, judged on the windows of the rig's reference that it followed, if any, else as a whole.
 
     rig: by default the one that the loop was read with.
     """
-    sensor = (rig or loop.rig).sensor
-    volts, time = sensor.volts(loop.reference), loop.time
+    display = (rig or loop.rig).display[0]
+    volts, time = display.shown(loop.reference), loop.time
     begun = np.isfinite(volts) & (time >= 0.0)
     windows: dict[str, Window] = {"whole": (0.0, float(time[-1]))}
-    if begun.any() and np.median(np.abs(volts - hardware_reference(time))[begun]) < SAME_REFERENCE:
-        windows = {"steps": HARDWARE_STEPS, "sine": HARDWARE_SINE}
+    for schedule in (rig or loop.rig).references.values():
+        if begun.any() and np.median(np.abs(volts - schedule.of(0)(time))[begun]) < SAME_REFERENCE:
+            windows = schedule.windows
     windows = {name: window for name, window in windows.items() if (begun & loop.within(*window)).any()}
     zooms: dict[str, Window] = {}
     for name, (start, stop) in windows.items():

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.bags.signals import configuration_of, load_configuration
 from hybrid_sysid_ros.control import Problem
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.safety.certified_loops import Certification, Criteria, Distribution
@@ -20,7 +19,7 @@ from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.runtime.configuration import listed
 
 
 def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: Problem) -> Tolerances:
@@ -33,7 +32,7 @@ def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: Problem) -> T
         cost=values["check_cost"],
         floor=problem.horizon * _noise_cost(rig, problem),
         violation=float(np.min(_noise(rig))),
-        disturbance=tuple(np.atleast_1d(values["check_disturbance"]).tolist()),
+        disturbance=tuple(values["check_disturbance"]),
         patience=values["check_patience"],
     )
 
@@ -65,32 +64,30 @@ def certification_of(folder: Path, model: Path | None, *, seed: int = 0, seconds
 
 
 def _certified(rig: Rig, problem: Problem, *, plant: str) -> tuple[Distribution, Criteria]:
-    """What the loops of a certificate are made of, and what they must keep; plant: what stands for it, in words."""
-    path = configuration_of(rig.name)
-    volt = rig.sensor.radians_per_volt
-    try:
-        section = load_configuration(path)["policy_certificate"]
-        distribution = Distribution(
-            spread=configuration.spread_of(rig),
-            seconds=section["seconds"],
-            state_error=tuple(volt * value for value in section["state_error"]),
-            disturbance_error=tuple(np.atleast_1d(section["disturbance_error"]).tolist()),
-            plant=plant,
-        )
-        criteria = Criteria(
-            input_error=tuple(np.atleast_1d(section["input_error"]).tolist()),
-            cost_share=section["cost_share"],
-            cost_floor=_noise_cost(rig, problem),
-        )
-    except (KeyError, TypeError) as error:
-        needed = "seconds, state_error, disturbance_error, input_error and cost_share"
-        raise UserError(f"{path}: policy_certificate: needs {needed}") from error
+    """What the loops of a certificate are made of, and what they must keep; plant: what stands for it, in words.
+
+    Raises UserError where the section policy_certificate lacks a number.
+    """
+    section, where = rig.section("policy_certificate"), f"{rig.file}: policy_certificate"
+    states, inputs = len(rig.system.states), len(rig.system.inputs)
+    distribution = Distribution(
+        spread=configuration.spread_of(rig),
+        seconds=listed(section, "seconds", where, 1)[0],
+        state_error=listed(section, "state_error", where, states),
+        disturbance_error=listed(section, "disturbance_error", where, inputs),
+        plant=plant,
+    )
+    criteria = Criteria(
+        input_error=listed(section, "input_error", where, inputs),
+        cost_share=listed(section, "cost_share", where, 1)[0],
+        cost_floor=_noise_cost(rig, problem),
+    )
     return distribution, criteria
 
 
 def _noise(rig: Rig) -> NDArray[np.float64]:
     """Deviation (p,) of the noise of each output's sensor."""
-    return np.array([rig.sensor.radians_per_volt * rig.sensor.noise_volts])
+    return np.array([sensor.scale * sensor.noise for sensor in rig.sensors])
 
 
 def _noise_cost(rig: Rig, problem: Problem) -> float:

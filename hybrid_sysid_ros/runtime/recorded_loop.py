@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.bags.bag import name_of
 from hybrid_sysid_ros.bags.columns import SECOND, Columns, MissingInMessageError
 from hybrid_sysid_ros.bags.contents import Contents, contents
-from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256
@@ -74,7 +73,7 @@ class LoopRecord:
             UserError: there is no such bag, topic or field, a number is missing, or stamps run backwards.
         """
         path = Path(path)
-        within = Signals.of_rig(rig.name).namespace if namespace is None else namespace
+        within = rig.namespace if namespace is None else namespace
         return _Reading(path, rig, "/" + within.strip("/"), recover=recover).loop()
 
     @property
@@ -104,7 +103,7 @@ class LoopRecord:
                 f"{self.source}: no measurement with a reference from {start:g} to {stop:g} s: "
                 f"the bag holds {self.time[0]:g} to {self.time[-1]:g} s"
             )
-        return float(np.sqrt(np.mean(self.rig.sensor.volts(error) ** 2)))
+        return float(np.sqrt(np.mean(self.rig.display[0].shown(error) ** 2)))
 
     def missed_commands(self, start: float = 0.0, stop: float = np.inf) -> int:
         """Measurements from `start` to `stop` [s] that were not answered before the next one was logged."""
@@ -152,7 +151,7 @@ class _Reading:
         return self.columns[topic].stamps(field)
 
     def loop(self) -> LoopRecord:
-        joint = self.rig.joint
+        joint = self.rig.joints.names[0]
         stamps, first = self.measurements(f"position[{joint}]")
         logged = self.columns[MEASUREMENT].messages.logged[first]
         position = self.finite(MEASUREMENT, f"position[{joint}]")[first]
@@ -210,7 +209,7 @@ class _Reading:
             raise UserError(f"{self.path}: topic {self.names[REFERENCE]}: {error}") from error
         if not count:
             raise UserError(f"{self.path}: topic {self.names[REFERENCE]}: message 0 has no points")
-        fields = [f"points[{point}].positions[{self.rig.joint}]" for point in range(count)]
+        fields = [f"points[{point}].positions[{self.rig.joints.names[0]}]" for point in range(count)]
         times = np.stack([self.stamps(REFERENCE, field) for field in fields], axis=1)
         positions = np.stack([self.finite(REFERENCE, field) for field in fields], axis=1)
         begins = self.stamps(REFERENCE, "header.stamp.sec")

@@ -1,4 +1,4 @@
-"""The command that reproduces the lecture's tables."""
+"""The command that reproduces the lecture's tables of free runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import report
-from hybrid_sysid_ros.commands.terminal import InputHandling, Period, Step, console, print_whole, sampling_of, status
+from hybrid_sysid_ros.commands.terminal import InputHandling, Period, Step, console, print_table, sampling_of, status
 from hybrid_sysid_ros.identification.selection.candidate import Candidate
 from hybrid_sysid_ros.identification.selection.candidate_store import CandidateStore
 from hybrid_sysid_ros.identification.selection.comparison import RULE, Comparison, compare
@@ -31,7 +31,7 @@ INTERRUPTED = 130
 """The exit code."""
 
 
-def protocol_command(
+def command(
     number: Annotated[int, typer.Argument(help="1: train on multisines; 2: on first halves. See docs/protocols.md.")],
     folder: Annotated[Path, typer.Argument(help="Folder with the author's .mat files, or with bags of them.")],
     input_handling: InputHandling = "averaged",
@@ -96,7 +96,7 @@ def protocol_command(
             raise typer.Exit(INTERRUPTED) from None
     if not any(candidate.models for candidate in comparison.candidates):
         raise UserError(f"no structure could be fitted; the last one: {comparison.candidates[-1].error}")
-    print_whole(table(protocol, comparison, input_handling))
+    print_table(table(protocol, comparison, input_handling))
     if comparison.chosen:
         console.print(f"chosen by training data only: {comparison.chosen} ({RULE})")
     if as_json is not None:
@@ -151,7 +151,7 @@ def table(protocol: Protocol, comparison: Comparison, handling: str) -> Table:
     """Free-run R2, mean and range over the seeds, each structure beside its published row."""
     names = [table_name(record.name) for record, _ in protocol.tests]
     title = f"free-run R2, protocol {protocol.number}, {handling} input{_without(comparison)}"
-    shown = Table("structure", *names, "held out", "fit", title=title, title_justify="left")
+    shown = Table("structure", *names, "held out", "fit", title=title)
     for candidate in comparison.candidates:
         row = lecture.published(protocol.number, candidate.structure)
         if row is not None and any(name in row for name in names):

@@ -8,16 +8,16 @@ from itertools import pairwise
 import casadi
 import numpy as np
 import pytest
-
-from benchmarks.network_plant import NETWORK, WEIGHTS, NetworkPlant, layers
-from hybrid_sysid_ros.core import Equation, kernels
 from hybrid_sysid_ros.core.casadi_form import symbolic, symbolic_step
 from hybrid_sysid_ros.core.linearisation import linearisation, workspace
+from tests.test_equations import MOTIONS, RANGE, structure
+
+from benchmarks.network_plant import NETWORK, WEIGHTS, NetworkPlant, layers
+from hybrid_sysid_ros.core import System, kernels
 from hybrid_sysid_ros.core.perceptron import Perceptron, compiled, passes, unrolled
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.support.errors import UserError
-from tests.test_equations import MOTIONS, RANGE, structure
 
 SUBSTEPS, STEP = 3, 0.005
 
@@ -50,7 +50,7 @@ def polynomial():
     )
 
 
-EQUATIONS: dict[str, Callable[[], Equation]] = {
+EQUATIONS: dict[str, Callable[[], System]] = {
     **{name: partial(structure, name) for name in MOTIONS},
     "narx": polynomial,
     "recurrent": recurrent,

@@ -4,14 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hybrid_sysid_ros.core.casadi_form import symbolic_step
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from hybrid_sysid_ros.core import COMPILED, kernels, parameter, simulate
-from hybrid_sysid_ros.core.casadi_form import symbolic_step
 from hybrid_sysid_ros.models import STRUCTURES, build
 from hybrid_sysid_ros.models.linear import Linear
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
 
 RANGE = np.array([0.15, 0.5, 10.0])  # position [rad], velocity [rad/s], drive [V] of the beam's records

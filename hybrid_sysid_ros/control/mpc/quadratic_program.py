@@ -71,7 +71,7 @@ def _address(name: str) -> int:
 
 @intrinsic
 def _update(typingctx, function, changed, workspace, problem):  # type: ignore[no-untyped-def]
-    """int daqp_update_ldp(int, workspace *, problem *), by its address."""
+    """Int daqp_update_ldp(int, workspace *, problem *), by its address."""
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         number, place = ir.IntType(32), ir.IntType(64)
@@ -83,7 +83,7 @@ def _update(typingctx, function, changed, workspace, problem):  # type: ignore[n
 
 @intrinsic
 def _solve(typingctx, function, result, workspace):  # type: ignore[no-untyped-def]
-    """void daqp_solve(result *, workspace *), by its address."""
+    """Void daqp_solve(result *, workspace *), by its address."""
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         place = ir.IntType(64)

@@ -7,7 +7,7 @@ Bock & Plitt (1984), IFAC World Congress; Gauss-Newton real-time iteration: Dieh
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +107,7 @@ def one_delay(system: System, problem: Problem) -> None:
 
 @inner
 def _advance(prediction: Prediction, x: Array, drive: Array, following: Array) -> None:
-    """x (n,) one interval on, in the exact form."""
+    """X (n,) one interval on, in the exact form."""
     for _ in range(prediction.substeps):
         call_value(prediction.step, x, drive, prediction.parameters, prediction.network, prediction.h, 0.0, following)
         assign(x, following)
@@ -146,7 +146,7 @@ def _linearise(prediction: Prediction, horizon: Horizon, i: int) -> None:
 
 @inner
 def _chain(slopes: Array, total: Array, moved: Array, n: int, m: int) -> None:
-    """moved = slopes_x total + [0, slopes_u], all (n, n + m)."""
+    """Moved = slopes_x total + [0, slopes_u], all (n, n + m)."""
     width = n + m
     f, t, o = pointer(slopes), pointer(total), pointer(moved)
     for a in range(n):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numba
@@ -18,16 +18,21 @@ from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.validation.scores import Scores, score
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.sensor import Filter
+from hybrid_sysid_ros.rigs.sensor import LowPass, LowPassFilter
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 WHOLE = Part()
 SWEEPS = 4
 """On the beam two settle steps of 5 and 10 ms to the last digit; at 50 ms each is 15 times nearer, 4 within 1 mV."""
-LEAST_LAW = 0.5
-"""Least R2 with which the controller's law must tell a record's input: it is 1 on the rig's records and below 0 on a
-loop of the MPC."""
+STRAYED = 0.05
+"""Share of a record's inputs that may be none of the rig's law, as where its recorder lost samples. On loops of the law
+recorded every 1 to 50 ms it is at most .02, on those of the MPC at least .6, with nine tenths of the gain mostly .5.
+"""
+DEVIATIONS = 3.0
+"""Of the sensor's noise, within which a filtered position that the record has not is known from its output."""
+ROUNDING = 1e-6
+"""Of an input [V], as of single precision at 10 V."""
 WARM_UP = 1.0
 """Seconds of the measured output that a filter sees before a part; it forgets in a quarter of that."""
 
@@ -78,15 +83,23 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
         raise UserError(
             f"re-simulation: rig {rig.name} has a controller of one input and one output; the model has more"
         )
+    filtered = _low_pass(rig)
+    recorded = "filtered" in record.channels
+    if not recorded:
+        record = replace(record, channels={**record.channels, "filtered": _filtered(record, rig)})
     used = part.of(record, sampling)
-    _check_law(used, rig)
+    _check_law(
+        used,
+        rig,
+        _count(rig) if recorded else DEVIATIONS * rig.sensors[0].noise,
+    )
     grid = Sampling(step=sampling.step, period=max(sampling.step, used.sampling_time), input="averaged")
     experiment = prepare(used, system, grid)
     steps = len(experiment.inputs)
     reference = _reference(used, rig, steps * ticks)
     states, applied = np.empty((steps + 1, len(system.states))), np.empty(steps)
     states[0] = experiment.states[0]
-    low_pass = Filter(rig.sensor, rig.step)
+    low_pass = LowPassFilter(filtered, rig.step)
     _loop(
         kernels(system).step,
         system.values,
@@ -100,8 +113,8 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
         low_pass.gain,
         low_pass.reading,
         _filter_state(record, rig, part.first(record, sampling), low_pass),
-        rig.feedback_gain / rig.sensor.radians_per_volt,
-        rig.input_limit,
+        rig.experiments.loops[0].gain / rig.display[0].scale,
+        rig.actuators[0].high,
         system.measured[0],
         states,
         applied,
@@ -138,26 +151,66 @@ def _reference(record: Record, rig: Rig, ticks: int) -> Array:
     return np.asarray(np.interp(rig.step * np.arange(ticks), record.time, reference))
 
 
-def _check_law(record: Record, rig: Rig) -> None:
-    """A record of another controller (or of none) is no experiment that this one could do again."""
-    if not {"reference", "filtered"} <= record.channels.keys():
+def _check_law(record: Record, rig: Rig, tolerance: float) -> None:
+    """A record of another controller (or of none) is no experiment that this one could do again.
+
+    Between two samples the law's input goes from clip(gain (reference - filtered)) at the one to that at the other, and
+    its mean, which the record has, lies between them: widened by how far the filtered position bends away from its
+    straight line, an eighth of its second differences, and by ``tolerance``, of the filtered position [V].
+    """
+    if "reference" not in record.channels:
         return
-    error = record.channels["reference"] - record.channels["filtered"]
-    told = np.clip(rig.feedback_gain / rig.sensor.radians_per_volt * error, -rig.input_limit, rig.input_limit)
-    known = np.isfinite(told)
-    if known.any() and score(record.input[known, 0], told[known]).r2 < LEAST_LAW:
+    gain, low_limit, high_limit = rig.experiments.loops[0].gain, rig.actuators[0].low, rig.actuators[0].high
+    scale = gain / rig.display[0].scale
+    told = scale * (record.channels["reference"] - record.channels["filtered"])
+    bends = np.abs(np.diff(record.channels["filtered"], 2)) / 8.0
+    bend = np.maximum(np.append(bends, bends[-1:]), np.insert(bends, 0, bends[:1]))
+    slack = scale * bend + gain * tolerance
+    low = np.clip(np.minimum(told[:-1], told[1:]) - slack, low_limit, high_limit)
+    high = np.clip(np.maximum(told[:-1], told[1:]) + slack, low_limit, high_limit)
+    known = np.isfinite(low + high)
+    given = record.input[:-1, 0]
+    strayed = (given < low - ROUNDING) | (given > high + ROUNDING)
+    if known.any() and np.mean(strayed[known]) > STRAYED:
         raise UserError(
-            f"{record.name}: its input is not that of the rig's controller, clip(gain (reference - filtered)), so the "
-            "loop can't be done again by it"
+            f"{record.name}: {np.mean(strayed[known]):.0%} of its inputs are not those of the rig's controller, "
+            "clip(gain (reference - filtered)), so the loop can't be done again by it"
         )
 
 
-def _filter_state(record: Record, rig: Rig, first: int, low_pass: Filter) -> Array:
+def _low_pass(rig: Rig) -> LowPass:
+    """The filter behind which the rig's controller measures."""
+    found = rig.sensors[0].low_pass
+    if not rig.experiments.loops or found is None:
+        raise UserError(f"re-simulation: rig {rig.name} has no loop behind a low-pass that could be done again")
+    return found
+
+
+def _count(rig: Rig) -> float:
+    """The smallest step of the sensor's readings, in the unit of its display."""
+    quantiser = rig.sensors[0].quantiser
+    return 0.0 if quantiser is None else quantiser.count
+
+
+def _filtered(record: Record, rig: Rig) -> Array:
+    """The output behind the rig's filter, (samples,) in the output's unit, from settled at its first value."""
+    low_pass = LowPassFilter(_low_pass(rig), rig.step)
+    ticks = rig.step * np.arange(round(record.time[-1] / rig.step) + 1)
+    values = np.interp(ticks, record.time, record.output[:, 0])
+    low_pass.reset(float(values[0]))
+    filtered = np.empty(len(ticks))
+    for tick, value in enumerate(values):
+        filtered[tick] = low_pass.value
+        low_pass.advance(float(value))
+    return np.asarray(np.interp(record.time, ticks, filtered))
+
+
+def _filter_state(record: Record, rig: Rig, first: int, low_pass: LowPassFilter) -> Array:
     """Where the filter begins, at a sample of the record."""
     ticks = min(round(first * record.sampling_time / rig.step), round(WARM_UP / rig.step))
     times = record.sampling_time * first - rig.step * np.arange(ticks, 0, -1)
     before = np.interp(times, record.time, record.output[:, 0])
-    filtered = record.channels.get("filtered", record.output[:, 0])
+    filtered = record.channels["filtered"]
     settled = before[0] if ticks else filtered[0] if np.isfinite(filtered[0]) else record.output[0, 0]
     low_pass.reset(float(settled))
     for value in before:

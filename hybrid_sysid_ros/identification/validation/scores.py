@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +18,41 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Scores:
-    """r2 = 1 - sum e^2 / sum (y - mean y)^2; rmse in the output's unit; fit = 100 (1 - |e| / |y - mean y|) percent."""
+    """How one output is met, or the mean over several."""
 
     r2: float
+    """1 - sum e^2 / sum (y - mean y)^2."""
     rmse: float
+    """In the output's unit; not a number for several outputs, which have several units."""
     fit_percent: float
+    """100 (1 - |e| / |y - mean y|)."""
+    outputs: Mapping[str, Scores] = field(default_factory=dict)
+    """Each of several outputs by its name; empty where there is one."""
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """As plain data: r2, rmse and fit_percent; of several outputs r2 and fit_percent, and ``outputs`` by name."""
+        if not self.outputs:
+            return {"r2": self.r2, "rmse": self.rmse, "fit_percent": self.fit_percent}
+        each = {name: item.content for name, item in self.outputs.items()}
+        return {"r2": self.r2, "fit_percent": self.fit_percent, "outputs": each}
+
+    @classmethod
+    def of(cls, names: Sequence[str], measured: Array, simulated: Array) -> Scores:
+        """Of outputs (samples, outputs) by their names. Raises UserError for a constant one."""
+        found = {name: score(measured[:, k], simulated[:, k]) for k, name in enumerate(names)}
+        if len(found) == 1:
+            return next(iter(found.values()))
+        return cls(
+            r2=float(np.mean([item.r2 for item in found.values()])),
+            rmse=float("nan"),
+            fit_percent=float(np.mean([item.fit_percent for item in found.values()])),
+            outputs=found,
+        )
+
+    def each(self, names: Sequence[str]) -> dict[str, Scores]:
+        """By output, whether there is one or several."""
+        return dict(self.outputs) or {names[0]: self}
 
 
 def score(measured: Array, simulated: Array) -> Scores:
@@ -38,6 +70,14 @@ def score(measured: Array, simulated: Array) -> Scores:
         return Scores(r2=-np.inf, rmse=np.inf, fit_percent=-np.inf)
     ratio = squares / total
     return Scores(r2=1 - ratio, rmse=float(np.sqrt(squares / len(error))), fit_percent=100 * (1 - ratio**0.5))
+
+
+def score_free_run(system: System, experiment: Experiment) -> Scores:
+    """Scores of the strict free run on raw outputs. Raises UserError for a constant output, naming the record."""
+    try:
+        return Scores.of([item.name for item in system.outputs], experiment.outputs, free_run(system, experiment))
+    except UserError as error:
+        raise UserError(f"{experiment.name}: {error}; leave the record out") from None
 
 
 def free_run(system: System, experiment: Experiment) -> Array:

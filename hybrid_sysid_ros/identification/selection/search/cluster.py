@@ -37,7 +37,7 @@ class Cluster(Workers):
         with extra("search"):
             import dask
             from distributed import Client, LocalCluster
-        for name in ("distributed", "distributed.client"):
+        for name in ("distributed", "distributed.client", "tornado.application"):
             logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is told, in one line
         self.address, self.patience = address, patience
         self._cluster = None

@@ -1,11 +1,11 @@
-"""hybrid-sysid protocol: the table that it prints."""
+"""The table that the command protocol prints."""
 
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from hybrid_sysid_ros.commands.terminal import print_whole
+from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.selection.blocks import Validation
 from hybrid_sysid_ros.identification.selection.candidate import Candidate
@@ -35,7 +35,7 @@ def test_no_number_of_the_table_is_cut(monkeypatch, capsys, width):
     r2 = [dict.fromkeys(RECORDS, -10.123 - number) for number in range(2)]
     held = Validation(scores={"one": 0.9, "two": 0.8}, seconds=1.0)
     made = [Candidate(structure=name, models=[model], r2=r2, validation=held) for name in STRUCTURES]
-    print_whole(table(protocol, Comparison(candidates=made, chosen="hybrid", seconds=1.0), "averaged"))
+    print_table(table(protocol, Comparison(candidates=made, chosen="hybrid", seconds=1.0), "averaged"))
     lines = capsys.readouterr().out.splitlines()
     text = "\n".join(lines)
     assert "…" not in text

@@ -132,10 +132,9 @@ def test_a_folder_without_records_gets_one_line(tmp_path):
         lecture.read_folder(tmp_path)
 
 
-def test_the_author_s_folder_holds_both_protocols(data):
+def test_the_author_s_folder_holds_both_protocols(author_records):
     """His .mat files are found in the folder or in bab below it, and read as they are."""
-    records = lecture.read_folder(data)
-    assert sorted(item.name for item in records) == sorted([*MULTISINES, *STEPS, SWEPT])
+    assert sorted(item.name for item in author_records) == sorted([*MULTISINES, *STEPS, SWEPT])
     for number in PUBLISHED:
-        assert len(arrange(records, number).tests) == 7
-    assert {round(item.sampling_time, 9) for item in records} == {0.001}
+        assert len(arrange(author_records, number).tests) == 7
+    assert {round(item.sampling_time, 9) for item in author_records} == {0.001}

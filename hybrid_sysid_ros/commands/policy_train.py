@@ -1,4 +1,4 @@
-"""The commands about approximate MPC."""
+"""hybrid-sysid policy train: a network that imitates the exact MPC."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import Seed, console, status
+from hybrid_sysid_ros.commands.terminal import Seed, print_table, status
 from hybrid_sysid_ros.control.policy.adaptation import Adaptation
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.models import load as load_model
@@ -18,12 +18,10 @@ from hybrid_sysid_ros.support.errors import Interrupted, UserError
 from hybrid_sysid_ros.support.files import beside, check_folder
 from hybrid_sysid_ros.support.progress import progress_bars
 
-policy_commands = typer.Typer(no_args_is_help=True, help="Approximate MPC.")
 DEFAULT = Settings()
 
 
-@policy_commands.command("train")
-def train_command(
+def command(
     model: Annotated[Path, typer.Argument(help="Model folder.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for the policy.")],
     seed: Seed = 0,
@@ -74,10 +72,10 @@ def train_command(
         text = f"{kept} closed loops are kept in {samples}; the same command goes on from there"
         raise Interrupted(text if kept else "") from None
     policy.save(out)
-    table = Table("quantity", "value", title=f"policy {out}", title_justify="left")
+    table = Table("quantity", "value", title=f"policy {out}")
     for key, value in policy.training.items():
         table.add_row(key.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))
-    console.print(table)
+    print_table(table)
 
 
 def _widths(text: str) -> tuple[int, ...]:

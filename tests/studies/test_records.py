@@ -6,6 +6,7 @@ from scipy.io import savemat
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from studies.beam_lecture import records as bab
 
@@ -33,7 +34,7 @@ def imported(tmp_path, **changes):
     savemat(tmp_path / "mat" / "any name.mat", contents(**changes))
     lines: list[str] = []
     (bag,) = bab.import_folder(tmp_path / "mat", tmp_path / "bags", lines.append)
-    return bags.read(bag, Signals.of_rig("cam_beam")), lines
+    return bags.read(bag, load_rig("cam_beam").signals), lines
 
 
 def assert_closed_loop(record):
@@ -76,16 +77,18 @@ def test_a_bag_has_the_input_that_ended_at_each_stamp(tmp_path):
     following = {"topic": "joint_command", "field": "effort[beam]", "holds": "following"}
     signals = tmp_path / "signals.yaml"
     output = {"topic": "joint_states", "field": "position[beam]"}
-    signals.write_text(f"namespace: cam_beam\nsignals: {{input: {following}, output: {output}}}")
+    signals.write_text(
+        f"namespace: cam_beam\nsignals: {{inputs: {{drive: {following}}}, outputs: {{position: {output}}}}}"
+    )
     by_command = bags.read(tmp_path / "bags" / "any name", Signals.load(signals))
-    by_state = bags.read(tmp_path / "bags" / "any name", Signals.of_rig("cam_beam"))
+    by_state = bags.read(tmp_path / "bags" / "any name", load_rig("cam_beam").signals)
     np.testing.assert_allclose(by_command.input[:-1], by_state.input[:-1], rtol=1e-14)
 
 
 def test_importing_again_gives_the_same_bag(tmp_path):
     first, _ = imported(tmp_path)
     bab.import_folder(tmp_path / "mat", tmp_path / "bags")
-    assert bags.read(tmp_path / "bags" / "any name", Signals.of_rig("cam_beam")).digest == first.digest
+    assert bags.read(tmp_path / "bags" / "any name", load_rig("cam_beam").signals).digest == first.digest
 
 
 def test_other_files_are_skipped_and_said(tmp_path):
@@ -144,11 +147,9 @@ def test_an_unreadable_file_is_named(tmp_path):
     assert not (tmp_path / "bags").exists()
 
 
-def test_the_real_records_are_closed_loops_exactly(data, tmp_path):
-    real = bab.import_folder(data / "bab", tmp_path)
-    assert len(real) >= 7
-    for bag in real:
-        record = bags.read(bag, Signals.of_rig("cam_beam"))
+def test_the_real_records_are_closed_loops_exactly(author_records):
+    assert len(author_records) >= 7
+    for record in author_records:
         assert record.duration == pytest.approx(55.0, abs=0.01)
         assert record.sampling_time == pytest.approx(1e-3, rel=1e-12)
         assert_closed_loop(record)
