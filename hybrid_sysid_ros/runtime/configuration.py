@@ -184,8 +184,9 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
     ).sized(system)
 
 
-def spread_of(rig: Rig) -> Spread:
-    """What the closed loops are made of that a policy of the rig learns from, from the section policy_training.
+def spread_of(rig: Rig, model: System) -> Spread:
+    """What the closed loops are made of that a policy learns from, from the section policy_training of its rig. States
+    that the model has alone are not pushed.
 
     Raises:
         UserError: it lacks a number.
@@ -196,7 +197,7 @@ def spread_of(rig: Rig) -> Spread:
         amplitude=in_si(listed(told, "amplitude", where, len(system.outputs)), rig),
         disturbance=listed(told, "disturbance", where, len(system.inputs)),
         input_jitter=listed(told, "input_jitter", where, len(system.inputs)),
-        push=listed(told, "push", where, len(system.states)),
+        push=by_state(listed(told, "push", where, len(system.states)), rig, model, other=0.0),
         parameters=numbers(told.get("parameters", 0.0), f"{where}.parameters", count=1)[0],
     )
 

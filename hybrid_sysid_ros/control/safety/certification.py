@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.control.many_loops import Kept, run_all
 from hybrid_sysid_ros.control.safety.certificate import Certificate, bounds, margin
 from hybrid_sysid_ros.control.safety.certified_loops import (
     COST,
@@ -27,9 +28,7 @@ from hybrid_sysid_ros.control.safety.certified_loops import (
 from hybrid_sysid_ros.control.safety.online_check import REASONS
 from hybrid_sysid_ros.control.scenarios import DISTURBED, PUSHED
 from hybrid_sysid_ros.models.model import versions
-from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.parallel import Store
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -62,14 +61,14 @@ def certify(
     certification.controller(SUPERVISED)  # or say why not
     began, told = time.perf_counter(), progress or (lambda *_: None)
     pieces = [(first, min(first + CHUNK, loops)) for first in range(0, loops, CHUNK)]
-    kept = Store(store, _purpose(certification)) if store is not None else None
+    kept = Kept(store, _purpose(certification)) if store is not None else None
     told("closed loops", 0, loops)
-    found = parallel.run(
+    found = run_all(
         partial(measured, certification),
         pieces,
-        workers=workers,
-        store=kept,
-        progress=lambda done, _: told("closed loops", pieces[done - 1][1], loops),
+        jobs=workers,
+        kept=kept,
+        progress=lambda done, _: told("closed loops", min(done * CHUNK, loops), loops),
     )
     measures, reasons = (np.concatenate([each[name] for each in found]) for name in ("measures", "reasons"))
     rates = {
