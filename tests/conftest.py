@@ -25,16 +25,15 @@ from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.core import Dry, System, bounded, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.estimation import METHODS
-from hybrid_sysid_ros.estimation.filter import Filter
+from hybrid_sysid_ros.estimation import METHODS, Estimator
 from hybrid_sysid_ros.models import Model, Sampling, load
-from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 from studies.beam_lecture import records as bab
+from tests.one_joint import Linear
 
 if TYPE_CHECKING:
     from tests.node_bench import Bench
@@ -170,9 +169,9 @@ def flexible_joint() -> FlexibleJoint:
 
 
 @pytest.fixture(scope="module", params=METHODS.values(), ids=list(METHODS))
-def kind(request: pytest.FixtureRequest) -> type[Filter]:
+def kind(request: pytest.FixtureRequest) -> type[Estimator]:
     """Each method of estimation."""
-    kind: type[Filter] = request.param
+    kind: type[Estimator] = request.param
     return kind
 
 

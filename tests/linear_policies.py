@@ -11,7 +11,7 @@ from hybrid_sysid_ros.control import Problem
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.core import RungeKutta, System, bounded
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Linear
 
 SEAL = "5ea1"
 SMALL = 1e-5

@@ -11,7 +11,7 @@ from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.models import Model, Sampling
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Linear
 
 PROBLEM = Problem(
     horizon=4,
@@ -129,7 +129,7 @@ def model_of(seal=""):
     names = tuple(item.name for item in system.parameters)
     return Model(
         rig="cam_beam",
-        structure="linear",
+        structure="viscous",
         system=system,
         sampling=Sampling(),
         names=names,
