@@ -135,7 +135,7 @@ def test_a_worst_case_can_be_run_again(broken):
     certification = certification_of(broken)
     found = certify(certification, loops=60, workers=1)
     worst = next(case for case in found.worst if case["driver"] == "network" and case["by"] == "input")
-    driven = certification.run(worst["loop"], NETWORK)
+    driven = certification.run(certification.scenario(worst["loop"]), NETWORK)
     errors = np.abs(driven.loop.inputs - driven.exact)[:, 0] / CRITERIA.input_error[0]
     assert int(np.argmax(errors)) == worst["period"]
     assert errors.max() == worst["input_error"]
@@ -219,7 +219,7 @@ def test_a_loop_is_that_of_ordinary_objects(broken, rig, driver):
     certification = dataclasses.replace(certification_of(broken, plant=rig.system), criteria=criteria)
     for loop in range(6):
         scenario = certification.scenario(loop)
-        driven = certification.run(loop, driver)
+        driven = certification.run(scenario, driver)
         inputs, exact, states, cost, counted = by_hand(certification, scenario, driver)
         np.testing.assert_allclose(driven.loop.inputs, inputs, atol=1e-9)
         np.testing.assert_allclose(driven.exact, exact, atol=1e-9)

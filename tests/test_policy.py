@@ -156,7 +156,9 @@ def test_it_answers_errors_of_the_references_and_not_where_the_plant_is(problem)
     """Features are q - C x: at the same error elsewhere only the states themselves make a difference."""
     policy = policy_of(problem=problem)
     (matrix, bias), *others = policy.layers
-    blind = dataclasses.replace(policy, layers=((matrix * (np.arange(matrix.shape[1]) >= policy.states), bias), *others))
+    blind = dataclasses.replace(
+        policy, layers=((matrix * (np.arange(matrix.shape[1]) >= policy.states), bias), *others)
+    )
     state, d, previous, preview = next(instances(1, problem))
     move = 0.1 * np.arange(1, policy.states + 1)
     there = preview.copy()

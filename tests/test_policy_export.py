@@ -230,7 +230,9 @@ def test_the_vectors_are_those_of_the_policy_and_the_edge_of_what_may_be_asked()
     made = vectors(policy)
     known = len(policy.check[1])
     assert np.all(made.answered[:known])
-    np.testing.assert_allclose(made.inputs[:known, 0, 0], np.clip(policy.check[1][:, 0, 0], *_near(made, known)), atol=1e-12)
+    np.testing.assert_allclose(
+        made.inputs[:known, 0, 0], np.clip(policy.check[1][:, 0, 0], *_near(made, known)), atol=1e-12
+    )
     spoilt = ~np.all(np.isfinite(made.instances[:, :8]), axis=1)
     np.testing.assert_array_equal(made.answered[:, 0], ~spoilt)
     assert np.all(np.any(~np.isfinite(made.instances), axis=0))  # at every place

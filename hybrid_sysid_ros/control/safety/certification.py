@@ -19,10 +19,10 @@ from hybrid_sysid_ros.control.safety.certified_loops import (
     EXACT,
     JUDGED,
     KKT_TOLERANCE,
-    SUPERVISED,
     UNSOLVED,
     WORST_PERIOD,
     Certification,
+    Drivers,
     measured,
 )
 from hybrid_sysid_ros.control.safety.online_check import REASONS
@@ -58,7 +58,7 @@ def certify(
     """
     if not 0.0 < delta < 1.0 or loops < 1 or margin(loops, delta) >= 1.0:
         raise UserError(f"certificate: {loops} loops with delta {delta} say nothing: take more loops and 0 < delta < 1")
-    certification.controller(SUPERVISED)  # or say why not
+    Drivers(certification)  # or say why not
     began, told = time.perf_counter(), progress or (lambda *_: None)
     pieces = [(first, min(first + CHUNK, loops)) for first in range(0, loops, CHUNK)]
     kept = Kept(store, _purpose(certification)) if store is not None else None
