@@ -1,7 +1,6 @@
 """A training: what it learns, what it tells about itself, and that a seed decides it."""
 
 import dataclasses
-import os
 
 import numpy as np
 import pytest
@@ -34,7 +33,7 @@ def imitated(policy, samples):
 def trained(tmp_path_factory):
     """A tiny training: a linear beam, nine closed loops in two rounds; twice, by different ways to the same samples."""
     training = pytest.importorskip("hybrid_sysid_ros.control.policy.training", exc_type=ImportError)
-    settings = Settings(episodes=(12, 6), hidden=(16,), epochs=60, batch=128, workers=min(2, os.cpu_count() or 1))
+    settings = Settings(episodes=(12, 6), hidden=(16,), epochs=60, batch=128, workers=1)
     model = model_of(SEAL)
     kept = Kept(tmp_path_factory.mktemp("store") / "samples", "tiny")
     first = training.train(model, PROBLEM, SPREAD, settings, seed=1, kept=kept)

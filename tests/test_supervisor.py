@@ -11,7 +11,6 @@ import pytest
 from linear_policies import BEAM, BROKEN_BY, CASES, broken_policy, exact_policy  # type: ignore[import-not-found]
 from small_policies import PROBLEM, TWO, policy_of  # type: ignore[import-not-found]
 
-
 from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.shooting import rollout

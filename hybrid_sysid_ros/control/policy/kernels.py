@@ -146,7 +146,7 @@ def _forward(sizes: Any, shape: int, w: Any, at: int, features: Any, answers: An
 
 @inner
 def _features(sizes: Any, numbers: Any, flat: Any, out: Any) -> None:
-    """Features of a flat instance [x, d, u_previous, q_1 (outputs,), ..]: of q the tracked ones, less the output map."""
+    """Features of a flat instance [x, d, u_previous, q_1 (outputs,), ..]: of q the tracked ones less the output map."""
     states, tracked = sizes[STATES], sizes[TRACKED]
     first = states + 2 * sizes[INPUTS]
     for j in range(first):

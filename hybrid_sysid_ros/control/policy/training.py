@@ -254,7 +254,7 @@ def _corrected(policy: Policy, model: Model, data: _Data, settings: Settings, se
 
 
 def _errors(policy: Policy, data: _Data) -> dict[str, float]:
-    """Mean squared errors of bounded first inputs [unit of the inputs, squared], and of those after them in the plan."""
+    """Mean squared errors of bounded first inputs [their units squared], and of those after them in the plan."""
     errors = {}
     for name, part in (("train", data.samples), ("validation", data.held)):
         answers = policy.evaluate(policy.features(part.instances))
