@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from time import perf_counter
 from typing import Any
 
@@ -57,7 +57,7 @@ class EstimatorNode(RigNode):
         followed = tuple(self.filter.tuning.followed)
         self.slots = Slots(layout.estimate(followed))
         self.message = joint_state(self.slots)
-        self.covariance_message = _labelled(system, followed)
+        self.covariance_message: Float64MultiArray | None = None
         self.warm_up()
         self.begin()
         measurements = self.listen("joint_states", self.on_measurement)
@@ -76,7 +76,7 @@ class EstimatorNode(RigNode):
         settings = self.settings
         self.filter = METHODS[settings["method"]](
             self.system,
-            estimator_tuning(settings, self.rig),
+            estimator_tuning(settings, self.rig, self.system),
             period=1.0 / settings["rate"],
             latency=settings["latency"],
         )
@@ -158,6 +158,9 @@ class EstimatorNode(RigNode):
             return
         self.shown = self.stamp
         if self.covariances.get_subscription_count():
+            if self.covariance_message is None:
+                followed = tuple(self.parameters)
+                self.covariance_message = _labelled(self.system, followed, len(estimate.covariance))
             self.covariance_message.data = estimate.covariance.ravel().tolist()
             self.covariances.publish(self.covariance_message)
 
@@ -190,16 +193,12 @@ class EstimatorNode(RigNode):
         return OK, "running" if self.stamp else "waiting for measurements", values
 
 
-def _labelled(system: System, followed: Iterable[str]) -> Float64MultiArray:
-    """A covariance message, whose rows and columns are named by their label."""
-    names = [
-        *(f"{state.name} [{state.unit}]" for state in system.states),
-        "disturbance",
-        "hum",
-        "hum_quadrature",
-        *followed,
-    ]
-    size = len(names)
+def _labelled(system: System, followed: Sequence[str], size: int) -> Float64MultiArray:
+    """A covariance message (size, size), whose rows and columns are named by their label."""
+    states = [f"{state.name} [{state.unit}]" for state in system.states]
+    disturbances = [f"disturbance of {item.name} [{item.unit}]" for item in system.inputs]
+    hums = (size - len(states) - len(disturbances) - len(followed)) // 2
+    names = [*states, *disturbances, *(f"{part} {k}" for k in range(hums) for part in ("hum", "quadrature")), *followed]
     rows = MultiArrayDimension(label=f"covariance of {', '.join(names)}", size=size, stride=size * size)
     columns = MultiArrayDimension(label="the same", size=size, stride=size)
     return Float64MultiArray(layout=MultiArrayLayout(dim=[rows, columns], data_offset=0), data=[0.0] * (size * size))

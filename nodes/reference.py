@@ -60,7 +60,8 @@ def _signal(kind: str, settings: Mapping[str, Any], output: int, amplitude: floa
 class ReferenceNode(RigNode):
     """Publishes previews of the outputs that the rig's controller tracks.
 
-    Time 0 of the reference is the stamp of the first measurement that the node sees. Message i begins at i publish periods, so that all points of all messages lie on one grid.
+    Time 0 of the reference is the stamp of the first measurement that the node sees. Message i begins at i publish
+    periods, so that all points of all messages lie on one grid.
     """
 
     def __init__(self, **options: Any) -> None:

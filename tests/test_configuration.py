@@ -57,10 +57,10 @@ def test_the_preview_reaches_beyond_the_horizon(rig: Rig) -> None:
 def test_the_library_gets_the_numbers_of_the_nodes_in_si_units(rig: Rig) -> None:
     values = configuration.defaults("cam_beam", "estimator")
     tuning = configuration.estimator_tuning(values, rig)
-    assert tuning.measurement_noise == pytest.approx(values["measurement_noise"][0] * math.radians(1.3))
+    assert tuning.measurement_noise == pytest.approx([values["measurement_noise"][0] * math.radians(1.3)])
     problem = configuration.mpc_problem(configuration.defaults("cam_beam", "controller"), rig)
-    assert problem.input_limit == 10.0
-    assert problem.output_scale == pytest.approx(math.radians(1.3))
+    assert (problem.input_low, problem.input_high) == ((-10.0,), (10.0,))
+    assert problem.output_scales == pytest.approx([math.radians(1.3)])
 
 
 def test_a_topic_is_carried_as_its_class_says() -> None:

@@ -227,7 +227,8 @@ def _channels(system: System, tuning: Tuning, period: float) -> tuple[Records, l
     offset = len(system.states) + len(system.inputs)
     states, outputs = shown_states(system), [item.name for item in system.outputs]
     names = [item.name for item in system.states]
-    found, hums = [], []  # type: ignore[var-annotated]
+    found: list[tuple[int, int, int, float]] = []
+    hums: list[int] = []
     for k, (noise, hertz, amplitude) in enumerate(
         zip(tuning.measurement_noise, tuning.hum_hertz, tuning.hum_amplitude, strict=True)
     ):

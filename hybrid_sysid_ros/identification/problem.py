@@ -55,9 +55,8 @@ class Problem:
         hold: Sequence[str] = (),
     ) -> None:
         """centres, spreads (free,): priors of the free parameters, in their units, instead of the declared ones. ridge:
-        prior deviation of weights is 1 / sqrt(ridge). bias: prior deviation of each input's bias in a record, as part of
-        the input's deviation; 0: there is none.
-        hold: names of parameters that stay as they are.
+        prior deviation of weights is 1 / sqrt(ridge). bias: prior deviation of each input's bias in a record, as part
+        of the input's deviation; 0: there is none. hold: names of parameters that stay as they are.
         """
         if len({experiment.sampling for experiment in experiments}) > 1:
             raise UserError("identification: the records are sampled differently")
@@ -145,7 +144,7 @@ class Problem:
         return np.concatenate([(values - self.centres) / self.spreads, weights, point[self.shared :]])
 
     def carry(self, point: Array, horizon: int | None) -> None:
-        """Have rollouts that begin within a record take the states that it does not show from a simulation at a point."""
+        """Take states that records do not show, where rollouts begin within one, from a simulation at a point."""
         if not len(self.hidden) or horizon is None:
             return
         starts, states, _, edges = self.windows(None)

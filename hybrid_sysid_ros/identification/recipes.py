@@ -16,10 +16,12 @@ from hybrid_sysid_ros.identification.selection.term_selection import select_term
 from hybrid_sysid_ros.identification.starting import begun, magnitudes
 from hybrid_sysid_ros.models import Sampling, build
 from hybrid_sysid_ros.models.hybrid import Hybrid, averaged
+from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.options import Options, complete
 from hybrid_sysid_ros.models.recurrent import PERIOD as RECURRENT_PERIOD
 from hybrid_sysid_ros.models.structures import options_of, structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.errors import UserError
 
 NARX_RIDGE = 1e-6
 """Its terms are chosen already: nothing pulls their coefficients to zero."""
@@ -89,25 +91,39 @@ class Recipe:
         known = options_of(structure, self.rig.system, self.rig.structures)
         options = {name: value for name, value in self.chosen.items() if name in known}
         seed = self.seed + 1000 * member
-        system, neutral = self._built(structure, records, options, seed)
-        if start is not None and isinstance(system, Hybrid):
-            system = replace(system, physics=start.system)
-        return fit(
-            system,
-            [prepare(record, system, self.sampling) for record in records],
-            stages=stages,
-            anchor=anchor,
-            ridge=float(options.get("ridge", 1.0)),
-            bias=float(options.get("bias", 0.0)),
-            hold=(*neutral, *hold),
-            starts=int(options.get("starts", 1)) if start is None else 1,
-            seed=seed,
-            progress=self.progress,
-        )
+        systems, neutral = self._built(structure, records, options, seed)
+        if start is not None:
+            systems = [replace(item, physics=start.system) for item in systems if isinstance(item, Hybrid)]
+        fits, reasons = [], []
+        for system in systems:
+            try:
+                found = fit(
+                    system,
+                    [prepare(record, system, self.sampling) for record in records],
+                    stages=stages,
+                    anchor=anchor,
+                    ridge=float(options.get("ridge", 1.0)),
+                    bias=float(options.get("bias", 0.0)),
+                    hold=(*neutral, *hold),
+                    starts=int(options.get("starts", 1)) if start is None else 1,
+                    seed=seed,
+                    progress=self.progress,
+                )
+                fits.append(found)
+            except UserError as error:
+                reasons.append(error)
+        if not fits:
+            raise reasons[0]
+        best = min(fits, key=lambda item: item.relative_error)
+        seconds, evaluations = (sum(values) for values in zip(*((f.seconds, f.evaluations) for f in fits), strict=True))
+        return replace(best, seconds=seconds, evaluations=evaluations)
 
     def _built(
         self, structure: str, records: Sequence[Record], options: Options, seed: int
-    ) -> tuple[System, tuple[str, ...]]:
+    ) -> tuple[Sequence[System], tuple[str, ...]]:
+        """The system where fits begin: a linear one at what regression tells of it, and at the rig's own guess; and the
+        names of parameters that are held.
+        """
         experiments = [prepare(record, self.rig.system, self.sampling) for record in records]
         sizes = magnitudes(self.rig.system, experiments)
         system, neutral = build(
@@ -120,7 +136,8 @@ class Recipe:
             options=options,
             boxes=self.rig.structures,
         )
-        return begun(system, experiments), neutral
+        first = begun(system, experiments)
+        return [first, system] if isinstance(system, Linear) else [first], neutral
 
     def _narx(self, records: Sequence[Record]) -> tuple[Fit, Sampling]:
         """Terms by error reduction, then their coefficients by the error of the simulation."""

@@ -68,7 +68,7 @@ def begun(system: System, experiments: Sequence[Experiment]) -> System:
 
 
 def regression(system: System, experiments: Sequence[Experiment]) -> dict[str, float]:
-    """Entries of a linear system by least squares over one sample, as the trapezoidal rule has it:
+    """Entries of a linear system by least squares over one sample, by the trapezoidal rule.
 
         (x(k + 1) - x(k)) / T = A (x(k) + x(k + 1)) / 2 + B u(k) + c - F sgn v
 

@@ -28,14 +28,15 @@ DOUBT = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Linear(System):
-    """x' = A x + B u + c, each entry a parameter; positions follow their velocities, and outputs that are no states have
-    rows of their own, y = C x + D u + d. Per velocity v the viscous part is implicit, and where the rig has a contact
-    there is friction, all per unit inertia:
+    """x' = A x + B u + c, each entry a parameter.
+
+    Positions follow their velocities, and outputs that are no states have rows of their own, y = C x + D u + d. The
+    viscous part of each velocity v is implicit, and where the rig has a contact there is friction, per unit inertia:
 
         viscous   - D v
         stribeck  - D v - F(v) sgn v,  F(v) = Fc + Fe exp(-(v / vs)^2)
-        dahl      - D v - s0 z,  z' = v (1 - s0 z / Fc sgn v)                   Dahl (1968), with exponent 1
-        lugre     - D v - s0 z - s1 z',  z' = v - |v| s0 z / F(v)               Canudas de Wit et al. (1995), IEEE TAC 40(3)
+        dahl      - D v - s0 z,  z' = v (1 - s0 z / Fc sgn v)         Dahl (1968), with exponent 1
+        lugre     - D v - s0 z - s1 z',  z' = v - |v| s0 z / F(v)     Canudas de Wit et al. (1995), IEEE TAC 40(3)
 
     Fc = coulomb, Fe = static_excess, vs = stribeck_speed, s0, s1 = bristle_stiffness, bristle_damping.
     Raises UserError for a friction on a rig without contacts, and for a rig that is a sampled map.

@@ -110,16 +110,16 @@ def load(folder: Path | str, *, rig: str | Path = "") -> Model:
         )
         if (signals := content.get("signals", signals_of(system))) != signals_of(system):
             raise UserError(f"rig {described.name} {_changed(signals, signals_of(system))}; fit again")
-        expected = {item.name: float(value) for item, value in zip(system.parameters, system.values, strict=True)}
+        expected = [item.name for item in system.parameters]
         # A folder of before networks had several outputs holds their scales in the design alone.
-        known = expected if "feature_scales" in (design or {}) else dict.fromkeys(expected, None)
-        values = {name: stored[name]["value"] if name in stored else known[name] for name in expected}
-        if not set(stored) <= set(expected) or None in values.values():
+        told = system.named if "feature_scales" in (design or {}) else {}
+        values = {**told, **{name: float(entry["value"]) for name, entry in stored.items()}}
+        if set(values) != set(expected):
             raise UserError(
                 f"structure {content['structure']} of rig {described.name} has the parameters {', '.join(expected)}, "
                 f"the model {', '.join(stored)}; fit again"
             )
-        system = system.with_values([float(value) for value in values.values()])
+        system = system.with_values([values[name] for name in expected])
         system.check()
         names, covariance = tuple(content["free"]), arrays["covariance"]
         if covariance.shape != (len(names), len(names)):

@@ -26,7 +26,7 @@ one rig's training data the mean R2 over 16 settings is .76 with 1.1 and .57 wit
 
 @dataclass(frozen=True, kw_only=True)
 class Narx(Recurrence):
-    """y_k(t + 1) = Y_k sum_j theta_kj prod_i r_i(t)^e_kji: for each output a polynomial in lags of all outputs and inputs.
+    """y_k(t + 1) = Y_k sum_j theta_kj prod_i r_i(t)^e_kji: a polynomial in lags of all outputs and inputs.
 
         r = for each output (y(t), ..., y(t - ny + 1)) / Y, then for each input (u(t), ..., u(t - nu + 1)) / U
 

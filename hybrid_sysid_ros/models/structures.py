@@ -107,7 +107,8 @@ def structure_of(name: str, boxes: Boxes | None = None) -> tuple[Structure, str]
     if box in known and box != name:
         return replace(TABLE["hybrid"], physics=known[box].physics), box
     raise UserError(
-        f"structure {name!r} is unknown; choose one of {', '.join((*TABLE, *(boxes or {})))}, or hybrid_NAME of a gray box"
+        f"structure {name!r} is unknown; choose one of {', '.join((*TABLE, *(boxes or {})))}, or hybrid_NAME of a "
+        "gray box"
     )
 
 
@@ -133,7 +134,9 @@ def _physics(row: Structure, box: str, physics: System, boxes: Boxes | None, des
     """The system that a structure stands on."""
     if row.physics == "own":
         return (boxes or {}).get(box, physics)
-    friction: Friction = "viscous" if row.physics in ("viscous", "straight", "none") else row.physics
+    friction: Friction = "viscous"
+    if row.physics in ("stribeck", "dahl", "lugre"):
+        friction = row.physics
     return Linear(
         origin=physics,
         friction=friction,

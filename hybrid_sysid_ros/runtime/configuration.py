@@ -24,6 +24,8 @@ __all__ = [
 
 CAMERA = "camera"
 """Channel of an estimator for a second sensor of the rig's first output."""
+OWN_NOISE = 0.05
+"""Process noise of a state without a unit that a model has beside the rig's [1/sqrt(s)]."""
 NONE = 1e9
 """A bound of a state from which on it is none."""
 TRAINED = Path(__file__).parents[1] / "trained"
@@ -87,46 +89,37 @@ def in_si(values: Sequence[float], rig: Rig) -> tuple[float, ...]:
     return tuple(display.scale * value for display, value in zip(rig.display, values, strict=True))
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Lists:
-    """The lists among a node's parameters; one number stands for all."""
-
-    values: Mapping[str, Any]
-    rig: Rig
-
-    def states(self, name: str) -> tuple[float, ...]:
-        return numbers(self.values[name], f"parameter {name}", count=len(self.rig.system.states))
-
-    def inputs(self, name: str) -> tuple[float, ...]:
-        return numbers(self.values[name], f"parameter {name}", count=len(self.rig.system.inputs))
-
-    def outputs(self, name: str) -> tuple[float, ...]:
-        return numbers(self.values[name], f"parameter {name}", count=len(self.rig.display))
-
-    def outputs_si(self, name: str) -> tuple[float, ...]:
-        """From the units in which the outputs are shown into SI."""
-        pairs = zip(self.rig.display, self.outputs(name), strict=True)
-        return tuple(display.scale * value for display, value in pairs)
-
-
-def estimator_tuning(values: Mapping[str, Any], rig: Rig) -> Tuning:
+def estimator_tuning(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> Tuning:
     """Tuning of the estimators from the parameters of the node `estimator`; outputs come into SI.
+
+    system: the model that the estimator predicts with, by default the rig's own. Of the states that it has alone,
+    those without a unit, such as hidden units of a network, drift by OWN_NOISE, others not.
 
     Raises:
         UserError: `followed` is no list of NAME=DRIFT.
     """
-    lists, camera = _Lists(values=values, rig=rig), rig.display[0].scale * values["camera_noise"]
+    system, camera = system or rig.system, rig.display[0].scale * values["camera_noise"]
+    states, inputs, outputs = len(rig.system.states), len(rig.actuators), len(rig.sensors)
+
+    def of_inputs(name: str) -> tuple[float, ...]:
+        return listed(values, name, "parameter", inputs)
+
+    def of_outputs(name: str) -> tuple[float, ...]:
+        return in_si(listed(values, name, "parameter", outputs), rig)
+
+    noise = listed(values, "process_noise", "parameter", states)
+    drifts = dict(zip((item.name for item in rig.system.states), noise, strict=True))
     return Tuning(
-        measurement_noise=lists.outputs_si("measurement_noise"),
-        process_noise=lists.states("process_noise"),
-        disturbance_noise=lists.inputs("disturbance_noise"),
-        disturbance_limit=lists.inputs("disturbance_limit"),
-        hum_hertz=lists.outputs("hum_hertz"),
-        hum_amplitude=lists.outputs_si("hum_amplitude"),
-        hum_noise=lists.outputs_si("hum_noise"),
+        measurement_noise=of_outputs("measurement_noise"),
+        process_noise=tuple(drifts.get(item.name, 0.0 if item.unit else OWN_NOISE) for item in system.states),
+        disturbance_noise=of_inputs("disturbance_noise"),
+        disturbance_limit=of_inputs("disturbance_limit"),
+        hum_hertz=listed(values, "hum_hertz", "parameter", outputs),
+        hum_amplitude=of_outputs("hum_amplitude"),
+        hum_noise=of_outputs("hum_noise"),
         gate=values["gate"],
         patience=values["patience"],
-        input_noise=lists.inputs("input_noise"),
+        input_noise=of_inputs("input_noise"),
         followed=_drifts(values["followed"]),
         channels={CAMERA: Channel(of=rig.system.outputs[0].name, noise=camera)} if camera else {},
         window=values["window"],
@@ -146,12 +139,6 @@ def _drifts(text: str) -> dict[str, float]:
     return found
 
 
-def by_state(values: Sequence[float], rig: Rig, system: System, *, other: float) -> tuple[float, ...]:
-    """Numbers given for the rig's states, for the states of a model of it by their names; ``other`` for its own."""
-    known = dict(zip((item.name for item in rig.system.states), values, strict=True))
-    return tuple(known.get(item.name, other) for item in system.states)
-
-
 def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> Problem:
     """Problem of the exact MPC from the parameters of the node `controller`; outputs are weighed as they are shown.
 
@@ -160,27 +147,34 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
     Raises:
         UserError: a number makes no problem.
     """
-    lists, system = _Lists(values=values, rig=rig), system or rig.system
-    scale = rig.display[0].scale
-    low = [-math.inf if value <= -NONE else value for value in lists.states("state_low")]
-    high = [math.inf if value >= NONE else value for value in lists.states("state_high")]
+    system = system or rig.system
+    states, inputs, outputs = len(rig.system.states), len(rig.actuators), len(rig.sensors)
+
+    def of_inputs(name: str) -> tuple[float, ...]:
+        return listed(values, name, "parameter", inputs)
+
+    def of_states(name: str, other: float, *, none: float = math.inf) -> tuple[float, ...]:
+        given = zip((item.name for item in rig.system.states), listed(values, name, "parameter", states), strict=True)
+        known = {state: value if abs(value) < none else math.copysign(math.inf, value) for state, value in given}
+        return tuple(known.get(item.name, other) for item in system.states)
+
     return Problem(
         horizon=values["horizon"],
         period=values["period"],
         substeps=values["substeps"],
-        output_weights=lists.outputs("output_weight"),
-        rate_weights=lists.inputs("rate_weight"),
+        output_weights=listed(values, "output_weight", "parameter", outputs),
+        rate_weights=of_inputs("rate_weight"),
         input_low=tuple(actuator.low for actuator in rig.actuators),
         input_high=tuple(actuator.high for actuator in rig.actuators),
         output_scales=tuple(display.scale for display in rig.display),
         smoothing=values["smoothing"],
         max_iterations=values["max_iterations"],
-        input_weights=lists.inputs("input_weight"),
-        rate_limits=tuple(limit or math.inf for limit in lists.inputs("rate_limit")),
-        state_low=by_state(low, rig, system, other=-math.inf),
-        state_high=by_state(high, rig, system, other=math.inf),
-        soft_linear=(values["soft_linear"] / scale,),
-        soft_quadratic=(values["soft_quadratic"] / scale**2,),
+        input_weights=of_inputs("input_weight"),
+        rate_limits=tuple(limit or math.inf for limit in of_inputs("rate_limit")),
+        state_low=of_states("state_low", -math.inf, none=NONE),
+        state_high=of_states("state_high", math.inf, none=NONE),
+        soft_linear=of_states("soft_linear", 0.0),
+        soft_quadratic=of_states("soft_quadratic", 1.0),
     ).sized(system)
 
 

@@ -14,12 +14,18 @@ import signal
 import warnings
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save
 
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import written_folder
@@ -38,6 +44,8 @@ LOSSES = 3
 IDLE = 60.0
 """Seconds after which an idle process ends, also one whose parent was killed."""
 
+Arrays = dict[str, NDArray[Any]]
+ARRAYS = "arrays.safetensors"
 FINISHED = "finished.json"
 """The file that shows that a result was written whole."""
 
@@ -206,7 +214,7 @@ class Processes(Workers[Item, Result]):
             process.shutdown(kill_workers=True)  # type: ignore[call-arg]  # loky's
 
 
-def workers(
+def workers_for(
     work: Callable[[Item], Result], *, jobs: int = 0, threads: bool = False, **more: Any
 ) -> Workers[Item, Result]:
     """Processes or threads; for one job this process itself."""
@@ -215,20 +223,40 @@ def workers(
     return Threads(work, jobs=jobs, **more) if threads else Processes(work, jobs=jobs, **more)
 
 
+def write_arrays(arrays: Any, folder: Path) -> None:
+    """Named arrays as one file."""
+    (folder / ARRAYS).write_bytes(save({name: np.ascontiguousarray(value) for name, value in arrays.items()}))
+
+
+def read_arrays(folder: Path) -> Any:
+    """What :func:`write_arrays` wrote."""
+    try:
+        return dict(load_file(folder / ARRAYS))
+    except SafetensorError as error:
+        raise ValueError(f"{folder}: can't be read") from error
+
+
 class Store(Generic[Result]):
     """Finished results in a folder. Each is found again by all that it depends on, and was written whole or not at all.
 
-    write(result, folder), read(folder): how a result is kept; what can't be read is not there.
+    purpose: what all of them depend on; results of another purpose are not found again. write(result, folder),
+    read(folder): how a result is kept, named arrays by default; what can't be read is not there.
     """
 
     def __init__(
-        self, folder: Path, *, write: Callable[[Result, Path], object], read: Callable[[Path], Result]
+        self,
+        folder: Path,
+        purpose: str = "",
+        *,
+        write: Callable[[Result, Path], object] = write_arrays,
+        read: Callable[[Path], Result] = read_arrays,
     ) -> None:
         self.folder = folder
+        self.purpose = purpose
         self._write, self._read = write, read
 
     def find(self, key: Any) -> Result | None:
-        """The result of a key, None where it is not there or can't be read. key: plain data, as JSON knows it."""
+        """The result of a key, None where it is not there or can't be read. key: plain data, or told by its repr()."""
         place = self._place(key)
         if not (place / FINISHED).is_file():
             return None
@@ -241,14 +269,52 @@ class Store(Generic[Result]):
         """Write a result. Raises UserError where the place can't be written."""
         with written_folder(self._place(key), marker=FINISHED, force=True) as partial:
             self._write(result, partial)
-            (partial / FINISHED).write_text(json.dumps(key), encoding="utf-8")
+            (partial / FINISHED).write_text(_text(key), encoding="utf-8")
 
     def remove(self) -> None:
         """Remove the folder: the work as a whole is finished."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _place(self, key: Any) -> Path:
-        return self.folder / hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:24]
+        return self.folder / hashlib.sha256(f"{self.purpose}\n{_text(key)}".encode()).hexdigest()[:24]
+
+
+def _text(key: Any) -> str:
+    return json.dumps(key, sort_keys=True, default=repr)
+
+
+def run(
+    work: Callable[[Item], Result],
+    pieces: Sequence[Item],
+    *,
+    workers: int = 0,
+    threads: bool = False,
+    store: Store[Result] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Result]:
+    """What ``work`` gives for each piece, in their order.
+
+    workers: see :func:`count`. store: where finished pieces are kept, so that an interrupted run goes on. progress:
+    gets how many pieces are done, and of how many. After Ctrl-C no more work is handed out; what is under way is still
+    kept. Raises UserError where a piece loses its processes again and again.
+    """
+    found: dict[int, Result] = {}
+    jobs = min(count(workers), max(len(pieces), 1))
+    crew: Workers[tuple[int, Item], Result] = workers_for(partial(_numbered, work), jobs=jobs, threads=threads)
+    with crew:
+        for (number, _), result, _ in resumed(
+            crew, list(enumerate(pieces)), store=store, key=lambda item: item[1], finish=True
+        ):
+            if isinstance(result, Lost):
+                raise UserError(f"piece {number + 1} of {len(pieces)}: {result.reason}")
+            found[number] = result
+            if progress is not None:
+                progress(len(found), len(pieces))
+    return [found[number] for number in range(len(pieces))]
+
+
+def _numbered(work: Callable[[Item], Result], item: tuple[int, Item]) -> Result:
+    return work(item[1])
 
 
 def resumed(

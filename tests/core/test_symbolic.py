@@ -6,7 +6,7 @@ import pytest
 
 from hybrid_sysid_ros.core import simulate, stepped
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from tests.core.test_rollout import Cart
 from tests.core.test_sensitivities import TwoTanks
 from tests.evaluation import evaluated

@@ -104,7 +104,7 @@ def _check(experiments: Sequence[Experiment], lags: int) -> None:
 
 
 def _regression(outputs: Array, inputs: Array, output_lags: int, input_lags: int) -> tuple[Array, Array]:
-    """Lagged values (rows, lags), for each signal the latest first, and the next outputs (rows, outputs) of a record."""
+    """Lagged values (rows, lags), for each signal latest first, and the next outputs (rows, outputs)."""
     first = max(output_lags, input_lags) - 1
     past = [sliding_window_view(y[:-1], output_lags)[first + 1 - output_lags :, ::-1] for y in outputs.T]
     past += [sliding_window_view(u, input_lags)[first + 1 - input_lags :, ::-1] for u in inputs.T]

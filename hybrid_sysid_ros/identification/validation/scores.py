@@ -9,11 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import System, rollouts
+from hybrid_sysid_ros.core import Recurrence, Sensitivities, System, rollouts
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
+
+FIRST_SAMPLES = 40
+"""Of a record, that tell the initial states which no sensor shows."""
+GAUSS_NEWTON = 10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,9 +85,44 @@ def score_free_run(system: System, experiment: Experiment) -> Scores:
 
 
 def free_run(system: System, experiment: Experiment) -> Array:
-    """Strict free run: simulated outputs (samples, outputs) from one measured initial state, never re-initialised."""
+    """Strict free run: simulated outputs (samples, outputs) from one initial state, never re-initialised."""
+    return free_run_states(system, experiment)[1]
+
+
+def free_run_states(system: System, experiment: Experiment) -> tuple[Array, Array]:
+    """States (samples, states) and outputs (samples, outputs) of the strict free run."""
     sampling = experiment.sampling
     starts = np.array([[0, 0, experiment.samples, 0]])
-    first, every = experiment.states[:1].copy(), sampling.every
-    _, outputs = rollouts(system, starts, first, experiment.inputs, step=sampling.step, every=every)
-    return outputs
+    first = initial_state(system, experiment)[None]
+    return rollouts(system, starts, first, experiment.inputs, step=sampling.step, every=sampling.every)
+
+
+def initial_state(system: System, experiment: Experiment) -> Array:
+    """Where a free run begins, (states,): as the record's first sample shows it. Declared states that it does not show
+    are those that meet the outputs of the first FIRST_SAMPLES samples best (Gauss-Newton, of least norm).
+    """
+    first = experiment.states[0].copy()
+    shown = system.shown
+    hidden = [i for i in range(len(system.declared_states)) if i not in shown]
+    if isinstance(system, Recurrence) or not hidden:
+        return first
+    samples, sampling = min(FIRST_SAMPLES, experiment.samples), experiment.sampling
+    starts = np.array([[0, 0, samples, 0]])
+    deviation = np.maximum(np.std(experiment.outputs, axis=0), 1e-12)
+    sensitivities = Sensitivities(system, parameters=(), states=hidden, inputs=())
+    slopes = np.empty((samples, len(system.outputs), sensitivities.count))
+    given: dict[str, Any] = {"step": sampling.step, "every": sampling.every}
+    best, least = first.copy(), np.inf
+    for _ in range(GAUSS_NEWTON):
+        _, outputs = rollouts(system, starts, first[None].copy(), experiment.inputs, **given)
+        errors = ((experiment.outputs[:samples] - outputs) / deviation).ravel()
+        cost = float(np.sum(errors**2))
+        if not np.isfinite(cost) or cost >= least:
+            break
+        best, least = first.copy(), cost
+        sensitivities.rollouts(system, starts, first[None].copy(), experiment.inputs, **given, out=slopes)
+        jacobian = (slopes[:, :, sensitivities.weights :] / deviation[:, None]).reshape(len(errors), len(hidden))
+        if not np.isfinite(jacobian).all():
+            break
+        first[hidden] += np.linalg.lstsq(jacobian, errors, rcond=1e-3)[0]
+    return best
