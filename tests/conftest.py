@@ -27,7 +27,7 @@ from hybrid_sysid_ros.core import Dry, System, bounded, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.estimation import METHODS, Estimator
 from hybrid_sysid_ros.models import Model, Sampling, load
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps
 from hybrid_sysid_ros.rigs.plant import Plant

@@ -3,7 +3,7 @@
 import dataclasses
 
 from hybrid_sysid_ros.estimation import Tuning
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Linear
 from tests.straight_beam import straight
 
 PERIOD = 0.005

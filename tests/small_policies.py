@@ -10,7 +10,7 @@ from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.sampling import Spread
 from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.models import Model, Sampling
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Linear
 
 PROBLEM = Problem(
     horizon=4,

@@ -1,6 +1,6 @@
 """A beam with nothing bent, for tests."""
 
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.io import loadmat
 
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs import excitation
 from hybrid_sysid_ros.rigs.cam_beam.system import SMALLEST_SQUARED_COSINE, CamBeam
 from hybrid_sysid_ros.rigs.plant import Plant

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.identification.selection.candidate_store import CandidateS
 from hybrid_sysid_ros.identification.selection.comparison import LOST, RULE, Comparison, choose, compare
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.black_box import BlackBox
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Linear
 from hybrid_sysid_ros.models.network import Network
 
 # Hand-made candidates

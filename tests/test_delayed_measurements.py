@@ -7,7 +7,7 @@ import pytest
 
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.estimation import Channel, Tuning
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Linear
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.support.errors import UserError
 from tests.straight_beam import straight

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from hybrid_sysid_ros.core import Variable, simulate
 from hybrid_sysid_ros.estimation import METHODS
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs.excitation import multisine
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.runtime import configuration

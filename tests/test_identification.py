@@ -11,7 +11,7 @@ from hybrid_sysid_ros.identification import Part, evaluate, free_run, identify, 
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS, INITIAL_SPREAD, RELATIVE_ERROR
 from hybrid_sysid_ros.models import Sampling, build
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.rigs.excitation import random_steps
 from tests.linear_bench import bench, held_levels, linear_run, record_of

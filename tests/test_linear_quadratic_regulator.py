@@ -8,7 +8,7 @@ import pytest
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
 from hybrid_sysid_ros.control.linear_quadratic_regulator import LinearQuadraticRegulator
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Linear
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.control.closed_loop import Loop, run_loop
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, Tuning
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError

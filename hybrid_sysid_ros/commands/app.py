@@ -18,9 +18,15 @@ POLICY_COMMANDS = [
     LateCommand("certify", f"{HERE}.policy_certify", "State how a policy does beside the exact MPC, and how surely."),
     LateCommand("export", f"{HERE}.policy_export", "Write a policy as ONNX and as C99."),
 ]
+RIG_COMMANDS = [
+    LateCommand("new", f"{HERE}.rig_new", "Write a small rig to begin with."),
+    LateCommand("check", f"{HERE}.rig_check", "Check a rig and show its step response."),
+    LateCommand("list", f"{HERE}.rig_list", "List the rigs that are known by name."),
+]
 
 
 def main() -> None:
     """Run a command of the command line."""
     policy = Commands("policy", POLICY_COMMANDS, help="Approximate MPC.")
-    run_program(Commands("hybrid-sysid", [*COMMANDS, policy]))
+    rig = Commands("rig", RIG_COMMANDS, help="Rigs: a folder each.")
+    run_program(Commands("hybrid-sysid", [*COMMANDS, policy, rig]))

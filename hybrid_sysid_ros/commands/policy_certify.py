@@ -104,7 +104,9 @@ def tables(certificate: Certificate) -> list[Table]:
             rate = rates[name][key]
             failed = round((1.0 - rate) * certificate.loops)
             bounds = [certificate.bounds[kind][name][key] for kind in ("hoeffding", "binomial")]
-            words = text.format(eta=", ".join(f"{value:g}" for value in criteria["input_error"]), share=criteria["cost_share"])
+            words = text.format(
+                eta=", ".join(f"{value:g}" for value in criteria["input_error"]), share=criteria["cost_share"]
+            )
             counted.add_row(name, words, f"{rate:.4f}", str(failed), *(f"{bound:.4f}" for bound in bounds))
     checked = Table("the online check", "share", title="supervised")
     for reason in REASONS:

@@ -25,7 +25,9 @@ def command(
     model: Annotated[Path, typer.Argument(help="Model folder.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for the policy.")],
     seed: Seed = 0,
-    episodes: Annotated[int, typer.Option(help="Closed loops of 20 horizons in each round.", min=2)] = DEFAULT.episodes[0],
+    episodes: Annotated[int, typer.Option(help="Closed loops of 20 horizons in each round.", min=2)] = DEFAULT.episodes[
+        0
+    ],
     rounds: Annotated[int, typer.Option(help="Rounds; from the second on the policy drives (DAgger).", min=1)] = len(
         DEFAULT.episodes
     ),

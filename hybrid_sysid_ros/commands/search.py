@@ -26,20 +26,14 @@ from hybrid_sysid_ros.commands.terminal import (
     status,
 )
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.selection.search import (
-    Cluster,
-    CrossValidation,
-    Processes,
-    Study,
-    Trial,
-    Workers,
-    opened,
-    search,
-)
-from hybrid_sysid_ros.models import STRUCTURES
+from hybrid_sysid_ros.identification.selection.search import Evaluate, Objective, Outcome, named, search
+from hybrid_sysid_ros.identification.selection.study import Evaluation, Study, opened
+from hybrid_sysid_ros.models import STRUCTURES, Options
 from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.cluster import Cluster
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
+from hybrid_sysid_ros.support.parallel import Processes, Workers
 from hybrid_sysid_ros.support.progress import progress_bars
 
 SHOWN = 5
@@ -78,7 +72,7 @@ def command(
     if out is not None:
         check_folder(out, marker="model.yaml")
     sampling = sampling_of(step, period, input_handling)
-    objective = CrossValidation(
+    objective = Objective(
         records=read_records(bag, rig, signals, recover, read_period, sampling),
         rig=load_rig(rig),
         structure=structure,
@@ -105,20 +99,21 @@ def command(
         console.print(f"{out}: {structure} with the options of trial {best.number}, from {len(bag)} records")
 
 
-def workers(objective: CrossValidation, cluster: str, jobs: int) -> Workers:
+def workers(objective: Objective, cluster: str, jobs: int) -> Workers[tuple[int, Options], Outcome]:
     """Those that the command line asks for."""
+    work = Evaluate(objective=objective)
     if cluster:
-        return Cluster(objective, status.print, cluster, jobs)
-    return Processes(objective, status.print, jobs)
+        return Cluster(work, cluster, jobs=jobs, tell=status.print, name=named)
+    return Processes(work, jobs=jobs, tell=status.print, name=named)
 
 
-def run(study: Study, found: Workers, trials: int, timeout: float | None) -> None:
+def run(study: Study, found: Workers[tuple[int, Options], Outcome], trials: int, timeout: float | None) -> None:
     """Search with a progress bar, and a line for each trial that is better than all before it or fails."""
     with progress_bars(status) as update:
         best = max((trial.outcome.score for trial in study.ranking), default=-math.inf)
         update("trials", len(study.finished), trials)
 
-        def told(trial: Trial) -> None:
+        def told(trial: Evaluation) -> None:
             nonlocal best
             outcome = trial.outcome
             if outcome.error:
@@ -131,7 +126,7 @@ def run(study: Study, found: Workers, trials: int, timeout: float | None) -> Non
         search(study, found, trials=trials, timeout=timeout, told=told)
 
 
-def show(study: Study, objective: CrossValidation, title: str) -> None:
+def show(study: Study, objective: Objective, title: str) -> None:
     """Print the best trials, the one at the defaults, and which options matter. Raises UserError where none is good."""
     ranking, finished = study.ranking, study.finished
     if not finished:
@@ -156,6 +151,6 @@ def show(study: Study, objective: CrossValidation, title: str) -> None:
     )
 
 
-def written(trial: Trial) -> str:
+def written(trial: Evaluation) -> str:
     """Its options, as a command takes them."""
     return " ".join(f"{name}={value:.6g}" for name, value in trial.options.items())

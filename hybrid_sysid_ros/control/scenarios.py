@@ -197,7 +197,12 @@ def jumping(random: np.random.Generator, deviation: Values, begins: NDArray[np.b
 
 
 def beginnings(
-    random: np.random.Generator, problem: Problem, spread: Spread, motion: SteadyMotion, wanted: Array, size: float = 1.0
+    random: np.random.Generator,
+    problem: Problem,
+    spread: Spread,
+    motion: SteadyMotion,
+    wanted: Array,
+    size: float = 1.0,
 ) -> Array:
     """States (T, n) to begin at: pushed by ``size`` from a steady motion, one half on the references ``wanted`` (T, p),
     one half anywhere.

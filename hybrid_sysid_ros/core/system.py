@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core.contacts import Contact
+from hybrid_sysid_ros.core.contacts import Contact, Field
 from hybrid_sysid_ros.core.declaration import Variable, check, deflections, variables
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.parameters import Parameter, declared
@@ -90,9 +90,11 @@ class System:
             raise UserError(f"{type(self).__name__}: law(x, u) gives {len(rates)} rates for {count} states")
         return rates
 
-    def _field(self, value: str | float, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
-        """A field of a contact: a number, a parameter or a method."""
-        found = getattr(self, value) if isinstance(value, str) else value
+    def _field(self, value: Field, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
+        """A field of a contact: a number, a parameter, a method or a function (system, x, u)."""
+        if not isinstance(value, str):
+            return value(self, x, u) if callable(value) else value
+        found = getattr(self, value)
         return found(x, u) if callable(found) else found
 
     # ------------------------------------------------------------------ what it is made of
@@ -125,6 +127,11 @@ class System:
             if item.name not in names:
                 raise UserError(f"{type(self).__name__}: output {item.name} is no state, and there is no output(x, u)")
         return tuple(names.index(item.name) for item in self.outputs)
+
+    @property
+    def plain_outputs(self) -> bool:
+        """Whether every output is a state."""
+        return type(self).output is System.output
 
     @property
     def kinematics(self) -> Mapping[int, int]:
@@ -207,15 +214,21 @@ class System:
         sample. Outputs that are states, and their rates where those are states too; the rest zero.
         """
         states = np.zeros((len(outputs), len(self.states)))
+        for state, (column, rate) in self.shown.items():
+            states[:, state] = (rates if rate else outputs)[:, column]
+        return states
+
+    @property
+    def shown(self) -> Mapping[int, tuple[int, bool]]:
+        """States that a record shows: state -> the output that it is, and whether it is its rate of change."""
         names = [item.name for item in self.states]
         direct = {names.index(item.name): k for k, item in enumerate(self.outputs) if item.name in names}
+        found = {state: (column, False) for state, column in direct.items()}
         for state, column in direct.items():
             velocity = self.kinematics.get(state)
             if velocity is not None and velocity not in direct:
-                states[:, velocity] = rates[:, column]
-        for state, column in direct.items():
-            states[:, state] = outputs[:, column]
-        return states
+                found[velocity] = column, True
+        return found
 
     @property
     def outside(self) -> tuple[tuple[Parameter, float], ...]:

@@ -207,7 +207,11 @@ def expect(core: Any, channels: Records, readings: Records, at: Array, mean: Arr
     core.sensitivity (channels, size) by the columns of the root. ``at`` is where a map is seen, ``mean`` is expected.
     """
     size, count = at.shape[0], core.channels
-    expected, variance, sensitivity = numbers(core.expected), numbers(core.variance), matrix(core.sensitivity, count, size)
+    expected, variance, sensitivity = (
+        numbers(core.expected),
+        numbers(core.variance),
+        matrix(core.sensitivity, count, size),
+    )
     shown, by_output = numbers(core.shown), matrix(core.by_output, core.outputs, size)
     mapped = False
     for c in range(count):

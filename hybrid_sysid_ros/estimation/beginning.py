@@ -59,7 +59,9 @@ class Beginning:
         believed = (fates == USED) | (fates == BEGUN)
         run = max((int(np.flatnonzero(believed[:, c])[-1]) + 1 if believed[:, c].any() else 0) for c in lost)
         change = self._shown(mean) - self._shown(before)
-        variance = self.memory.channels["noise"] + self._variance(mean, np.diag(deviations)) + self._variance(before, root)
+        variance = (
+            self.memory.channels["noise"] + self._variance(mean, np.diag(deviations)) + self._variance(before, root)
+        )
         for c in range(len(change)):
             told = believed[run:, c][fates[run:, c] != EMPTY]
             if c not in lost and told.size and told[-1] and change[c] ** 2 > self.tuning.gate * variance[c]:
@@ -114,7 +116,9 @@ class Beginning:
     def _shown(self, z: Array) -> Array:
         """What each channel shows at z (size,) but for its hum, (channels,)."""
         n, m, p = len(self.system.states), len(self.system.inputs), len(self.system.outputs)
-        named = self.system.named | dict(zip(self.tuning.followed, z[len(z) - len(self.tuning.followed) :], strict=True))
+        named = self.system.named | dict(
+            zip(self.tuning.followed, z[len(z) - len(self.tuning.followed) :], strict=True)
+        )
         inputs, outputs = self.arrays["applied"] + z[n : n + m], np.empty(p)
         values = np.array(list(named.values()))
         advance(compiled(self.system).output, z[:n].copy(), inputs, values, self.system.weights, 0.0, outputs)

@@ -222,7 +222,14 @@ def _look_ahead(core: Any, inputs: Array, time: float, mean: Array, out: Array) 
 
 @kernel
 def begin(
-    cores: Records, channels: Records, moments: Records, readings: Records, inputs: Array, index: int, mean: Array, deviations: Array
+    cores: Records,
+    channels: Records,
+    moments: Records,
+    readings: Records,
+    inputs: Array,
+    index: int,
+    mean: Array,
+    deviations: Array,
 ) -> None:
     """Forget what was before a moment and begin there with a mean and deviations (size,); readings that these have not
     taken in yet (GIVEN) correct them, whatever they show.

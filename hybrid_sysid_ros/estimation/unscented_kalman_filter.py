@@ -27,7 +27,12 @@ def predict(core: Any, mean: Array, root: Array, drive: Array, h: float) -> None
     m, size = core.inputs, mean.shape[0]
     count = size + m  # the inputs' noise has dimensions of its own, as it goes through the friction
     points = matrix(core.rows, 3 * size + 2 * m + 1, size)
-    z, middle, pushed, noise = vector(core.point, size), vector(core.centre, size), vector(core.pushed, m), core.input_noise
+    z, middle, pushed, noise = (
+        vector(core.point, size),
+        vector(core.centre, size),
+        vector(core.pushed, m),
+        core.input_noise,
+    )
     spread, weight = math.sqrt(1.0 * count), 1.0 / math.sqrt(2.0 * count)
     deviations = numbers(noise)
     for i in range(2 * count):

@@ -36,7 +36,7 @@ class RigFolder:
 
 def names() -> dict[str, str]:
     """The rigs that are known by name, each with where it comes from."""
-    found = {path.parent.name: "hybrid_sysid_ros" for path in sorted(HOME.glob(f"*/{VALUES}"))}
+    found = {path.parent.name: "hybrid_sysid_ros" for path in sorted(HOME.glob(f"[!_]*/{VALUES}"))}
     return found | {point.name: point.value for point in _points() if point.name not in found}
 
 

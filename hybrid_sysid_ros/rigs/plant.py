@@ -138,9 +138,7 @@ class Plant:
 
 
 @kernel
-def _moved(
-    step: int, output: int, x: Array, u: Array, p: Array, w: Array, h: float, steps: int, y: Array
-) -> None:
+def _moved(step: int, output: int, x: Array, u: Array, p: Array, w: Array, h: float, steps: int, y: Array) -> None:
     """Steps of x (states,) in place under u (inputs,), and the outputs y (outputs,), by addresses of compiled code."""
     following = np.empty_like(x)
     for _ in range(steps):

@@ -73,6 +73,10 @@ class Rig:
     content: Mapping[str, Any]
     """All of rig.yaml."""
 
+    def __reduce__(self) -> Any:
+        """To another process a rig goes by its source: that runs its Python there, too."""
+        return (load, (self.source,)) if _LOADED.get(self.folder) is self else object.__reduce_ex__(self, 2)
+
     @property
     def source(self) -> str:
         """What another process loads the rig by: its name, or the path of its folder."""

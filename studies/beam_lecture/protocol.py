@@ -14,13 +14,13 @@ from rich.table import Table
 
 from hybrid_sysid_ros import report
 from hybrid_sysid_ros.commands.terminal import InputHandling, Period, Step, console, print_table, sampling_of, status
-from hybrid_sysid_ros.identification.selection.candidate import Candidate
-from hybrid_sysid_ros.identification.selection.candidate_store import CandidateStore
+from hybrid_sysid_ros.identification.selection.candidate import Candidate, store_of
 from hybrid_sysid_ros.identification.selection.comparison import RULE, Comparison, compare
 from hybrid_sysid_ros.models import STRUCTURES
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import beside, check_file, check_folder, written_file
+from hybrid_sysid_ros.support.parallel import Store
 from hybrid_sysid_ros.support.progress import progress_bars
 from studies.beam_lecture import lecture
 from studies.beam_lecture.lecture import Protocol, table_name
@@ -66,7 +66,7 @@ def command(
     protocol = lecture.arrange(lecture.read_folder(folder), number)
     structures = list(dict.fromkeys(chosen))
     place = out or as_json or page
-    store = None if place is None else CandidateStore(beside(place, ".fits"))
+    store = None if place is None else store_of(beside(place, ".fits"))
     done: list[Candidate] = []
     try:
         with progress_bars(status) as update:
@@ -128,7 +128,7 @@ def finished(candidates: Sequence[Candidate], structures: Sequence[str]) -> Comp
     )
 
 
-def _interrupted(comparison: Comparison, store: CandidateStore | None) -> str:
+def _interrupted(comparison: Comparison, store: Store[Candidate] | None) -> str:
     """What an interrupt left, in one line."""
     number = len(comparison.candidates)
     text = f"interrupted: {number} of {number + len(comparison.missing)} structures are finished"

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from hybrid_sysid_ros.models.dahl import Dahl
+from hybrid_sysid_ros.models.lugre import LuGre
 from scipy.integrate import solve_ivp
 
 from hybrid_sysid_ros.core import Bristles, Dry, System, bounded, simulate, stepped
-from hybrid_sysid_ros.models.dahl import Dahl
 from hybrid_sysid_ros.models.linear import Linear
-from hybrid_sysid_ros.models.lugre import LuGre
 
 
 def test_viscous_friction_converges_with_the_square_of_the_step():

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from hybrid_sysid_ros.core import COMPILED, kernels, parameter, simulate
 from hybrid_sysid_ros.models import STRUCTURES, build
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -77,7 +77,9 @@ def test_a_bag_has_the_input_that_ended_at_each_stamp(tmp_path):
     following = {"topic": "joint_command", "field": "effort[beam]", "holds": "following"}
     signals = tmp_path / "signals.yaml"
     output = {"topic": "joint_states", "field": "position[beam]"}
-    signals.write_text(f"namespace: cam_beam\nsignals: {{inputs: {{drive: {following}}}, outputs: {{position: {output}}}}}")
+    signals.write_text(
+        f"namespace: cam_beam\nsignals: {{inputs: {{drive: {following}}}, outputs: {{position: {output}}}}}"
+    )
     by_command = bags.read(tmp_path / "bags" / "any name", Signals.load(signals))
     by_state = bags.read(tmp_path / "bags" / "any name", load_rig("cam_beam").signals)
     np.testing.assert_allclose(by_command.input[:-1], by_state.input[:-1], rtol=1e-14)

@@ -107,7 +107,9 @@ def about(policy: Policy, seal: str) -> dict[str, str]:
         "input_bounds": ", ".join(
             f"{low:g} .. {high:g}" for low, high in zip(problem.input_low, problem.input_high, strict=True)
         ),
-        "rate_limit": ", ".join(f"{rate:g} a period" if math.isfinite(rate) else "none" for rate in problem.rate_limits),
+        "rate_limit": ", ".join(
+            f"{rate:g} a period" if math.isfinite(rate) else "none" for rate in problem.rate_limits
+        ),
     }
     if policy.correction is not None:
         units = {item.name: item.unit for item in rig.system.parameters}

@@ -233,9 +233,7 @@ def _fit(
     return network, replace(policy, training=_errors(policy, data))
 
 
-def _corrected(
-    policy: Policy, model: Model, data: _Data, settings: Settings, seed: int, progress: Progress
-) -> Policy:
+def _corrected(policy: Policy, model: Model, data: _Data, settings: Settings, seed: int, progress: Progress) -> Policy:
     """The policy with a second network for the derivatives of its answers by the followed parameters."""
     adaptation, inputs = settings.adaptation, data.standardised
     shifts = data.samples.shifts[:, :, : policy.stages] / data.half

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+<<<<<<< HEAD
+from dataclasses import dataclass
+=======
 from dataclasses import dataclass, replace
 from typing import Any
+>>>>>>> wt-rigs
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.adapters import kernels
+from hybrid_sysid_ros.core import System, compiled
+from hybrid_sysid_ros.core.call import call_value
+from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.identification.experiment import Experiment, prepare
 from hybrid_sysid_ros.identification.part import Part
-from hybrid_sysid_ros.identification.validation.scores import Scores, score
+from hybrid_sysid_ros.identification.validation.scores import Scores, initial_state, score
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import LowPass, LowPassFilter
@@ -39,18 +43,16 @@ WARM_UP = 1.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Resimulation:
-    """An experiment done again on a model, and how it meets the real one.
-
-    time (samples,) [s]: the model's steps, or the record's samples where these are longer. measured, simulated
-    (samples,): output in its unit. measured_input, simulated_input (samples - 1,) [V]: means between samples.
-    output, input: scores of both.
-    """
+    """An experiment done again on a model, and how it meets the real one."""
 
     name: str
     time: Array
+    """The model's steps, or the record's samples where these are longer, (samples,) [s]."""
     measured: Array
+    """Output in its unit, (samples,)."""
     simulated: Array
     measured_input: Array
+    """Means between samples, (samples - 1,)."""
     simulated_input: Array
     output: Scores
     input: Scores
@@ -98,28 +100,24 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
     steps = len(experiment.inputs)
     reference = _reference(used, rig, steps * ticks)
     states, applied = np.empty((steps + 1, len(system.states))), np.empty(steps)
-    states[0] = experiment.states[0]
+    states[0] = initial_state(system, experiment)
     low_pass = LowPassFilter(filtered, rig.step)
+    functions = compiled(system)
+    memory = _filter_state(record, rig, part.first(record, sampling), low_pass)
+    hold = round(sampling.period / sampling.step) if sampling.input == "sampled" else 1
+    outputs = np.empty(steps + 1)
     _loop(
-        kernels(system).step,
-        system.values,
-        system.weights,
-        sampling.step,
-        system.delay / sampling.step,
-        round(sampling.period / sampling.step) if sampling.input == "sampled" else 1,
-        1 if ticks == 1 else SWEEPS,
+        (functions.step, functions.output),
+        (system.values, system.weights, sampling.step, system.delay / sampling.step),
+        (hold, 1 if ticks == 1 else SWEEPS),
         reference,
-        low_pass.transition,
-        low_pass.gain,
-        low_pass.reading,
-        _filter_state(record, rig, part.first(record, sampling), low_pass),
-        rig.experiments.loops[0].gain / rig.display[0].scale,
-        rig.actuators[0].high,
-        system.measured[0],
+        (low_pass.transition, low_pass.gain, low_pass.reading, memory),
+        (rig.experiments.loops[0].gain / rig.display[0].scale, rig.actuators[0].low, rig.actuators[0].high),
         states,
+        outputs,
         applied,
     )
-    return _compared(used.name, experiment, states[:: grid.every, system.measured[0]], applied)
+    return _compared(used.name, experiment, outputs[:: grid.every], applied)
 
 
 def resimulations(
@@ -160,6 +158,14 @@ def _check_law(record: Record, rig: Rig, tolerance: float) -> None:
     """
     if "reference" not in record.channels:
         return
+<<<<<<< HEAD
+    error = record.channels["reference"] - record.channels["filtered"]
+    told = np.clip(
+        rig.experiments.loops[0].gain / rig.display[0].scale * error, -rig.actuators[0].high, rig.actuators[0].high
+    )
+    known = np.isfinite(told)
+    if known.any() and score(record.input[known, 0], told[known]).r2 < LEAST_LAW:
+=======
     gain, low_limit, high_limit = rig.experiments.loops[0].gain, rig.actuators[0].low, rig.actuators[0].high
     scale = gain / rig.display[0].scale
     told = scale * (record.channels["reference"] - record.channels["filtered"])
@@ -172,6 +178,7 @@ def _check_law(record: Record, rig: Rig, tolerance: float) -> None:
     given = record.input[:-1, 0]
     strayed = (given < low - ROUNDING) | (given > high + ROUNDING)
     if known.any() and np.mean(strayed[known]) > STRAYED:
+>>>>>>> wt-rigs
         raise UserError(
             f"{record.name}: {np.mean(strayed[known]):.0%} of its inputs are not those of the rig's controller, "
             "clip(gain (reference - filtered)), so the loop can't be done again by it"
@@ -218,24 +225,39 @@ def _filter_state(record: Record, rig: Rig, first: int, low_pass: LowPassFilter)
     return low_pass.state
 
 
-@numba.njit(error_model="numpy")
+@kernel
 def _loop(
-    step: Any, p: Any, w: Array, h: float, delay: float, hold: int, sweeps: int, reference: Array,
-    transition: Array, gain: Array, reading: Array, state: Array, feedback: float, limit: float,
-    output: int, states: Array, applied: Array,
-) -> None:  # fmt: skip
-    """Fill states (steps + 1, states) from their first row, and applied (steps,), the mean input over each step."""
+    functions: tuple[int, int],
+    model: tuple[Array, Array, float, float],
+    timing: tuple[int, int],
+    reference: Array,
+    low_pass: tuple[Array, Array, Array, Array],
+    law: tuple[float, float, float],
+    states: Array,
+    outputs: Array,
+    applied: Array,
+) -> None:
+    """Fill states (steps + 1, states) from their first row, outputs (steps + 1,), and applied (steps,), the mean input
+    over each step. functions: addresses of step and output; timing: samples that an input is held, sweeps.
+    """
+    step, output = functions
+    p, w, h, delay = model
+    hold, sweeps = timing
+    transition, gain, reading, state = low_pass
+    feedback, low, high = law
     steps = applied.shape[0]
     ticks = reference.shape[0] // steps
-    delayed_whole = int(delay)
-    part = delay - delayed_whole
-    driven = np.empty(steps)
-    u = np.empty(1)
+    whole = int(delay)
+    part = delay - whole
+    driven, u, y = np.empty(steps), np.zeros(1), np.empty(1)
     now, advanced = state.copy(), state.copy()
-    seen, following = state.copy(), states[0].copy()
+    seen, following, before = state.copy(), states[0].copy(), states[0].copy()
+    call_value(output, following, u, p, w, h, 0.0, y)
+    outputs[0] = y[0]
     for k in range(steps):
-        begin = states[k, output]
+        begin = outputs[k]
         end = begin
+        before[:] = states[k]
         for _ in range(sweeps):
             now[:] = seen
             total = first = 0.0
@@ -243,13 +265,13 @@ def _loop(
                 filtered = 0.0
                 for i in range(now.shape[0]):
                     filtered += reading[i] * now[i]
-                value = min(max(feedback * (reference[k * ticks + j] - filtered), -limit), limit)
+                value = min(max(feedback * (reference[k * ticks + j] - filtered), low), high)
                 total += value
                 if j == 0:
                     first = value
-                y = begin + (end - begin) * j / ticks
+                shown = begin + (end - begin) * j / ticks
                 for i in range(now.shape[0]):
-                    advanced[i] = gain[i] * y
+                    advanced[i] = gain[i] * shown
                     for column in range(now.shape[0]):
                         advanced[i] += transition[i, column] * now[column]
                 now[:] = advanced
@@ -257,12 +279,13 @@ def _loop(
             driven[k] = applied[k]
             if hold > 1:
                 driven[k] = first if k % hold == 0 else driven[k - 1]
-            late, later = max(k - delayed_whole, 0), max(k - delayed_whole - 1, 0)
-            u[0] = (1.0 - part) * driven[late] + part * driven[later]
-            step(states[k], u, p, w, h, following)
-            end = following[output]
+            u[0] = (1.0 - part) * driven[max(k - whole, 0)] + part * driven[max(k - whole - 1, 0)]
+            call_value(step, before, u, p, w, h, 0.0, following)
+            call_value(output, following, u, p, w, h, 0.0, y)
+            end = y[0]
         seen[:] = now
         states[k + 1] = following
+        outputs[k + 1] = end
 
 
 def _compared(name: str, experiment: Experiment, simulated: Array, applied: Array) -> Resimulation:

@@ -98,9 +98,7 @@ class DahlJoint(Joint):
 class LugreJoint(StribeckJoint):
     """Ff = s0 z + s1 z' + fv d',  z' = d' [1 - s0 z / g(d') sgn d'],  g = fc + (fs - fc) exp(-(d'/vs)^2)."""
 
-    contacts = (
-        Bristles(on="motor_speed", level="level", stiffness="stiffness", damping="damping", viscous="viscous"),
-    )
+    contacts = (Bristles(on="motor_speed", level="level", stiffness="stiffness", damping="damping", viscous="viscous"),)
 
     bristle_stiffness: float = bounded(60.0, 1.0, 1000.0, start=30.0, unit="N m/rad")
     """s0."""

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hybrid_sysid_ros.identification.selection.search.database import database
-from hybrid_sysid_ros.identification.selection.search.evaluation import Outcome
+from hybrid_sysid_ros.identification.selection.database import database
+from hybrid_sysid_ros.identification.selection.search import Outcome
 from hybrid_sysid_ros.models import Option, Options
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
@@ -26,8 +26,8 @@ IMPORTANCE_TRIALS = 100
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trial:
-    """A finished trial."""
+class Evaluation:
+    """Options that were evaluated."""
 
     number: int
     options: Options
@@ -55,13 +55,13 @@ class Study:
             study.enqueue_trial({name: option.default for name, option in space.items()})
 
     @property
-    def finished(self) -> list[Trial]:
+    def finished(self) -> list[Evaluation]:
         """Trials that have a value or failed, by number."""
         import optuna
 
         found = self._trials(optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.FAIL)
         return [
-            Trial(number=trial.number, options=trial.params, outcome=Outcome(**trial.user_attrs["outcome"]))
+            Evaluation(number=trial.number, options=trial.params, outcome=Outcome(**trial.user_attrs["outcome"]))
             for trial in found
             if not _abandoned(trial)
         ]
@@ -72,7 +72,7 @@ class Study:
         return len(self.finished) + len(self._asked)
 
     @property
-    def ranking(self) -> list[Trial]:
+    def ranking(self) -> list[Evaluation]:
         """Trials that have a finite score, the best one first; of equal options only the first one."""
         finite = [trial for trial in self.finished if math.isfinite(trial.outcome.score)]
         first = {frozenset(trial.options.items()): trial for trial in reversed(finite)}
@@ -86,7 +86,7 @@ class Study:
         self._asked[trial.number] = trial
         return trial.number, trial.params
 
-    def tell(self, number: int, outcome: Outcome) -> Trial:
+    def tell(self, number: int, outcome: Outcome) -> Evaluation:
         """Keep the outcome of a trial that was asked for."""
         import optuna
 
@@ -94,7 +94,7 @@ class Study:
         trial.set_user_attr("outcome", asdict(outcome))
         state = optuna.trial.TrialState.FAIL if outcome.error else optuna.trial.TrialState.COMPLETE
         self._study.tell(trial, None if outcome.error else outcome.score, state)
-        return Trial(number=number, options=trial.params, outcome=outcome)
+        return Evaluation(number=number, options=trial.params, outcome=outcome)
 
     def outcome_at(self, options: Options) -> Outcome | None:
         """What is known of options that were drawn before, as whole numbers may be."""

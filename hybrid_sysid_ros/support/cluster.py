@@ -5,13 +5,13 @@ from __future__ import annotations
 import importlib.metadata
 import logging
 import time
+from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
+from typing import Any
 
-from hybrid_sysid_ros.identification.selection.search.evaluation import Objective, Outcome, evaluate
-from hybrid_sysid_ros.identification.selection.search.workers import Tell, Workers, count
-from hybrid_sysid_ros.models import Options
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
+from hybrid_sysid_ros.support.parallel import Item, Lost, Result, Workers, _alone, count
 from hybrid_sysid_ros.support.threads import ONE_THREAD
 
 LOCAL = "local"
@@ -22,18 +22,18 @@ IGNORE_INTERRUPT = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 LARGE = {"distributed.admin.large-graph-warning-threshold": "1GiB"}  # records are sent as part of a task, see Cluster
 
 
-class Cluster(Workers):
-    """A Dask cluster, which gives the trial of a lost worker to another one by itself.
+class Cluster(Workers[Item, Result]):
+    """A Dask cluster, which gives the item of a lost worker to another one by itself.
 
-    address: of its scheduler; "local" starts a cluster of `jobs` processes on this machine. The objective, and the
-    records in it, is the result of a task, not scattered data: the cluster can make it again wherever it is lost.
+    address: of its scheduler; "local" starts a cluster of `jobs` processes on this machine. The work, and the records
+    in it, is the result of a task, not scattered data: the cluster can make it again wherever it is lost.
     Raises UserError where the cluster is not there, has no workers, or works with another version.
     """
 
     def __init__(
-        self, objective: Objective, tell: Tell, address: str, jobs: int = -1, patience: float = PATIENCE
+        self, work: Callable[[Item], Result], address: str, *, jobs: int = 0, patience: float = PATIENCE, **more: Any
     ) -> None:
-        super().__init__(objective, tell)
+        super().__init__(work, **more)
         with extra("search"):
             import dask
             from distributed import Client, LocalCluster
@@ -60,7 +60,7 @@ class Cluster(Workers):
             self._seen = time.monotonic()
             self._executor = self._client.get_executor(pure=False)
             with dask.config.set(LARGE):
-                self._objective = self._client.submit(_same, objective, pure=False)
+                self._work = self._client.submit(_same, work, pure=False)
         except BaseException:
             self.close()
             raise
@@ -79,21 +79,21 @@ class Cluster(Workers):
         elif time.monotonic() - self._seen > self.patience:
             raise UserError(
                 f"--cluster {self.address}: no worker is left since {self.patience:g} s; start some (`dask worker "
-                "ADDRESS`) and repeat the command, which goes on from the trials that are finished"
+                "ADDRESS`) and repeat the command, which goes on from what is finished"
             )
         return max(1, sum(workers.values()))
 
-    def _submit(self, options: Options) -> Future[Outcome]:
-        future: Future[Outcome] = self._executor.submit(evaluate, self._objective, options)
+    def submit(self, item: Item) -> Future[Result]:
+        future: Future[Result] = self._executor.submit(_alone, self._work, item)
         return future
 
-    def _outcome(self, future: Future[Outcome]) -> Outcome | None:
+    def result(self, future: Future[Result]) -> Result | Lost:
         from distributed import KilledWorker
 
         try:
             return future.result()
         except KilledWorker as error:
-            return Outcome(error=f"its workers were lost again and again; perhaps it needs more memory ({error})")
+            return Lost(f"its workers were lost again and again; perhaps it needs more memory ({error})")
         except CancelledError as error:
             raise self._gone() from error
 
@@ -104,8 +104,8 @@ class Cluster(Workers):
 
     def _gone(self) -> UserError:
         return UserError(
-            f"--cluster {self.address}: the scheduler is gone; start it and repeat the command, which goes on from the "
-            "trials that are finished"
+            f"--cluster {self.address}: the scheduler is gone; start it and repeat the command, which goes on from "
+            "what is finished"
         )
 
     def _wait_for_workers(self) -> dict[str, int]:
@@ -127,5 +127,5 @@ class Cluster(Workers):
                 raise UserError(f"worker {address}: {name} {found} there; install version {here}, as here")
 
 
-def _same(objective: Objective) -> Objective:
-    return objective
+def _same(work: Any) -> Any:
+    return work

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.identify import check_record
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.recipes import Recipe
-from hybrid_sysid_ros.identification.validation.scores import free_run, score
+from hybrid_sysid_ros.identification.validation.scores import score_free_run
 from hybrid_sysid_ros.models import Options, Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
@@ -27,10 +27,12 @@ WORST = -1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Validation:
-    """scores: R2 of the free run over each block while it was held out, by name; seconds: of all fits."""
+    """How well blocks were predicted while they were held out."""
 
     scores: Mapping[str, float]
+    """R2 of the free run over each block, mean over the outputs, by name."""
     seconds: float
+    """Of all fits."""
 
     @property
     def value(self) -> float:
@@ -46,7 +48,7 @@ class Validation:
 
 def blocks_of(records: Sequence[Record], sampling: Sampling) -> list[Record]:
     """Records, each cut at scored samples into as many equal parts as make BLOCKS in all; calmest first, by the
-    outputs' deviation.
+    outputs' deviations, each as part of its largest.
     """
     each = max(1, -(-BLOCKS // len(records)))
     blocks = []
@@ -55,7 +57,9 @@ def blocks_of(records: Sequence[Record], sampling: Sampling) -> list[Record]:
             block = Part(start=i / each, stop=(i + 1) / each).of(record, sampling)
             name = f"{record.name} {i + 1}/{each}" if each > 1 else record.name
             blocks.append(replace(block, name=name))
-    return sorted(blocks, key=lambda block: float(np.std(block.output)))
+    deviations = np.array([np.std(block.output, axis=0) for block in blocks])
+    widths = (deviations / np.maximum(deviations.max(axis=0), 1e-12)).mean(axis=1)
+    return [blocks[i] for i in np.argsort(widths, kind="stable")]
 
 
 def cross_validate(
@@ -92,5 +96,5 @@ def cross_validate(
         fitted, holds = recipe.fit([block for i, block in enumerate(blocks) if i not in held])
         for i in held:
             experiment = prepare(blocks[i], fitted.system, holds)
-            scores[blocks[i].name] = score(experiment.outputs[:, 0], free_run(fitted.system, experiment)[:, 0]).r2
+            scores[blocks[i].name] = score_free_run(fitted.system, experiment).r2
     return Validation(scores=scores, seconds=time.perf_counter() - began)
