@@ -75,7 +75,7 @@ def test_time_zero_is_the_stamp_of_the_first_reference(tmp_path):
 def test_the_reference_at_a_stamp_is_the_preview_s(tmp_path):
     loop = LoopRecord.from_bag(write(tmp_path / "run"), RIG)
     assert np.isnan(loop.reference[:BEFORE]).all()
-    np.testing.assert_allclose(RIG.display[0].shown(loop.reference[BEFORE:]), wanted(loop.time[BEFORE:]), atol=1e-12)
+    np.testing.assert_allclose(RIG.display[0].shown(loop.reference[BEFORE:, 0]), wanted(loop.time[BEFORE:]), atol=1e-12)
 
 
 def test_of_one_time_the_newest_preview_tells(tmp_path):
@@ -91,7 +91,7 @@ def test_of_one_time_the_newest_preview_tells(tmp_path):
         ),
     ]
     loop = LoopRecord.from_bag(bags.write(tmp_path / "run", topics), RIG)
-    np.testing.assert_allclose(loop.reference, np.where(np.arange(SAMPLES) < 100, 0.1, 0.2))  # and the last one is held
+    np.testing.assert_allclose(loop.reference[:, 0], np.where(np.arange(SAMPLES) < 100, 0.1, 0.2))  # and the last one is held
 
 
 def test_tracking_is_judged_in_volts_and_within_its_window(tmp_path):
@@ -104,8 +104,8 @@ def test_tracking_is_judged_in_volts_and_within_its_window(tmp_path):
 
 def test_the_input_is_the_one_applied_from_a_stamp_on(tmp_path):
     loop = LoopRecord.from_bag(write(tmp_path / "run"), RIG)
-    np.testing.assert_allclose(loop.input[:-1], 0.01 * np.arange(SAMPLES - 1))
-    np.testing.assert_allclose(loop.command, 0.01 * np.arange(SAMPLES))
+    np.testing.assert_allclose(loop.inputs[:-1, 0], 0.01 * np.arange(SAMPLES - 1))
+    np.testing.assert_allclose(loop.command[:, 0], 0.01 * np.arange(SAMPLES))
 
 
 def test_delays_are_those_of_the_commands(tmp_path):

@@ -49,7 +49,10 @@ _INTEGERS = (
     *("point", "centre", "above", "below", "gain", "acting", "drive", "pushed", "z"),
 )
 CORE = np.dtype(
-    [*((name, "i8") for name in _INTEGERS), *((name, "f8") for name in ("longest_step", "slack", "span", "gate", "lead"))]
+    [
+        *((name, "i8") for name in _INTEGERS),
+        *((name, "f8") for name in ("longest_step", "slack", "span", "gate", "lead")),
+    ]
 )
 """windowed: whether the method optimises over the last ``span`` [s]. count: moments in use, keep: how many stay when
 there is no room, at: the one of the last measurement, fresh: the first one that was made for it. wrong: inputs of the last
@@ -63,9 +66,7 @@ CHANNEL = np.dtype([("state", "i8"), ("output", "i8"), ("hum", "i8"), ("noise", 
 MOMENT = np.dtype([("time", "f8"), ("row", "i8")])
 """time [s]; row: of its belief and its readings in the arrays."""
 
-READING = np.dtype(
-    [("value", "f8"), ("innovation", "f8"), ("normalised", "f8"), ("fate", "i8"), ("outliers", "i8")]
-)
+READING = np.dtype([("value", "f8"), ("innovation", "f8"), ("normalised", "f8"), ("fate", "i8"), ("outliers", "i8")])
 """Of a channel at a moment; innovation before any of the moment's readings, its normalised square after those of the
 channels before; outliers: in a row up to here.
 """

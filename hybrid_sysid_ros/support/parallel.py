@@ -1,17 +1,12 @@
-<<<<<<< HEAD
 """Independent pieces of work side by side, in processes or threads, and results that the next run finds again.
 
 A lost process (killed, out of memory) costs the piece it was at, which runs again; an interruption costs what is under
 way; what is finished is in the store. Each process has one thread of linear algebra: more get into each other's way.
 """
-=======
-"""Work in parallel that can be resumed: each piece gives arrays, kept on disk as it finishes."""
->>>>>>> wt-rigs
 
 from __future__ import annotations
 
 import hashlib
-<<<<<<< HEAD
 import json
 import os
 import shutil
@@ -19,12 +14,18 @@ import signal
 import warnings
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save
 
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import written_folder
@@ -43,6 +44,8 @@ LOSSES = 3
 IDLE = 60.0
 """Seconds after which an idle process ends, also one whose parent was killed."""
 
+Arrays = dict[str, NDArray[Any]]
+ARRAYS = "arrays.safetensors"
 FINISHED = "finished.json"
 """The file that shows that a result was written whole."""
 
@@ -211,7 +214,7 @@ class Processes(Workers[Item, Result]):
             process.shutdown(kill_workers=True)  # type: ignore[call-arg]  # loky's
 
 
-def workers(
+def workers_for(
     work: Callable[[Item], Result], *, jobs: int = 0, threads: bool = False, **more: Any
 ) -> Workers[Item, Result]:
     """Processes or threads; for one job this process itself."""
@@ -220,20 +223,40 @@ def workers(
     return Threads(work, jobs=jobs, **more) if threads else Processes(work, jobs=jobs, **more)
 
 
+def write_arrays(arrays: Any, folder: Path) -> None:
+    """Named arrays as one file."""
+    (folder / ARRAYS).write_bytes(save({name: np.ascontiguousarray(value) for name, value in arrays.items()}))
+
+
+def read_arrays(folder: Path) -> Any:
+    """What :func:`write_arrays` wrote."""
+    try:
+        return dict(load_file(folder / ARRAYS))
+    except SafetensorError as error:
+        raise ValueError(f"{folder}: can't be read") from error
+
+
 class Store(Generic[Result]):
     """Finished results in a folder. Each is found again by all that it depends on, and was written whole or not at all.
 
-    write(result, folder), read(folder): how a result is kept; what can't be read is not there.
+    purpose: what all of them depend on; results of another purpose are not found again. write(result, folder),
+    read(folder): how a result is kept, named arrays by default; what can't be read is not there.
     """
 
     def __init__(
-        self, folder: Path, *, write: Callable[[Result, Path], object], read: Callable[[Path], Result]
+        self,
+        folder: Path,
+        purpose: str = "",
+        *,
+        write: Callable[[Result, Path], object] = write_arrays,
+        read: Callable[[Path], Result] = read_arrays,
     ) -> None:
         self.folder = folder
+        self.purpose = purpose
         self._write, self._read = write, read
 
     def find(self, key: Any) -> Result | None:
-        """The result of a key, None where it is not there or can't be read. key: plain data, as JSON knows it."""
+        """The result of a key, None where it is not there or can't be read. key: plain data, or told by its repr()."""
         place = self._place(key)
         if not (place / FINISHED).is_file():
             return None
@@ -246,14 +269,52 @@ class Store(Generic[Result]):
         """Write a result. Raises UserError where the place can't be written."""
         with written_folder(self._place(key), marker=FINISHED, force=True) as partial:
             self._write(result, partial)
-            (partial / FINISHED).write_text(json.dumps(key), encoding="utf-8")
+            (partial / FINISHED).write_text(_text(key), encoding="utf-8")
 
     def remove(self) -> None:
         """Remove the folder: the work as a whole is finished."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _place(self, key: Any) -> Path:
-        return self.folder / hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:24]
+        return self.folder / hashlib.sha256(f"{self.purpose}\n{_text(key)}".encode()).hexdigest()[:24]
+
+
+def _text(key: Any) -> str:
+    return json.dumps(key, sort_keys=True, default=repr)
+
+
+def run(
+    work: Callable[[Item], Result],
+    pieces: Sequence[Item],
+    *,
+    workers: int = 0,
+    threads: bool = False,
+    store: Store[Result] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Result]:
+    """What ``work`` gives for each piece, in their order.
+
+    workers: see :func:`count`. store: where finished pieces are kept, so that an interrupted run goes on. progress:
+    gets how many pieces are done, and of how many. After Ctrl-C no more work is handed out; what is under way is still
+    kept. Raises UserError where a piece loses its processes again and again.
+    """
+    found: dict[int, Result] = {}
+    jobs = min(count(workers), max(len(pieces), 1))
+    crew: Workers[tuple[int, Item], Result] = workers_for(partial(_numbered, work), jobs=jobs, threads=threads)
+    with crew:
+        for (number, _), result, _ in resumed(
+            crew, list(enumerate(pieces)), store=store, key=lambda item: item[1], finish=True
+        ):
+            if isinstance(result, Lost):
+                raise UserError(f"piece {number + 1} of {len(pieces)}: {result.reason}")
+            found[number] = result
+            if progress is not None:
+                progress(len(found), len(pieces))
+    return [found[number] for number in range(len(pieces))]
+
+
+def _numbered(work: Callable[[Item], Result], item: tuple[int, Item]) -> Result:
+    return work(item[1])
 
 
 def resumed(
@@ -303,97 +364,3 @@ def _alone(work: Callable[[Item], Result], item: Item) -> Result:
     """As one beside others does it."""
     with alone():
         return work(item)
-=======
-import os
-import shutil
-import signal
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, TypeVar
-
-import joblib
-import numpy as np
-from numpy.typing import NDArray
-from safetensors import SafetensorError
-from safetensors.numpy import load_file, save
-
-from hybrid_sysid_ros.support.files import written_file
-from hybrid_sysid_ros.support.threads import ONE_THREAD
-
-Arrays = dict[str, NDArray[Any]]
-Piece = TypeVar("Piece")
-
-
-@dataclass(frozen=True)
-class Store:
-    """Finished pieces of one piece of work, one file each."""
-
-    folder: Path
-    purpose: str
-    """Everything that the results depend on, as text; pieces of another purpose are not found again."""
-
-    def find(self, piece: object) -> Arrays | None:
-        """What a piece gave; None where it is not there or was not written whole."""
-        path = self._path(piece)
-        try:
-            return dict(load_file(path)) if path.is_file() else None
-        except (SafetensorError, OSError):
-            return None
-
-    def keep(self, piece: object, arrays: Arrays) -> None:
-        """Write what a piece gave."""
-        with written_file(self._path(piece)) as partial:
-            partial.write_bytes(save({name: np.ascontiguousarray(value) for name, value in arrays.items()}))
-
-    def remove(self) -> None:
-        """Remove the folder: the work is finished."""
-        shutil.rmtree(self.folder, ignore_errors=True)
-
-    def _path(self, piece: object) -> Path:
-        key = hashlib.sha256(f"{self.purpose}\n{piece!r}".encode()).hexdigest()[:24]
-        return self.folder / f"{key}.safetensors"
-
-
-def run(
-    work: Callable[[Piece], Arrays],
-    pieces: Sequence[Piece],
-    *,
-    workers: int = 0,
-    store: Store | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> list[Arrays]:
-    """What ``work`` gives for each piece, in their order.
-
-    workers: processes, 0 for one per core; one works in this process. store: where finished pieces are kept, so that an
-    interrupted run goes on. progress: gets how many pieces are done, and of how many. Ctrl-C is for this process: it
-    hands out no more work; what is under way is still kept.
-    """
-    count = min(workers or os.cpu_count() or 1, max(len(pieces), 1))
-    jobs = (joblib.delayed(_once)(work, piece, store, os.getpid()) for piece in pieces)
-    found: list[Arrays] = []
-    with joblib.parallel_config(backend="loky" if count > 1 else "sequential", **_threads(count)):
-        for result in joblib.Parallel(n_jobs=count, return_as="generator", batch_size=1)(jobs):
-            found.append(result)
-            if progress is not None:
-                progress(len(found), len(pieces))
-    return found
-
-
-def _threads(count: int) -> dict[str, int]:
-    """One thread of linear algebra a worker: more only get into each other's way."""
-    return {"inner_max_num_threads": 1} if count > 1 else {}
-
-
-def _once(work: Callable[[Any], Arrays], piece: Any, store: Store | None, parent: int) -> Arrays:
-    """A piece of work, done unless its result is there."""
-    if os.getpid() != parent:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        os.environ.update(ONE_THREAD)
-    found = store.find(piece) if store is not None else None
-    if found is None:
-        found = work(piece)
-        if store is not None:
-            store.keep(piece, found)
-    return found
->>>>>>> wt-rigs

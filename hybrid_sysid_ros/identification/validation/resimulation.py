@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-<<<<<<< HEAD
-from dataclasses import dataclass
-=======
 from dataclasses import dataclass, replace
-from typing import Any
->>>>>>> wt-rigs
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,14 +153,6 @@ def _check_law(record: Record, rig: Rig, tolerance: float) -> None:
     """
     if "reference" not in record.channels:
         return
-<<<<<<< HEAD
-    error = record.channels["reference"] - record.channels["filtered"]
-    told = np.clip(
-        rig.experiments.loops[0].gain / rig.display[0].scale * error, -rig.actuators[0].high, rig.actuators[0].high
-    )
-    known = np.isfinite(told)
-    if known.any() and score(record.input[known, 0], told[known]).r2 < LEAST_LAW:
-=======
     gain, low_limit, high_limit = rig.experiments.loops[0].gain, rig.actuators[0].low, rig.actuators[0].high
     scale = gain / rig.display[0].scale
     told = scale * (record.channels["reference"] - record.channels["filtered"])
@@ -178,7 +165,6 @@ def _check_law(record: Record, rig: Rig, tolerance: float) -> None:
     given = record.input[:-1, 0]
     strayed = (given < low - ROUNDING) | (given > high + ROUNDING)
     if known.any() and np.mean(strayed[known]) > STRAYED:
->>>>>>> wt-rigs
         raise UserError(
             f"{record.name}: {np.mean(strayed[known]):.0%} of its inputs are not those of the rig's controller, "
             "clip(gain (reference - filtered)), so the loop can't be done again by it"
