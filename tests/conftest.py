@@ -27,13 +27,13 @@ from hybrid_sysid_ros.core import Dry, System, bounded, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.estimation import METHODS, Estimator
 from hybrid_sysid_ros.models import Model, Sampling, load
-from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 from studies.beam_lecture import records as bab
+from tests.one_joint import Linear
 
 if TYPE_CHECKING:
     from tests.node_bench import Bench

@@ -4,10 +4,10 @@ import dataclasses
 from itertools import pairwise
 
 import numpy as np
+from hybrid_sysid_ros.control.policy.sampling import Spread
 
 from hybrid_sysid_ros.control import Problem
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.control.policy.sampling import Spread
 from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.models import Model, Sampling
 from tests.one_joint import Linear

@@ -1,7 +1,7 @@
 """A beam with nothing bent, for tests."""
 
-from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
+from tests.one_joint import Linear
 
 
 def straight(system: Linear) -> CamBeam:

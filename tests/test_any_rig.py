@@ -109,8 +109,7 @@ def test_every_structure_learns_it(press, records, structure):
 def test_a_bias_of_each_input_is_found(press, records):
     biases = np.array([[0.5, -0.3], [-0.2, 0.6]])
     moved = [
-        dataclasses.replace(record, input=record.input - bias)
-        for record, bias in zip(records, biases, strict=False)
+        dataclasses.replace(record, input=record.input - bias) for record, bias in zip(records, biases, strict=False)
     ]
     experiments = [prepare(record, press.system, SAMPLING) for record in moved]
     fitted = fit(press.system, experiments, bias=1.0, hold=[item.name for item in press.system.parameters][1:])

@@ -8,11 +8,11 @@ import pytest
 from scipy.io import loadmat
 
 from hybrid_sysid_ros.core import simulate
-from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs import excitation
 from hybrid_sysid_ros.rigs.cam_beam.system import SMALLEST_SQUARED_COSINE, CamBeam
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.sensor import LowPassFilter
+from tests.one_joint import Linear
 from tests.straight_beam import straight
 
 COUNT = 10.0 / 2048  # V, of the 12-bit converter over +-10 V

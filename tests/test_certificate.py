@@ -5,17 +5,17 @@ import math
 
 import numpy as np
 import pytest
+from hybrid_sysid_ros.control.policy.sampling import Spread
+from hybrid_sysid_ros.control.safety.certified_loop import COST, ERROR, EXACT, EXCESS, NETWORK, SUPERVISED, UNSOLVED
+from hybrid_sysid_ros.control.safety.certified_policy import KKT_TOLERANCE, Criteria, Distribution, Subject
 from linear_policies import FEATURES, LINEAR, broken_policy, exact_policy  # type: ignore[import-not-found]
 from scipy.stats import binom
 
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy import policy as policies
-from hybrid_sysid_ros.control.policy.sampling import Spread
 from hybrid_sysid_ros.control.safety import certificate as certificates
 from hybrid_sysid_ros.control.safety.certificate import FILE, LEAST_LOOPS, binomial_bound, margin
 from hybrid_sysid_ros.control.safety.certification import certify
-from hybrid_sysid_ros.control.safety.certified_loop import COST, ERROR, EXACT, EXCESS, NETWORK, SUPERVISED, UNSOLVED
-from hybrid_sysid_ros.control.safety.certified_policy import KKT_TOLERANCE, Criteria, Distribution, Subject
 from hybrid_sysid_ros.control.safety.online_check import REASONS, Tolerances
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.core import stepped

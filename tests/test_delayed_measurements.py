@@ -7,9 +7,9 @@ import pytest
 
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.estimation import Channel, Tuning
-from tests.one_joint import Linear
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.support.errors import UserError
+from tests.one_joint import Linear
 from tests.straight_beam import straight
 
 PERIOD = 0.005

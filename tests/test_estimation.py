@@ -9,12 +9,12 @@ from scipy.stats import chi2
 
 from hybrid_sysid_ros.core import Variable, simulate
 from hybrid_sysid_ros.estimation import METHODS
-from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs.excitation import multisine
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_estimation import HUM, LINEAR, PERIOD, QUIET
+from tests.one_joint import Linear
 
 
 def matrices(system, h):

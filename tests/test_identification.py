@@ -11,10 +11,10 @@ from hybrid_sysid_ros.identification import Part, evaluate, free_run, identify, 
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS, INITIAL_SPREAD, RELATIVE_ERROR
 from hybrid_sysid_ros.models import Sampling, build
-from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.rigs.excitation import random_steps
 from tests.linear_bench import bench, held_levels, linear_run, record_of
+from tests.one_joint import Linear
 
 FAST = Sampling(step=0.001, period=0.045)
 """The step of the simulated rig, and samples in which its 60 Hz hum is a swing: 3 periods in 50 ms are an offset."""

@@ -8,9 +8,9 @@ import pytest
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
 from hybrid_sysid_ros.control.linear_quadratic_regulator import LinearQuadraticRegulator
 from hybrid_sysid_ros.core import simulate
-from tests.one_joint import Linear
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.support.errors import UserError
+from tests.one_joint import Linear
 
 LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
 PROBLEM = Problem(

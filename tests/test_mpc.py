@@ -13,10 +13,10 @@ from hybrid_sysid_ros.control.closed_loop import Loop, run_loop
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, Tuning
-from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
+from tests.one_joint import Linear
 from tests.straight_beam import straight
 
 LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)

@@ -5,13 +5,13 @@ import os
 
 import numpy as np
 import pytest
+from hybrid_sysid_ros.control.policy.sample_store import SampleStore
+from hybrid_sysid_ros.control.policy.sampling import Samples, sample
 from small_policies import PROBLEM, SEAL, SPREAD, by_hand, model_of  # type: ignore[import-not-found]
 from test_sampling import some_samples  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.adaptation import Adaptation
-from hybrid_sysid_ros.control.policy.sample_store import SampleStore
-from hybrid_sysid_ros.control.policy.sampling import Samples, sample
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.support.errors import UserError
 

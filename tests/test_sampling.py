@@ -4,13 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hybrid_sysid_ros.control.policy.sample_store import SampleStore
+from hybrid_sysid_ros.control.policy.sampling import Samples, drawn, sample
+from hybrid_sysid_ros.control.policy.sampling_pool import SamplingPool
 from small_policies import PROBLEM, SPREAD, model_of  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy.adaptation import Adaptation
-from hybrid_sysid_ros.control.policy.sample_store import SampleStore
-from hybrid_sysid_ros.control.policy.sampling import Samples, drawn, sample
-from hybrid_sysid_ros.control.policy.sampling_pool import SamplingPool
 
 
 def test_samples_are_answers_of_the_exact_mpc():

@@ -18,6 +18,9 @@ POLICY_COMMANDS = [
     LateCommand("certify", f"{HERE}.policy_certify", "State how a policy does beside the exact MPC, and how surely."),
     LateCommand("export", f"{HERE}.policy_export", "Write a policy as ONNX and as C99."),
 ]
+MODEL_COMMANDS = [
+    LateCommand("export", f"{HERE}.model_export", "Write a model as CasADi functions."),
+]
 RIG_COMMANDS = [
     LateCommand("new", f"{HERE}.rig_new", "Write a small rig to begin with."),
     LateCommand("check", f"{HERE}.rig_check", "Check a rig and show its step response."),
@@ -29,4 +32,5 @@ def main() -> None:
     """Run a command of the command line."""
     policy = Commands("policy", POLICY_COMMANDS, help="Approximate MPC.")
     rig = Commands("rig", RIG_COMMANDS, help="Rigs: a folder each.")
-    run_program(Commands("hybrid-sysid", [*COMMANDS, policy, rig]))
+    model = Commands("model", MODEL_COMMANDS, help="Models elsewhere.")
+    run_program(Commands("hybrid-sysid", [*COMMANDS, model, policy, rig]))

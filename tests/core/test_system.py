@@ -10,9 +10,9 @@ from scipy.linalg import expm
 
 from hybrid_sysid_ros.core import COMPILED, kernels, parameter, simulate
 from hybrid_sysid_ros.models import STRUCTURES, build
-from tests.one_joint import Linear
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
+from tests.one_joint import Linear
 
 RANGE = np.array([0.15, 0.5, 10.0])  # position [rad], velocity [rad/s], drive [V] of the beam's records
 DEFLECTION = 0.005  # of bristles, as far as they bend [rad]

@@ -86,7 +86,9 @@ def compare(
     ]
     done: dict[str, Candidate] = {}
     slow_first = sorted(tasks, key=lambda task: len(task.seeds) == 1)
-    found = parallel.workers(work, jobs=min(parallel.count(jobs), max(len(tasks), 1)), name=lambda task: task.structure)
+    found = parallel.workers_for(
+        work, jobs=min(parallel.count(jobs), max(len(tasks), 1)), name=lambda task: task.structure
+    )
     with found:
         for task, result, _ in parallel.resumed(
             found, slow_first, store=store, key=lambda task: task.key, keep=lambda item: item.validation is not None

@@ -1,4 +1,4 @@
-"""Commands on a model folder."""
+"""hybrid-sysid model export: a model as CasADi functions."""
 
 from __future__ import annotations
 
@@ -7,22 +7,13 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.program import new_app
 from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.models import load
 from hybrid_sysid_ros.models.export import STEP, export_casadi
 from hybrid_sysid_ros.support.files import check_folder
 
-app = new_app()
 
-
-@app.callback()
-def commands() -> None:
-    """Use a model elsewhere."""
-
-
-@app.command("export")
-def export_command(
+def command(
     model: Annotated[Path, typer.Argument(help="Model folder.")],
     out: Annotated[Path, typer.Argument(help="Folder for step.casadi, output.casadi and model.json.")],
     step: Annotated[float, typer.Option(help="Seconds that the step function covers; 0 is the model's own.")] = 0.0,
