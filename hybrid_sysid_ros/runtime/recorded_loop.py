@@ -229,13 +229,14 @@ class _Reading:
             raise UserError(f"{self.path}: topic {self.names[REFERENCE]}: {error}") from error
         if not count:
             raise UserError(f"{self.path}: topic {self.names[REFERENCE]}: message 0 has no points")
-        found = {k: _points(place, count) for k, place in enumerate(places) if self.has(REFERENCE, _points(place, 1)[0])}
+        begins = [_points(place, 1)[0] for place in places]
+        found = {k: _points(places[k], count) for k, field in enumerate(begins) if self.has(REFERENCE, field)}
         if not found:
-            wanted = ", ".join(_points(place, 1)[0] for place in places)
+            wanted = ", ".join(begins)
             raise UserError(f"{self.path}: topic {self.names[REFERENCE]}: has none of {wanted}: is it of this rig?")
-        begins = self.stamps(REFERENCE, "header.stamp.sec")
-        order = np.argsort(begins, kind="stable")[::-1]  # of one time the newest message tells
-        zero = int(begins.min())
+        sent = self.stamps(REFERENCE, "header.stamp.sec")
+        order = np.argsort(sent, kind="stable")[::-1]  # of one time the newest message tells
+        zero = int(sent.min())
         references = np.full((len(stamps), len(places)), np.nan)
         for k, fields in found.items():
             times = np.stack([self.stamps(REFERENCE, field) for field in fields], axis=1)

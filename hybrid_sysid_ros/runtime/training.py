@@ -33,7 +33,7 @@ def train_policy(
     if not model.seal:
         raise UserError("policy: the model was never saved; save it first, for the policy belongs to what is on disk")
     rig = load(model.rig)
-    problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig).sized(model.system)
+    problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig, model.system)
     settings = settings or Settings()
     spread = configuration.spread_of(rig)
     store = Store(samples, f"{model.seal} {problem} {spread} {settings}") if samples is not None else None
