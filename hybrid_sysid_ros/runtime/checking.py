@@ -74,7 +74,7 @@ def _certified(rig: Rig, model: System, problem: Problem, *, plant: str) -> tupl
     distribution = Distribution(
         spread=configuration.spread_of(rig, model),
         seconds=listed(section, "seconds", where, 1)[0],
-        state_error=by_state(listed(section, "state_error", where, states), rig, model, other=0.0),
+        state_error=by_state(listed(section, "state_error", where, states), rig, model),
         disturbance_error=listed(section, "disturbance_error", where, inputs),
         plant=plant,
     )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from hybrid_sysid_ros.control.many_loops import Kept
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.models import Model
@@ -13,6 +13,7 @@ from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
+from hybrid_sysid_ros.support.parallel import Store
 
 
 def train_policy(
@@ -36,8 +37,9 @@ def train_policy(
     problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig, model.system)
     settings = settings or Settings()
     spread = configuration.spread_of(rig, model.system)
-    kept = Kept(samples, f"{model.seal} {problem} {spread} {settings}") if samples is not None else None
-    policy = train(model, problem, spread, settings, seed=seed, kept=kept, progress=progress)
-    if kept is not None:
-        kept.remove()
+    purpose = f"{model.seal} {problem} {spread} {settings}"
+    store: Store[Any] | None = Store(samples, purpose) if samples is not None else None
+    policy = train(model, problem, spread, settings, seed=seed, store=store, progress=progress)
+    if store is not None:
+        store.remove()
     return policy

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.many_loops import Kept, run_all
 from hybrid_sysid_ros.control.safety.certificate import Certificate, bounds, margin
 from hybrid_sysid_ros.control.safety.certified_loops import (
     COST,
@@ -28,9 +28,12 @@ from hybrid_sysid_ros.control.safety.certified_loops import (
 from hybrid_sysid_ros.control.safety.online_check import REASONS
 from hybrid_sysid_ros.control.scenarios import DISTURBED, PUSHED
 from hybrid_sysid_ros.models.model import versions
+from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.parallel import Store
 
 Array = NDArray[np.float64]
+Arrays = dict[str, NDArray[Any]]
 Progress = Callable[[str, int, int], None]
 """progress(stage, done, of)"""
 
@@ -61,13 +64,13 @@ def certify(
     Drivers(certification)  # or say why not
     began, told = time.perf_counter(), progress or (lambda *_: None)
     pieces = [(first, min(first + CHUNK, loops)) for first in range(0, loops, CHUNK)]
-    kept = Kept(store, _purpose(certification)) if store is not None else None
+    kept: Store[Arrays] | None = Store(store, _purpose(certification)) if store is not None else None
     told("closed loops", 0, loops)
-    found = run_all(
+    found = parallel.run(
         partial(measured, certification),
         pieces,
-        jobs=workers,
-        kept=kept,
+        workers=workers,
+        store=kept,
         progress=lambda done, _: told("closed loops", min(done * CHUNK, loops), loops),
     )
     measures, reasons = (np.concatenate([each[name] for each in found]) for name in ("measures", "reasons"))
