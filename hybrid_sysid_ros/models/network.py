@@ -10,7 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Softsign
-from hybrid_sysid_ros.core.mathematics import Scalar, saturate
+from hybrid_sysid_ros.core.mathematics import Scalar, clip
+
+CORNER = 0.02
+"""Width over which features that are held are rounded where a solver needs derivatives, in their scale."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +50,7 @@ class Network:
     def __call__(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
         """The output for states followed by inputs, inside a law."""
         features = [
-            saturate(value * (1.0 / scale), self.clip)
+            clip(value * (1.0 / scale), -self.clip, self.clip, over=CORNER)
             for value, scale in zip([*x, *u], self.feature_scales, strict=True)
         ]
         return self.scale * self.block(features)[0]

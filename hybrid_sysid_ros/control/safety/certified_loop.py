@@ -11,8 +11,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.mpc.condensing import assign
 from hybrid_sysid_ros.control.mpc.horizon import instance_of
+from hybrid_sysid_ros.control.mpc.linearisation import assign
 from hybrid_sysid_ros.control.mpc.shooting import Shooting, cold_start, forget, shift, shooting, solve
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.online_check import ACCEPTED, WAITING, Tolerances, online_check, trial
@@ -202,8 +202,8 @@ def _compile(plant: System, model: System, policy: Policy, mpc: Shooting) -> Cal
         question = instance_of(flat, states, 1, 1)
         x, u = draw.state.copy(), draw.input[0]
         judge_cold = own_cold = True
-        forget(judge.horizon, judge.program)  # nothing is left of the loop before
-        forget(own.horizon, own.program)
+        forget(judge.program)  # nothing is left of the loop before
+        forget(own.program)
         measures[:] = 0.0
         for k in range(periods):
             assign(track.states[k], x)
