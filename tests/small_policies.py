@@ -4,7 +4,6 @@ import dataclasses
 from itertools import pairwise
 
 import numpy as np
-from hybrid_sysid_ros.control.policy.sampling import Spread
 
 from hybrid_sysid_ros.control import Problem
 from hybrid_sysid_ros.control.policy.adaptation import Correction

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hybrid_sysid_ros.control.many_loops import Kept
 from linear_policies import CARTS  # type: ignore[import-not-found]
 from small_policies import PROBLEM, SEAL, SPREAD, by_hand, model_of  # type: ignore[import-not-found]
 from test_samples import CARTS_SPREAD, some_samples  # type: ignore[import-not-found]
@@ -14,6 +13,7 @@ from hybrid_sysid_ros.control.policy.adaptation import Adaptation
 from hybrid_sysid_ros.control.policy.samples import Samples, sample
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.parallel import Store
 
 
 def answers_to(policy, samples):
@@ -35,9 +35,9 @@ def trained(tmp_path_factory):
     training = pytest.importorskip("hybrid_sysid_ros.control.policy.training", exc_type=ImportError)
     settings = Settings(episodes=(12, 6), hidden=(16,), epochs=60, batch=128, workers=1)
     model = model_of(SEAL)
-    kept = Kept(tmp_path_factory.mktemp("store") / "samples", "tiny")
-    first = training.train(model, PROBLEM, SPREAD, settings, seed=1, kept=kept)
-    again = training.train(model, PROBLEM, SPREAD, settings, seed=1, kept=kept)
+    store = Store(tmp_path_factory.mktemp("store") / "samples", "tiny")
+    first = training.train(model, PROBLEM, SPREAD, settings, seed=1, store=store)
+    again = training.train(model, PROBLEM, SPREAD, settings, seed=1, store=store)
     return first, again
 
 
@@ -80,13 +80,13 @@ def test_the_network_of_torch_answers_the_same_without_torch(trained, tmp_path):
 
 def test_a_training_without_loops_to_hold_out_or_without_answers_is_refused(tmp_path):
     training = pytest.importorskip("hybrid_sysid_ros.control.policy.training", exc_type=ImportError)
-    kept = Kept(tmp_path / "samples", "hopeless")
+    store = Store(tmp_path / "samples", "hopeless")
     settings = Settings(episodes=(2,), epochs=1, workers=1)
     none = {name: values[:0] for name, values in some_samples().arrays.items() if name != "dropped"}
     for seed in (0, 1):
-        kept.store.keep(kept.key(seed), Samples(**none, dropped=160).arrays)
+        store.keep(seed, Samples(**none, dropped=160).arrays)
     with pytest.raises(UserError, match="no solution"):
-        training.train(model_of(SEAL), PROBLEM, SPREAD, settings, seed=0, kept=kept)
+        training.train(model_of(SEAL), PROBLEM, SPREAD, settings, seed=0, store=store)
     for episodes in ((), (1,), (5, 0)):
         with pytest.raises(UserError, match="2 closed loops"):
             Settings(episodes=episodes)

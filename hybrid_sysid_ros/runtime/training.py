@@ -37,10 +37,9 @@ def train_policy(
     problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig, model.system)
     settings = settings or Settings()
     spread = configuration.spread_of(rig, model.system)
-    kept: Store[Any] | None = (
-        Store(samples, f"{model.seal} {problem} {spread} {settings}") if samples is not None else None
-    )
-    policy = train(model, problem, spread, settings, seed=seed, kept=kept, progress=progress)
-    if kept is not None:
-        kept.remove()
+    purpose = f"{model.seal} {problem} {spread} {settings}"
+    store: Store[Any] | None = Store(samples, purpose) if samples is not None else None
+    policy = train(model, problem, spread, settings, seed=seed, store=store, progress=progress)
+    if store is not None:
+        store.remove()
     return policy
