@@ -19,6 +19,9 @@ LEAST_SHIFT = 1e-4
 is. More than it takes makes steps short, and much less long ones.
 """
 
+HOLD = 10.0
+"""Curvature across active constraints, in Gauss-Newton's largest entry."""
+
 
 @inner
 def add_curvature(horizon: Horizon, program: Program) -> None:
@@ -54,19 +57,46 @@ def add_curvature(horizon: Horizon, program: Program) -> None:
                 if slope != 0.0:
                     for d in range(wide):
                         hessian[to + d] += slope * t[a * v + d]
-    _make_positive(program.hessian, LEAST_SHIFT * largest)
+    _make_positive(horizon, program, largest)
 
 
 @inner
-def _make_positive(hessian: Array, shift: float) -> None:
-    """Shift the diagonal until the Hessian is positive definite; one that is no number stays as it is."""
-    factor = np.empty_like(hessian)
-    for _ in range(60):
-        if _factorise(hessian, factor):
-            return
+def _make_positive(horizon: Horizon, program: Program, largest: float) -> None:
+    """Make the Hessian positive definite, if it is not, without changing it where inputs are free: first by curvature
+    across the active constraints (Nocedal & Wright 2006, section 17.3), else by a shift of its diagonal.
+    """
+    hessian, factor = program.hessian, np.empty_like(program.hessian)
+    if _factorise(hessian, factor):
+        return
+    _hold_active(horizon, program, HOLD * largest)
+    if _factorise(hessian, factor):
+        return
+    _hold_active(horizon, program, -HOLD * largest)
+    shift = LEAST_SHIFT * largest
+    for _ in range(60):  # one that is no number stays as it is
         for c in range(hessian.shape[0]):
             hessian[c, c] += shift
+        if _factorise(hessian, factor):
+            return
         shift *= 2.0
+
+
+@inner
+def _hold_active(horizon: Horizon, program: Program, hold: float) -> None:
+    """Add curvature across the bounds and rate limits that the last solution met."""
+    (count, m), v = horizon.inputs.shape, program.gradient.shape[0]
+    for c in range(v):
+        if program.multipliers[c] != 0.0:
+            program.hessian[c, c] += hold
+    for r in range(horizon.rated.shape[0]):
+        for i in range(count):
+            if program.multipliers[v + r * count + i] != 0.0:
+                c = i * m + horizon.rated[r]
+                program.hessian[c, c] += hold
+                if i > 0:
+                    program.hessian[c - m, c - m] += hold
+                    program.hessian[c, c - m] -= hold
+                    program.hessian[c - m, c] -= hold
 
 
 @inner

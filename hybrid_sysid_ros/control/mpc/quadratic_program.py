@@ -204,7 +204,7 @@ def solve(program: Program, changed: int) -> bool:
     if _update(update, changed, workspace, problem) < 0:
         return False
     _solve(search, result, workspace)
-    return program.result[8] > 0 and np.isfinite(program.solution).all()  # type: ignore[no-any-return]
+    return bool(program.result[8] > 0 and np.isfinite(program.solution).all())
 
 
 @kernel
