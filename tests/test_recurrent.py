@@ -9,20 +9,23 @@ import yaml
 from scipy.linalg import expm
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import simulate, stepped
+from hybrid_sysid_ros.core import Variable, simulate, stepped
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.identification import free_run, prepare, score
 from hybrid_sysid_ros.identification.gradient_training import Schedule, rollout, train
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.support.errors import UserError
+from tests.one_joint import Linear
 
 SAMPLING = Sampling(step=0.05)
+JOINT = Linear()  # whose signals the network has
+POSITION, DRIVE = Variable(name="position", unit="rad"), Variable(name="drive", unit="V")
 
 
-def network(units=5, seed=0, **scales):
+def network(units=5, seed=0, **options):
     """A network whose weights all matter."""
-    system = Recurrent(units=units, position_scale=0.05, rate_scale=0.2, drive_scale=4.0, **scales)
+    system = Recurrent(outputs=(POSITION,), inputs=(DRIVE,), units=units, scales=(0.05, 0.2, 4.0), **options)
     return system.with_weights(np.random.default_rng(seed).normal(size=len(system.weights)))
 
 
@@ -30,7 +33,7 @@ def by_hand(system, x, u):
     """One step as Cho et al. write it, in matrices."""
     parts, units = system.parts(system.weights), system.units
     h = x[2:]
-    driven = parts["drive"] @ np.atleast_1d(u / system.drive_scale) + parts["bias"]
+    driven = parts["drive"] @ np.atleast_1d(u / system.scales[2]) + parts["bias"]
     r, k, n = (slice(i * units, (i + 1) * units) for i in range(3))
 
     def sigmoid(a):
@@ -40,7 +43,7 @@ def by_hand(system, x, u):
     keep = sigmoid(driven[k] + parts["recurrent"][k] @ h)
     new = np.tanh(driven[n] + reset * (parts["recurrent"][n] @ h + parts["reset_bias"]))
     after = keep * h + (1 - keep) * new
-    position = system.position_scale * (parts["readout"] @ after + parts["readout_bias"][0])
+    position = system.scales[0] * (parts["readout"].ravel() @ after + parts["readout_bias"][0])
     return np.array([position, (position - x[0]) / system.period, *after])
 
 
@@ -62,7 +65,7 @@ def test_torch_simulates_as_the_compiled_form_does():
     for i in range(4):
         start = system.observed(starts[:1, i : i + 1], starts[1:, i : i + 1], inputs[:1, i : i + 1])[0]
         expected.append(simulate(system, start, inputs[:, i : i + 1], step=0.025, every=2)[1:, 0])
-    found = rollout(system, torch.from_numpy(system.weights), starts, inputs, 2)
+    found = rollout(system, torch.from_numpy(system.weights), starts.T, inputs[..., None], 2)[..., 0]
     np.testing.assert_allclose(found.numpy(), np.transpose(expected), rtol=1e-10, atol=1e-13)
 
 
@@ -70,7 +73,7 @@ def test_torch_simulates_as_the_compiled_form_does():
 def test_no_input_drives_the_position_beyond_its_bound(drive):
     system = network()
     parts = system.parts(system.weights)
-    bound = system.position_scale * (np.abs(parts["readout"]).sum() + abs(parts["readout_bias"][0]))
+    bound = system.scales[0] * (np.abs(parts["readout"]).sum() + abs(parts["readout_bias"][0]))
     inputs = np.full((400, 1), drive)
     inputs[::2] *= -1
     start = system.observed(np.array([[1e3]]), np.array([[-1e3]]), inputs[:1])[0]
@@ -116,10 +119,10 @@ def spring_record(seed, *, seconds=60.0, name="spring"):
 def spring():
     """A network trained on three such records, with the settings and the progress of its training."""
     pytest.importorskip("torch")
-    experiments = [prepare(spring_record(seed), Recurrent(), SAMPLING) for seed in range(3)]
+    records = [spring_record(seed) for seed in range(3)]
     heard = []
     schedule = Schedule(stages=((20, 150), (40, 250)))
-    fitted = train(experiments, units=8, schedule=schedule, progress=lambda *news: heard.append(news))
+    fitted = train(records, JOINT, SAMPLING, units=8, schedule=schedule, progress=lambda *news: heard.append(news))
     return fitted, heard
 
 
@@ -147,8 +150,10 @@ SHORT = Schedule(stages=((10, 20),), check=10)
 
 def test_the_same_seed_trains_the_same_network():
     pytest.importorskip("torch")
-    experiments = [prepare(spring_record(seed, seconds=10.0), Recurrent(), SAMPLING) for seed in range(2)]
-    first, again, other = (train(experiments, units=3, seed=seed, schedule=SHORT).system.weights for seed in (0, 0, 1))
+    records = [spring_record(seed, seconds=10.0) for seed in range(2)]
+    first, again, other = (
+        train(records, JOINT, SAMPLING, units=3, seed=seed, schedule=SHORT).system.weights for seed in (0, 0, 1)
+    )
     np.testing.assert_array_equal(first, again)
     assert np.max(np.abs(first - other)) > 1e-3
 
@@ -156,7 +161,7 @@ def test_the_same_seed_trains_the_same_network():
 def test_a_network_may_run_faster_than_it_is_scored():
     pytest.importorskip("torch")
     sampling = Sampling(step=0.01)
-    fitted = train([prepare(spring_record(0, seconds=10.0), Recurrent(), sampling)], units=3, schedule=SHORT)
+    fitted = train([spring_record(0, seconds=10.0)], JOINT, sampling, units=3, schedule=SHORT)
     assert isinstance(fitted.system, Recurrent)
     assert fitted.system.period == 0.01
     experiment = prepare(spring_record(0, seconds=10.0), fitted.system, sampling)
@@ -166,16 +171,11 @@ def test_a_network_may_run_faster_than_it_is_scored():
 
 def test_records_that_cannot_be_learned_from_are_refused():
     pytest.importorskip("torch")
-    long = prepare(spring_record(0, seconds=10.0), Recurrent(), SAMPLING)
-    short = prepare(spring_record(1, seconds=0.9, name="hop"), Recurrent(), SAMPLING)
+    long, short = spring_record(0, seconds=10.0), spring_record(1, seconds=0.9, name="hop")
     with pytest.raises(UserError, match="hop: 19 samples are too short: training needs rollouts of 20"):
-        train([long, short])
-    with pytest.raises(UserError, match="sampled differently"):
-        train([long, prepare(spring_record(1, seconds=10.0), Recurrent(), Sampling(step=0.01))])
-    with pytest.raises(UserError, match="spring: input or output is constant"):
-        train([replace(long, inputs=np.ones_like(long.inputs))])
-    with pytest.raises(UserError, match="spring: a recurrent network has one input"):
-        train([replace(long, inputs=np.column_stack([long.inputs, long.inputs]))])
+        train([long, short], JOINT, SAMPLING)
+    with pytest.raises(UserError, match=r"spring.*constant"):
+        train([replace(long, input=np.ones_like(long.input))], JOINT, SAMPLING)
 
 
 def test_without_torch_the_extra_is_named(monkeypatch):
@@ -183,4 +183,4 @@ def test_without_torch_the_extra_is_named(monkeypatch):
     with pytest.raises(
         UserError, match=r"torch is missing; install the extra: pip install 'hybrid_sysid_ros\[train\]'"
     ):
-        train([])
+        train([], JOINT, SAMPLING)
