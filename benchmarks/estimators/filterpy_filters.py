@@ -38,15 +38,15 @@ class Augmented:
     def __init__(self, system: System, tuning: Tuning, *, period: float) -> None:
         self.period = period
         self.step, self.parameters, self.weights = compiled(system).step, system.values, system.weights
-        drift = np.array([*tuning.process_noise, tuning.disturbance_noise, tuning.hum_noise, tuning.hum_noise])
+        drift = np.array([*tuning.process_noise, *tuning.disturbance_noise, *tuning.hum_noise, *tuning.hum_noise])
         self.process = period * np.diag(drift**2)
         self.start = 100.0 * np.diag(drift**2)
-        self.start[0, 0] = tuning.measurement_noise**2 + tuning.hum_amplitude**2
-        self.start[3, 3] = self.start[4, 4] = tuning.hum_amplitude**2
-        self.measurement = np.array([[tuning.measurement_noise**2]])
-        self.push = tuning.input_noise / np.sqrt(period)
+        self.start[0, 0] = tuning.measurement_noise[0] ** 2 + tuning.hum_amplitude[0] ** 2
+        self.start[3, 3] = self.start[4, 4] = tuning.hum_amplitude[0] ** 2
+        self.measurement = np.array([[tuning.measurement_noise[0] ** 2]])
+        self.push = tuning.input_noise[0] / np.sqrt(period)
         self.row = np.array([[1.0, 0.0, 0.0, 1.0, 0.0]])
-        angle = 2.0 * np.pi * tuning.hum_hertz * period
+        angle = 2.0 * np.pi * tuning.hum_hertz[0] * period
         self.turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
         whole, self.part = divmod(system.delay / period, 1.0)
         self.past = [0.0] * (int(whole) + 2)

@@ -162,7 +162,7 @@ def simulated_loop(
     followed, duration = reference or schedule, duration or schedule.duration
     values = configuration.defaults(rig.name, "estimator")
     estimator = ExtendedKalmanFilter(
-        model.system, configuration.estimator_tuning(values, rig), period=controller.period, latency=0.0
+        model.system, configuration.estimator_tuning(values, rig, model.system), period=controller.period, latency=0.0
     )
     plant = Plant(rig, seed=seed, bias=configuration.defaults(rig.name, "plant")["bias"])
     controller.reset()

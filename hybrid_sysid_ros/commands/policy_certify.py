@@ -9,7 +9,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import Seed, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import OwnRig, Seed, console, print_table, status
 from hybrid_sysid_ros.control.safety.certificate import FILE, LEAST_LOOPS, Certificate, find
 from hybrid_sysid_ros.control.safety.certification import certify
 from hybrid_sysid_ros.control.safety.certified_loops import EXACT, JUDGED, Certification
@@ -47,6 +47,7 @@ def command(
     driver: Annotated[
         str, typer.Option(help="Who drives the loop of --again: network, supervised or exact.")
     ] = "network",
+    rig: OwnRig = "",
 ) -> None:
     """Run random closed loops of a policy beside the exact MPC and state how it does, with how much confidence.
 

@@ -15,13 +15,16 @@ from hybrid_sysid_ros.support.progress import progress_bars
 
 
 def command(
-    rig: RigName = "cam_beam",
+    rig: RigName = "",
     policy: Annotated[str, typer.Option(help="supervised, network or exact.")] = "supervised",
     model: Annotated[Path | None, typer.Option(help="Model folder; the shipped one by default.")] = None,
     policy_path: Annotated[Path | None, typer.Option(help="Policy folder; the shipped one by default.")] = None,
     rate: Annotated[float, typer.Option(help="Measurements per second.")] = 200.0,
     duration: Annotated[float, typer.Option(help="Seconds; 0 as long as the reference.")] = 0.0,
-    reference: Annotated[str, typer.Option(help="hardware, constant, steps, sine or multisine.")] = "hardware",
+    reference: Annotated[
+        str,
+        typer.Option(help="One of the rig's references (its first by default), constant, steps, sine or multisine."),
+    ] = "",
     bag: Annotated[Path | None, typer.Option(help="Record into this bag.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a bag that is there.")] = False,
     lockstep: Annotated[bool, typer.Option("--lockstep", help="As fast as the nodes answer, repeatable.")] = False,
@@ -31,7 +34,7 @@ def command(
 
         def progress(seconds: float, expected: float) -> None:
             if expected:
-                update(f"{reference} reference, seconds", int(seconds), int(expected))
+                update(f"reference {reference}, seconds", int(seconds), int(expected))
 
         outcome = session.run(
             rig=rig,

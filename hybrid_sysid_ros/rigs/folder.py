@@ -138,7 +138,8 @@ def _imported(folder: RigFolder) -> ModuleType:
             raise
         return module
     except Exception as error:  # a user's code can raise anything
-        raise UserError(f"{path}: {_place(error, path)}{type(error).__name__}: {_line(error)}") from error
+        kind = "" if isinstance(error, UserError) else f"{type(error).__name__}: "
+        raise UserError(f"{path}: {_place(error, path)}{kind}{_line(error)}") from error
 
 
 OUTSIDE = "hybrid_sysid_rig"

@@ -125,14 +125,14 @@ _NAMED: dict[str, Rig] = {}
 
 
 def load(rig: str | Path) -> Rig:
-    """A rig by its name, or by the path of its folder; the same one whenever it is asked for again.
+    """A rig by its name, or by the path of its folder; the same one whenever it is asked for again. "": the default.
 
     Raises UserError for a rig that is not known, and for whatever is wrong with its files.
     """
-    text = str(rig)
+    text = str(rig or default())
     if text in _NAMED:
         return _NAMED[text]
-    found = folders.find(rig)
+    found = folders.find(rig or text)
     if found.path not in _LOADED:
         other = _NAMED.get(found.name)
         if not found.package and (other is not None or found.name in folders.names()):

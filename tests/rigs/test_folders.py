@@ -182,6 +182,13 @@ CASES = {
         TANK_VALUES,
         "SYSTEM: can't be made: TypeError",
     ),
+    "a contact without its velocity": (
+        TANK.replace("stepper = RungeKutta()", "contacts = (Dry(on='speed', level=1.0),)").replace(
+            "RungeKutta, ", "Dry, "
+        ),
+        TANK_VALUES,
+        r"system\.py: line \d+: Tanks: a contact is on 'speed', which is no state",
+    ),
     "structures that are none": (TANK + "STRUCTURES = [Tanks()]", TANK_VALUES, "STRUCTURES is"),
     "a structure of other outputs": (
         TANK
