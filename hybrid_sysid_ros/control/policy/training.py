@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import torch
@@ -34,7 +35,6 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.parallel import Arrays, Store
 from hybrid_sysid_ros.support.threads import one_torch_thread
 
 Array = NDArray[np.float64]
@@ -61,13 +61,13 @@ def train(
     settings: Settings,
     *,
     seed: int,
-    store: Store[Arrays] | None = None,
+    kept: parallel.Store[Any] | None = None,
     progress: Progress | None = None,
 ) -> Policy:
     """Sample the exact MPC on a model and train a policy that imitates it.
 
     Each round adds closed loops to the data and trains on from the last network. Reports the mean squared error of
-    held-out loops in the inputs' units squared, on inputs within the bounds. store: where finished loops are kept, so
+    held-out loops in the inputs' units squared, on inputs within the bounds. kept: where finished loops are kept, so
     that an interrupted training goes on. Raises UserError where the MPC finds no solution.
     """
     began, sampling, progress = time.perf_counter(), 0.0, progress or _silent
@@ -83,7 +83,7 @@ def train(
             work = partial(_sampled, model.system, problem, spread, settings, policy)
             seeds = [seed * 1_000_003 + MOST_EPISODES * number + index for index in range(episodes)]
             report = partial(progress, f"round {number + 1}: closed loops of the exact MPC")
-            found = parallel.run(work, seeds, workers=settings.workers, store=store, progress=report)
+            found = parallel.run(work, seeds, workers=settings.workers, store=kept, progress=report)
             new = [Samples.of(arrays) for arrays in found]
             sampling += time.perf_counter() - started
             validation = max(1, round(VALIDATION_SHARE * episodes))
@@ -116,7 +116,7 @@ def _silent(stage: str, done: int, of: int) -> None:
 
 def _sampled(
     system: System, problem: Problem, spread: Spread, settings: Settings, driver: Policy | None, seed: int
-) -> Arrays:
+) -> dict[str, Array]:
     share = settings.slope_share if settings.slope_weight else 0.0
     found = sample(system, problem, spread, seed, driver=driver, slope_share=share, adaptation=settings.adaptation)
     return found.arrays
@@ -255,7 +255,7 @@ def _corrected(policy: Policy, model: Model, data: _Data, settings: Settings, se
 
 
 def _errors(policy: Policy, data: _Data) -> dict[str, float]:
-    """Mean squared errors of bounded first inputs [unit of the inputs, squared], and of those after them in the plan."""
+    """Mean squared errors of bounded first inputs [their units squared], and of those after them in the plan."""
     errors = {}
     for name, part in (("train", data.samples), ("validation", data.held)):
         answers = policy.evaluate(policy.features(part.instances))
