@@ -36,8 +36,7 @@ from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.sampling import Spread, drawn, reference
 from hybrid_sysid_ros.control.policy.training_settings import Settings
-from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.adapters import kernels
+from hybrid_sysid_ros.core import System, stepped
 from hybrid_sysid_ros.core.compilation import OPTIONS
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
@@ -255,8 +254,6 @@ def cost(
     wanted = scale * target(problem.period * np.arange(1, periods + problem.horizon + 1))
     x = np.array([scale * random.uniform(-spread.amplitude, spread.amplitude), random.normal() * spread.kick[1]])
     u, total = np.zeros(1), 0.0
-    advance, parameters, weights = kernels(plant).step, plant.named, plant.weights
-    following = np.empty_like(x)
     controller.reset()
     for k in range(periods):
         question = (x, offset, u, wanted[k : k + problem.horizon, None])
@@ -265,8 +262,7 @@ def cost(
         given = controller.control(*question).input
         controller.prepare(problem.period)
         for _ in range(problem.substeps):
-            advance(x, given + offset, parameters, weights, problem.period / problem.substeps, following)
-            x = following.copy()
+            x = stepped(plant, x, given + offset, step=problem.period / problem.substeps)
         total += problem.output_weights[0] * float((x[0] - wanted[k]) / scale) ** 2
         total += problem.rate_weights[0] * float(given[0] - u[0]) ** 2 + problem.input_weights[0] * float(given[0]) ** 2
         u = given

@@ -13,15 +13,15 @@ from hybrid_sysid_ros import models
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.models import STRUCTURES, Model, Sampling, build, storage
 from hybrid_sysid_ros.models.model import FORMAT
-from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.options import parse
-from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.structures import assemble, options_of
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
+from tests.one_joint import narx as narx_of
+from tests.one_joint import recurrent as recurrent_of
 
 FROM_DATA = {
-    "narx": Narx(
+    "narx": narx_of(
         exponents=((1, 0, 0, 0), (0, 2, 1, 0), (0, 0, 0, 1)),
         coefficients=(0.9, 1.0 / 3.0, 0.1),
         output_lags=2,
@@ -32,7 +32,7 @@ FROM_DATA = {
         input_scale=4.0,
         period=0.05,
     ),
-    "recurrent": Recurrent(units=3, position_scale=0.03, rate_scale=0.2, drive_scale=4.0, period=0.025),
+    "recurrent": recurrent_of(3, scales=(0.03, 0.2, 4.0), period=0.025),
 }
 BUILT = [name for name in STRUCTURES if name not in FROM_DATA]
 SCALES = np.array([0.1, 0.4, 5.0])

@@ -203,13 +203,13 @@ def test_there_is_no_offset_at_rest_under_a_constant_disturbance():
     """On the linear rig, to the last millivolt: the filter finds the bias and the MPC takes it away."""
     system = dataclasses.replace(LINEAR, input_delay=0.006)
     tuning = Tuning(
-        measurement_noise=5e-4,
+        measurement_noise=(5e-4,),
         process_noise=(1e-5, 0.3),
-        disturbance_noise=0.2,
-        disturbance_limit=2.0,
-        hum_hertz=0.0,
-        hum_amplitude=0.0,
-        hum_noise=0.0,
+        disturbance_noise=(0.2,),
+        disturbance_limit=(2.0,),
+        hum_hertz=(0.0,),
+        hum_amplitude=(0.0,),
+        hum_noise=(0.0,),
         gate=1e6,
         patience=5,
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.contacts import Contact, Field
 from hybrid_sysid_ros.core.declaration import Variable, check, deflections, variables
-from hybrid_sysid_ros.core.mathematics import Scalar
+from hybrid_sysid_ros.core.mathematics import Scalar, rows
 from hybrid_sysid_ros.core.parameters import Parameter, declared
 from hybrid_sysid_ros.core.steppers import ImplicitFriction, Motion, Sampled, Stepper
 from hybrid_sysid_ros.support.errors import UserError
@@ -85,7 +85,7 @@ class System:
         return Motion(rates=self._rates, contacts=self.contacts, field=self._field, names=names)
 
     def _rates(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        rates, count = list(self.law(x, u)), len(self.declared_states)
+        rates, count = rows(self.law(x, u)), len(self.declared_states)
         if len(rates) != count:
             raise UserError(f"{type(self).__name__}: law(x, u) gives {len(rates)} rates for {count} states")
         return rates

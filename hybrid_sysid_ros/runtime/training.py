@@ -12,7 +12,7 @@ from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
-from hybrid_sysid_ros.support.parallel import Store
+from hybrid_sysid_ros.support.parallel import Arrays, Store
 
 
 def train_policy(
@@ -36,7 +36,7 @@ def train_policy(
     problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig).sized(model.system)
     settings = settings or Settings()
     spread = configuration.spread_of(rig)
-    store = Store(samples, f"{model.seal} {problem} {spread} {settings}") if samples is not None else None
+    store: Store[Arrays] | None = Store(samples, f"{model.seal} {problem} {spread} {settings}") if samples is not None else None
     policy = train(model, problem, spread, settings, seed=seed, store=store, progress=progress)
     if store is not None:
         store.remove()

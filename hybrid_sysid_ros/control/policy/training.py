@@ -61,7 +61,7 @@ def train(
     settings: Settings,
     *,
     seed: int,
-    store: Store | None = None,
+    store: Store[Arrays] | None = None,
     progress: Progress | None = None,
 ) -> Policy:
     """Sample the exact MPC on a model and train a policy that imitates it.

@@ -29,7 +29,7 @@ from hybrid_sysid_ros.control.scenarios import DISTURBED, PUSHED
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.parallel import Store
+from hybrid_sysid_ros.support.parallel import Arrays, Store
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -62,7 +62,7 @@ def certify(
     certification.controller(SUPERVISED)  # or say why not
     began, told = time.perf_counter(), progress or (lambda *_: None)
     pieces = [(first, min(first + CHUNK, loops)) for first in range(0, loops, CHUNK)]
-    kept = Store(store, _purpose(certification)) if store is not None else None
+    kept: Store[Arrays] | None = Store(store, _purpose(certification)) if store is not None else None
     told("closed loops", 0, loops)
     found = parallel.run(
         partial(measured, certification),
