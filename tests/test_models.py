@@ -230,7 +230,7 @@ def test_a_structure_begins_where_no_earlier_fit_leaks_in():
         system, held = build(structure, CamBeam(), scales=SCALES, seed=0)
         other, _ = build(structure, CamBeam(gain=9.0, coulomb=0.3), scales=SCALES, seed=0)
         for item, value in zip(system.parameters, system.values, strict=True):
-            assert item.fixed or value == (item.neutral if item.name in held else item.start), item.name
+            assert item.fixed or value == (item.neutral if item.name in held else item.start)
         np.testing.assert_array_equal(system.values, other.values)
         system.check()
 

@@ -8,8 +8,6 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
-from hybrid_sysid_ros.commands.demo import DrivenPlant
-from hybrid_sysid_ros.control.closed_loop import simulate_loop
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, Tuning
@@ -243,7 +241,9 @@ def test_there_is_no_offset_at_rest_under_a_constant_disturbance():
     past = [u] * 2
     for k in range(400):
         estimate = estimator.update(0.02 * k, x[:1], np.array([u]))
-        u = float(controller.control(estimate.ahead, estimate.disturbance, np.array([u]), np.full((10, 1), target)).input[0])
+        u = float(
+            controller.control(estimate.ahead, estimate.disturbance, np.array([u]), np.full((10, 1), target)).input[0]
+        )
         past = [past[-1], u]
         # 6 ms of the input before, then the new one.
         held = np.array([past[0]] * 6 + [past[1]] * 14)[:, None] + bias
@@ -295,7 +295,9 @@ def test_a_motor_of_three_states_is_turned_to_its_angle(motor):
 
 def test_the_link_behind_a_spring_is_brought_to_its_angle(flexible_joint):
     """The measured joint is not the driven one, and the motor has dry friction."""
-    problem = dataclasses.replace(PROBLEM, horizon=30, period=0.01, substeps=2, output_scales=(0.1,), input_low=(-3.0,), input_high=(3.0,))
+    problem = dataclasses.replace(
+        PROBLEM, horizon=30, period=0.01, substeps=2, output_scales=(0.1,), input_low=(-3.0,), input_high=(3.0,)
+    )
     angle, speed = settle(flexible_joint, problem, 0.5, 1, 3.0)
     assert angle == pytest.approx(0.5, abs=0.02)
     assert abs(speed) < 0.1
