@@ -13,7 +13,6 @@ from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_estimation import HUM, LINEAR, PERIOD, QUIET
-from tests.one_joint import Linear
 
 
 def matrices(system, h):
