@@ -320,7 +320,7 @@ def test_the_flexible_joint_rings_at_the_frequency_of_its_spring():
 
 @pytest.mark.parametrize("structure", ["dahl", "lugre"])
 def test_bristles_at_rest_give_way_to_a_small_torque(structure):
-    """At rest the slope of the motor's speed by the torque is that of a small step, not zero: optimisers begin there."""
+    """The slope of the motor's speed by the torque is that of a small step, not zero: optimisers begin there."""
     system = rigs.load("flexible_joint").structures[structure]
     address, _ = compiled(system).slopes(smooth=True)
     n, small = len(system.states), 1e-6
