@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks import picture, result
-from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Status
 from hybrid_sysid_ros.control.closed_loop import Loop
@@ -40,6 +39,7 @@ from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.checking import check_tolerances
+from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 
 RIG = "cam_beam"
 NAME = "closed_loop"

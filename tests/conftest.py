@@ -3,10 +3,7 @@
 
 import os
 
-# Of two processes that fill a cache for the first time numba may give one the other's code: each worker has its own.
 WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
-if WORKER:
-    os.environ["NUMBA_CACHE_DIR"] = os.path.abspath(os.path.join(".pytest_cache", "numba", WORKER))
 
 # Threads of linear algebra spin while they wait: with a busy neighbour the small problems here take ten times as long.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):

@@ -1,4 +1,4 @@
-"""One-joint beams for tests: linear, and with each of the textbook frictions."""
+"""One joint for tests: linear systems, with each of the textbook frictions, and recurrences."""
 
 from __future__ import annotations
 
@@ -6,9 +6,47 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from hybrid_sysid_ros.core import Bristles, Contact, Dry, System, Viscous, bounded
+from hybrid_sysid_ros.core import Bristles, Contact, Dry, System, Variable, Viscous, bounded
 from hybrid_sysid_ros.core.friction import stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar
+from hybrid_sysid_ros.models.narx import Narx
+from hybrid_sysid_ros.models.recurrent import Recurrent
+
+POSITION = (Variable(name="position", unit="rad"),)
+VELOCITY = (Variable(name="velocity", unit="rad/s"),)
+DRIVE = (Variable(name="drive", unit="V"),)
+
+
+def narx(
+    *,
+    exponents: Sequence[tuple[int, ...]],
+    coefficients: Sequence[float],
+    output_lags: int,
+    input_lags: int,
+    output_range: tuple[float, float],
+    input_range: tuple[float, float],
+    output_scale: float = 1.0,
+    input_scale: float = 1.0,
+    period: float = 0.05,
+) -> Narx:
+    """A polynomial of one output and one input."""
+    return Narx(
+        outputs=POSITION,
+        inputs=DRIVE,
+        exponents=(tuple(exponents),),
+        coefficients=tuple(coefficients),
+        output_lags=output_lags,
+        input_lags=input_lags,
+        scales=(output_scale, input_scale),
+        low=(output_range[0], input_range[0]),
+        high=(output_range[1], input_range[1]),
+        period=period,
+    )
+
+
+def recurrent(units: int, *, scales: tuple[float, ...] = (0.05, 0.2, 4.0), period: float = 0.05) -> Recurrent:
+    """A network of zeros for one output and one input."""
+    return Recurrent(units=units, outputs=POSITION, inputs=DRIVE, rates=VELOCITY, scales=scales, period=period)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -92,7 +92,9 @@ def test_of_one_time_the_newest_preview_tells(tmp_path):
         ),
     ]
     loop = LoopRecord.from_bag(bags.write(tmp_path / "run", topics), RIG)
-    np.testing.assert_allclose(loop.reference[:, 0], np.where(np.arange(SAMPLES) < 100, 0.1, 0.2))  # and the last one is held
+    np.testing.assert_allclose(
+        loop.reference[:, 0], np.where(np.arange(SAMPLES) < 100, 0.1, 0.2)
+    )  # and the last one is held
 
 
 def test_tracking_is_judged_in_volts_and_within_its_window(tmp_path):

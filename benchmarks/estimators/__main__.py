@@ -22,13 +22,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.console import Console
 from rich.table import Table
 
 from benchmarks import result
 from benchmarks.estimators.runs import PERIOD, Run, beam, drawn
-from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.estimation import METHODS, Channel, Filter, Tuning
+from hybrid_sysid_ros.estimation import METHODS, Channel, Estimator, Tuning
 from hybrid_sysid_ros.estimation.consistency import band, normalised_errors
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import Rig, load
@@ -130,10 +130,10 @@ def watched(make: Callable[[], Any], runs: Sequence[Run], volt: float) -> dict[s
     }
 
 
-def delayed(method: type[Filter], rig: Rig, system: System, tuning: Tuning) -> dict[str, Any]:
+def delayed(method: type[Estimator], rig: Rig, system: System, tuning: Tuning) -> dict[str, Any]:
     """Position RMSE with frames of a second sensor that come late, and the time of one frame's call."""
     volt = rig.display[0].scale
-    tuning = replace(tuning, channels={"camera": Channel(state=0, noise=FRAME_NOISE * volt)})
+    tuning = replace(tuning, channels={"camera": Channel(of="position", noise=FRAME_NOISE * volt)})
     errors: dict[str, list[float]] = {"no_frames": [], "punctual": [], "late_in_place": [], "late_taken_for_new": []}
     seconds: list[float] = []
     for seed in range(DELAYED_RUNS):
@@ -157,10 +157,10 @@ def delayed(method: type[Filter], rig: Rig, system: System, tuning: Tuning) -> d
     return {**rmse, "late_frame_microseconds": _quietest(np.reshape(seconds, (DELAYED_RUNS, -1)))}
 
 
-def followed(method: type[Filter], rig: Rig) -> dict[str, Any]:
+def followed(method: type[Estimator], rig: Rig) -> dict[str, Any]:
     """Friction and centre jump under a model that was right: how soon and how near they are found."""
-    truth: Any = rig.system
-    coulomb, centre = FRICTION_RISE * truth.coulomb, truth.centre - CENTRE_FALL
+    truth = rig.system.named
+    coulomb, centre = FRICTION_RISE * truth["coulomb"], truth["centre"] - CENTRE_FALL
     changes = {10.0: {"coulomb": coulomb}, 20.0: {"centre": centre}}
     tunings = {
         "following": tuning_of(rig, followed=FOLLOWED, disturbance_noise=0.0),
@@ -178,7 +178,7 @@ def followed(method: type[Filter], rig: Rig) -> dict[str, Any]:
     late = np.s_[:, 26 * second :]
     found: dict[str, Any] = {}
     for column, (name, before, after, start) in enumerate(
-        (("coulomb", truth.coulomb, coulomb, 10), ("centre", truth.centre, centre, 20))
+        (("coulomb", truth["coulomb"], coulomb, 10), ("centre", truth["centre"], centre, 20))
     ):
         share = (parameters[:, start * second : (start + 10) * second, column] - before) / (after - before)
         reached = np.argmax(share > 0.9, axis=1) * PERIOD
@@ -197,8 +197,9 @@ def followed(method: type[Filter], rig: Rig) -> dict[str, Any]:
 
 def show(results: Mapping[str, Any]) -> None:
     """Print the results."""
+    console = Console(width=170)
     for group in ("beam", "drawn"):
-        table = Table(title=f"{group}, {results['runs']} runs")
+        table = Table(title=f"{group}, {results['runs']} runs", title_justify="left")
         for heading in ("", "position", "of raw", "velocity", "NEES", "within/below/above", "NIS", "p50", "p99"):
             table.add_column(heading)
         for name, row in results[group].items():
@@ -214,7 +215,7 @@ def show(results: Mapping[str, Any]) -> None:
                 f"{times['p50']:.1f} us",
                 f"{times['p99']:.1f} us",
             )
-        print_table(table)
+        console.print(table)
     table = Table(
         "", "no frames", "punctual", "late, in place", "late, taken for new", "p50", "p99", title="position RMSE"
     )
@@ -222,7 +223,7 @@ def show(results: Mapping[str, Any]) -> None:
         errors = (f"{value:.4f} V" for key, value in row.items() if key.endswith("volts"))
         times = row["late_frame_microseconds"]
         table.add_row(name, *errors, f"{times['p50']:.1f} us", f"{times['p99']:.1f} us")
-    print_table(table)
+    console.print(table)
     table = Table("", "parameter", "true", "found", "90 % after", "NIS followed", "not followed", title="after jumps")
     for name, row in results["followed"].items():
         for parameter in ("coulomb", "centre"):
@@ -236,7 +237,7 @@ def show(results: Mapping[str, Any]) -> None:
                 f"{row['following']['nis']:.3f}",
                 f"{row['disturbance_only']['nis']:.3f}",
             )
-    print_table(table)
+    console.print(table)
 
 
 def _rms(values: Array) -> float:

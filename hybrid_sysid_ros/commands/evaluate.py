@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +11,7 @@ import typer
 
 from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.commands.terminal import (
+    OwnRig,
     PartText,
     ReadPeriod,
     Recover,
@@ -38,6 +38,7 @@ def command(
     signals: SignalsFile = None,
     recover: Recover = False,
     read_period: ReadPeriod = 0.0,
+    rig: OwnRig = "",
 ) -> None:
     """Score a model by strict free run: one initial state, never corrected. Where a bag has the reference, the whole
     closed loop is simulated again from it as well.
@@ -45,15 +46,15 @@ def command(
     if report is not None:
         reports.check_available()
         check_file(report)
-    loaded = load_model(model)
+    loaded = load_model(model, rig=rig)
     described = load_rig(loaded.rig)
     chosen = Part.parse(part)
     records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling)
-    scores = {record.name: asdict(evaluate(loaded, record, part=chosen)) for record in records}
+    scores = {record.name: evaluate(loaded, record, part=chosen).content for record in records}
     again, skipped = resimulations(
         loaded.system, [(record, chosen) for record in records], described, sampling=loaded.sampling
     )
-    loops = {name: asdict(item.output) for name, item in again.items()}
+    loops = {name: item.output.content for name, item in again.items()}
     for reason in skipped.values():
         status.print(f"no closed loop: {reason}")
     if report is not None:

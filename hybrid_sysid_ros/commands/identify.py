@@ -9,6 +9,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import (
+    STRUCTURES_HELP,
     InputHandling,
     PartText,
     Period,
@@ -27,7 +28,7 @@ from hybrid_sysid_ros.commands.terminal import (
 )
 from hybrid_sysid_ros.identification import Part, identify
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
-from hybrid_sysid_ros.models import STRUCTURES, Model
+from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.options import parse
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.files import check_folder
@@ -36,8 +37,8 @@ from hybrid_sysid_ros.support.files import check_folder
 def command(
     bag: Annotated[list[Path], typer.Argument(help="Bags to learn from.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for the model.")],
-    rig: RigName = "cam_beam",
-    structure: Annotated[str, typer.Option(help=" | ".join(STRUCTURES))] = "hybrid",
+    rig: RigName = "",
+    structure: Annotated[str, typer.Option(help=STRUCTURES_HELP)] = "hybrid",
     option: Annotated[
         list[str] | None, typer.Option("--option", help="NAME=VALUE of the structure, such as units=8 or creep=1.")
     ] = None,

@@ -9,7 +9,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import Seed, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import OwnRig, Seed, console, print_table, status
 from hybrid_sysid_ros.control.safety.certificate import FILE, LEAST_LOOPS, Certificate, find
 from hybrid_sysid_ros.control.safety.certification import certify
 from hybrid_sysid_ros.control.safety.certified_loops import EXACT, JUDGED, Certification
@@ -47,6 +47,7 @@ def command(
     driver: Annotated[
         str, typer.Option(help="Who drives the loop of --again: network, supervised or exact.")
     ] = "network",
+    rig: OwnRig = "",
 ) -> None:
     """Run random closed loops of a policy beside the exact MPC and state how it does, with how much confidence.
 
@@ -60,6 +61,8 @@ def command(
         return
     store = beside(policy, ".certificate.part")
     check_file(policy / FILE)
+    if store.exists() and not store.is_dir():
+        raise UserError(f"{store}: is a file, and finished loops are to be kept there: remove it")
     there = _loops(policy, certification)
     if there > loops:
         raise UserError(f"{policy / FILE}: is of {there} loops; give as many with --loops, or remove it first")
@@ -137,7 +140,7 @@ def summary(certificate: Certificate) -> str:
 def loop_table(certification: Certification, loop: int, driver: str) -> Table:
     """One loop, period by period."""
     scenario = certification.scenario(loop)
-    driven = certification.run(loop, {"exact": EXACT, **JUDGED}[driver])
+    driven = certification.run(scenario, {"exact": EXACT, **JUDGED}[driver])
     policy, system = certification.policy, certification.model
     table = Table("time [s]")
     for k in policy.tracked:

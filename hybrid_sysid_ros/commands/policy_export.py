@@ -7,7 +7,7 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import console
+from hybrid_sysid_ros.commands.terminal import OwnRig, console
 from hybrid_sysid_ros.control.export import Check, export
 from hybrid_sysid_ros.control.policy.policy import SELF_CHECK_TOLERANCE
 from hybrid_sysid_ros.support.errors import UserError
@@ -21,6 +21,7 @@ def command(
     form: Annotated[
         str, typer.Option("--format", help=f"{' | '.join(FORMATS)}; onnx needs the extra [export].")
     ] = "both",
+    rig: OwnRig = "",
 ) -> None:
     """Write a policy as an ONNX graph and as C99 without dependencies, if both answer as it does."""
     if form not in FORMATS:

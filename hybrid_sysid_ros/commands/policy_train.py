@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import Seed, print_table, status
+from hybrid_sysid_ros.commands.terminal import OwnRig, Seed, print_table, status
 from hybrid_sysid_ros.control.policy.adaptation import Adaptation
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.models import load as load_model
@@ -48,6 +48,7 @@ def command(
         list[str] | None,
         typer.Option("--follow", help="NAME=SPREAD: a parameter of the model that the policy adapts to, in its unit."),
     ] = None,
+    rig: OwnRig = "",
 ) -> None:
     """Sample the exact MPC in closed loop and train a network that imitates it (needs the extra [train]).
 

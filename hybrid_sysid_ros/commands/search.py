@@ -10,6 +10,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import (
+    STRUCTURES_HELP,
     InputHandling,
     PartText,
     Period,
@@ -28,7 +29,7 @@ from hybrid_sysid_ros.commands.terminal import (
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.selection.search import Evaluate, Objective, Outcome, named, search
 from hybrid_sysid_ros.identification.selection.study import Evaluation, Study, opened
-from hybrid_sysid_ros.models import STRUCTURES, Options
+from hybrid_sysid_ros.models import Options
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.cluster import Cluster
 from hybrid_sysid_ros.support.errors import UserError
@@ -45,7 +46,7 @@ def command(
         str, typer.Option(help="SQLite file that keeps the trials, or a database's URL.")
     ] = "out/search.db",
     name: Annotated[str, typer.Option(help="Of the study in the file; the structure by default.")] = "",
-    structure: Annotated[str, typer.Option(help=" | ".join(STRUCTURES))] = "hybrid",
+    structure: Annotated[str, typer.Option(help=STRUCTURES_HELP)] = "hybrid",
     trials: Annotated[int, typer.Option(help="Trials in all, those of earlier runs included.", min=1)] = 40,
     timeout: Annotated[float, typer.Option(help="Seconds after which no trial begins; 0 is never.", min=0.0)] = 0.0,
     jobs: Annotated[int, typer.Option(help="Processes; -1 is one on each processor.")] = -1,
@@ -55,7 +56,7 @@ def command(
     ] = "",
     folds: Annotated[int, typer.Option(help="Groups in which parts of the bags are held out in turn.", min=2)] = 3,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for a model with the best options.")] = None,
-    rig: RigName = "cam_beam",
+    rig: RigName = "",
     input_handling: InputHandling = "averaged",
     step: Step = 0.005,
     period: Period = 0.05,

@@ -13,9 +13,9 @@ from hybrid_sysid_ros.rigs.rig import load as load_rig
 
 
 def command(
-    kind: Annotated[str, typer.Argument(help="multisine, random_steps or swept_sine.")],
+    kind: Annotated[str, typer.Argument(help="One of the rig's experiments, such as multisine.")],
     out: Annotated[Path, typer.Argument(help="Bag to write.")],
-    rig: RigName = "cam_beam",
+    rig: RigName = "",
     seed: Seed = 0,
     duration: Annotated[float, typer.Option(help="Seconds.", min=1.0, max=3600.0)] = 40.0,
     rate: Annotated[float, typer.Option(help="Samples per second.", min=1.0)] = 200.0,

@@ -12,7 +12,7 @@ from rich.table import Table
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.signals import Signals
-from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.models import STRUCTURES, Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
@@ -26,6 +26,19 @@ WIDEST = 100_000
 """More characters than any table has."""
 
 RigName = Annotated[str, typer.Option("--rig", help="Rig, by its name or by the path of its folder (./my_rig).")]
+
+
+def _meet(rig: str) -> str:
+    """Load a rig that a path names, so that from now on it is known by the name that models and policies have."""
+    if rig:
+        load_rig(rig)
+    return rig
+
+
+OwnRig = Annotated[
+    str, typer.Option("--rig", help="Folder of the rig, where it is not known by its name.", callback=_meet)
+]
+"""Of commands that are told their rig by a model or a policy."""
 SignalsFile = Annotated[Path | None, typer.Option("--signals", help="YAML with the topics and fields of your own bag.")]
 Recover = Annotated[bool, typer.Option("--recover", help="Read what can be read of a truncated bag.")]
 ReadPeriod = Annotated[
@@ -55,24 +68,31 @@ def print_table(table: Table) -> None:
     whole.print(table)
 
 
+STRUCTURES_HELP = " | ".join((*STRUCTURES, "a further gray box of the rig", "hybrid_NAME on a gray box"))
+
+
 def score_table(
-    scores: dict[str, dict[str, float]], rig: Rig, title: str, loops: dict[str, dict[str, float]] | None = None
+    scores: dict[str, dict[str, Any]], rig: Rig, title: str, loops: dict[str, dict[str, Any]] | None = None
 ) -> Table:
-    """Table of records' scores, errors as the rig's output is shown; beside them those of their re-simulated loops."""
-    error = f"RMSE [{rig.display[0].unit}]"
-    table = Table("record", "R2", error, "fit [%]", title=title)
+    """Table of records' scores, a row for each output, errors in the unit in which it is shown; beside them those of
+    their re-simulated loops.
+    """
+    names = [item.name for item in rig.system.outputs]
+    several = len(names) > 1
+    error = "RMSE" if several else f"RMSE [{rig.display[0].unit}]"
+    table = Table("record", *(["output"] if several else []), "R2", error, "fit [%]", title=title)
     for heading in ("closed loop R2", error) if loops else ():
         table.add_column(heading)
-    for name, values in scores.items():
-        cells = [f"{values['r2']:.4f}", _shown(values, rig), f"{values['fit_percent']:.1f}"]
-        if loops:
-            cells += [f"{loops[name]['r2']:.4f}", _shown(loops[name], rig)] if name in loops else ["", ""]
-        table.add_row(name, *cells)
+    for record, values in scores.items():
+        for index, name in enumerate(names):
+            own, shown = values.get("outputs", {}).get(name, values), rig.display[index]
+            rmse = f"{float(shown.shown(own['rmse'])):.3f}{f' {shown.unit}' if several else ''}"
+            cells = [record, *([name] if several else []), f"{own['r2']:.4f}", rmse, f"{own['fit_percent']:.1f}"]
+            if loops:
+                loop = loops.get(record)
+                cells += [f"{loop['r2']:.4f}", f"{float(shown.shown(loop['rmse'])):.3f}"] if loop else ["", ""]
+            table.add_row(*cells)
     return table
-
-
-def _shown(scores: dict[str, float], rig: Rig) -> str:
-    return f"{float(rig.display[0].shown(scores['rmse'])):.3f}"
 
 
 def sampling_of(step: float, period: float, handling: str) -> Sampling:

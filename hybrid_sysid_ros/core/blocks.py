@@ -16,6 +16,7 @@ from typing import Any
 
 import casadi
 
+from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.mathematics import Scalar
 
 
@@ -54,6 +55,13 @@ def tracing(calls: Calls) -> Iterator[Calls]:
         _current.reset(token)
 
 
+Kernels = tuple[Callable[..., None], Callable[..., None], Callable[..., None]]
+"""value(w, at, z, y): y (outputs,) from z (features,) with the weights w[at:]. slopes(w, at, z, y, by_z): and the
+derivatives (outputs x features) along rows. weight_slopes(w, at, z, factors, row, start): adds sum_k factors[k] dy_k/dw
+to row[start:], one entry a weight.
+"""
+
+
 class Block(ABC):
     """A learned function y = block(z; w) of features z, called inside a law. Subclasses are frozen dataclasses."""
 
@@ -74,11 +82,8 @@ class Block(ABC):
 
     @property
     @abstractmethod
-    def kernels(self) -> tuple[Callable[..., None], Callable[..., None], Callable[..., None]]:
-        """Compiled functions: value(w, at, z, y): y (outputs,) from z (features,) with the weights w[at:].
-        slopes(w, at, z, y, by_z): and the derivatives (outputs x features) along rows. weight_slopes(w, at, z, factors,
-        row, start): adds sum_k factors[k] dy_k / dw to row[start:], one entry a weight.
-        """
+    def kernels(self) -> Kernels:
+        """Its functions for compiled code."""
 
     @abstractmethod
     def symbolic(self, z: Sequence[Scalar], w: Sequence[Scalar]) -> Sequence[Scalar]:
@@ -103,3 +108,13 @@ class Block(ABC):
         )
         calls.made.append(call)
         return list(casadi.vertsplit(call.outputs))
+
+
+@inner
+def not_learnt(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
+    """Slopes by the weights of blocks that are trained by other means."""
+
+
+def weighed(row: Any, values: Any, start: Any) -> Any:
+    """Start + row . values, written out."""
+    return sum((a * value for a, value in zip(row, values, strict=True)), start)

@@ -7,6 +7,7 @@ leaves old code of its callers, and leaves the compiled code of everything else.
 from __future__ import annotations
 
 import atexit
+import fcntl
 import hashlib
 import os
 import re
@@ -40,10 +41,31 @@ _IMPORT = re.compile(r"^(?:from +([\w.]+) +import +(\([^)]*\)|[^\n]*)|import +([
 """Those of a module, not those in its functions: compiled code is made of what its module names."""
 
 
-def kernel(function: Callable[..., Any]) -> Any:
-    """Decorator of a loop that Python calls: compiled at its first call, or loaded from the cache on disk."""
-    with kept_in(folder(function.__module__, digest(function.__module__))):
-        return numba.njit(cache=True, fastmath={"contract"}, **OPTIONS)(function)
+def kernel(function: Callable[..., Any], signature: str | None = None) -> Any:
+    """Decorator of a loop that Python calls: compiled at its first call, or loaded from the cache on disk. With a
+    signature at once, and for its arguments alone.
+    """
+    place = folder(function.__module__, digest(function.__module__))
+    with kept_in(place):
+        made = numba.njit(cache=True, fastmath={"contract"}, **OPTIONS)(function)
+        # Two processes that keep code for other arguments at the same time could give one the other's.
+        file = made._cache._cache_file
+        file.save = _in_turn(file.save, place / "lock")
+        if signature is not None:
+            made.compile(signature)
+            made.disable_compile()
+    return made
+
+
+def _in_turn(function: Callable[..., None], lock: Path) -> Callable[..., None]:
+    """One process at a time."""
+
+    def waiting(*arguments: Any) -> None:
+        with lock.open("w") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            function(*arguments)
+
+    return waiting
 
 
 @contextmanager

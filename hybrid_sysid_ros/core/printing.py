@@ -6,6 +6,7 @@ steps (rollouts, filters, shooting) are compiled once for all and take functions
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -146,9 +147,14 @@ def _kinds(calls: Sequence[Call]) -> list[str]:
     return list(dict.fromkeys(call.block.code for call in calls))
 
 
+Known = list[tuple[str, casadi.SX]]
+"""What printed lines may read, by name."""
+
+
 def _body(traced: Trace, columns: Columns | None) -> Iterator[str]:
     calls, kinds = traced.calls, _kinds(traced.calls)
-    known: list[tuple[str, casadi.SX]] = [
+    names = (f"a{number}" for number in itertools.count())
+    known: Known = [
         ("x", traced.x),
         ("u", traced.u),
         ("p", traced.p),
@@ -158,7 +164,7 @@ def _body(traced: Trace, columns: Columns | None) -> Iterator[str]:
     for number, call in enumerate(calls):
         block = call.block
         yield f"z{number}, y{number} = scratch({block.features}), scratch({block.outputs})"
-        yield from _assigned(known, {f"z{number}": call.features})
+        yield from _assigned(known, {f"z{number}": call.features}, names)
         which = kinds.index(block.code)
         if columns is None:
             yield f"value_{which}(w, {block.at}, z{number}, y{number})"
@@ -168,7 +174,7 @@ def _body(traced: Trace, columns: Columns | None) -> Iterator[str]:
             known.append((f"g{number}", casadi.vec(call.slopes.T)))  # along rows
         known.append((f"y{number}", call.outputs))
     if columns is None:
-        yield from _assigned(known, {"out": traced.result})
+        yield from _assigned(known, {"out": traced.result}, names)
         return
     width = columns.count
     seeds = [traced.x, traced.u]
@@ -187,13 +193,13 @@ def _body(traced: Trace, columns: Columns | None) -> Iterator[str]:
         jacobian += casadi.mtimes(direct, slope)
     yield f"for i in range({traced.result.numel() * width}):"
     yield "    slopes[i] = 0.0"
-    yield from _assigned(known, {"out": traced.result, f"slopes:{width}": casadi.sparsify(jacobian)})
+    yield from _assigned(known, {"out": traced.result, f"slopes:{width}": casadi.sparsify(jacobian)}, names)
     if columns.weights:
-        yield from _by_weights(traced, columns, known, by_call)
+        yield from _by_weights(traced, columns, known, by_call, names)
 
 
 def _by_weights(
-    traced: Trace, columns: Columns, known: list[tuple[str, casadi.SX]], by_call: Sequence[casadi.SX]
+    traced: Trace, columns: Columns, known: Known, by_call: Sequence[casadi.SX], names: Iterator[str]
 ) -> Iterator[str]:
     """Slopes by the weights: those of each call, by how the result depends on its outputs."""
     calls, kinds = traced.calls, _kinds(traced.calls)
@@ -207,7 +213,7 @@ def _by_weights(
         yield f"f{number} = scratch({call.block.outputs})"
         for row in range(traced.result.numel()):
             if factors[row, :].nnz():
-                yield from _assigned(known, {f"f{number}": casadi.densify(factors[row, :].T)})
+                yield from _assigned(known, {f"f{number}": casadi.densify(factors[row, :].T)}, names)
                 start = row * columns.count + columns.first_weight + call.block.at
                 yield (
                     f"weight_slopes_{kinds.index(call.block.code)}(w, {call.block.at}, z{number}, f{number}, slopes, "
@@ -215,7 +221,7 @@ def _by_weights(
                 )
 
 
-def _assigned(known: Sequence[tuple[str, casadi.SX]], targets: dict[str, casadi.SX]) -> Iterator[str]:
+def _assigned(known: Known, targets: dict[str, casadi.SX], names: Iterator[str]) -> Iterator[str]:
     """Lines that compute the targets: dense vectors "name", or the non-zeros of matrices "name:width"."""
     outputs = list(targets.items())
     expressions = casadi.cse([expression for _, expression in outputs])
@@ -232,20 +238,24 @@ def _assigned(known: Sequence[tuple[str, casadi.SX]], targets: dict[str, casadi.
             places.append([f"{name}[{row}]" for row in rows])
             for row in sorted(set(range(expression.numel())) - set(rows)):
                 yield f"{name}[{row}] = 0.0"
+    at: dict[int, str] = {}  # what CasADi's registers hold: each value gets a name of its own, which compiles faster
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         to, of = function.instruction_output(k), function.instruction_input(k)
+        if operation == casadi.OP_OUTPUT:
+            yield f"{places[to[0]][to[1]]} = {at[of[0]]}"
+            continue
         if operation == casadi.OP_INPUT:
             name = known[of[0]][0]
-            yield f"a{to[0]} = {name if name in scalars else f'{name}[{of[1]}]'}"
-        elif operation == casadi.OP_OUTPUT:
-            yield f"{places[to[0]][to[1]]} = a{of[0]}"
+            value = name if name in scalars else f"{name}[{of[1]}]"
         elif operation == casadi.OP_CONST:
-            yield f"a{to[0]} = {_number(function.instruction_constant(k))}"
+            value = _number(function.instruction_constant(k))
+        elif operation in _OPERATIONS:
+            value = _OPERATIONS[operation].format(*(at[index] for index in of))
         else:
-            if operation not in _OPERATIONS:
-                raise UserError(f"a law uses {_name_of(operation)}, which can't be compiled; write it out otherwise")
-            yield f"a{to[0]} = {_OPERATIONS[operation].format(*(f'a{index}' for index in of))}"
+            raise UserError(f"a law uses {_name_of(operation)}, which can't be compiled; write it out otherwise")
+        at[to[0]] = next(names)
+        yield f"{at[to[0]]} = {value}"
 
 
 def _name_of(operation: int) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.contacts import Contact, Field
 from hybrid_sysid_ros.core.declaration import Variable, check, deflections, variables
-from hybrid_sysid_ros.core.mathematics import Scalar
+from hybrid_sysid_ros.core.mathematics import Scalar, rows
 from hybrid_sysid_ros.core.parameters import Parameter, declared
 from hybrid_sysid_ros.core.steppers import ImplicitFriction, Motion, Sampled, Stepper
 from hybrid_sysid_ros.support.errors import UserError
@@ -85,7 +85,7 @@ class System:
         return Motion(rates=self._rates, contacts=self.contacts, field=self._field, names=names)
 
     def _rates(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        rates, count = list(self.law(x, u)), len(self.declared_states)
+        rates, count = rows(self.law(x, u)), len(self.declared_states)
         if len(rates) != count:
             raise UserError(f"{type(self).__name__}: law(x, u) gives {len(rates)} rates for {count} states")
         return rates
@@ -261,4 +261,8 @@ def _key(value: Any) -> Any:
     """What tells one option of a system from another."""
     if isinstance(value, System):
         return value.form
-    return (value.shape, value.tobytes()) if isinstance(value, np.ndarray) else value
+    if isinstance(value, np.ndarray):
+        return value.shape, value.tobytes()
+    if isinstance(value, Mapping):
+        return tuple((name, _key(item)) for name, item in value.items())
+    return tuple(map(_key, value)) if isinstance(value, (list, tuple)) else value

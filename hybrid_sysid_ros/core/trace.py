@@ -10,7 +10,7 @@ import casadi
 import numpy as np
 
 from hybrid_sysid_ros.core.blocks import Call, Calls, tracing
-from hybrid_sysid_ros.core.mathematics import Scalar
+from hybrid_sysid_ros.core.mathematics import Scalar, rounded, rows
 from hybrid_sysid_ros.support.errors import UserError
 
 if TYPE_CHECKING:
@@ -38,7 +38,8 @@ def step_of(system: System, *, smooth: bool = False, weights: casadi.SX | None =
 
     def advance(bound: System, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
         motion = replace(bound.motion(), kinematics=kinematics)
-        return bound.stepper.advance(motion, x, u, h, s if smooth else None)
+        with rounded(smooth):
+            return bound.stepper.advance(motion, x, u, h, s if smooth else None)
 
     return _traced(system, "the step", advance, weights)
 
@@ -53,7 +54,7 @@ def output_of(system: System, *, weights: casadi.SX | None = None) -> Trace:
     """The outputs."""
 
     def output(bound: System, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
-        found, count = list(bound.output(x, u)), len(system.outputs)
+        found, count = rows(bound.output(x, u)), len(system.outputs)
         if len(found) != count:
             raise UserError(f"{type(system).__name__}: output(x, u) gives {len(found)} values for {count} outputs")
         return found
@@ -114,7 +115,7 @@ def _traced(system: System, what: str, function: Traced, weights: casadi.SX | No
             names = [item.name for item in (system.outputs if what.startswith("output") else system.states)]
             raise UserError(
                 f"{kind}: {what} is not finite for {names[int(np.argmin(np.isfinite(found)))]} where states and inputs "
-                "are zero; keep divisors and roots away from zero with maximum, hypot or select"
+                "are zero; keep divisors from zero with maximum or select, and use core.mathematics in place of math"
             )
     return traced
 
@@ -131,6 +132,4 @@ def _cause(error: Exception) -> str:
     text = " ".join(str(error).split())
     if "truth value" in text or "scalar nodes" in text.lower() or "__bool__" in text:
         return "Python's if, and, min and max can't look at a state; use select, minimum and maximum"
-    if "must be real number" in text or "float()" in text:
-        return "functions of Python's math take no symbols; use those of hybrid_sysid_ros.core.mathematics"
     return f"{type(error).__name__}: {text[:200]}"

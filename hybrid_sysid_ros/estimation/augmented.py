@@ -23,6 +23,10 @@ from hybrid_sysid_ros.estimation.square_root import solve, triangle
 Array = NDArray[np.float64]
 Records = NDArray[np.void]
 
+REACH = math.sqrt(6.0)
+"""Of differences, in deviations: it sees the break-away of a joint that sticks, which sqrt(3), the best where all is
+smooth, often misses."""
+
 
 @inner
 def copy(source: Array, target: Array) -> None:
@@ -33,6 +37,7 @@ def copy(source: Array, target: Array) -> None:
 
 @inner
 def copy_matrix(source: Array, target: Array) -> None:
+    """The same of matrices."""
     for i in range(source.shape[0]):
         for j in range(source.shape[1]):
             target[i, j] = source[i, j]
@@ -106,8 +111,8 @@ def differences(core: Any, at: Array, root: Array, drive: Array, h: float, follo
         slope = (f(z + r s) - f(z - r s)) / 2 r,  bend = (f(z + r s) - 2 f(z) + f(z - r s)) / r^2
         mean = f(z) + sum bend / 2,  covariance = sum slope slope' + sum bend bend' / 2
 
-    where a normal e has E e^2 = 1 and var e^2 = 2. Source: Norgaard, Poulsen, Ravn (2000), Automatica 36(11), with the
-    reach r of the unscented filter's points in place of sqrt(3): it sees the break-away of a joint that sticks.
+    with the reach r, where a normal e has E e^2 = 1 and var e^2 = 2. Source: Norgaard, Poulsen, Ravn (2000), Automatica
+    36(11).
 
     ``following`` (size,) receives the mean, the first ``size`` of ``rows`` the slopes, the others the bends and what
     the inputs' noise adds, the last ones process noise; returns how many there are. ``root`` becomes triangular.
@@ -115,8 +120,7 @@ def differences(core: Any, at: Array, root: Array, drive: Array, h: float, follo
     n, m, size = core.states, core.inputs, at.shape[0]
     above, below = vector(core.above, size), vector(core.below, size)
     point, centre, pushed = vector(core.point, size), vector(core.centre, size), vector(core.pushed, m)
-    noise, hums_end = numbers(core.input_noise), n + m + 2 * core.hums
-    reach = math.sqrt(1.0 * (size + m))
+    noise = numbers(core.input_noise)
     for i in range(size):
         for j in range(size):
             rows[i, j] = root[j, i]
@@ -137,13 +141,13 @@ def differences(core: Any, at: Array, root: Array, drive: Array, h: float, follo
             if n + m <= i and core.followed == 0:
                 continue  # a hum moves nothing else
             for j in range(size):
-                below[j] = at[j] - reach * point[j]
-                point[j] = at[j] + reach * point[j]
+                below[j] = at[j] - REACH * point[j]
+                point[j] = at[j] + REACH * point[j]
             move(core, point, drive, h, above)
             copy(below, point)
             move(core, point, drive, h, below)
         else:
-            push = reach * noise[i - size] / math.sqrt(h)
+            push = REACH * noise[i - size] / math.sqrt(h)
             if push == 0.0:
                 continue
             count += 1
@@ -154,8 +158,8 @@ def differences(core: Any, at: Array, root: Array, drive: Array, h: float, follo
             move(core, at, pushed, h, below)
         bends = 0.0
         for j in range(n):
-            rows[row, j] = (above[j] - below[j]) / (2.0 * reach)
-            bend = (above[j] + below[j] - 2.0 * centre[j]) / (reach * reach)
+            rows[row, j] = (above[j] - below[j]) / (2.0 * REACH)
+            bend = (above[j] + below[j] - 2.0 * centre[j]) / (REACH * REACH)
             following[j] += 0.5 * bend
             rows[count, j] = math.sqrt(0.5) * bend
             bends += bend * bend
@@ -182,21 +186,20 @@ def _map_outputs(core: Any, at: Array, root: Array) -> None:
     p, size = core.outputs, at.shape[0]
     shown, above, below = vector(core.shown, 2 * p), vector(core.above_shown, 2 * p), vector(core.below_shown, 2 * p)
     point, slopes = vector(core.point, size), matrix(core.by_output, p, size)
-    reach = math.sqrt(1.0 * (size + core.inputs))
     _show(core, at, shown)
     for k in range(p):
         shown[p + k] = 0.0
         below[p + k] = shown[k]
     for i in range(size):
         for j in range(size):
-            point[j] = at[j] + reach * root[j, i]
+            point[j] = at[j] + REACH * root[j, i]
         _show(core, point, above)
         for j in range(size):
-            point[j] = at[j] - reach * root[j, i]
+            point[j] = at[j] - REACH * root[j, i]
         _show(core, point, below)
         for k in range(p):
-            slopes[k, i] = (above[k] - below[k]) / (2.0 * reach)
-            bend = (above[k] + below[k] - 2.0 * below[p + k]) / (reach * reach)
+            slopes[k, i] = (above[k] - below[k]) / (2.0 * REACH)
+            bend = (above[k] + below[k] - 2.0 * below[p + k]) / (REACH * REACH)
             shown[k] += 0.5 * bend
             shown[p + k] += 0.5 * bend * bend
 

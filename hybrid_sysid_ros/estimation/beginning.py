@@ -46,7 +46,7 @@ class Beginning:
         mean = np.zeros(len(self.arrays["start"]))
         named, tail = self.system.named, len(mean) - len(self.tuning.followed)
         mean[tail:] = [named[name] for name in self.tuning.followed]
-        self._begin(0, *self._belief(0, mean))
+        self._begin(0, *self._belief(0, mean, ()))
 
     def again(self, index: int, lost: Sequence[int]) -> bool:
         """Begin again at a moment, from its readings, for the sake of the channels ``lost`` that were outliers for too
@@ -54,7 +54,7 @@ class Beginning:
         """
         row = self.memory.moments["row"][index]
         before, root = self.arrays["means"][row].copy(), self.arrays["roots"][row]
-        mean, deviations, placed = self._belief(index, before)
+        mean, deviations, placed = self._belief(index, before, lost)
         fates = self.memory.readings["fate"][self.memory.moments["row"][: index + 1]]
         believed = (fates == USED) | (fates == BEGUN)
         run = max((int(np.flatnonzero(believed[:, c])[-1]) + 1 if believed[:, c].any() else 0) for c in lost)
@@ -82,9 +82,9 @@ class Beginning:
     def _readings(self, index: int) -> Records:
         return self.memory.readings[self.memory.moments["row"][index]]
 
-    def _belief(self, index: int, before: Array) -> tuple[Array, Array, Sequence[int]]:
-        """Mean and deviations (size,) by the readings of a moment, what is slow as it was ``before`` (size,); and the
-        channels whose readings are in it already.
+    def _belief(self, index: int, before: Array, lost: Sequence[int]) -> tuple[Array, Array, Sequence[int]]:
+        """Mean and deviations (size,) by the readings of a moment, those of the channels ``lost`` before others of the
+        same state, what is slow as it was ``before`` (size,); and the channels whose readings are in it already.
         """
         n, m, p = len(self.system.states), len(self.system.inputs), len(self.system.outputs)
         readings, channels = self._readings(index), self.memory.channels
@@ -94,7 +94,7 @@ class Beginning:
         mean[n + m : len(mean) - len(self.tuning.followed)] = 0.0
         mean[:n] = self.system.observed(outputs[None], np.zeros((1, p)), self.arrays["applied"][None])[0]
         placed: dict[int, int] = {}
-        for c in np.flatnonzero(given).tolist():
+        for c in sorted(np.flatnonzero(given).tolist(), key=lambda c: c not in lost):
             state, hum = int(channels["state"][c]), int(channels["hum"][c])
             if state >= 0 and state not in placed:
                 placed[state] = c

@@ -65,15 +65,15 @@ class Counters:
 
 
 class Estimator(ABC):
-    """States z = [x, d, hums, theta]: the system's states, an offset of each input, a hum of each output that has one, as a
-    sine of known frequency, and the followed parameters.
+    """States z = [x, d, hums, theta]: the system's states, an offset of each input, a hum of each output that has one,
+    as a sine of known frequency, and the followed parameters.
 
         z+ = [step(x, u + d; theta), d, rotation(2 pi f dt) (s, c), theta] + noise,   y = h(x, u + d; theta) + s + r
 
     Outputs and the tuning's further channels may come out of order, within the tuning's window: the estimator goes back
     to the moment before and plays the rest again, so that the answer is that of the right order. Older ones are
-    ignored, missing ones and NaN predicted over, outliers gated; each is counted. After a run of outliers a sensor wins,
-    unless another one that was believed meanwhile contradicts it. Compiled loops keep all in preallocated arrays.
+    ignored, missing ones and NaN predicted over, outliers gated; each is counted. After a run of outliers a sensor
+    wins, unless another one that was believed meanwhile contradicts it. All state stays in preallocated arrays.
     """
 
     windowed: ClassVar[bool] = False
@@ -120,6 +120,19 @@ class Estimator(ABC):
         self._outputs, self._applied, self._value = np.empty(p), np.empty(m), np.empty(1)
         self.reset()
 
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Of the rows of the covariance, with units, (size,)."""
+        system, channels = self.system, self._memory.channels
+        hums = [item for item, hum in zip(system.outputs, channels["hum"], strict=False) if hum >= 0]
+        units = {item.name: item.unit for item in system.parameters}
+        return (
+            *(str(item) for item in system.states),
+            *(f"offset of {item}" for item in system.inputs),
+            *(f"{part} of hum of {item}" for item in hums for part in ("sine", "cosine")),
+            *(f"{name} [{units[name]}]" for name in self.tuning.followed),
+        )
+
     def _window_of(self, tuning: Tuning, period: float) -> float:
         """How far back [s] a measurement may lie that is still used."""
         return tuning.window
@@ -131,8 +144,8 @@ class Estimator(ABC):
         self._arrays["applied"][:] = 0.0
 
     def update(self, time: float, outputs: Array, applied: Array) -> Estimate:
-        """Measured outputs (outputs,) at ``time`` [s], NaN where one is missing, and the mean inputs (inputs,) since the
-        measurement before.
+        """Measured outputs (outputs,) at ``time`` [s], NaN where one is missing, and the mean inputs (inputs,) since
+        the measurement before.
 
         Raises UserError where there is nothing to hold on to yet and no output is a number, for a stamp that is none,
         and for another number of outputs or inputs.
@@ -214,7 +227,7 @@ class Estimator(ABC):
         """Values of the channels from ``first`` on in their place; ``applied`` counts where ``since`` is before."""
         out, P = np.empty(self._parts[-1] + 1), np.empty((self._size, self._size))
         code = self._absorb(*self._memory, time, since, first, given, self._applied, out, P)
-        delayed = time <= self._newest
+        delayed = bool(time <= self._newest)
         if not delayed:
             self._newest = time
         if code == FINE:
@@ -274,7 +287,7 @@ class Estimator(ABC):
             parameters=parameters,
             covariance=P,
             innovation=out[d:e],
-            normalised_innovation=out[e],
+            normalised_innovation=float(out[e]),
         )
 
     def _start(self, time: float, first: int, values: Array) -> Estimate:

@@ -1,7 +1,7 @@
 """What the compiled code of an estimator works on, made once: settings, channels, moments of time and past inputs.
 
-Settings are one NumPy record whose type is the same for every system, so that loops are compiled once; its arrays, whose
-sizes the system decides, it names by their addresses.
+Settings are one NumPy record whose type is the same for every system, so that loops are compiled once; its arrays,
+whose sizes the system decides, it names by their addresses.
 """
 
 from __future__ import annotations
@@ -48,20 +48,17 @@ _INTEGERS = (
     *("rows", "sensitivity", "expected", "variance", "by_output", "shown", "above_shown", "below_shown"),
     *("point", "centre", "above", "below", "gain", "acting", "drive", "pushed", "z"),
 )
-CORE = np.dtype(
-    [
-        *((name, "i8") for name in _INTEGERS),
-        *((name, "f8") for name in ("longest_step", "slack", "span", "gate", "lead")),
-    ]
-)
+_NUMBERS = ("longest_step", "slack", "span", "gate", "lead")
+CORE = np.dtype([*((name, "i8") for name in _INTEGERS), *((name, "f8") for name in _NUMBERS)])
 """windowed: whether the method optimises over the last ``span`` [s]. count: moments in use, keep: how many stay when
-there is no room, at: the one of the last measurement, fresh: the first one that was made for it. wrong: inputs of the last
-measurement that were no numbers. An interval becomes ceil(interval / longest_step - slack) steps.
-lead [s]: how far ahead an answer looks. gate: largest normalised squared innovation to believe.
+there is no room, at: the one of the last measurement, fresh: the first one that was made for it; wrong: inputs that
+came with it and were no numbers. An interval becomes ceil(interval / longest_step - slack) steps. lead [s]: how far
+ahead an answer looks. gate: largest normalised squared innovation to believe.
 """
 
 CHANNEL = np.dtype([("state", "i8"), ("output", "i8"), ("hum", "i8"), ("noise", "f8")])
-"""state: the one that is measured, -1: the output of the map. hum: place of its sine in z, -1: none. noise: variance."""
+"""state: the one that is measured, -1: the output of the map. hum: place of its sine in z, -1: none. noise: variance.
+"""
 
 MOMENT = np.dtype([("time", "f8"), ("row", "i8")])
 """time [s]; row: of its belief and its readings in the arrays."""

@@ -86,7 +86,7 @@ def _forward(
 
 @inner
 def _backward(core: Any, moments: Records, first: int) -> None:
-    """The smoother's means: s_k = z_k + S_k A' M^-1 (s_k+1 - m); z_k, S_k filtered, m, M predicted, A slopes over S_k."""
+    """The smoother's means: s_k = z_k + S_k A' M^-1 (s_k+1 - m); z_k, S_k filtered, m, M predicted, A slopes by S_k."""
     size, last = core.size, core.count - 1
     pulled = vector(core.gain, size)
     copy(_filtered(core, moments[last].row), mean_of(core, moments[last].row))

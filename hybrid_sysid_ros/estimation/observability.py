@@ -56,7 +56,7 @@ def check_observable(system: System, tuning: Tuning, *, step: float) -> None:
     def effects(values: Array) -> Array:
         """Half the difference of the two sides, (moves, runs, steps, columns)."""
         sides = values.reshape(count, 2, RUNS, STEPS, -1)
-        with np.errstate(invalid="ignore"):  # a run may leave what numbers can hold
+        with np.errstate(invalid="ignore"):  # some laws run away
             return np.asarray(0.5 * (sides[:, 0] - sides[:, 1]))
 
     seen = effects(np.column_stack([outputs, *_further(system, tuning, states, outputs)]))

@@ -130,7 +130,7 @@ def put(
     changed = after(moments, core.count, since) if since < min(time, newest) else core.count
     if index < 0:
         return changed if changed < core.count else NOTHING
-    return min(changed, index)
+    return min(changed, index, core.fresh)
 
 
 @inner

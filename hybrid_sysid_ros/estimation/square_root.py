@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
 
 Array = NDArray[np.float64]
@@ -23,31 +24,32 @@ def triangle(rows: Array, count: int, root: Array) -> None:
     that of earlier entries has a column of zeros.
     """
     size, row = root.shape[0], 0
+    a, s = pointer(rows), pointer(root)  # bare memory, whose loops are fast
     for j in range(size):
         norm, earlier = 0.0, 0.0
         for i in range(row, count):
-            norm += rows[i, j] * rows[i, j]
+            norm += a[i * size + j] * a[i * size + j]
         for i in range(j):
-            earlier += root[j, i] * root[j, i]
-            root[i, j] = 0.0
+            earlier += s[j * size + i] * s[j * size + i]
+            s[i * size + j] = 0.0
         if norm <= NO_VARIANCE * NO_VARIANCE * earlier:
             for k in range(j, size):
-                root[k, j] = 0.0
+                s[k * size + j] = 0.0
             continue
         norm = math.sqrt(norm)
-        if rows[row, j] > 0.0:
+        if a[row * size + j] > 0.0:
             norm = -norm
-        rows[row, j] -= norm
-        scale = -1.0 / (norm * rows[row, j])
-        root[j, j] = norm
+        a[row * size + j] -= norm
+        scale = -1.0 / (norm * a[row * size + j])
+        s[j * size + j] = norm
         for k in range(j + 1, size):
             total = 0.0
             for i in range(row, count):
-                total += rows[i, j] * rows[i, k]
+                total += a[i * size + j] * a[i * size + k]
             total *= scale
             for i in range(row, count):
-                rows[i, k] -= total * rows[i, j]
-            root[k, j] = rows[row, k]
+                a[i * size + k] -= total * a[i * size + j]
+            s[k * size + j] = a[row * size + k]
         row += 1
 
 

@@ -45,8 +45,8 @@ class Tuning:
     hum_noise: Numbers = (0.0,)
     """Drift of the hum, (p,) [output unit / sqrt(s)]."""
     initial_deviation: Numbers = ()
-    """Of each state that no sensor shows at the start, (n,) [state unit]; default: what its process noise makes of it in
-    100 s.
+    """Of each state that no sensor shows at the start, (n,) [state unit]; default: what its process noise makes of it
+    in 100 s.
     """
     gate: float = 25.0
     """Largest normalised squared innovation of a measurement that is believed."""

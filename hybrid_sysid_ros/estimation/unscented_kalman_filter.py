@@ -27,20 +27,14 @@ def predict(core: Any, mean: Array, root: Array, drive: Array, h: float) -> None
     m, size = core.inputs, mean.shape[0]
     count = size + m  # the inputs' noise has dimensions of its own, as it goes through the friction
     points = matrix(core.rows, 3 * size + 2 * m + 1, size)
-    z, middle, pushed, noise = (
-        vector(core.point, size),
-        vector(core.centre, size),
-        vector(core.pushed, m),
-        core.input_noise,
-    )
-    spread, weight = math.sqrt(1.0 * count), 1.0 / math.sqrt(2.0 * count)
-    deviations = numbers(noise)
+    z, middle, pushed = vector(core.point, size), vector(core.centre, size), vector(core.pushed, m)
+    spread, weight, noise = math.sqrt(1.0 * count), 1.0 / math.sqrt(2.0 * count), numbers(core.input_noise)
     for i in range(2 * count):
         sign, k = (spread, i // 2) if i % 2 else (-spread, i // 2)
         for j in range(size):
             z[j] = mean[j] + (sign * root[j, k] if k < size else 0.0)
         for j in range(m):
-            pushed[j] = drive[j] + (sign * deviations[j] / math.sqrt(h) if k == size + j else 0.0)
+            pushed[j] = drive[j] + (sign * noise[j] / math.sqrt(h) if k == size + j else 0.0)
         move(core, z, pushed, h, points[i])
         rest(core, z, h, points[i])
     move(core, mean, drive, h, middle)

@@ -117,9 +117,7 @@ def delays(section: ClosedLoopSection) -> go.Figure:
     return figure
 
 
-def _input(
-    figure: go.Figure, row: int, loop: LoopRecord, index: int, inside: NDArray[np.bool_] | None = None
-) -> None:
+def _input(figure: go.Figure, row: int, loop: LoopRecord, index: int, inside: NDArray[np.bool_] | None = None) -> None:
     """An input with its bounds."""
     chosen = np.ones(len(loop.time), dtype=bool) if inside is None else inside
     actuator, item = loop.rig.actuators[index], loop.rig.system.inputs[index]

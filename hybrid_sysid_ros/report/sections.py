@@ -232,7 +232,9 @@ def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopS
                 windows[piece.name] = Window(output=piece.output, start=piece.start, stop=piece.stop)
                 smooth |= {piece.name} if piece.excitation.kind in SMOOTH else set()
     if not windows:
-        windows = {_whole(rig, k, loop.tracked): Window(output=k, start=0.0, stop=float(time[-1])) for k in loop.tracked}
+        windows = {
+            _whole(rig, k, loop.tracked): Window(output=k, start=0.0, stop=float(time[-1])) for k in loop.tracked
+        }
     known = np.isfinite(loop.reference) & (time >= 0.0)[:, None]
     windows = {
         name: item

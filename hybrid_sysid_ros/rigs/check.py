@@ -29,7 +29,7 @@ WINDOWS = 8
 FORMS_AGREE = 1e-9
 """Relative difference of the compiled and the CasADi form."""
 BLIND = 1e-9
-"""Ratio of the least to the greatest effect of a state (in its own magnitude) on the outputs, below which it has none."""
+"""Ratio of the least to the greatest effect of a state (in its magnitude) on the outputs, below which it has none."""
 GROWTH = 1e-3
 """Rate [1/s] from which on a linearised system counts as unstable."""
 
@@ -54,7 +54,7 @@ def check(rig: Rig) -> Findings:
         problems += (f"{where}: structure {name}: {line.partition(': ')[2]}" for line in _at_origin(other, where))
     if problems:
         return Findings(problems=tuple(problems), remarks=(), states=np.zeros(0))
-    problems, remarks = list(_sensors(rig)), []
+    problems, remarks = list(_sensors(rig)), list[str]()
     states, inputs = _experiment(rig)
     steady = np.isfinite(states).all()
     magnitudes = np.maximum(np.max(np.abs(states[np.isfinite(states).all(axis=1)]), axis=0), 1e-6)
@@ -142,7 +142,7 @@ def _experiment(rig: Rig) -> tuple[Array, Array]:
 def _growth(system: System, magnitudes: Array, step: float) -> tuple[float, str]:
     """Fastest growth [1/s] of the system linearised at the origin, stick-slip rounded, and the states that grow."""
     n, m = len(system.states), len(system.inputs)
-    address, columns = compiled(system).slopes(smooth=True)
+    address, _ = compiled(system).slopes(smooth=True)
     slopes, following = np.zeros((n, n + m)), np.zeros(n)
     smoothing = float(np.max(magnitudes))
     _sloped(address, np.zeros(n), np.zeros(m), system.values, system.weights, step, smoothing, following, slopes)
@@ -180,7 +180,7 @@ def _on_grid(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
             other = np.array(told[kind](x, u)).ravel()
             scale = np.maximum(np.abs(values), np.max(np.abs(values)) + 1e-12)
             if np.max(np.abs(values - other) / scale) > FORMS_AGREE:
-                yield f"{where}: the compiled {kind} differs from its CasADi form; the law must give the same every time"
+                yield f"{where}: the compiled {kind} differs from the CasADi form; the law must be the same each time"
                 return
 
 
@@ -204,7 +204,7 @@ def _blind(rig: Rig, states: Array, inputs: Array, magnitudes: Array, where: str
         if value <= BLIND * values[0]:
             names = [system.states[i].name for i in np.flatnonzero(np.abs(direction) > 0.3)]
             yield (
-                f"{where}: the outputs do not tell {' and '.join(names)}: measure more, or leave out of the states what "
+                f"{where}: the outputs do not tell {' and '.join(names)}: measure more, or leave out states that "
                 "nothing depends on"
             )
 
@@ -228,8 +228,8 @@ def step_responses(rig: Rig, *, seconds: float, samples: int) -> tuple[Array, di
     to its upper limit.
     """
     steps = max(round(seconds / rig.step / (samples - 1)), 1)
-    times = rig.step * steps * np.arange(samples)
-    found = {}
+    times = rig.step * steps * np.arange(samples, dtype=np.float64)
+    found: dict[str, Array] = {}
     for index, item in enumerate(rig.system.inputs):
         rest = np.array([actuator.rest for actuator in rig.actuators])
         inputs = rest.copy()

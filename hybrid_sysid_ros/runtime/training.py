@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_settings import Settings
@@ -35,8 +36,9 @@ def train_policy(
     rig = load(model.rig)
     problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig, model.system)
     settings = settings or Settings()
-    spread = configuration.spread_of(rig)
-    store = Store(samples, f"{model.seal} {problem} {spread} {settings}") if samples is not None else None
+    spread = configuration.spread_of(rig, model.system)
+    purpose = f"{model.seal} {problem} {spread} {settings}"
+    store: Store[Any] | None = Store(samples, purpose) if samples is not None else None
     policy = train(model, problem, spread, settings, seed=seed, store=store, progress=progress)
     if store is not None:
         store.remove()

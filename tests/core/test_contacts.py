@@ -5,12 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hybrid_sysid_ros.models.dahl import Dahl
-from hybrid_sysid_ros.models.lugre import LuGre
 from scipy.integrate import solve_ivp
 
 from hybrid_sysid_ros.core import Bristles, Dry, System, bounded, simulate, stepped
-from hybrid_sysid_ros.models.linear import Linear
+from tests.one_joint import Dahl, Linear, LuGre
 
 
 def test_viscous_friction_converges_with_the_square_of_the_step():
@@ -133,7 +131,7 @@ def test_a_dry_contact_beside_one_of_bristles_moves_as_its_differential_equation
 
 
 def test_each_contact_holds_its_own_block():
-    """A pull that the table bears: the front one sticks to the last bit, the back one bends its bristles and returns."""
+    """A pull that the table bears: the front one sticks to the last bit, the back one bends its bristles."""
     states = simulate(Pair(), np.array([0.0, 0.01, 0.0, 0.0, 0.0]), np.zeros((20_000, 1)), step=1e-3)
     assert np.all(states[:, [0, 2]] == 0.0)
     # At rest the spring's pull is what the bristles bear: 40 q = -500 z.

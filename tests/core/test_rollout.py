@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.core import Dry, RungeKutta, System, bounded, rollouts, simulate
+from hybrid_sysid_ros.core import RungeKutta, System, bounded, rollouts, simulate
+from tests.structures import Cart
 
 
 def seen_through(inputs, delay, step, parts=1000):
@@ -30,26 +31,6 @@ def test_a_delay_of_two_and_a_half_steps_by_hand(slider):
     speeds = simulate(system, np.zeros(2), inputs, step=0.1)[:, 1]
     # The input seen is 4 until 0.35 s, 6 until 0.45 s, then 3: its means over each 0.1 s follow.
     np.testing.assert_allclose(np.diff(speeds) / 0.1 + 2.0, [4.0, 4.0, 4.0, 5.0, 4.5])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cart(System):
-    """v' = left + right - F sgn v, of two thrusters that act after different times."""
-
-    states = ("position [m]", "velocity [m/s]")
-    inputs = ("left [m/s^2]", "right [m/s^2]")
-    outputs = ("position", "effort [m/s^2]")
-    contacts = (Dry(on="velocity", level=2.0),)
-    delays = {"left": 0.1, "right": "right_delay"}
-
-    right_delay: float = bounded(0.25, 0.0, 1.0, unit="s")
-    """Of the right thruster."""
-
-    def law(self, x, u):
-        return x[1], u[0] + u[1]
-
-    def output(self, x, u):
-        return x[0], u[0] + u[1] - 3.0 * x[1]
 
 
 def test_two_inputs_act_each_after_its_own_delay():

@@ -1,16 +1,14 @@
 """Derivatives that a simulation carries along, against closed forms and differences of simulations."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded, rollouts
+from hybrid_sysid_ros.core import Sensitivities, rollouts
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.problem import Problem
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.models.linear import Linear
-from tests.structures import polynomial, structure
+from tests.one_joint import Linear
+from tests.structures import TwoTanks, polynomial, structure
 
 STEP, EVERY, SAMPLES = 0.005, 10, 60
 
@@ -103,33 +101,6 @@ def test_a_polynomials_initial_states_are_all_of_its_lags():
     for column in range(3):
         expected = difference(system, lambda h, i=column: (system, state + h * np.eye(3)[i], inputs), 1e-6)[:, 0]
         np.testing.assert_allclose(out[:, column], expected, rtol=1e-4, atol=1e-7)
-
-
-@dataclass(frozen=True, kw_only=True)
-class TwoTanks(System):
-    """Levels a, b [m] under two pumps that act late; measured are the flow between the tanks and the first level."""
-
-    states = ("first [m]", "second [m]")
-    inputs = ("left [m^3/s]", "right [m^3/s]")
-    outputs = ("flow [m^3/s]", "first [m]")
-    delays = {"left": "left_delay", "right": "right_delay"}
-    stepper = RungeKutta()
-
-    area: float = bounded(0.5, 0.1, 2.0, unit="m^2")
-    """Of each tank."""
-    pipe: float = bounded(0.3, 0.01, 1.0, unit="m^2/s")
-    """Flow per difference of levels."""
-    left_delay: float = bounded(0.0312, 0.0, 1.0, unit="s")
-    """Of the left pump."""
-    right_delay: float = bounded(0.117, 0.0, 1.0, unit="s")
-    """Of the right pump."""
-
-    def law(self, x, u):
-        flow = self.pipe * (x[0] - x[1])
-        return (u[0] - flow) / self.area, (u[1] + flow) / self.area
-
-    def output(self, x, u):
-        return self.pipe * (x[0] - x[1]) + 0.1 * u[1], x[0]
 
 
 def test_two_inputs_of_different_delays_and_an_output_that_is_no_state():

@@ -7,10 +7,8 @@ import pytest
 from hybrid_sysid_ros.core import simulate, stepped
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
-from tests.core.test_rollout import Cart
-from tests.core.test_sensitivities import TwoTanks
 from tests.evaluation import evaluated
-from tests.structures import DEFLECTION, MOTIONS, RANGE, SYSTEMS, structure
+from tests.structures import DEFLECTION, MOTIONS, RANGE, SYSTEMS, Cart, TwoTanks, structure
 
 
 def points(count=200, seed=1):

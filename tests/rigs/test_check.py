@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.commands import app
-from hybrid_sysid_ros.core import Dry, System, bounded
+from hybrid_sysid_ros.core import System, bounded
 from hybrid_sysid_ros.core.mathematics import log, sqrt
 from hybrid_sysid_ros.rigs.check import check, step_responses
 from hybrid_sysid_ros.rigs.rig import Experiments, Loop, load
@@ -54,18 +54,6 @@ class HalfRooted(Mass):
         return x[0], sqrt(x[0])
 
 
-class Floating(Mass):
-    """A contact on a state that is not there."""
-
-    contacts = (Dry(on="speed", level=1.0),)
-
-
-class Twice(Mass):
-    """Two contacts on one velocity."""
-
-    contacts = (Dry(on="velocity", level=1.0), Dry(on="velocity", level=2.0))
-
-
 def problems(rig):
     found = check(rig).problems
     assert all("\n" not in line for line in found)
@@ -92,10 +80,8 @@ def test_what_grows_without_a_loop_is_named_and_held_by_one():
 @pytest.mark.parametrize(
     ("system", "message"),
     [
-        (Rooted(), "level is -inf a step from the origin"),
+        (Rooted(), "not finite for level"),
         (HalfRooted(), "level is not finite at position -"),
-        (Floating(), "a contact is on 'speed', which is no state: position, velocity"),
-        (Twice(), "two contacts are on velocity"),
         (Mass(growth=20.0), "parameter growth = 20"),
     ],
 )

@@ -1,7 +1,10 @@
 """A rig is a folder, found by name, path or entry point; what is wrong with one is told in one line with its file."""
 
+import dataclasses
 import importlib.metadata
+import pickle
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -59,10 +62,8 @@ experiments:
 
 
 @pytest.fixture
-def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def make(tmp_path: Path):
     """Write a rig's folder."""
-    monkeypatch.setattr(rigs, "_LOADED", {})
-    monkeypatch.setattr(rigs, "_NAMED", {})
 
     def made(name: str = "tanks", system: str | None = TANK, values: str | None = TANK_VALUES) -> Path:
         folder = tmp_path / name
@@ -109,6 +110,19 @@ def test_each_folder_has_its_own_python(make):
     two = rigs.load(make("two", TANK.replace("0.1, 0.01, 1.0", "0.2, 0.01, 1.0")))
     assert type(one.system) is not type(two.system)
     assert (one.system.named["area"], two.system.named["area"]) == (0.1, 0.2)
+
+
+def test_a_process_that_is_started_knows_the_rig_and_its_classes(make):
+    """As workers do: a system travels as it is, and a model's rig is found by its name."""
+    rig = rigs.load(make())
+    code = (
+        "import pickle, sys; from hybrid_sysid_ros.rigs.rig import load;"
+        "system = pickle.loads(bytes.fromhex(sys.argv[1])); assert type(system) is type(load('tanks').system);"
+        "print(system.named['area'])"
+    )
+    sent = pickle.dumps(dataclasses.replace(rig.system, area=0.3)).hex()
+    found = subprocess.run([sys.executable, "-c", code, sent], capture_output=True, text=True, check=False)
+    assert (found.stdout, found.stderr) == ("0.3\n", "")
 
 
 def test_a_package_offers_a_rig_by_an_entry_point(make, monkeypatch):
@@ -181,6 +195,13 @@ CASES = {
         TANK.replace('unit="m^2")', 'unit="m^2")\n    rest: float'),
         TANK_VALUES,
         "SYSTEM: can't be made: TypeError",
+    ),
+    "a contact without its velocity": (
+        TANK.replace("stepper = RungeKutta()", "contacts = (Dry(on='speed', level=1.0),)").replace(
+            "RungeKutta, ", "Dry, "
+        ),
+        TANK_VALUES,
+        r"system\.py: line \d+: Tanks: a contact is on 'speed', which is no state",
     ),
     "structures that are none": (TANK + "STRUCTURES = [Tanks()]", TANK_VALUES, "STRUCTURES is"),
     "a structure of other outputs": (

@@ -4,10 +4,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from hybrid_sysid_ros.identification.selection.blocks import Validation
 
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.selection.blocks import Validation
 from hybrid_sysid_ros.identification.selection.candidate import Candidate
 from hybrid_sysid_ros.identification.selection.comparison import Comparison
 from hybrid_sysid_ros.models import STRUCTURES

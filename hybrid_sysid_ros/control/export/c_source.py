@@ -12,7 +12,7 @@ from hybrid_sysid_ros.control.export.c_templates import CORRECTION, FOLLOWED, HE
 from hybrid_sysid_ros.control.export.vectors import Vectors, parts
 from hybrid_sysid_ros.control.policy.adaptation import FARTHEST
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.core.perceptron import Layers
+from hybrid_sysid_ros.core.networks import Layers
 
 Array = NDArray[np.float64]
 WIDTH = 118

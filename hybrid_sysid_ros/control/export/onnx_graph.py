@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.export.vectors import NAMES, Vectors, parts
 from hybrid_sysid_ros.control.policy.adaptation import FARTHEST
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.core.perceptron import Layers
+from hybrid_sysid_ros.core.networks import Layers
 from hybrid_sysid_ros.support.extras import extra
 
 OPERATORS, INTERMEDIATE = 13, 8

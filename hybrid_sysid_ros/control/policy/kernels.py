@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.compilation import OPTIONS, inner, kernel
-from hybrid_sysid_ros.core.perceptron import Layers, Perceptron
+from hybrid_sysid_ros.core.networks import Layers, Perceptron
 from hybrid_sysid_ros.core.registers import added, load, plus_scaled, scratch, store, tanh, zero
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -146,7 +146,7 @@ def _forward(sizes: Any, shape: int, w: Any, at: int, features: Any, answers: An
 
 @inner
 def _features(sizes: Any, numbers: Any, flat: Any, out: Any) -> None:
-    """Features of a flat instance [x, d, u_previous, q_1 (outputs,), ..]: of q the tracked ones, less the output map."""
+    """Features of a flat instance [x, d, u_previous, q_1 (outputs,), ..]: of q the tracked ones less the output map."""
     states, tracked = sizes[STATES], sizes[TRACKED]
     first = states + 2 * sizes[INPUTS]
     for j in range(first):

@@ -18,7 +18,7 @@ from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.safety import certificate as certificates
 from hybrid_sysid_ros.control.safety.certificate import Certificate
-from hybrid_sysid_ros.core.perceptron import Layers
+from hybrid_sysid_ros.core.networks import Layers
 from hybrid_sysid_ros.models import Model, storage
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
-from hybrid_sysid_ros.core import Bristles, Dry, System, Viscous, bounded
+from hybrid_sysid_ros.core import Bristles, Contact, Dry, System, Viscous, bounded
 from hybrid_sysid_ros.core.friction import stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar
 
@@ -46,7 +47,7 @@ class Joint(System):
 class ViscousJoint(Joint):
     """Ff = fv d'."""
 
-    contacts = (Viscous(on="motor_speed", viscous="viscous"),)
+    contacts: ClassVar[tuple[Contact, ...]] = (Viscous(on="motor_speed", viscous="viscous"),)
 
     viscous_friction: float = bounded(0.05, 0.0, 1.0, start=0.03, unit="N m s/rad")
     """fv, of motor and gear."""
@@ -60,7 +61,7 @@ class ViscousJoint(Joint):
 class StribeckJoint(ViscousJoint):
     """Ff = fv d' + [fc + (fs - fc) exp(-(d'/vs)^2)] sgn d'."""
 
-    contacts = (Dry(on="motor_speed", level="level", viscous="viscous"),)
+    contacts: ClassVar[tuple[Contact, ...]] = (Dry(on="motor_speed", level="level", viscous="viscous"),)
 
     coulomb: float = bounded(0.25, 0.0, 1.0, start=0.1, unit="N m")
     """fc."""
@@ -78,7 +79,7 @@ class StribeckJoint(ViscousJoint):
 class DahlJoint(Joint):
     """Ff = s0 z,  z' = d' (1 - s0 z / fc sgn d')."""
 
-    contacts = (Bristles(on="motor_speed", level="level", stiffness="stiffness"),)
+    contacts: ClassVar[tuple[Contact, ...]] = (Bristles(on="motor_speed", level="level", stiffness="stiffness"),)
 
     coulomb: float = bounded(0.25, 0.0, 1.0, start=0.1, unit="N m")
     """fc."""

@@ -133,7 +133,7 @@ def test_rubbish_in_any_order_leaves_a_working_filter(kind, rig):
 
 
 def test_a_disturbance_is_bounded(kind):
-    ours = kind(LINEAR, dataclasses.replace(QUIET, disturbance_limit=0.5), period=PERIOD)
+    ours = kind(LINEAR, dataclasses.replace(QUIET, disturbance_limit=(0.5,)), period=PERIOD)
     for k in range(2000):
         estimate = ours.update(k * PERIOD, np.array([0.3 * k * PERIOD]), np.array([LINEAR.centre]))
     assert estimate.disturbance[0] == pytest.approx(0.5)

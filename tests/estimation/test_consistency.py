@@ -9,10 +9,10 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from hybrid_sysid_ros.core import stepped
+from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.estimation import METHODS, Tuning
-from hybrid_sysid_ros.estimation.cholesky import factorise, solve_factorised
 from hybrid_sysid_ros.estimation.consistency import Window, band, normalised_errors
-from hybrid_sysid_ros.estimation.unscented_kalman_filter import triangle
+from hybrid_sysid_ros.estimation.square_root import solve, solve_transposed, triangle
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 
 PERIOD = 0.005
@@ -43,17 +43,17 @@ BLOCK = CamBeam(
 )
 """v' = u - 3 sgn v: a block on a table."""
 TUNING = Tuning(
-    measurement_noise=0.02,
+    measurement_noise=(0.02,),
     process_noise=(1e-3, 0.3),
-    disturbance_noise=0.2,
-    disturbance_limit=1e3,
-    hum_hertz=0.0,
-    hum_amplitude=0.0,
-    hum_noise=0.0,
+    disturbance_noise=(0.2,),
+    disturbance_limit=(1e3,),
+    hum_hertz=(0.0,),
+    hum_amplitude=(0.0,),
+    hum_noise=(0.0,),
     gate=1e9,
     patience=5,
 )
-FORCED = dataclasses.replace(TUNING, process_noise=(1e-3, 0.05), input_noise=0.3)
+FORCED = dataclasses.replace(TUNING, process_noise=(1e-3, 0.05), input_noise=(0.3,))
 
 
 def advanced(z, u, system=PULL):
@@ -64,15 +64,15 @@ def advanced(z, u, system=PULL):
 def drawn(tuning, seed, samples, system=PULL):
     """A run of a plant drawn from what the tuning says, the start included: measurements, inputs and states."""
     random = np.random.default_rng(seed)
-    steps = np.sqrt(PERIOD) * np.array([*tuning.process_noise, tuning.disturbance_noise])
+    steps = np.sqrt(PERIOD) * np.array([*tuning.process_noise, *tuning.disturbance_noise])
     z = 10 * steps / np.sqrt(PERIOD) * random.normal(size=3)
     z[0] = 0.0
     inputs = np.repeat(random.uniform(-12.0, 12.0, samples // 50 + 1), 50)[:samples]
     measured, states = [], []
     for u in inputs:
-        measured.append(z[0] + tuning.measurement_noise * random.normal())
+        measured.append(z[0] + tuning.measurement_noise[0] * random.normal())
         states.append(z)
-        force = tuning.input_noise / np.sqrt(PERIOD) * random.normal()
+        force = tuning.input_noise[0] / np.sqrt(PERIOD) * random.normal()
         push = np.array([0.0, 0.0, force])
         z = advanced(z + push, u, system) - push + steps * random.normal(size=3)
     return np.array(measured), np.roll(inputs, 1), np.array(states)
@@ -86,6 +86,11 @@ def run_of(plant, seed):
     """A run that every method is given."""
     tuning, system = PLANTS[plant]
     return drawn(tuning, seed, 400, system)
+
+
+@kernel
+def triangle_of(rows, root):
+    triangle(rows, len(rows), root)
 
 
 @pytest.mark.parametrize("plant", PLANTS)
@@ -116,14 +121,14 @@ def test_a_horizon_that_holds_all_measurements_gives_the_trajectory_of_least_cos
     for k in range(1, samples):
         estimate = ours.update(k * PERIOD, measured[k : k + 1], inputs[k : k + 1])
     spread = np.sqrt(np.diag(first.covariance)[:3])
-    steps = np.sqrt(PERIOD) * np.array([*TUNING.process_noise, TUNING.disturbance_noise])
+    steps = np.sqrt(PERIOD) * np.array([*TUNING.process_noise, *TUNING.disturbance_noise])
 
     def residuals(unknown):
         z = unknown.reshape(samples, 3)
         rows = [(z[0] - [measured[0], 0.0, 0.0]) / spread]
         for k in range(1, samples):
             rows.append((z[k] - advanced(z[k - 1], inputs[k])) / steps)
-            rows.append(np.array([(measured[k] - z[k, 0]) / TUNING.measurement_noise]))
+            rows.append(np.array([(measured[k] - z[k, 0]) / TUNING.measurement_noise[0]]))
         return np.concatenate(rows)
 
     solution = least_squares(residuals, np.zeros(3 * samples), x_scale=np.tile(spread, samples), xtol=1e-12)
@@ -139,21 +144,25 @@ def test_the_triangle_is_a_square_root():
     rows = np.random.default_rng(0).normal(size=(13, 4))
     rows[:, 2] = 0.0
     root = np.empty((4, 4))
-    triangle(rows.copy(), root)
+    triangle_of(rows.copy(), root)
     np.testing.assert_allclose(root @ root.T, rows.T @ rows, atol=1e-12)
     assert np.all(np.triu(root, 1) == 0.0)
 
 
 def test_equations_are_solved_where_something_has_no_variance():
-    half = np.random.default_rng(1).normal(size=(4, 6))
-    half[2] = 0.0
-    matrix, x = half @ half.T, np.array([1.0, 2.0, 0.0, -1.0])
-    factor = matrix.copy()
-    factorise(factor)
-    solve_factorised(factor, x)
+    """Nothing of its own: the third entry has none at all, the fifth is the sum of the first two."""
+    half = np.random.default_rng(1).normal(size=(6, 5))
+    half[:, 2] = 0.0
+    half[:, 4] = half[:, 0] + half[:, 1]
+    root, x = np.empty((5, 5)), np.array([1.0, 2.0, 0.0, -1.0, 3.0])
+    triangle_of(half.copy(), root)
+    np.testing.assert_allclose(root @ root.T, half.T @ half, atol=1e-12)
+    solve(root, x)
+    solve_transposed(root, x)
     rest = [0, 1, 3]
-    np.testing.assert_allclose(x[rest], np.linalg.solve(matrix[np.ix_(rest, rest)], [1.0, 2.0, -1.0]))
-    assert x[2] == 0.0
+    matrix = (half.T @ half)[np.ix_(rest, rest)]
+    np.testing.assert_allclose(x[rest], np.linalg.solve(matrix, [1.0, 2.0, -1.0]))
+    assert x[2] == x[4] == 0.0
 
 
 @pytest.mark.parametrize(("samples", "degrees"), [(10, 1), (50, 2), (200, 1), (2000, 1), (40, 5)])
