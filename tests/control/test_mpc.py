@@ -243,7 +243,9 @@ def test_there_is_no_offset_at_rest_under_a_constant_disturbance():
     past = [u] * 2
     for k in range(400):
         estimate = estimator.update(0.02 * k, x[:1], np.array([u]))
-        u = float(controller.control(estimate.ahead, estimate.disturbance, np.array([u]), np.full((10, 1), target)).input[0])
+        u = float(
+            controller.control(estimate.ahead, estimate.disturbance, np.array([u]), np.full((10, 1), target)).input[0]
+        )
         past = [past[-1], u]
         # 6 ms of the input before, then the new one.
         held = np.array([past[0]] * 6 + [past[1]] * 14)[:, None] + bias
@@ -293,7 +295,9 @@ def test_a_motor_of_three_states_is_turned_to_its_angle(motor):
 
 def test_the_link_behind_a_spring_is_brought_to_its_angle(flexible_joint):
     """The measured joint is not the driven one, and the motor has dry friction."""
-    problem = dataclasses.replace(PROBLEM, horizon=30, period=0.01, substeps=2, output_scales=(0.1,), input_low=(-3.0,), input_high=(3.0,))
+    problem = dataclasses.replace(
+        PROBLEM, horizon=30, period=0.01, substeps=2, output_scales=(0.1,), input_low=(-3.0,), input_high=(3.0,)
+    )
     angle, speed = settle(flexible_joint, problem, 0.5, 1, 3.0)
     assert angle == pytest.approx(0.5, abs=0.02)
     assert abs(speed) < 0.1
@@ -366,7 +370,9 @@ def cost_by_hand(problem, plan, previous, preview):
 
 @pytest.mark.parametrize("option", OPTIONS)
 def test_on_the_beam_it_finds_what_an_interior_point_solver_finds(rig, option):
-    problem = dataclasses.replace(PROBLEM, output_scales=(rig.sensor.radians_per_volt,), **OPTIONS[option]).sized(rig.system)
+    problem = dataclasses.replace(PROBLEM, output_scales=(rig.sensor.radians_per_volt,), **OPTIONS[option]).sized(
+        rig.system
+    )
     exact = ExactMpc(rig.system, problem, tolerance=1e-7)
     yardstick = InteriorPointMpc(rig.system, dataclasses.replace(problem, max_iterations=500), tolerance=1e-9)
     solved, ratios = 0, []
