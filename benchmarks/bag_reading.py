@@ -20,14 +20,14 @@ from typing import Any
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 from rosbags.highlevel import AnyReader
 
 from benchmarks import result
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.commands.terminal import print_table
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 
 NAME = "bag_reading"
@@ -67,7 +67,7 @@ def make(path: Path, messages: int, compression: str, topics: int) -> int:
 
 def by_project(path: Path, period: float | None = None) -> Arrays:
     """A record's arrays."""
-    record = bags.read(path, Signals.of_rig("cam_beam"), period=period)
+    record = bags.read(path, load_rig("cam_beam").signals, period=period)
     return {"time": record.time, "input": record.input[:, 0], "output": record.output[:, 0], **record.channels}
 
 
@@ -145,7 +145,7 @@ def check_equal(one: Path, other: Path) -> None:
 def table(runs: list[dict[str, Any]]) -> Table:
     """A row for each bag and reader."""
     names = "messages, topics, chunks, file, reader, time, processor, messages/s, memory, arrays in it, faster"
-    shown = Table(*names.split(", "), title="a bag to arrays", title_justify="left")
+    shown = Table(*names.split(", "), title="a bag to arrays")
     for run in runs:
         shown.add_row(
             f"{run['messages']:,}".replace(",", " "),
@@ -195,7 +195,7 @@ def main() -> int:
                     project["times_faster"] = round(found[1]["processor_seconds"] / project["processor_seconds"], 1)
                 found.append(measure("project, 10 Hz", bag, ours))
                 runs += [{**case, **run} for run in found]
-    Console(width=130).print(table(runs))
+    print_table(table(runs))
     print(f"written to {result.write(NAME, {'runs': runs}, on=on)}")
     slowest = min(run["times_faster"] for run in runs if "times_faster" in run)
     if slowest < NEEDED:

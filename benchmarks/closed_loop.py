@@ -18,11 +18,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks import picture, result
-from hybrid_sysid_ros.commands.demo import RIG, simulated_loop
+from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Status
 from hybrid_sysid_ros.control.closed_loop import Loop
 from hybrid_sysid_ros.control.linear_quadratic_regulator import LinearQuadraticRegulator
@@ -32,11 +31,7 @@ from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.excitation import (
-    HARDWARE_DURATION,
-    HARDWARE_SINE,
-    HARDWARE_STEPS,
     Reference,
-    hardware_reference,
     multisine,
     random_steps,
 )
@@ -44,7 +39,9 @@ from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.checking import check_tolerances
+from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 
+RIG = "cam_beam"
 NAME = "closed_loop"
 SEEDS = (0, 1, 2)
 REPEATS = 2
@@ -79,11 +76,12 @@ class Course:
     windows: Mapping[str, tuple[float, float]]
 
 
+HARDWARE = load(RIG).schedule()
 COURSES = {
     "hardware": Course(
-        reference=lambda seed: hardware_reference,
-        duration=HARDWARE_DURATION,
-        windows={"hardware steps": HARDWARE_STEPS, "hardware sine": HARDWARE_SINE},
+        reference=lambda seed: HARDWARE.of(0),
+        duration=HARDWARE.duration,
+        windows={f"hardware {name}": window for name, window in HARDWARE.windows.items()},
     ),
     "random steps": Course(
         reference=lambda seed: random_steps(seed, amplitude=4.0, hold=1.0, duration=30.0),
@@ -127,12 +125,12 @@ def proportional_loop(
 ) -> Loop:
     """The law u = balance + gain (q - yf) at the rig's own rate, as its experiments were driven; a row each period."""
     plant = Plant(rig, seed=seed, bias=configuration.defaults(rig.name, "plant")["bias"])
-    scale, every = rig.sensor.radians_per_volt, round(period / rig.step)
+    scale, every = rig.display[0].scale, round(period / rig.step)
     rows = []
     for k in range(round(duration / rig.step)):
-        wanted, filtered = float(reference(plant.time)), plant.measure().filtered
-        u = balance + rig.feedback_gain * (wanted - filtered / scale)
-        u = min(max(u, -rig.input_limit), rig.input_limit)
+        wanted, filtered = float(reference(plant.time)), float(plant.measure().filtered[0])
+        u = balance + rig.experiments.loops[0].gain * (wanted - filtered / scale)
+        u = min(max(u, -rig.actuators[0].high), rig.actuators[0].high)
         if k % every == 0:
             rows.append((plant.time, plant.state[rig.system.measured[0]], filtered, scale * wanted, u))
         plant.advance(u)
@@ -181,7 +179,7 @@ def measured(rig: Rig, runs: Mapping[str, list[Loop]], costs: Array, seconds: li
     inputs = [np.concatenate(applied) for applied in every]
     changes = [np.concatenate([np.diff(u) for u in applied]) for applied in every]
     statuses: Counter[Status] = sum((loop.statuses for loops in runs.values() for loop in loops), Counter())
-    scale, limit = rig.sensor.radians_per_volt, rig.input_limit
+    scale, limit = rig.display[0].scale, rig.actuators[0].high
     calls = 1e6 * np.reshape(seconds, (REPEATS, -1)).min(axis=0) if seconds else None
     return {
         "rmse_volts": {
@@ -207,7 +205,7 @@ def main() -> int:
     problem, timed, drives = competitors(rig, model)
     runs: dict[str, dict[str, list[Loop]]] = {}
     for name, drive in drives.items():
-        drive(hardware_reference, seed=0, duration=1.0)  # what is compiled at first use
+        drive(HARDWARE.of(0), seed=0, duration=1.0)  # what is compiled at first use
         if name in timed:
             timed[name].seconds.clear()
         for _ in range(REPEATS):
@@ -224,7 +222,7 @@ def main() -> int:
         for name, loops in runs.items()
     }
     for table in tables(results):
-        Console(width=170).print(table)
+        print_table(table)
     print(result.write(NAME, results, on=machine))
     print(draw(rig, {name: loops["hardware"][0] for name, loops in runs.items() if name not in (ITERATED, SUPERVISED)}))
     return 0
@@ -233,9 +231,9 @@ def main() -> int:
 def tables(results: Mapping[str, Mapping[str, Any]]) -> list[Table]:
     """Tracking; then cost, effort and time."""
     windows = [window for course in COURSES.values() for window in course.windows]
-    tracking = Table("controller", *windows, title="tracking RMSE [V]: mean (range over seeds)", title_justify="left")
+    tracking = Table("controller", *windows, title="tracking RMSE [V]: mean (range over seeds)")
     headings = ("cost to exact MPC", "rms u [V]", "rms change [V]", "saturated [%]", "out of bounds", "p50 [us]", "p99")
-    effort = Table("controller", *headings, title="cost, effort and time of a call", title_justify="left")
+    effort = Table("controller", *headings, title="cost, effort and time of a call")
     for name, values in results.items():
         tracking.add_row(name, *(_shown(values["rmse_volts"][window]) for window in windows))
         times = values["call_microseconds"]
@@ -253,7 +251,7 @@ def draw(rig: Rig, loops: Mapping[str, Loop]) -> Path:
     """The same seconds of all controllers: positions and inputs."""
     any_loop = next(iter(loops.values()))
     inside = (any_loop.time >= SHOWN[0]) & (any_loop.time <= SHOWN[1])
-    scale = rig.sensor.radians_per_volt
+    scale = rig.display[0].scale
     positions = {name: loop.position[inside] / scale for name, loop in loops.items()}
     return picture.draw(
         PICTURE,

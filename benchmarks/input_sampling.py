@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks import result
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.identification import free_run, identify, prepare, score
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs.rig import load
@@ -36,7 +36,7 @@ def main() -> int:
     machine = result.machine()
     rig = load(lecture.RIG)
     columns = ("lost input, rms [V]", "R2 averaged", "same model, sampled", "fitted to sampled")
-    shown = Table("record", *columns, title="free run over each record, gray box fitted to it", title_justify="left")
+    shown = Table("record", *columns, title="free run over each record, gray box fitted to it")
     results: dict[str, Any] = {}
     for record in lecture.read_folder(Path(os.environ[DATA])):
         averaged, sampled = (identify([record], rig, "gray", sampling=handling) for handling in (AVERAGED, SAMPLED))
@@ -48,7 +48,7 @@ def main() -> int:
         )
         results[lecture.table_name(record.name)] = dict(zip(columns, row, strict=True))
         shown.add_row(lecture.table_name(record.name), f"{row[0]:.2f}", *(f"{value:.3f}" for value in row[1:]))
-    Console(width=120).print(shown)
+    print_table(shown)
     print(result.write(NAME, results, on=machine))
     return 0
 

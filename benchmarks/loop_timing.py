@@ -11,10 +11,10 @@ import os
 from time import perf_counter, sleep
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks import result
+from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.runtime import session
 
 NAME = "loop_timing"
@@ -62,7 +62,7 @@ def floor(rate: float, seconds: float, priority: int) -> dict[str, float]:
 def table(runs: list[dict[str, Any]]) -> Table:
     """A row for each rate."""
     columns = ("rate", "time", "missed", "plant late", "delay p50", "p99", "max", *(f"{node} memory" for node in NODES))
-    shown = Table(*columns, title="three processes and the reference", title_justify="left")
+    shown = Table(*columns, title="three processes and the reference")
     for run in runs:
         delay = run["delay_ms"]
         shown.add_row(
@@ -92,7 +92,7 @@ def main() -> int:
         seconds = options.seconds if rate == RATE else options.seconds / 4
         runs.append(measure(rate, seconds, **given))
     idle = floor(RATE, options.seconds, priority)
-    Console(width=120).print(table(runs))
+    print_table(table(runs))
     print(f"a process that only sleeps wakes late by {idle['p50']:.2f} / {idle['p99']:.2f} / {idle['max']:.2f} ms")
     results = {"priority": priority, "runs": runs, "sleeper_lateness_ms": idle}
     print(f"written to {result.write(NAME, results, on=on)}")

@@ -16,18 +16,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks import acados_peer, result
 from benchmarks.network_plant import NetworkPlant
+from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.control.stage_cost import stage_costs
 from hybrid_sysid_ros.core import System, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.narx import Narx
-from hybrid_sysid_ros.rigs.excitation import hardware_reference
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
 
@@ -66,16 +65,12 @@ def cases() -> dict[str, Case]:
             noise=(0.02, 0.3),
         ),
         "lecture": Case(
-            system=lecture_model(),
-            problem=lecture,
-            reference=lambda t: hardware_reference(t)[:, None],
-            samples=1000,
-            noise=(0.02,),
+            system=lecture_model(), problem=lecture, reference=rig.schedule().of(0), samples=1000, noise=(0.02,)
         ),
         "beam": Case(
             system=load_model(configuration.shipped("cam_beam", "model")).system,
             problem=configuration.mpc_problem(configuration.defaults("cam_beam", "controller"), rig),
-            reference=lambda t: scale * hardware_reference(t)[:, None],
+            reference=lambda t: scale * rig.schedule().of(0)(t)[:, None],
             samples=2500,
             noise=(0.0, 0.02),
         ),
@@ -198,7 +193,7 @@ def main() -> int:
         for solver, times in measured.items():
             cells = (f"{times[key]:.3f}" for key in ("p50", "p99", "max"))
             shown.add_row(name, solver.replace("_", " "), *cells, *more.get(solver, ("", "", "")))
-    Console(width=160).print(shown)
+    print_table(shown)
     print(result.write(NAME, results, on=machine))
     return 0
 

@@ -24,7 +24,7 @@ def layers() -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
     return [(first, bias), (second, np.zeros(32)), (third, np.zeros(1))]
 
 
-WEIGHTS = NETWORK.layout.packed(layers())
+WEIGHTS = NETWORK.packed(layers())
 
 
 @dataclass(frozen=True, kw_only=True)

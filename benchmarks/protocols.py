@@ -1,6 +1,6 @@
 """The lecture's tables with every structure: both protocols, the input averaged and sampled, three seeds.
 
-The same as `hybrid-sysid protocol 1|2 FOLDER --input averaged|sampled --json FILE`, four times. Needs
+The same as `python -m studies.beam_lecture protocol 1|2 FOLDER --input averaged|sampled --json FILE`, four times. Needs
 HYBRID_SYSID_DATA; see docs/bags.md.
 """
 
@@ -32,7 +32,7 @@ def main() -> int:
         for handling in ("averaged", "sampled"):
             for number in ("1", "2"):
                 path = Path(place) / f"{number}_{handling}.json"
-                command = [sys.executable, "-m", "hybrid_sysid_ros", "protocol", number, folder]
+                command = [sys.executable, "-m", "studies.beam_lecture", "protocol", number, folder]
                 if status := subprocess.run(
                     [*command, "--input", handling, "--json", str(path)], check=False
                 ).returncode:

@@ -6,11 +6,11 @@ from hybrid_sysid_ros.support import interruption
 
 
 def main() -> None:
-    """Run a command, see :func:`hybrid_sysid_ros.commands.cli.main`."""
+    """Run a command, see :func:`hybrid_sysid_ros.commands.app.main`."""
     interruption.install()
-    from hybrid_sysid_ros.commands import cli
+    from hybrid_sysid_ros.commands import app
 
-    cli.main()
+    app.main()
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ class RigNode(Node):
         self.settings = parameters.declare(self, name)
         self.rig = rigs.load(self.settings["rig"])
         self.finished = Future()
-        self.qualities = configuration.qualities(self.rig.name)
+        self.qualities = configuration.qualities()
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.open("/diagnostics")
         self._reporting = self.every(REPORT_PERIOD, self.report)
@@ -60,7 +60,7 @@ class RigNode(Node):
     def full_name(self, topic: str) -> str:
         """Name of a topic, for rclpy to resolve."""
         bare = self.get_namespace() == "/" and not topic.startswith("/")
-        return f"{configuration.namespace(self.rig.name)}/{topic}" if bare else topic
+        return f"{self.rig.namespace}/{topic}" if bare else topic
 
     def open(self, topic: str) -> Publisher:
         """Publisher of one of the rig's topics."""

@@ -13,9 +13,10 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
 from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Problem
 from hybrid_sysid_ros.control.policy import policy
@@ -23,13 +24,24 @@ from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.supervisor import LAYERS, Supervisor
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.nodes.base import OK, WARN, RigNode, run
-from hybrid_sysid_ros.nodes.messages import SECOND, entry, fill, joint_state, nanoseconds, set_nanoseconds
+from hybrid_sysid_ros.nodes.layout import AHEAD, Layout, Place, Slots
+from hybrid_sysid_ros.nodes.messages import (
+    SECOND,
+    joint_state,
+    joint_trajectory,
+    lists,
+    nanoseconds,
+    point_lists,
+    set_nanoseconds,
+)
 from hybrid_sysid_ros.nodes.model import model_of
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.runtime.checking import check_tolerances
 from hybrid_sysid_ros.runtime.configuration import mpc_problem, shipped
 from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
 
 RESTART = SECOND  # a stamp so far before the last one is a new experiment
 WATCH_PERIOD = 0.05  # s, between two looks whether estimates still come
@@ -44,9 +56,11 @@ class ControllerNode(RigNode):
 
     Layers, each counted: the network's plan; where that does not pass its check, the exact MPC's; where that is late or
     has no solution, the rest of the last plan; for an estimate that is no number or older than stale_after the last
-    command; from zero_after on, zero. Without supervision the network or the exact MPC is the first layer. Until the
-    first reference comes the joint is held where it was found. In lockstep an estimate waits for a reference that
-    covers its preview instead. joint_command is advertised once there are estimates to expect.
+    command; from zero_after on, inputs at rest. Without supervision the network or the exact MPC is the first layer.
+    Until the first reference comes the outputs are held where they were found. In lockstep an estimate waits for a
+    reference that covers its preview instead. joint_command is advertised once there are estimates to expect.
+
+    The state is rebuilt by name from the entries NAME_ahead, whatever else there is and in whatever order.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -58,7 +72,22 @@ class ControllerNode(RigNode):
         self.ahead = round((model.system.delay + self.settings["latency"]) * SECOND)
         period, horizon = self.controller.period, self.controller.horizon
         self.grid = np.round(period * np.arange(1, horizon + 1) * SECOND).astype(np.int64)
-        self.message = joint_state([self.rig.joint])
+        self.layout = layout = Layout(self.rig, model.system)
+        states, inputs = len(layout.states), len(layout.inputs)
+        self.estimated = Slots([place.ending(AHEAD) for place in (*layout.states, *layout.inputs)])
+        self.given = np.empty(states + inputs)
+        self.state, self.disturbance = np.split(self.given, [states])
+        self.outputs = Slots(layout.outputs)
+        self.tracked = np.array(self.problem.output_weights) > 0.0
+        correction = self.network.correction if self.network is not None else None
+        names: tuple[str, ...] = correction.names if correction is not None else ()
+        self.followed = Slots([Place(name, "position") for name in names])
+        self.parameters = [math.nan] * len(self.followed)
+        self.rest = np.array([actuator.rest for actuator in self.rig.actuators])
+        self.planned = Slots([*layout.states, *layout.inputs])
+        self.plan_message = joint_trajectory(self.planned, self.grid.tolist())
+        self.slots = Slots(layout.inputs)
+        self.message = joint_state(self.slots)
         self.commands: Publisher | None = None
         self.predictions = self.open("predicted_trajectory")
         self.begin()
@@ -75,16 +104,28 @@ class ControllerNode(RigNode):
     def new_controller(self, model: Model) -> Controller:
         """The controller that the parameters name."""
         settings = self.settings
-        asked = mpc_problem(settings, self.rig)
+        self.problem = asked = mpc_problem(settings, self.rig, model.system)
+        interior = settings["solver"] == "ipopt"
         if settings["policy"] == "exact":
-            return self.exact(model, asked)
+            return self.reference_solver(model, asked) if interior else self.exact(model, asked)
+        if interior:
+            raise UserError(f"parameter solver is ipopt, policy {settings['policy']}: ipopt works alone, policy:=exact")
         path = Path(settings["policy_path"] or shipped(self.rig.name, "policy"))
         self.network = network = policy.load(path, model=model)
         self.look_at(network, path, asked)
+        self.problem = network.problem
         if settings["policy"] == "network":
             return network
         tolerances = check_tolerances(settings, self.rig, network.problem)
         return Supervisor(network, self.exact(model, network.problem), tolerances)
+
+    def reference_solver(self, model: Model, problem: Problem) -> Controller:
+        """IPOPT on the exact MPC's problem: slow, so it is for lockstep, and loaded only where it is asked for."""
+        from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
+
+        if not self.lockstep:
+            self.get_logger().warning("solver ipopt takes longer than a measurement's period: it is for lockstep")
+        return InteriorPointMpc(model.system, problem)
 
     def exact(self, model: Model, problem: Problem) -> ExactMpc:
         """The exact MPC. In lockstep it takes its time, so that a run repeats."""
@@ -128,8 +169,9 @@ class ControllerNode(RigNode):
         """Begin a new experiment."""
         self.controller.reset()
         self.stamp = self.sound = self.shown = self.answered = 0
-        self.home = math.nan
-        self.input = 0.0
+        self.settled = False
+        self.home = np.zeros(len(self.outputs))
+        self.input = self.rest.copy()
         self.preview: Preview | None = None
         self.waiting: JointState | None = None
 
@@ -138,13 +180,16 @@ class ControllerNode(RigNode):
 
         The first answers are late, for they compile; those after them go on as in the loop.
         """
-        names = [self.rig.joint, f"{self.rig.joint}_ahead"]
+        slots = Slots(self.layout.estimate(()))
+        message = joint_state(slots)
+        slots.write(lists(message), [0.0] * len(slots))
         for k in range(1, WARM_UPS + 1):
             gc.collect()  # what the compiler has left, before it needs as much again
             stamp = k if self.lockstep else self.now()  # an old one would not be answered
-            self.preview = Preview(np.array([stamp, stamp + 10 * SECOND]), np.zeros(2))
-            estimate = fill(joint_state(names), stamp, position=[0.0] * 2, velocity=[0.0] * 2, effort=[0.0] * 2)
-            self.on_estimate(estimate)
+            times = np.array([stamp, stamp + 10 * SECOND])
+            self.preview = Preview(times, np.zeros((2, len(self.outputs))))
+            set_nanoseconds(message.header.stamp, stamp)
+            self.on_estimate(message)
 
     def advertise(self) -> None:
         """Open the topic of the commands."""
@@ -152,7 +197,7 @@ class ControllerNode(RigNode):
 
     def on_reference(self, message: JointTrajectory) -> None:
         """Keep the newest reference."""
-        preview = Preview.of(message, self.rig.joint)
+        preview = Preview.of(message, self.outputs, self.tracked)
         if preview is None:
             self.rejected_references += 1
             return
@@ -190,60 +235,66 @@ class ControllerNode(RigNode):
 
     def answer(self, message: JointState, stamp: int, began: float) -> Plan | None:
         """Publish the command for an estimate; return the plan behind it, if there is one."""
-        joint, ahead = self.rig.joint, f"{self.rig.joint}_ahead"
-        state = np.array([entry(message.name, message.position, ahead), entry(message.name, message.velocity, ahead)])
-        disturbance = entry(message.name, message.effort, ahead)
-        self.malformed += ahead not in message.name
+        self.malformed += not self.estimated.read(message.name, lists(message), self.given)
         self.stamp = stamp
         age = 0.0 if self.lockstep else (self.now() - stamp) / SECOND
         self.age.add(age)
-        if not (np.isfinite(state).all() and math.isfinite(disturbance)) or age > self.settings["stale_after"]:
+        sound = bool(np.isfinite(self.given).all())
+        sound = sound and self.settle(message)
+        if not sound or age > self.settings["stale_after"]:
             self.hold(stamp + round(age * SECOND))
             return None
-        if math.isnan(self.home):
-            self.home = entry(message.name, message.position, joint)
         self.follow(message)
         preview = self.reference(stamp)
-        plan = self.controller.control(state, np.array([disturbance]), np.array([self.input]), preview[:, None])
+        plan = self.controller.control(self.state, self.disturbance, self.input, preview)
         self.sound = stamp
         self.layers[LAYERS[plan.status]] += 1
         self.statuses[plan.status.value] += 1
         self.execution.add(perf_counter() - began)
-        self.send(float(plan.input[0]))
+        self.send(plan.input)
         self.controller.prepare((stamp - self.answered) / SECOND if self.answered else 0.0)
         self.answered = stamp
         return plan
 
+    def settle(self, message: JointState) -> bool:
+        """Remember where the outputs were found first; whether the tracked ones were numbers."""
+        if not self.settled:
+            self.outputs.read(message.name, lists(message), self.home)
+            self.home[~self.tracked] = 0.0
+            self.settled = bool(np.isfinite(self.home).all())
+        return self.settled
+
     def follow(self, message: JointState) -> None:
         """Tell a network with a correction the parameters that the estimator follows; NaN leaves one as it was."""
-        if self.network is not None and self.network.correction is not None:
-            names = self.network.correction.names
-            entries = {name: entry(message.name, message.position, f"{self.rig.joint}_{name}") for name in names}
-            self.network.adapt(entries)
+        if self.parameters and self.network is not None:
+            self.followed.read(message.name, lists(message), self.parameters)
+            self.network.adapt(dict(zip(self.followed.names, self.parameters, strict=True)))
 
-    def reference(self, stamp: int) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """Reference for the preview of an estimate [rad]."""
+    def reference(self, stamp: int) -> Array:
+        """Reference for the preview of an estimate (horizon, outputs)."""
         if self.preview is None:
             self.layers[NO_REFERENCE] += 1
-            return np.full(len(self.grid), self.home)
+            return np.tile(self.home, (len(self.grid), 1))
         return self.preview.at(stamp + self.ahead + self.grid)
 
     def hold(self, now: int) -> None:
-        """Without a sound estimate: the last command, and zero when that has lasted too long."""
+        """Without a sound estimate: the last command, and inputs at rest when that has lasted too long."""
         long = not self.sound or now - self.sound > self.settings["zero_after"] * SECOND
         self.layers[ZEROED if long else HELD] += 1
-        self.send(0.0 if long else self.input)
+        self.send(self.rest if long else self.input)
 
     def watch(self) -> None:
-        """Send a zero when estimates stop: not every drive has a timeout of its own."""
-        if self.stamp and self.input != 0.0 and self.now() - self.stamp > self.settings["zero_after"] * SECOND:
+        """Let the inputs rest when estimates stop: not every drive has a timeout of its own."""
+        moving = bool((self.input != self.rest).any())
+        if self.stamp and moving and self.now() - self.stamp > self.settings["zero_after"] * SECOND:
             self.layers[ZEROED] += 1
-            self.send(0.0)
+            self.send(self.rest)
 
-    def send(self, value: float) -> None:
-        """Publish a command [drive unit] that answers the newest estimate."""
-        self.input = value
-        fill(self.message, self.stamp, effort=(value,))
+    def send(self, inputs: Array) -> None:
+        """Publish a command (m,) that answers the newest estimate."""
+        self.input[:] = inputs
+        self.slots.write(lists(self.message), inputs.tolist())
+        set_nanoseconds(self.message.header.stamp, self.stamp)
         self.publish()
 
     def publish(self) -> None:
@@ -255,15 +306,12 @@ class ControllerNode(RigNode):
         """Publish the predicted trajectory, if someone looks."""
         if not len(plan.states) or not self.predictions.get_subscription_count():
             return
-        message = JointTrajectory(joint_names=[self.rig.joint])
-        set_nanoseconds(message.header.stamp, start)
-        for offset, state, value in zip(self.grid.tolist(), plan.states, plan.inputs[:, 0], strict=True):
-            point = JointTrajectoryPoint(
-                positions=[float(state[0])], velocities=[float(state[1])], effort=[float(value)]
-            )
-            set_nanoseconds(point.time_from_start, offset)
-            message.points.append(point)
-        self.predictions.publish(message)
+        set_nanoseconds(self.plan_message.header.stamp, start)
+        for point, state, inputs in zip(
+            self.plan_message.points, plan.states.tolist(), plan.inputs.tolist(), strict=True
+        ):
+            self.planned.write(point_lists(point), [*state, *inputs])
+        self.predictions.publish(self.plan_message)
 
     def health(self) -> tuple[bytes, str, Mapping[str, object]]:
         values = {

@@ -4,43 +4,47 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
 from hybrid_sysid_ros.nodes.timing import Timing
+from hybrid_sysid_ros.rigs.actuator import Actuator
 
 NEVER = -math.inf
 REMEMBERED = 1024  # measurements whose time of publishing is known
 
 
 class Drive:
-    """Holds the last command, and zero when none has come for `timeout` [s]. Times [s] are on one clock.
+    """Holds the last inputs (m,), at rest when none have come for `timeout` [s]. Times [s] are on one clock."""
 
-    saturated: commands beyond the limit, bounded. timeouts: times that the input was zeroed because commands stopped.
-    """
-
-    def __init__(self, *, limit: float, timeout: float) -> None:
-        self.limit = limit
+    def __init__(self, actuators: Sequence[Actuator], *, timeout: float) -> None:
         self.timeout = timeout
         self.saturated = 0
+        """Commands beyond a limit, bounded."""
         self.timeouts = 0
-        self._pending: deque[tuple[float, float]] = deque()
-        self._value = 0.0
+        """Times that the inputs were put to rest because commands stopped."""
+        self._low = [actuator.low for actuator in actuators]
+        self._high = [actuator.high for actuator in actuators]
+        self._rest = [actuator.rest for actuator in actuators]
+        self._pending: deque[tuple[float, list[float]]] = deque()
+        self._inputs = self._rest
         self._last = NEVER
 
-    def command(self, value: float, time: float) -> None:
-        """A finite value that is in force from `time` on; times must not fall."""
-        self.saturated += abs(value) > self.limit
-        self._pending.append((time, min(max(value, -self.limit), self.limit)))
+    def command(self, inputs: Sequence[float], time: float) -> None:
+        """Finite inputs (m,) that are in force from `time` on; times must not fall."""
+        bounded = [min(max(u, low), high) for u, low, high in zip(inputs, self._low, self._high, strict=True)]
+        self.saturated += bounded != list(inputs)
+        self._pending.append((time, bounded))
 
-    def at(self, time: float) -> float:
-        """Input at a time; times must not fall."""
+    def at(self, time: float) -> list[float]:
+        """Inputs (m,) at a time; times must not fall."""
         while self._pending and self._pending[0][0] <= time:
-            self._last, self._value = self._pending.popleft()
+            self._last, self._inputs = self._pending.popleft()
         if time - self._last > self.timeout and self._last > NEVER:
             self.timeouts += 1
-            self._last, self._value = NEVER, 0.0
-        return self._value
+            self._last, self._inputs = NEVER, self._rest
+        return self._inputs
 
 
 class Answers:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from time import perf_counter
 from typing import Any
 
@@ -13,10 +12,13 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.estimation import METHODS, Estimate
 from hybrid_sysid_ros.estimation.consistency import Window, band
 from hybrid_sysid_ros.nodes.base import OK, WARN, RigNode, run
-from hybrid_sysid_ros.nodes.messages import SECOND, entry, fill, joint_state, nanoseconds
+from hybrid_sysid_ros.nodes.layout import Layout, Slots
+from hybrid_sysid_ros.nodes.messages import SECOND, joint_state, lists, nanoseconds, set_nanoseconds
 from hybrid_sysid_ros.nodes.model import model_of
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.runtime.configuration import CAMERA, estimator_tuning
@@ -30,38 +32,51 @@ WINDOW = 10.0  # s of innovations whose mean square is told
 class EstimatorNode(RigNode):
     """joint_states in; state_estimate out with the stamp of the measurement.
 
-    state_estimate has the joint at that stamp and, as NAME_ahead, the joint when the command that answers will act:
-    position, velocity, and as effort the input disturbance. Each followed parameter is beside them as NAME_PARAMETER,
-    its value as position: they travel with the estimate that they belong to, and a controller that adapts answers the
-    same in every run in lockstep. state_estimate is advertised once there is a measurement to expect, so that who sees
-    it knows that measurements come this far. A joint_states of NAME_camera alone is of a second sensor: it corrects the
-    estimate at its own stamp and is not answered.
+    state_estimate has each joint at that stamp and, as NAME_ahead, when the command that answers will act: position,
+    velocity, and as effort the disturbance of its input. Other states, such as link states, deflections, hidden units
+    and lags, have entries of their own names and NAME_ahead, their values as position; so have outputs that are no
+    motion of a joint, and the followed parameters: they travel with the estimate that they belong to, and a controller
+    that adapts answers the same in every run in lockstep. state_estimate is advertised once there is a measurement to
+    expect, so that who sees it knows that measurements come this far. A joint_states of NAME_camera alone is of a
+    second sensor of the first output: it corrects the estimate at its own stamp and is not answered.
     """
 
     def __init__(self, **options: Any) -> None:
         super().__init__("estimator", **options)
-        self.system = model_of(self.rig, self.settings["model"]).system
-        joint = self.rig.joint
-        self.camera = f"{joint}_{CAMERA}"
+        self.system = system = model_of(self.rig, self.settings["model"]).system
+        layout = Layout(self.rig, system)
+        self.measured = Slots([*layout.outputs, *layout.inputs])
+        self.given = np.empty(len(self.measured))
+        self.outputs, self.applied = np.split(self.given, [len(layout.outputs)])
+        self.camera = Slots([layout.outputs[0].ending(f"_{CAMERA}")])
+        self.frame = np.empty(1)
+        self.further = layout.further
         self.estimates: Publisher | None = None
         self.covariances = self.open("state_covariance")
         self.begin()
         followed = tuple(self.filter.tuning.followed)
-        self.message = joint_state([joint, f"{joint}_ahead", *(f"{joint}_{name}" for name in followed)])
-        self.unknown = (math.nan,) * len(followed)  # a parameter has no velocity and no effort
-        self.covariance_message = _labelled(self.system.states, followed)
-        for k in range(1, 4):  # compiles, and has seen it all once before it matters
-            self.on_measurement(fill(joint_state([joint]), k * SECOND // 100, position=(0.0,), effort=(0.0,)))
+        self.slots = Slots(layout.estimate(followed))
+        self.message = joint_state(self.slots)
+        self.covariance_message: Float64MultiArray | None = None
+        self.warm_up()
         self.begin()
         measurements = self.listen("joint_states", self.on_measurement)
         self.when(lambda: measurements.get_publisher_count() > 0, self.advertise)
+
+    def warm_up(self) -> None:
+        """Take measurements that nobody made: this compiles, and has seen it all once before it matters."""
+        message = joint_state(self.measured)
+        self.measured.write(lists(message), [0.0] * len(self.measured))
+        for k in range(1, 4):
+            set_nanoseconds(message.header.stamp, round(k * SECOND / self.settings["rate"]))
+            self.on_measurement(message)
 
     def begin(self) -> None:
         """Begin anew, nothing estimated and nothing counted."""
         settings = self.settings
         self.filter = METHODS[settings["method"]](
             self.system,
-            estimator_tuning(settings, self.rig),
+            estimator_tuning(settings, self.rig, self.system),
             period=1.0 / settings["rate"],
             latency=settings["latency"],
         )
@@ -79,9 +94,10 @@ class EstimatorNode(RigNode):
     def on_measurement(self, message: JointState) -> None:
         """Answer a measurement."""
         began = perf_counter()
-        stamp, joint = nanoseconds(message.header.stamp), self.rig.joint
-        if self.camera in message.name and joint not in message.name:
-            self.on_camera(message, stamp)
+        stamp = nanoseconds(message.header.stamp)
+        whole = self.measured.read(message.name, lists(message), self.given)
+        if not whole and self.camera.read(message.name, lists(message), self.frame):
+            self.on_camera(stamp)
             return
         if self.stamp and stamp == self.stamp:
             self.repeated += 1
@@ -93,10 +109,9 @@ class EstimatorNode(RigNode):
             self.restarts += 1
         if not self.stamp:
             self.zero = stamp
-        position, applied = entry(message.name, message.position, joint), entry(message.name, message.effort, joint)
-        self.malformed += joint not in message.name
+        self.malformed += not whole
         try:
-            estimate = self.filter.update((stamp - self.zero) / SECOND, np.array([position]), np.array([applied]))
+            estimate = self.filter.update((stamp - self.zero) / SECOND, self.outputs, self.applied)
         except UserError as error:  # nothing to hold on to yet
             self.unusable += 1
             self.get_logger().warning(str(error), once=True)
@@ -109,11 +124,10 @@ class EstimatorNode(RigNode):
         self.publish()
         self.afterwards(estimate)
 
-    def on_camera(self, message: JointState, stamp: int) -> None:
+    def on_camera(self, stamp: int) -> None:
         """Use a measurement of the second sensor, in its place by its stamp."""
-        position = entry(message.name, message.position, self.camera)
         try:
-            self.filter.correct((stamp - self.zero) / SECOND if self.stamp else 0.0, position, CAMERA)
+            self.filter.correct((stamp - self.zero) / SECOND if self.stamp else 0.0, float(self.frame[0]), CAMERA)
             self.seen += 1
         except UserError as error:  # no such sensor in the parameters, or nothing to correct yet
             self.unusable += 1
@@ -121,14 +135,15 @@ class EstimatorNode(RigNode):
 
     def fill(self, estimate: Estimate) -> None:
         """Write an estimate into the message."""
-        disturbance = float(estimate.disturbance[0])
-        fill(
-            self.message,
-            self.stamp,
-            position=(estimate.state[0], estimate.ahead[0], *estimate.parameters),
-            velocity=(estimate.state[1], estimate.ahead[1], *self.unknown),
-            effort=(disturbance, disturbance, *self.unknown),
-        )
+        state, ahead, disturbance = estimate.state.tolist(), estimate.ahead.tolist(), estimate.disturbance.tolist()
+        further: list[float] = []
+        if self.further:
+            outputs = output_of(self.system, estimate.state, self.applied + estimate.disturbance)
+            further = outputs[self.further].tolist()
+        parameters = estimate.parameters.tolist()
+        numbers = [*state, *further, *disturbance, *ahead, *disturbance, *parameters]
+        self.slots.write(lists(self.message), numbers)
+        set_nanoseconds(self.message.header.stamp, self.stamp)
 
     def publish(self) -> None:
         """Publish the newest estimate."""
@@ -143,12 +158,15 @@ class EstimatorNode(RigNode):
             return
         self.shown = self.stamp
         if self.covariances.get_subscription_count():
+            if self.covariance_message is None:
+                followed = tuple(self.parameters)
+                self.covariance_message = _labelled(self.system, followed, len(estimate.covariance))
             self.covariance_message.data = estimate.covariance.ravel().tolist()
             self.covariances.publish(self.covariance_message)
 
     def health(self) -> tuple[bytes, str, Mapping[str, object]]:
         counters = self.filter.counters
-        low, high = band(max(len(self.innovations), 1))
+        low, high = band(max(len(self.innovations), 1), len(self.outputs))
         values = {
             "updates": counters.updates,
             "delayed_measurements": counters.delayed,
@@ -175,10 +193,12 @@ class EstimatorNode(RigNode):
         return OK, "running" if self.stamp else "waiting for measurements", values
 
 
-def _labelled(states: Any, followed: Iterable[str]) -> Float64MultiArray:
-    """A covariance message, whose rows and columns are named by their label."""
-    names = [*(f"{state.name} [{state.unit}]" for state in states), "disturbance", "hum", "hum_quadrature", *followed]
-    size = len(names)
+def _labelled(system: System, followed: Sequence[str], size: int) -> Float64MultiArray:
+    """A covariance message (size, size), whose rows and columns are named by their label."""
+    states = [f"{state.name} [{state.unit}]" for state in system.states]
+    disturbances = [f"disturbance of {item.name} [{item.unit}]" for item in system.inputs]
+    hums = (size - len(states) - len(disturbances) - len(followed)) // 2
+    names = [*states, *disturbances, *(f"{part} {k}" for k in range(hums) for part in ("hum", "quadrature")), *followed]
     rows = MultiArrayDimension(label=f"covariance of {', '.join(names)}", size=size, stride=size * size)
     columns = MultiArrayDimension(label="the same", size=size, stride=size)
     return Float64MultiArray(layout=MultiArrayLayout(dim=[rows, columns], data_offset=0), data=[0.0] * (size * size))

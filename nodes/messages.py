@@ -1,14 +1,22 @@
-"""Messages: stamps and joints in and out. Numbers pass float() and int() here: rclpy does not check its fields."""
+"""Messages: made once with their arrays, then filled: an array of doubles takes no number of another kind, which rclpy
+would not check.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterable
 
 from builtin_interfaces.msg import Duration, Time
 from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from hybrid_sysid_ros.nodes.layout import Lists, Slots
 
 SECOND = 1_000_000_000  # ns
+POINT = {"position": "positions", "velocity": "velocities", "effort": "effort"}
+"""Lists of a point of a JointTrajectory, by those of a JointState."""
 
 
 def nanoseconds(stamp: Time | Duration) -> int:
@@ -21,30 +29,31 @@ def set_nanoseconds(stamp: Time | Duration, value: int) -> None:
     stamp.sec, stamp.nanosec = divmod(int(value), SECOND)
 
 
-def entry(names: Sequence[str], values: Sequence[float], joint: str) -> float:
-    """A joint's entry of a list of a JointState, NaN where there is none."""
-    try:
-        return float(values[names.index(joint)])
-    except (ValueError, IndexError):
-        return math.nan
+def joint_state(slots: Slots, *more: str) -> JointState:
+    """A message with the entries of these slots, and of ``more`` names, all NaN; to be filled again and again."""
+    message = JointState(name=[*slots.names, *more])
+    for field in slots.fields:
+        setattr(message, field, array("d", [math.nan] * len(message.name)))
+    return message
 
 
-def joint_state(names: Sequence[str]) -> JointState:
-    """A message of these joints, to be filled again and again."""
-    return JointState(name=list(names))
+def lists(message: JointState) -> Lists:
+    """The lists of a message, to be written into."""
+    return message.position, message.velocity, message.effort
 
 
-def fill(
-    message: JointState,
-    stamp: int,
-    *,
-    position: Sequence[float] = (),
-    velocity: Sequence[float] = (),
-    effort: Sequence[float] = (),
-) -> JointState:
-    """Write a stamp [ns] and the lists of a JointState."""
-    set_nanoseconds(message.header.stamp, stamp)
-    message.position = [float(value) for value in position]
-    message.velocity = [float(value) for value in velocity]
-    message.effort = [float(value) for value in effort]
+def point_lists(point: JointTrajectoryPoint) -> Lists:
+    """The same of a point of a trajectory."""
+    return point.positions, point.velocities, point.effort
+
+
+def joint_trajectory(slots: Slots, offsets: Iterable[int]) -> JointTrajectory:
+    """A trajectory with the entries of these slots, all NaN, and points so long after its stamp [ns]."""
+    message = JointTrajectory(joint_names=slots.names)
+    for offset in offsets:
+        point = JointTrajectoryPoint()
+        for field in slots.fields:
+            setattr(point, POINT[field], array("d", [math.nan] * len(slots.names)))
+        set_nanoseconds(point.time_from_start, offset)
+        message.points.append(point)
     return message

@@ -12,13 +12,14 @@ def model_of(rig: Rig, path: str) -> Model:
     """Load a model of a rig; an empty path means the one that comes with the package.
 
     Raises:
-        UserError: it cannot be loaded, is of another rig, or has not the one joint that the messages carry.
+        UserError: it cannot be loaded, or is of another rig, or of other inputs or outputs.
     """
     folder = path or str(shipped(rig.name, "model"))
     model = load(folder)
     if model.rig != rig.name:
         raise UserError(f"{folder}: is a model of the rig {model.rig}, not of {rig.name}")
-    states = len(model.system.states)
-    if states != 2 or dict(model.system.kinematics) != {0: 1}:
-        raise UserError(f"{folder}: has {states} states; the nodes carry the position and velocity of one joint")
+    for kind in ("inputs", "outputs"):
+        mine, its = ([item.name for item in getattr(system, kind)] for system in (rig.system, model.system))
+        if mine != its:
+            raise UserError(f"{folder}: has the {kind} {', '.join(its)}; the rig {rig.name} has {', '.join(mine)}")
     return model

@@ -10,10 +10,11 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from hybrid_sysid_ros.runtime.configuration import DEFAULT_RIG, Parameter, parameters
+from hybrid_sysid_ros.rigs.rig import default
+from hybrid_sysid_ros.runtime.parameters import Parameter, parameters
 from hybrid_sysid_ros.support.errors import UserError
 
-RIG = Parameter(name="rig", default=DEFAULT_RIG, description="name of the rig, of which msgs_config has a file")
+RIG = Parameter(name="rig", default="", description="the rig, by its name or by the path of its folder")
 OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
@@ -33,7 +34,7 @@ def declare(node: Node, section: str) -> dict[str, Any]:
     }
     for name in given:
         node.undeclare_parameter(name)
-    rig = RIG.checked(given.get("rig", RIG.default))
+    rig = given["rig"] = RIG.checked(given.get("rig", RIG.default)) or default()
     known = {"rig": RIG, **parameters(rig, section)}
     for name in given:
         if name not in known:
@@ -57,12 +58,15 @@ def _change(known: Mapping[str, Parameter], values: dict[str, Any], changes: lis
 
 def _descriptor(item: Parameter) -> ParameterDescriptor:
     unit = f" [{item.unit}]" if item.unit else ""
+    limits = f"each within [{item.low:g}, {item.high:g}]" if item.each else ""
     choices = f"one of {', '.join(item.choices)}" if item.choices else ""
     descriptor = ParameterDescriptor(
-        description=f"{item.description}{unit}", additional_constraints=choices, read_only=not item.live
+        description=f"{item.description}{unit}", additional_constraints=limits or choices, read_only=not item.live
     )
-    if math.isfinite(item.low) and item.kind is float:
+    if item.each or not math.isfinite(item.low):
+        return descriptor  # ROS has no range for lists
+    if item.kind is float:
         descriptor.floating_point_range = [FloatingPointRange(from_value=float(item.low), to_value=float(item.high))]
-    elif math.isfinite(item.low):
+    else:
         descriptor.integer_range = [IntegerRange(from_value=int(item.low), to_value=int(item.high), step=1)]
     return descriptor

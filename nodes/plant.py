@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from time import perf_counter
 from typing import Any
 
@@ -12,8 +12,10 @@ from sensor_msgs.msg import JointState
 
 from hybrid_sysid_ros.nodes.base import OK, WARN, RigNode, announce, run
 from hybrid_sysid_ros.nodes.drive import Answers, Drive
-from hybrid_sysid_ros.nodes.messages import SECOND, entry, fill, joint_state, nanoseconds
+from hybrid_sysid_ros.nodes.layout import Layout, Slots
+from hybrid_sysid_ros.nodes.messages import SECOND, joint_state, lists, nanoseconds, set_nanoseconds
 from hybrid_sysid_ros.nodes.timing import Timing
+from hybrid_sysid_ros.rigs.joints import FILTERED
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -39,16 +41,22 @@ class PlantNode(RigNode):
             )
         self.lockstep: bool = settings["lockstep"]
         self.plant = Plant(rig, seed=settings["seed"], bias=settings["bias"])
-        self.plant.advance(0.0)  # compiles
+        self.plant.advance([actuator.rest for actuator in rig.actuators])  # compiles
         self.plant = Plant(rig, seed=settings["seed"], bias=settings["bias"])
         self.timeout = math.inf if self.lockstep else settings["command_timeout"]
-        self.drive = Drive(limit=rig.input_limit, timeout=self.timeout)
+        self.drive = Drive(rig.actuators, timeout=self.timeout)
         self.answers = Answers(start=LOCKSTEP_START, period=round(self.steps * rig.step * SECOND))
         self.lateness = Timing()
         self.rejected = self.overruns = self.repeated = 0
         self.troubles = (0, 0, 0, 0)
         self.started = False
-        self.message = joint_state([rig.joint, f"{rig.joint}_filtered"])
+        layout = Layout(rig, rig.system)
+        self.low_passed = [k for k, sensor in enumerate(rig.sensors) if sensor.low_pass]
+        filtered = [layout.outputs[k].ending(f"_{FILTERED}") for k in self.low_passed]
+        self.slots = Slots([*layout.outputs, *layout.inputs, *filtered])
+        self.message = joint_state(self.slots)
+        self.inputs = Slots(layout.inputs)
+        self.commanded = [0.0] * len(layout.inputs)
         self.measurements = self.open("joint_states")
         self.commands = self.listen("joint_command", self.on_command)
         self.when(self.is_matched, self.start)
@@ -70,7 +78,7 @@ class PlantNode(RigNode):
         else:
             self.answers.start = self.now()
             self.every(self.answers.period / SECOND, self.tick)
-        self.measure(0, 0.0)
+        self.measure(0, self.drive.at(0.0))
 
     def tick(self) -> None:
         """In real time: integrate up to now and publish the measurement that is due, and those that were missed."""
@@ -79,29 +87,27 @@ class PlantNode(RigNode):
         number = int(elapsed / period + EARLY)
         self.overruns += max(number - self.answers.latest - 1, 0)
         self.lateness.add(max(elapsed - number * period, 0.0))
-        self.plant.bias, self.drive.timeout = self.settings["bias"], self.settings["command_timeout"]
-        while self.answers.latest < number:
+        self.plant.bias[:] = self.settings["bias"]
+        self.drive.timeout = self.settings["command_timeout"]
+        while self.answers.latest < number and not self.finished.done():
             self.measure(self.answers.latest + 1, self.integrate(self.steps))
 
-    def integrate(self, steps: int) -> float:
-        """Advance the rig; return the mean input applied [drive unit]."""
-        total = 0.0
+    def integrate(self, steps: int) -> list[float]:
+        """Advance the rig; return the mean inputs applied (m,)."""
+        total = [0.0] * len(self.inputs)
         for _ in range(steps):
-            value = self.drive.at(self.plant.time)
-            self.plant.advance(value)
-            total += value
-        return total / steps
+            inputs = self.drive.at(self.plant.time)
+            self.plant.advance(inputs)
+            total = [one + other for one, other in zip(total, inputs, strict=True)]
+        return [value / steps for value in total]
 
-    def measure(self, number: int, applied: float) -> None:
-        """Publish measurement `number`, with the mean input since the one before."""
+    def measure(self, number: int, applied: Sequence[float]) -> None:
+        """Publish measurement `number`, with the mean inputs (m,) since the one before."""
         self.answers.measured(number, perf_counter() - self.begin)
         measurement = self.plant.measure()
-        fill(
-            self.message,
-            self.answers.stamp(number),
-            position=(measurement.position, measurement.filtered),
-            effort=(applied, math.nan),
-        )
+        filtered = measurement.filtered[self.low_passed].tolist()
+        self.slots.write(lists(self.message), [*measurement.outputs.tolist(), *applied, *filtered])
+        set_nanoseconds(self.message.header.stamp, self.answers.stamp(number))
         self.publish()
         if 0.0 < self.settings["duration"] <= self.plant.time:
             self.finish()
@@ -114,13 +120,14 @@ class PlantNode(RigNode):
     def on_command(self, message: JointState) -> None:
         """Put a command in force, if it is one."""
         time = perf_counter() - self.begin if self.started else 0.0
-        value = entry(message.name, message.effort, self.rig.joint)
-        if not (self.started and math.isfinite(value) and self.answers.answer(nanoseconds(message.header.stamp), time)):
+        self.inputs.read(message.name, lists(message), self.commanded)
+        sound = self.started and all(map(math.isfinite, self.commanded))
+        if not (sound and self.answers.answer(nanoseconds(message.header.stamp), time)):
             self.rejected += 1
             return
-        self.drive.command(value, self.plant.time if self.lockstep else time)
+        self.drive.command(self.commanded, self.plant.time if self.lockstep else time)
         if self.lockstep and self.answers.answered == self.answers.latest:
-            self.plant.bias = self.settings["bias"]
+            self.plant.bias[:] = self.settings["bias"]
             self.measure(self.answers.latest + 1, self.integrate(self.steps))
 
     def ask_again(self) -> None:

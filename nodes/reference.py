@@ -1,4 +1,4 @@
-"""Reference: publishes where the joint is to be, and what is ahead."""
+"""Reference: publishes what the outputs are to follow, as far as it lies ahead."""
 
 from __future__ import annotations
 
@@ -9,59 +9,65 @@ from typing import Any
 import numpy as np
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hybrid_sysid_ros.nodes.base import OK, RigNode, announce, run
-from hybrid_sysid_ros.nodes.messages import SECOND, nanoseconds, set_nanoseconds
-from hybrid_sysid_ros.rigs.excitation import (
-    HARDWARE_DURATION,
-    Reference,
-    hardware_reference,
-    multisine,
-    random_steps,
-)
+from hybrid_sysid_ros.nodes.layout import Layout, Slots
+from hybrid_sysid_ros.nodes.messages import SECOND, joint_trajectory, nanoseconds, point_lists, set_nanoseconds
+from hybrid_sysid_ros.rigs.excitation import Reference, constant, multisine, random_steps, sine
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.parameters import defaults
 from hybrid_sysid_ros.support.errors import UserError
 
+KINDS = ("constant", "steps", "sine", "multisine")
 LONGEST = 3600.0  # s of steps that are drawn; the last one is held
 LOWEST = 0.05  # Hz, of the multisine
 MULTISINE_PERIOD = 20.0  # s
 LINES = 20  # of the multisine
 
 
-def signal_of(settings: Mapping[str, Any]) -> Reference:
-    """The reference that the parameters describe: seconds in, volts of the sensor out.
+def signal_of(kind: str, settings: Mapping[str, Any], rig: Rig) -> Reference:
+    """The reference of a kind that the parameters describe: seconds in (any shape), the outputs as they are shown out (..., p).
 
     Raises:
-        UserError: the multisine has no room between its lowest and highest frequency.
+        UserError: there is no such kind, or the multisine has no room between its lowest and highest frequency.
     """
-    kind, amplitude, frequency = settings["kind"], settings["amplitude"], settings["frequency"]
-    if kind == "hardware":
-        return hardware_reference
-    if kind == "constant":
-        return lambda t: np.full(np.shape(t), amplitude)
-    if kind == "steps":
-        return random_steps(
-            settings["seed"], amplitude=abs(amplitude), hold=settings["hold"], duration=settings["duration"] or LONGEST
+    if kind in rig.references:
+        return rig.references[kind]
+    if kind not in KINDS:
+        raise UserError(f"parameter kind is {kind!r}: choose one of {', '.join((*KINDS, *rig.references))}")
+    if kind == "multisine" and settings["frequency"] <= LOWEST:
+        raise UserError(
+            f"parameter frequency is {settings['frequency']:g} Hz: a multisine needs more than {LOWEST:g} Hz"
         )
+    signals = [_signal(kind, settings, k, amplitude) for k, amplitude in enumerate(settings["amplitude"])]
+    return lambda t: np.stack([signal(t) for signal in signals], axis=-1)
+
+
+def _signal(kind: str, settings: Mapping[str, Any], output: int, amplitude: float) -> Reference:
+    """One output's reference; those of several differ in what is random."""
+    frequency, seed = settings["frequency"], settings["seed"] + output
+    if kind == "constant" or amplitude == 0.0:
+        return constant(level=amplitude)
+    if kind == "steps":
+        duration = settings["duration"] or LONGEST
+        return random_steps(seed, amplitude=abs(amplitude), hold=settings["hold"], duration=duration)
     if kind == "sine":
-        return lambda t: amplitude * np.sin(2 * np.pi * frequency * np.asarray(t, dtype=float))
-    if frequency <= LOWEST:
-        raise UserError(f"parameter frequency is {frequency:g} Hz: a multisine needs more than {LOWEST:g} Hz")
-    return multisine(
-        settings["seed"], amplitude=amplitude, low=LOWEST, high=frequency, lines=LINES, period=MULTISINE_PERIOD
-    )
+        return sine(amplitude=amplitude, frequency=frequency)
+    return multisine(seed, amplitude=amplitude, low=LOWEST, high=frequency, lines=LINES, period=MULTISINE_PERIOD)
 
 
 class ReferenceNode(RigNode):
-    """Publishes previews; time 0 of the reference is the stamp of the first measurement that the node sees.
+    """Publishes previews of the outputs that the rig's controller tracks.
 
-    Message i begins at i publish periods, so that all points of all messages lie on one grid.
+    Time 0 of the reference is the stamp of the first measurement that the node sees. Message i begins at i publish
+    periods, so that all points of all messages lie on one grid.
     """
 
     def __init__(self, **options: Any) -> None:
         super().__init__("reference", **options)
         settings = self.settings
-        self.signal = signal_of(settings)
+        self.kind: str = settings["kind"] or self.rig.reference
+        self.signal = signal_of(self.kind, settings, self.rig)
         self.spacing = round(settings["point_spacing"] * SECOND)
         self.period = round(settings["publish_period"] * SECOND)
         if self.period % self.spacing:
@@ -74,14 +80,15 @@ class ReferenceNode(RigNode):
                 f"parameter preview_seconds is {settings['preview_seconds']:g} s: "
                 f"it must be more than publish_period, {settings['publish_period']:g} s"
             )
-        own = HARDWARE_DURATION if settings["kind"] == "hardware" else 0.0
+        schedule = self.rig.references.get(self.kind)
+        own = schedule.duration if schedule else 0.0
         self.duration = round((settings["duration"] or own) * SECOND)
         self.offsets = np.arange(round(settings["preview_seconds"] * SECOND) // self.spacing + 1) * self.spacing
-        self.message = JointTrajectory(joint_names=[self.rig.joint])
-        for offset in self.offsets.tolist():
-            point = JointTrajectoryPoint(positions=[0.0])
-            set_nanoseconds(point.time_from_start, offset)
-            self.message.points.append(point)
+        layout = Layout(self.rig, self.rig.system)
+        self.tracked = np.flatnonzero(defaults(self.rig, "controller")["output_weight"])
+        self.scales = np.array([display.scale for display in self.rig.display])
+        self.slots = Slots([layout.outputs[k] for k in self.tracked])
+        self.message = joint_trajectory(self.slots, self.offsets.tolist())
         self.zero = self.stamp = 0
         self.sent = 0
         self.previews = self.open("reference")
@@ -125,9 +132,9 @@ class ReferenceNode(RigNode):
     def publish(self, start: int) -> None:
         """Publish the preview that begins `start` after time 0 [ns]."""
         seconds = np.minimum(start + self.offsets, self.duration or np.inf) / SECOND
-        positions = self.rig.sensor.radians(self.signal(seconds))
-        for point, position in zip(self.message.points, positions.tolist(), strict=True):
-            point.positions[0] = float(position)
+        values = (self.scales * self.signal(seconds))[:, self.tracked]
+        for point, row in zip(self.message.points, values.tolist(), strict=True):
+            self.slots.write(point_lists(point), row)
         set_nanoseconds(self.message.header.stamp, self.zero + start)
         self.previews.publish(self.message)
 
@@ -138,7 +145,7 @@ class ReferenceNode(RigNode):
         super().close()
 
     def health(self) -> tuple[bytes, str, Mapping[str, object]]:
-        values = {"kind": self.settings["kind"], "messages": self.sent, "seconds": self.sent * self.period / SECOND}
+        values = {"kind": self.kind, "messages": self.sent, "seconds": self.sent * self.period / SECOND}
         if not self.zero:
             return OK, "waiting for the first measurement", values
         return OK, "done" if self.finished.done() else "running", values

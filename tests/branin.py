@@ -11,8 +11,9 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hybrid_sysid_ros.identification.selection.search import CrossValidation, Outcome, Workers, opened
 from hybrid_sysid_ros.identification.selection.search.evaluation import evaluate
+
+from hybrid_sysid_ros.identification.selection.search import CrossValidation, Outcome, Workers, opened
 from hybrid_sysid_ros.models import Option, Options
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -3,6 +3,8 @@
 
 import os
 
+WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
+
 # Threads of linear algebra spin while they wait: with a busy neighbour the small problems here take ten times as long.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
@@ -20,16 +22,15 @@ from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.core import Dry, System, bounded, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.estimation import METHODS
-from hybrid_sysid_ros.estimation.filter import Filter
+from hybrid_sysid_ros.estimation import METHODS, Estimator
 from hybrid_sysid_ros.models import Model, Sampling, load
-from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 from studies.beam_lecture import records as bab
+from tests.one_joint import Linear
 
 if TYPE_CHECKING:
     from tests.node_bench import Bench
@@ -67,7 +68,7 @@ def records(experiments: dict[str, bab.Experiment], rig: Rig) -> dict[str, Recor
             name=name,
             time=np.arange(len(item.output), dtype=np.float64) * item.sampling_time,
             input=item.input[:, None],
-            output=rig.sensor.radians(item.output)[:, None],
+            output=rig.display[0].si(item.output)[:, None],
         )
         for name, item in experiments.items()
     }
@@ -165,9 +166,9 @@ def flexible_joint() -> FlexibleJoint:
 
 
 @pytest.fixture(scope="module", params=METHODS.values(), ids=list(METHODS))
-def kind(request: pytest.FixtureRequest) -> type[Filter]:
+def kind(request: pytest.FixtureRequest) -> type[Estimator]:
     """Each method of estimation."""
-    kind: type[Filter] = request.param
+    kind: type[Estimator] = request.param
     return kind
 
 
@@ -208,18 +209,17 @@ def policy_folder(rig: Rig, model_folder: Path) -> Path:
     features = 2 + 2 + problem.horizon  # position and velocity, disturbance, previous input, preview
     small = 1e-5
     weights = np.zeros((1, features))
-    weights[0, 4] = small * rig.feedback_gain / rig.sensor.radians_per_volt / rig.input_limit
+    weights[0, 4] = small * rig.experiments.loops[0].gain / rig.display[0].scale / rig.actuators[0].high
     examples = np.random.default_rng(0).normal(scale=0.01, size=(3, features))
     centre, scale = np.zeros(features), np.ones(features)
     policy = Policy(
         problem=problem,
         model=load(model_folder).seal,
         rig=rig.name,
-        states=2,
-        output=0,
+        output_map=np.array([[1.0, 0.0]]),
         centre=centre,
         scale=scale,
-        layers=((weights, np.zeros(1)), (np.array([[1.0 / small]]), np.array([1.0 / rig.input_limit]))),
+        layers=((weights, np.zeros(1)), (np.array([[1.0 / small]]), np.array([1.0 / rig.actuators[0].high]))),
         training_range=TrainingRange.of(10.0 * examples, centre, scale),
     )
     folder = model_folder.with_name("policy")
@@ -233,7 +233,10 @@ def domain() -> Iterator[int]:
     pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        yield 1 + os.getpid() % 100
+        if WORKER:  # those of one run have one parent
+            yield 1 + (os.getppid() + int(WORKER.removeprefix("gw"))) % 100
+        else:
+            yield 1 + os.getpid() % 100
 
 
 @pytest.fixture
@@ -247,6 +250,23 @@ def bench(domain: int) -> Iterator["Bench"]:
 
 
 @pytest.fixture
+def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Run a program's main() with its name and arguments; give status, standard output and standard error."""
+
+    def run(main: Callable[[], None], *words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", [str(word) for word in words])
+        status = 0
+        try:
+            main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
 def place(tmp_path: Path) -> str:
     """Where the studies of a search are kept; nothing is there yet."""
     return str(tmp_path / "deep" / "search.db")
@@ -256,15 +276,15 @@ def simulated_record(rig: Rig, reference: Reference, *, seconds: float, name: st
     """The simulated rig driven as the author's: u = clip(3 (ref - yf), +-10), after a second of rest."""
     plant = Plant(rig, seed=seed, noisy=noisy)
     plant.reset(np.zeros(len(rig.system.states)))
-    scale, samples = rig.sensor.radians_per_volt, round(seconds / rig.step)
+    scale, samples = rig.display[0].scale, round(seconds / rig.step)
     time = np.arange(samples, dtype=np.float64) * rig.step
     wanted = np.where(time < 1.0, 0.0, reference(time))
     position, drive = np.empty((samples, 1)), np.empty((samples, 1))
     for k in range(samples):
         measured = plant.measure()
-        position[k] = measured.position
-        command = rig.feedback_gain * (wanted[k] - measured.filtered / scale)
-        drive[k] = np.clip(command, -rig.input_limit, rig.input_limit)
+        position[k] = measured.outputs[0]
+        command = rig.experiments.loops[0].gain * (wanted[k] - measured.filtered[0] / scale)
+        drive[k] = np.clip(command, -rig.actuators[0].high, rig.actuators[0].high)
         plant.advance(float(drive[k, 0]))
     return Record(name=name, time=time, input=drive, output=position)
 

@@ -27,13 +27,14 @@ VOLT = math.radians(1.3)
 class Bench:
     """Nodes on one executor, and a probe that publishes and keeps what it hears, in order, by topic."""
 
-    def __init__(self, domain: int) -> None:
+    def __init__(self, domain: int, namespace: str = "cam_beam") -> None:
+        self.namespace = namespace
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.nodes: list[Node] = []
         self.heard: dict[str, list[Any]] = {}
-        self.probe = Node("probe", context=self.context, namespace="cam_beam")
+        self.probe = Node("probe", context=self.context, namespace=namespace)
         self.add(self.probe)
 
     def add(self, node: Node) -> Node:
@@ -43,7 +44,7 @@ class Bench:
 
     def start(self, kind: Callable[..., RigNode], /, **parameters: Any) -> Any:
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        return self.add(kind(context=self.context, namespace="cam_beam", parameter_overrides=overrides))
+        return self.add(kind(context=self.context, namespace=self.namespace, parameter_overrides=overrides))
 
     def listen(self, topic: str, message_type: Any = JointState) -> list[Any]:
         self.heard[topic] = []

@@ -1,7 +1,7 @@
 """A beam with nothing bent, for tests."""
 
-from hybrid_sysid_ros.models.linear import Linear
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
+from tests.one_joint import Linear
 
 
 def straight(system: Linear) -> CamBeam:

@@ -1,15 +1,17 @@
 """Systems of every structure with numbers that matter, for tests of what holds for all of them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core import Dry, RungeKutta, System, Variable, bounded
+from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.models import STRUCTURES, build
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.recurrent import Recurrent
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 
 RANGE = np.array([0.15, 0.5, 10.0])  # position [rad], velocity [rad/s], drive [V] of the beam's records
 DEFLECTION = 0.005  # of bristles, as far as they bend [rad]
@@ -20,28 +22,82 @@ def structure(name: str, seed: int = 0) -> System:
     """A structure with every parameter away from its start, and a network that matters."""
     random = np.random.default_rng(seed)
     system, _ = build(name, CamBeam(), scales=RANGE, seed=seed)
-    values = [item.start + 0.1 * item.scale * random.uniform(-1, 1) for item in system.parameters]
-    bounded = [np.clip(v, item.low, item.high) for v, item in zip(values, system.parameters, strict=True)]
-    system = system.with_values(np.array(bounded))
+    moved = [item.start + 0.1 * item.scale * random.uniform(-1, 1) for item in system.parameters]
+    values = [
+        value if item.fixed else float(np.clip(begin, item.low, item.high))
+        for begin, value, item in zip(moved, system.values, system.parameters, strict=True)
+    ]
+    system = system.with_values(values)
     return system.with_weights(random.normal(size=len(system.weights))) if len(system.weights) else system
 
 
+POSITION, DRIVE = Variable.of(CamBeam.outputs[0]), Variable.of(CamBeam.inputs[0])
+
+
 def recurrent() -> Recurrent:
-    system = Recurrent(units=5, position_scale=0.05, rate_scale=0.2, drive_scale=4.0)
+    system = Recurrent(outputs=(POSITION,), inputs=(DRIVE,), units=5, scales=(0.05, 0.2, 4.0))
     return system.with_weights(np.random.default_rng(0).normal(size=len(system.weights)))
 
 
 def polynomial() -> Narx:
     return Narx(
-        exponents=((0, 0, 0, 0), (1, 0, 0, 0), (0, 1, 1, 0), (2, 0, 0, 1), (0, 0, 1, 2)),
+        outputs=(POSITION,),
+        inputs=(DRIVE,),
+        exponents=(((0, 0, 0, 0), (1, 0, 0, 0), (0, 1, 1, 0), (2, 0, 0, 1), (0, 0, 1, 2)),),
         coefficients=(0.1, 0.9, -0.2, 0.3, 0.1),
         output_lags=2,
         input_lags=2,
-        output_range=(-0.2, 0.2),
-        input_range=(-10.0, 10.0),
-        output_scale=0.1,
-        input_scale=5.0,
+        scales=(0.1, 5.0),
+        low=(-0.2, -10.0),
+        high=(0.2, 10.0),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cart(System):
+    """v' = left + right - F sgn v, of two thrusters that act after different times."""
+
+    states = ("position [m]", "velocity [m/s]")
+    inputs = ("left [m/s^2]", "right [m/s^2]")
+    outputs = ("position", "effort [m/s^2]")
+    contacts = (Dry(on="velocity", level=2.0),)
+    delays = {"left": 0.1, "right": "right_delay"}
+
+    right_delay: float = bounded(0.25, 0.0, 1.0, unit="s")
+    """Of the right thruster."""
+
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return x[1], u[0] + u[1]
+
+    def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return x[0], u[0] + u[1] - 3.0 * x[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoTanks(System):
+    """Levels a, b [m] under two pumps that act late; measured are the flow between the tanks and the first level."""
+
+    states = ("first [m]", "second [m]")
+    inputs = ("left [m^3/s]", "right [m^3/s]")
+    outputs = ("flow [m^3/s]", "first [m]")
+    delays = {"left": "left_delay", "right": "right_delay"}
+    stepper = RungeKutta()
+
+    area: float = bounded(0.5, 0.1, 2.0, unit="m^2")
+    """Of each tank."""
+    pipe: float = bounded(0.3, 0.01, 1.0, unit="m^2/s")
+    """Flow per difference of levels."""
+    left_delay: float = bounded(0.0312, 0.0, 1.0, unit="s")
+    """Of the left pump."""
+    right_delay: float = bounded(0.117, 0.0, 1.0, unit="s")
+    """Of the right pump."""
+
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        flow = self.pipe * (x[0] - x[1])
+        return (u[0] - flow) / self.area, (u[1] + flow) / self.area
+
+    def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return self.pipe * (x[0] - x[1]) + 0.1 * u[1], x[0]
 
 
 SYSTEMS: dict[str, Callable[[], System]] = {

@@ -72,7 +72,7 @@ def test_a_bag_without_messages_is_named(tmp_path):
 def test_a_missing_topic_is_named_with_those_that_are_there(tmp_path):
     bag = bags.write(tmp_path / "run", [references()])
     reason = r"no topic /cam_beam/joint_states: the bag has /cam_beam/reference \(trajectory_msgs/msg/JointTrajectory\)"
-    refused(bag, reason + r"; name the right one in .*cam_beam\.yaml \(--signals\)")
+    refused(bag, reason + r"; name the right one in .*rig\.yaml \(--signals\)")
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_a_missing_field_is_named(tmp_path, field, reason, uniform):
         )
     bag = bags.write(tmp_path / "run", topics)
     signal = Signal(topic="joint_states", field=field)
-    signals = Signals(namespace="cam_beam", input=(signal,), output=(signal,), source="mine.yaml")
+    signals = Signals(namespace="cam_beam", inputs={"u": signal}, outputs={"y": signal}, source="mine.yaml")
     refused(bag, rf"{reason}.*; name the right one in mine\.yaml \(--signals\)", signals)
 
 
@@ -148,7 +148,7 @@ def test_a_little_jitter_is_put_on_the_grid(tmp_path):
 
 def test_an_unexpected_sampling_is_named(tmp_path):
     bag = bags.write(tmp_path / "run", [states(100)])
-    signals = Signals(namespace="cam_beam", input=SIGNALS.input, output=SIGNALS.output, period=0.001)
+    signals = Signals(namespace="cam_beam", inputs=SIGNALS.inputs, outputs=SIGNALS.outputs, period=0.001)
     refused(bag, "sampling time is 0.005 s where 0.001 s is expected", signals)
 
 

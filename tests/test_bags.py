@@ -8,11 +8,12 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.series import jazzy_types
 from hybrid_sysid_ros.bags.signals import Signal, Signals
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 
 RATE = 200  # Hz
 START = 1_700_000_000_000_000_000  # ns
-SIGNALS = Signals.of_rig("cam_beam")
+SIGNALS = load_rig("cam_beam").signals
 
 
 def stamps(samples):
@@ -142,10 +143,10 @@ def test_a_foreign_bag_is_read_by_the_definitions_inside_it(tmp_path):
                 writer.write(connection, stamp + 10**6 * (k % 5), store.serialize_cdr(sample, "lab_msgs/msg/Sample"))
         (tmp_path / "signals.yaml").write_text(
             "signals:\n"
-            "  input: {topic: /daq/sample, field: raw, holds: following, scale: 2, offset: 1.0}\n"
-            "  output:\n"
-            "  - {topic: /daq/sample, field: 'volts[1]', unit: rad, scale: 0.1}\n"
-            "  - {topic: /daq/sample, field: 'volts[2]'}\n"
+            "  inputs: {raw: {topic: /daq/sample, field: raw, holds: following, scale: 2, offset: 1.0}}\n"
+            "  outputs:\n"
+            "    first: {topic: /daq/sample, field: 'volts[1]', unit: rad, scale: 0.1}\n"
+            "    second: {topic: /daq/sample, field: 'volts[2]'}\n"
         )
         record = bags.read(tmp_path / name, Signals.load(tmp_path / "signals.yaml"))
         np.testing.assert_array_equal(record.input[:, 0], 2.0 * (np.arange(100) - 50) + 1)
@@ -160,8 +161,8 @@ def plain(topic, at, values):
 def other_topics(holds="preceding"):
     return Signals(
         namespace="lab",
-        input=(Signal(topic="drive", field="data", holds=holds),),
-        output=(Signal(topic="angle", field="data"),),
+        inputs={"drive": Signal(topic="drive", field="data", holds=holds)},
+        outputs={"angle": Signal(topic="angle", field="data")},
         channels={"drive": Signal(topic="drive", field="data")},
     )
 

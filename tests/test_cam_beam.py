@@ -8,11 +8,11 @@ import pytest
 from scipy.io import loadmat
 
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.rigs import excitation
-from hybrid_sysid_ros.rigs.cam_beam import SMALLEST_SQUARED_COSINE, CamBeam
+from hybrid_sysid_ros.rigs.cam_beam.system import SMALLEST_SQUARED_COSINE, CamBeam
 from hybrid_sysid_ros.rigs.plant import Plant
-from hybrid_sysid_ros.rigs.sensor import Filter
+from hybrid_sysid_ros.rigs.sensor import LowPassFilter
+from tests.one_joint import Linear
 from tests.straight_beam import straight
 
 COUNT = 10.0 / 2048  # V, of the 12-bit converter over +-10 V
@@ -169,7 +169,7 @@ def resting(rig):
     volts = np.empty(3000)
     for k in range(len(volts)):
         plant.advance(rig.system.centre)
-        volts[k] = plant.measure().position / rig.sensor.radians_per_volt
+        volts[k] = plant.measure().outputs[0] / rig.display[0].scale
     return volts
 
 
@@ -198,27 +198,27 @@ def test_the_records_are_as_noisy_and_count_in_the_same_steps(data, experiments,
         noise.append(np.std(rest))
         hum.append(np.sqrt(2 * spectrum[119:122].sum()) / len(rest))
         assert np.min(np.diff(np.unique(experiment.output))) == pytest.approx(COUNT, rel=0.02)
-    assert rig.sensor.noise_volts == pytest.approx(np.mean(noise), rel=0.1)
-    assert rig.sensor.mains_volts == pytest.approx(np.mean(hum), rel=0.15)
+    assert rig.sensors[0].noise == pytest.approx(np.mean(noise), rel=0.1)
+    assert rig.sensors[0].hum.rms == pytest.approx(np.mean(hum), rel=0.15)
 
 
 def test_the_sensor_ends_at_ten_volts(rig):
-    assert rig.sensor.quantised(12.3) == 10.0
-    assert rig.sensor.quantised(-1e9) == -10.0
-    assert rig.sensor.quantised(0.004) == pytest.approx(COUNT)
-    assert rig.sensor.quantised(0.002) == 0.0
+    assert rig.sensors[0].quantiser.read(12.3) == 10.0
+    assert rig.sensors[0].quantiser.read(-1e9) == -10.0
+    assert rig.sensors[0].quantiser.read(0.004) == pytest.approx(COUNT)
+    assert rig.sensors[0].quantiser.read(0.002) == 0.0
 
 
 def test_one_volt_is_1_3_degrees_of_the_beam(rig):
-    assert rig.sensor.radians(np.array([1.0])) == pytest.approx(np.deg2rad(1.3))
-    assert rig.sensor.volts(np.array([np.deg2rad(6.5)])) == pytest.approx(5.0)
+    assert rig.display[0].si(np.array([1.0])) == pytest.approx(np.deg2rad(1.3))
+    assert rig.display[0].shown(np.array([np.deg2rad(6.5)])) == pytest.approx(5.0)
 
 
 def test_the_filter_is_a_butterworth_low_pass_of_20_hertz(rig):
     """Gain 1 / sqrt(2) at 20 Hz, 1 / 2^6 at 40 Hz (sixth order), delay about 31 ms: 3.8637 / (2 pi 20 Hz)."""
 
     def response(hertz, step=2e-5):
-        filtered = Filter(rig.sensor, step)
+        filtered = LowPassFilter(rig.sensors[0].low_pass, step)
         t = np.arange(0, 0.4 + 2 / hertz, step)
         values = np.empty(len(t))
         for k, y in enumerate(np.sin(2 * np.pi * hertz * t)):
@@ -235,7 +235,7 @@ def test_the_filter_is_a_butterworth_low_pass_of_20_hertz(rig):
 
 
 def test_the_filter_settles_where_it_is_told(rig):
-    filtered = Filter(rig.sensor, rig.step)
+    filtered = LowPassFilter(rig.sensors[0].low_pass, rig.step)
     filtered.reset(0.1)
     for _ in range(100):
         assert filtered.value == pytest.approx(0.1, rel=1e-9)
@@ -244,7 +244,7 @@ def test_the_filter_settles_where_it_is_told(rig):
 
 def test_the_filter_gives_the_filtered_signal_of_the_records(experiments, rig):
     for experiment in experiments.values():
-        filtered = Filter(rig.sensor, experiment.sampling_time)
+        filtered = LowPassFilter(rig.sensors[0].low_pass, experiment.sampling_time)
         filtered.reset(float(experiment.output[0]))
         values = np.empty(len(experiment.output))
         for k, y in enumerate(experiment.output):
@@ -256,22 +256,22 @@ def test_the_filter_gives_the_filtered_signal_of_the_records(experiments, rig):
 
 def test_a_whole_experiment_follows_from_its_reference_alone(experiments, rig):
     """u = clip(3 (ref - yf), +-10), the 20 Hz filter and the beam: R2 of y at least .98 on every record."""
-    scale = rig.sensor.radians_per_volt
+    scale = rig.display[0].scale
     quiet = Plant(rig, seed=0, noisy=False)
     for name, experiment in experiments.items():
         quiet.reset(np.array([scale * experiment.output[0], 0.0]))
         simulated = np.empty(len(experiment.output))
         for k, reference in enumerate(experiment.reference):
             measured = quiet.measure()
-            simulated[k] = measured.position / scale
-            quiet.advance(rig.feedback_gain * (reference - measured.filtered / scale))
+            simulated[k] = measured.outputs[0] / scale
+            quiet.advance(rig.experiments.loops[0].gain * (reference - measured.filtered[0] / scale))
         errors = simulated - experiment.output
         r2 = 1 - np.sum(errors**2) / np.sum((experiment.output - experiment.output.mean()) ** 2)
         assert r2 >= 0.98, name
 
 
 def drive(plant, volts, steps=300):
-    plant.reset(np.zeros(2), drive=plant.rig.system.centre)
+    plant.reset(np.zeros(2), inputs=plant.rig.system.centre)
     for _ in range(steps):
         plant.advance(volts)
     return plant.state.copy()
@@ -301,7 +301,7 @@ def test_the_plant_is_its_equation(rig):
     """Stepping with whole and part delays gives what a simulation in one go gives."""
     volts = np.random.default_rng(0).uniform(-8, 8, 400).repeat(5)
     plant = Plant(rig, seed=0, noisy=False)
-    plant.reset(np.zeros(2), drive=volts[0])
+    plant.reset(np.zeros(2), inputs=volts[0])
     states = [plant.state.copy()]
     for u in volts:
         plant.advance(u)
@@ -315,14 +315,15 @@ def test_a_plant_is_the_same_for_a_seed_and_another_for_another(rig):
         plant = Plant(rig, seed=seed)
         for _ in range(50):
             plant.advance(5.0)
-        return plant.measure()
+        return plant.measure().outputs.tolist()
 
     assert measured(1) == measured(1)
     assert measured(1) != measured(2)
 
 
-def test_the_hardware_reference_is_the_author_s():
-    reference = excitation.hardware_reference
+def test_the_hardware_reference_is_the_author_s(rig):
+    schedule = rig.schedule("hardware")
+    reference = schedule.of(0)
     t = np.arange(0, 51, 1e-3)
     q = reference(t)
     steps, pause, sine, end = q[t < 29], q[(t >= 29) & (t < 30)], q[(t >= 30) & (t < 50)], q[t >= 50]
@@ -339,7 +340,7 @@ def test_the_hardware_reference_is_the_author_s():
     # 4 (2 frac(43758.5453 sin 12.9898) - 1), worked out with 50 digits
     assert reference(1.5) == pytest.approx(4 * (2 * 0.9216903897888 - 1), abs=1e-9)
     assert reference(0.5) == -4.0  # frac(0) = 0
-    assert excitation.HARDWARE_DURATION == 51.0
+    assert schedule.duration == 51.0
     assert reference(-0.1) == 0.0
 
 

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hybrid_sysid_ros.identification.selection.blocks import Validation
+from hybrid_sysid_ros.identification.selection.candidate_store import CandidateStore
+from hybrid_sysid_ros.models.black_box import BlackBox
+from hybrid_sysid_ros.models.network import Network
 
 from hybrid_sysid_ros.identification import Part, evaluate
 from hybrid_sysid_ros.identification.selection import comparison
-from hybrid_sysid_ros.identification.selection.blocks import Validation
 from hybrid_sysid_ros.identification.selection.candidate import Candidate
-from hybrid_sysid_ros.identification.selection.candidate_store import CandidateStore
 from hybrid_sysid_ros.identification.selection.comparison import LOST, RULE, Comparison, choose, compare
 from hybrid_sysid_ros.models import Model, Sampling
-from hybrid_sysid_ros.models.black_box import BlackBox
-from hybrid_sysid_ros.models.linear import Linear
-from hybrid_sysid_ros.models.network import Network
+from tests.one_joint import Linear
 
 # Hand-made candidates
 

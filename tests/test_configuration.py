@@ -1,15 +1,16 @@
-"""The configuration describes every parameter once, and what is wrong with it is told by file and key."""
+"""Every parameter is declared once for all rigs, a rig has values, and what is wrong is told by file and key."""
 
+import dataclasses
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
-from hybrid_sysid_ros.bags import signals
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.runtime import configuration, parameters
 from hybrid_sysid_ros.runtime.configuration import Parameter, Quality
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -17,16 +18,18 @@ NODES = ("plant", "estimator", "controller", "reference", "recorder")
 
 
 @pytest.fixture
-def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Write the configuration of a rig called toy."""
-    monkeypatch.setattr(signals, "CONFIGURATIONS", tmp_path)
+def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """Write declarations of nodes."""
+    path = tmp_path / "nodes.yaml"
+    monkeypatch.setattr(parameters, "DECLARATIONS", path)
+    parameters.declarations.cache_clear()
 
     def written(content: dict[str, Any]) -> Path:
-        path = tmp_path / "toy.yaml"
         path.write_text(yaml.safe_dump(content), encoding="utf-8")
         return path
 
-    return written
+    yield written
+    parameters.declarations.cache_clear()
 
 
 @pytest.mark.parametrize("node", NODES)
@@ -34,6 +37,7 @@ def test_every_parameter_is_described_and_its_default_allowed(node: str) -> None
     for name, parameter in configuration.parameters("cam_beam", node).items():
         assert parameter.description, name
         assert parameter.checked(parameter.default) == parameter.default
+        assert not parameter.each or len(parameter.default) == parameter.count, name
         assert parameter.kind not in (int, float) or math.isfinite(parameter.low + parameter.high), name
 
 
@@ -53,14 +57,14 @@ def test_the_preview_reaches_beyond_the_horizon(rig: Rig) -> None:
 def test_the_library_gets_the_numbers_of_the_nodes_in_si_units(rig: Rig) -> None:
     values = configuration.defaults("cam_beam", "estimator")
     tuning = configuration.estimator_tuning(values, rig)
-    assert tuning.measurement_noise == pytest.approx(values["measurement_noise_volts"] * math.radians(1.3))
+    assert tuning.measurement_noise == pytest.approx([values["measurement_noise"][0] * math.radians(1.3)])
     problem = configuration.mpc_problem(configuration.defaults("cam_beam", "controller"), rig)
-    assert problem.input_limit == 10.0
-    assert problem.output_scale == pytest.approx(math.radians(1.3))
+    assert (problem.input_low, problem.input_high) == ((-10.0,), (10.0,))
+    assert problem.output_scales == pytest.approx([math.radians(1.3)])
 
 
 def test_a_topic_is_carried_as_its_class_says() -> None:
-    qualities = configuration.qualities("cam_beam")
+    qualities = configuration.qualities()
     assert qualities["joint_states"] == Quality(reliability="reliable", durability="volatile", depth=10)
     assert qualities["state_estimate"].depth == 1  # an old estimate has no use
 
@@ -98,7 +102,7 @@ def test_a_whole_number_does_for_a_number() -> None:
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        (3.0, "nodes.plant.rate: needs default and description"),
+        (3.0, "nodes.plant: rate needs keys"),
         ({"description": "", "range": [1.0, 2.0]}, "nodes.plant.rate: has wrong keys"),
         ({"default": 1.5, "description": "", "range": 2.0}, "nodes.plant.rate: has wrong keys"),
         ({"default": 1.5, "description": "", "colour": "red"}, "nodes.plant.rate: has wrong keys"),
@@ -106,19 +110,19 @@ def test_a_whole_number_does_for_a_number() -> None:
         ({"default": [1], "description": ""}, "nodes.plant.rate: parameter rate: the default [1]"),
     ],
 )
-def test_a_wrong_description_is_told_by_file_and_key(write: Any, entry: Any, message: str) -> None:
+def test_a_wrong_description_is_told_by_file_and_key(rig: Rig, write: Any, entry: Any, message: str) -> None:
     path = write({"nodes": {"plant": {"rate": entry}}})
     with pytest.raises(UserError) as told:
-        configuration.parameters("toy", "plant")
+        configuration.parameters(dataclasses.replace(rig, content={}), "plant")
     assert str(told.value).startswith(f"{path}: {message}")
 
 
 def test_a_missing_section_is_told(write: Any) -> None:
     path = write({"nodes": {"plant": {}}})
     with pytest.raises(UserError, match=r"no section nodes\.estimator: known are plant"):
-        configuration.parameters("toy", "estimator")
-    with pytest.raises(UserError, match=f"{path}: no section qos"):
-        configuration.qualities("toy")
+        configuration.parameters("cam_beam", "estimator")
+    with pytest.raises(UserError, match=f"{path}: qos is missing"):
+        configuration.qualities(path)
 
 
 @pytest.mark.parametrize(
@@ -134,19 +138,19 @@ def test_a_missing_section_is_told(write: Any) -> None:
 def test_a_wrong_class_of_topics_is_told(write: Any, entry: Any) -> None:
     path = write({"qos": {"loop": entry}})
     with pytest.raises(UserError) as told:
-        configuration.qualities("toy")
+        configuration.qualities(path)
     assert str(told.value).startswith(f"{path}: qos.loop: ")
 
 
 def test_a_topic_in_two_classes_is_told(write: Any) -> None:
     quality = {"reliability": "reliable", "durability": "volatile", "depth": 1, "topics": ["joint_states"]}
-    write({"qos": {"loop": quality, "view": quality}})
+    path = write({"qos": {"loop": quality, "view": quality}})
     with pytest.raises(UserError, match=r"qos\.view: topic joint_states is in another class"):
-        configuration.qualities("toy")
+        configuration.qualities(path)
 
 
 def test_an_unknown_rig_is_told() -> None:
-    with pytest.raises(UserError, match="no configuration for a rig 'crane'"):
+    with pytest.raises(UserError, match="no rig 'crane'"):
         configuration.defaults("crane", "plant")
     with pytest.raises(UserError, match="no model comes with the package for the rig crane"):
         configuration.shipped("crane", "model")

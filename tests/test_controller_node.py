@@ -100,7 +100,7 @@ def test_parameters_that_the_estimator_follows_move_a_network_with_a_correction(
 ) -> None:
     """Half a volt more for each unit of Coulomb friction above 2; without an estimate of it, as before."""
     plain = policies.load(policy_folder)
-    features, limit = len(plain.centre), plain.problem.input_limit
+    features, limit = len(plain.centre), plain.problem.input_high[0]
     layers = ((np.zeros((1, features)), np.zeros(1)), (np.zeros((1, 1)), np.array([0.5 / limit])))
     ones = {"nominal": np.array([2.0]), "spread": np.array([1.0])}
     correction = Correction(names=("coulomb",), layers=layers, **ones)
@@ -108,9 +108,9 @@ def test_parameters_that_the_estimator_follows_move_a_network_with_a_correction(
     wheel = Wheel(bench, model_folder, tmp_path / "adaptive", lockstep=True)
     wheel.refer([VOLT] * 3)
     assert wheel.command(0.0) == pytest.approx(4.0)
-    assert wheel.command(0.0, beam_coulomb=3.0) == pytest.approx(4.5)
+    assert wheel.command(0.0, coulomb=3.0) == pytest.approx(4.5)
     assert wheel.command(0.0) == pytest.approx(4.5)
-    assert wheel.command(0.0, beam_coulomb=1.5) == pytest.approx(3.75)
+    assert wheel.command(0.0, coulomb=1.5) == pytest.approx(3.75)
 
 
 def test_without_a_sound_estimate_the_command_is_held_then_zero(wheel: Wheel) -> None:
@@ -221,7 +221,7 @@ def test_under_supervision_the_network_drives_while_its_plans_are_good(
 
 
 def test_a_network_of_first_inputs_can_t_be_supervised(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
-    with pytest.raises(UserError, match="gives 1 of the 20 inputs of a plan"):
+    with pytest.raises(UserError, match="can.t be checked"):
         bench.start(ControllerNode, model=str(model_folder), policy_path=str(policy_folder))
 
 

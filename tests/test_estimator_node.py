@@ -60,8 +60,8 @@ def test_followed_parameters_travel_with_the_estimate(bench: Bench, model_folder
     desk = Desk(bench, model_folder, followed="coulomb=0.5 centre=0.1", disturbance_noise=0.0)
     for k in range(100):
         answer = desk.estimate(2e-4 * k)
-    known = rig.system.named["_asdict"]()
-    assert list(answer.name) == ["beam", "beam_ahead", "beam_coulomb", "beam_centre"]
+    known = rig.system.named
+    assert list(answer.name) == ["beam", "beam_ahead", "coulomb", "centre"]
     coulomb, centre = answer.position[2:]
     assert 0.0 <= coulomb == desk.estimator.parameters["coulomb"] < known["coulomb"]
     assert centre == desk.estimator.parameters["centre"] < known["centre"]
@@ -80,7 +80,7 @@ def test_every_method_answers(bench: Bench, model_folder: Path, method: str) -> 
 
 
 def test_frames_of_a_camera_correct_the_estimate_and_are_not_answered(bench: Bench, model_folder: Path) -> None:
-    desk = Desk(bench, model_folder, camera_noise_volts=0.01)
+    desk = Desk(bench, model_folder, camera_noise=0.01)
     for _ in range(30):
         desk.estimate(0.0)
     for late in (4, 2):  # in any order

@@ -5,7 +5,7 @@ import pytest
 
 from hybrid_sysid_ros.identification import Part, prepare, score
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_bench import record_of
 

@@ -11,7 +11,7 @@ import pytest
 
 FRAME = """
 import os, signal, sys, time
-from hybrid_sysid_ros import interruption
+from hybrid_sysid_ros.support import interruption
 
 interruption.install()
 

@@ -257,12 +257,12 @@ GROWTH = """
 import sys
 from typing import Any
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 
 def kilobytes(key):
     return next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith(key))
 
-signals = Signals.of_rig("cam_beam")
+signals = load_rig("cam_beam").signals
 bags.read(sys.argv[1], signals)
 before = kilobytes("VmRSS")
 record = bags.read(sys.argv[2], signals, recover=sys.argv[3] == "recover")

@@ -127,7 +127,7 @@ def test_imports_run_downwards(file: str) -> None:
         ("rigs/rig.py", "from .. import control"),
         ("bags/record.py", "from ..rigs import rig"),
         ("estimation/kalman.py", "import hybrid_sysid_ros.control.mpc.mpc"),
-        ("__init__.py", "from hybrid_sysid_ros.commands.cli import main"),
+        ("__init__.py", "from hybrid_sysid_ros.commands.app import main"),
         ("attic/old.py", "import math"),
     ],
 )

@@ -13,15 +13,15 @@ from hybrid_sysid_ros import models
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.models import STRUCTURES, Model, Sampling, build, storage
 from hybrid_sysid_ros.models.model import FORMAT
-from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.options import parse
-from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.structures import assemble, options_of
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
+from tests.one_joint import narx as narx_of
+from tests.one_joint import recurrent as recurrent_of
 
 FROM_DATA = {
-    "narx": Narx(
+    "narx": narx_of(
         exponents=((1, 0, 0, 0), (0, 2, 1, 0), (0, 0, 0, 1)),
         coefficients=(0.9, 1.0 / 3.0, 0.1),
         output_lags=2,
@@ -32,7 +32,7 @@ FROM_DATA = {
         input_scale=4.0,
         period=0.05,
     ),
-    "recurrent": Recurrent(units=3, position_scale=0.03, rate_scale=0.2, drive_scale=4.0, period=0.025),
+    "recurrent": recurrent_of(3, scales=(0.03, 0.2, 4.0), period=0.025),
 }
 BUILT = [name for name in STRUCTURES if name not in FROM_DATA]
 SCALES = np.array([0.1, 0.4, 5.0])
@@ -229,8 +229,8 @@ def test_a_structure_begins_where_no_earlier_fit_leaks_in():
     for structure in BUILT:
         system, held = build(structure, CamBeam(), scales=SCALES, seed=0)
         other, _ = build(structure, CamBeam(gain=9.0, coulomb=0.3), scales=SCALES, seed=0)
-        starts = [item.neutral if item.name in held else item.start for item in system.parameters]
-        np.testing.assert_array_equal(system.values, starts)
+        for item, value in zip(system.parameters, system.values, strict=True):
+            assert item.fixed or value == (item.neutral if item.name in held else item.start)
         np.testing.assert_array_equal(system.values, other.values)
         system.check()
 
@@ -365,7 +365,7 @@ def test_a_network_counts_with_every_weight():
     assert listed.free_numbers == physical.free_numbers
 
 
-@pytest.mark.parametrize("structure", ["linear", "stribeck", "dahl", "lugre", "gray", "hybrid_joint", "hybrid"])
+@pytest.mark.parametrize("structure", ["gray", "hybrid"])
 def test_no_spring_pushes_so_no_free_run_grows_without_bound(structure):
     """Ten minutes at full drive from far outside any record: a damped mass on a spring that pulls comes to rest."""
     system, _ = build(structure, CamBeam(), scales=np.array([0.1, 0.4, 5.0]), seed=0)

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import compiled, simulate, stepped
+from hybrid_sysid_ros.core import Variable, compiled, simulate, stepped
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.identification import Experiment, free_run, prepare, score
 from hybrid_sysid_ros.identification.fitting import fit
@@ -17,6 +17,8 @@ from hybrid_sysid_ros.identification.selection.term_selection import select_term
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.narx import REACH, Narx
 from hybrid_sysid_ros.support.errors import UserError
+from tests.one_joint import DRIVE, POSITION
+from tests.one_joint import narx as narx_of
 
 SAMPLING = Sampling(step=0.05, period=0.05)
 
@@ -36,7 +38,7 @@ PUBLISHED = {  # exponents of y(k), y(k-1), y(k-2), u(k), u(k-1), u(k-2), all in
 
 def published(output_scale=1.0, input_scale=1.0):
     """The author's model; with scales, the same one in other coefficients."""
-    return Narx(
+    return narx_of(
         exponents=tuple(PUBLISHED),
         coefficients=tuple(
             value * output_scale ** (sum(term[:3]) - 1) * input_scale ** sum(term[3:])
@@ -69,6 +71,10 @@ def polynomial(inputs, start):
     return np.array(y[1:])
 
 
+def selected(experiments, **settings):
+    return select_terms(experiments, outputs=POSITION, inputs=DRIVE, **settings)
+
+
 def experiment(inputs, outputs, name="bench"):
     return Experiment(
         name=name, sampling=SAMPLING, inputs=inputs[:, None], outputs=outputs[:, None], states=outputs[:, None]
@@ -88,11 +94,10 @@ def benches(*, noise=0.0, lengths=(150, 90, 200), offsets=(3.0, -3.0, 2.0)):
 
 def physical(narx):
     """Coefficients by exponents, in the units of output and input."""
+    (terms,), (output, drive) = narx.exponents, narx.scales
     return {
-        term: value
-        * narx.output_scale ** (1 - sum(term[: narx.output_lags]))
-        / narx.input_scale ** sum(term[narx.output_lags :])
-        for term, value in zip(narx.exponents, narx.coefficients, strict=True)
+        term: value * output ** (1 - sum(term[: narx.output_lags])) / drive ** sum(term[narx.output_lags :])
+        for term, value in zip(terms, narx.coefficients, strict=True)
     }
 
 
@@ -146,7 +151,7 @@ def test_polynomials_of_the_same_terms_share_their_compiled_form():
 
 
 def test_a_short_recurrence_by_hand():
-    other = Narx(
+    other = narx_of(
         exponents=((1, 0), (0, 1)),
         coefficients=(0.5, 2.0),
         output_lags=1,
@@ -173,7 +178,7 @@ def test_states_are_the_records_own_past_and_extrapolated_before_it():
 
 
 def test_a_free_run_never_leaves_its_band():
-    unstable = Narx(
+    unstable = narx_of(
         exponents=((3, 0), (0, 3), (0, 0)),
         coefficients=(4.0, 1.0, 0.1),
         output_lags=1,
@@ -199,7 +204,9 @@ def test_a_design_survives_a_file():
         {"output_lags": 0},
         {"input_lags": 2},
         {"coefficients": (1.0,)},
-        {"exponents": ((0, 0, 0, 0, 0, -1),), "coefficients": (1.0,)},
+        {"exponents": (((0, 0, 0, 0, 0, -1),),), "coefficients": (1.0,)},
+        {"scales": (1.0,)},
+        {"exponents": (tuple(PUBLISHED), ())},
     ],
 )
 def test_terms_that_do_not_fit_are_refused(change):
@@ -212,16 +219,16 @@ def test_terms_that_do_not_fit_are_refused(change):
 
 def test_the_terms_of_several_records_are_found_and_their_borders_do_not_matter():
     pytest.importorskip("sysidentpy")
-    found = select_terms(benches(), output_lags=2, input_lags=2, degree=2)
+    found = selected(benches(), output_lags=2, input_lags=2, degree=2)
     assert physical(found) == pytest.approx(TRUTH, abs=1e-9)
-    reverse = select_terms(benches()[::-1], output_lags=2, input_lags=2, degree=2)
+    reverse = selected(benches()[::-1], output_lags=2, input_lags=2, degree=2)
     assert physical(reverse) == pytest.approx(TRUTH, abs=1e-9)
 
 
 def test_the_terms_are_found_under_noise():
     pytest.importorskip("sysidentpy")
     items = benches(noise=0.002, lengths=(800, 700), offsets=(1.0, -1.0))
-    found = select_terms(items, output_lags=2, input_lags=2, degree=2, terms=5)
+    found = selected(items, output_lags=2, input_lags=2, degree=2, terms=5)
     assert physical(found) == pytest.approx(TRUTH, abs=0.02)
 
 
@@ -229,7 +236,7 @@ def test_a_record_that_begins_at_rest_hides_no_terms():
     """Rows of exact zeros, on which SysIdentPy's reflections divide by zero."""
     pytest.importorskip("sysidentpy")
     inputs = np.concatenate([np.zeros(40), np.random.default_rng(3).uniform(-1, 1, 200)])
-    found = select_terms([experiment(inputs, polynomial(inputs, 0.0))], output_lags=2, input_lags=2, degree=2)
+    found = selected([experiment(inputs, polynomial(inputs, 0.0))], output_lags=2, input_lags=2, degree=2)
     assert physical(found) == pytest.approx(TRUTH, abs=1e-9)
 
 
@@ -241,7 +248,7 @@ def test_one_record_gives_the_model_and_the_simulation_of_sysidentpy():
     from sysidentpy.parameter_estimation import LeastSquares
 
     item = benches(noise=0.05, lengths=(300,), offsets=(1.0,))[0]
-    found = select_terms([item], output_lags=3, input_lags=2, degree=3, terms=7)
+    found = selected([item], output_lags=3, input_lags=2, degree=3, terms=7)
     peer = FROLS(
         order_selection=False,
         n_terms=7,
@@ -250,17 +257,37 @@ def test_one_record_gives_the_model_and_the_simulation_of_sysidentpy():
         basis_function=Polynomial(degree=3),
         estimator=LeastSquares(),
     )
-    scaled = item.outputs / found.output_scale
-    inputs = np.concatenate([item.inputs, item.inputs[-1:]]) / found.input_scale
+    scaled = item.outputs / found.scales[0]
+    inputs = np.concatenate([item.inputs, item.inputs[-1:]]) / found.scales[1]
     peer.fit(X=inputs, y=scaled)
     columns = (1001, 1002, 1003, 2001, 2002)
     terms = [tuple(int(np.sum(code == column)) for column in columns) for code in peer.final_model]
     theirs = dict(zip(terms, peer.theta.ravel(), strict=True))
-    assert dict(zip(found.exponents, found.coefficients, strict=True)) == pytest.approx(theirs, rel=1e-8)
-    expected = peer.predict(X=inputs, y=scaled[:3])[2:, 0] * found.output_scale
+    assert dict(zip(found.exponents[0], found.coefficients, strict=True)) == pytest.approx(theirs, rel=1e-8)
+    expected = peer.predict(X=inputs, y=scaled[:3])[2:, 0] * found.scales[0]
     assert np.ptp(expected) > 0.5
     start = started(found, item).states[2]
     np.testing.assert_allclose(simulate(found, start, item.inputs[2:], step=0.05)[:, 0], expected, atol=1e-9)
+
+
+def test_each_output_of_several_has_its_own_terms_in_all_signals():
+    """Two outputs that drive each other, and two inputs."""
+    pytest.importorskip("sysidentpy")
+    random = np.random.default_rng(4)
+    u = random.uniform(-1, 1, (400, 2))
+    y = np.zeros((401, 2))
+    for k in range(400):
+        y[k + 1, 0] = 0.6 * y[k, 0] + 0.2 * y[k, 1] + 0.5 * u[k, 0] - 0.1 * u[k, 1] ** 2
+        y[k + 1, 1] = 0.3 * y[k, 1] - 0.4 * y[k, 0] * u[k, 1] + u[k, 1]
+    item = Experiment(name="pair", sampling=SAMPLING, inputs=u, outputs=y, states=y)
+    names = [tuple(Variable(name=f"{kind}_{i}", unit="V") for i in "ab") for kind in ("y", "u")]
+    found = select_terms([item], outputs=names[0], inputs=names[1], output_lags=1, input_lags=1, degree=2)
+    assert set(found.exponents[0]) == {(1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 2)}
+    assert set(found.exponents[1]) == {(0, 1, 0, 0), (1, 0, 0, 1), (0, 0, 0, 1)}
+    np.testing.assert_allclose(free_run(found, started(found, item)), y, atol=1e-8)
+    symbolic = symbolic_step(found, step=0.05)
+    x, drive = random.normal(size=len(found.states)), random.normal(size=2)
+    np.testing.assert_allclose(stepped(found, x, drive, step=0.05), np.array(symbolic(x, drive)).ravel(), rtol=1e-12)
 
 
 def test_refinement_lowers_the_error_of_the_simulation():
@@ -268,36 +295,33 @@ def test_refinement_lowers_the_error_of_the_simulation():
     pytest.importorskip("sysidentpy")
     records = {"lengths": (800, 800), "offsets": (0.5, -0.5)}
     noisy, clean = benches(noise=0.05, **records), benches(**records)
-    first = select_terms(noisy, output_lags=2, input_lags=2, degree=2, terms=5)
+    first = selected(noisy, output_lags=2, input_lags=2, degree=2, terms=5)
     refined = fit(first, [started(first, item) for item in noisy], ridge=1e-6).system
 
     def error(narx):
         return np.mean([score(item.outputs[:, 0], free_run(narx, started(narx, item))[:, 0]).rmse for item in clean])
 
-    assert set(first.exponents) == set(TRUTH)
+    assert set(first.exponents[0]) == set(TRUTH)
     assert error(refined) < 0.5 * error(first)
 
 
 def test_selection_is_silent(capfd):
     pytest.importorskip("sysidentpy")
-    select_terms(benches(), output_lags=2, input_lags=2, degree=3, terms=30)
+    selected(benches(), output_lags=2, input_lags=2, degree=3, terms=30)
     assert capfd.readouterr() == ("", "")
 
 
 def test_records_that_can_not_be_used_are_named():
     long, short = benches(lengths=(100, 4), offsets=(1.0, 1.0))
     with pytest.raises(UserError, match=r"bench_1: 5 samples are too short for 5 lags; 6 are needed"):
-        select_terms([long, short], output_lags=2, input_lags=5, degree=1, terms=2)
+        selected([long, short], output_lags=2, input_lags=5, degree=1, terms=2)
     finer = dataclasses.replace(long, sampling=Sampling())
     with pytest.raises(UserError, match="bench_0: a NARX steps once a sample"):
-        select_terms([finer], output_lags=1, input_lags=1, degree=1)
-    twice = dataclasses.replace(long, inputs=np.repeat(long.inputs, 2, axis=1))
-    with pytest.raises(UserError, match="bench_0: 2 inputs and 1 outputs"):
-        select_terms([twice], output_lags=1, input_lags=1, degree=1)
+        selected([finer], output_lags=1, input_lags=1, degree=1)
     with pytest.raises(UserError, match="4 terms of 3 candidates and 100 samples; ask for 3 or fewer"):
-        select_terms([long], output_lags=1, input_lags=1, degree=1, terms=4)
+        selected([long], output_lags=1, input_lags=1, degree=1, terms=4)
     with pytest.raises(UserError, match="must be 1 or more"):
-        select_terms([long], output_lags=1, input_lags=0, degree=1)
+        selected([long], output_lags=1, input_lags=0, degree=1)
 
 
 def test_a_missing_sysidentpy_is_named_with_its_extra(monkeypatch):
@@ -305,7 +329,7 @@ def test_a_missing_sysidentpy_is_named_with_its_extra(monkeypatch):
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "sysidentpy", None)
     with pytest.raises(UserError, match=r"sysidentpy.* is missing; .*hybrid_sysid_ros\[narx\]"):
-        select_terms(benches(), output_lags=1, input_lags=1, degree=1, terms=2)
+        selected(benches(), output_lags=1, input_lags=1, degree=1, terms=2)
 
 
 def test_a_record_of_the_beam_is_simulated(records, rig):
@@ -313,7 +337,7 @@ def test_a_record_of_the_beam_is_simulated(records, rig):
     pytest.importorskip("sysidentpy")
     record: Record = records["06_multisine_02"]
     halves = [record.part(start, stop) for start, stop in pairwise((0.0, 0.5, 1.0))]
-    first = select_terms([prepare(halves[0], rig.system, SAMPLING)], output_lags=1, input_lags=2, degree=3, terms=4)
+    first = selected([prepare(halves[0], rig.system, SAMPLING)], output_lags=1, input_lags=2, degree=3, terms=4)
     seen, unseen = (prepare(half, first, SAMPLING) for half in halves)
     refined = fit(first, [seen], ridge=1e-6).system
     assert score(unseen.outputs[:, 0], free_run(refined, unseen)[:, 0]).r2 > 0.8

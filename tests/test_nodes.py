@@ -58,11 +58,11 @@ def test_a_loop_in_lockstep_repeats_to_the_last_bit(domain: int, model_folder: P
 @pytest.mark.parametrize(
     ("kind", "parameters", "message"),
     [
-        (PlantNode, {"rate": 5e3}, "parameter rate is 5000.0 Hz: it must be within [1, 1000]"),
+        (PlantNode, {"rate": 5e4}, "parameter rate is 50000.0 Hz: it must be within"),
         (PlantNode, {"rate": 300.0}, "parameter rate is 300 Hz: its period must be a whole number of 0.001 s"),
-        (PlantNode, {"rate": "fast"}, "parameter rate is 'fast': it needs a number"),
+        (PlantNode, {"rate": "fast"}, "parameter rate is 'fast'"),
         (PlantNode, {"rat": 100.0}, "unknown parameter rat: known are rig, rate"),
-        (PlantNode, {"rig": "crane"}, "no configuration for a rig 'crane'"),
+        (PlantNode, {"rig": "crane"}, "no rig 'crane'"),
         (EstimatorNode, {"model": "/nowhere"}, "/nowhere"),
         (ControllerNode, {"policy": "best"}, "parameter policy is 'best': choose one of supervised, network, exact"),
         (ReferenceNode, {"publish_period": 0.007}, "it must be a multiple of point_spacing"),
@@ -78,28 +78,28 @@ def test_a_parameter_that_is_not_allowed_is_told(bench: Bench, kind: Any, parame
 
 
 def test_parameters_are_described_with_range_and_unit(bench: Bench) -> None:
-    node = bench.start(ReferenceNode, amplitude=3)
-    assert node.get_parameter("amplitude").value == 3.0
+    node = bench.start(ReferenceNode, amplitude=3, hold=2)
+    assert list(node.get_parameter("amplitude").value) == [3.0]  # one number stands for all outputs
     described = node.describe_parameter("amplitude")
     assert described.description.endswith("[V]")
-    assert described.floating_point_range[0].to_value == 10.0
     assert described.read_only
-    assert "multisine" in node.describe_parameter("kind").additional_constraints
+    assert node.describe_parameter("hold").floating_point_range[0].to_value == 1000.0
 
 
 def test_a_change_is_refused_with_a_reason_or_applied(bench: Bench) -> None:
     node = bench.start(PlantNode)
     for name, value, reason in (
-        ("bias", 50.0, "out of range"),
+        ("bias", [2e9], "within"),
+        ("bias", [0.1, 0.2], "one for each input"),
         ("bias", "much", "Wrong"),
         ("rate", 100.0, "read-only"),
     ):
         result = node.set_parameters([Parameter(name, value=value)])[0]
         assert not result.successful
         assert reason in result.reason
-    assert node.settings["bias"] == 0.03
-    assert node.set_parameters([Parameter("bias", value=0.2)])[0].successful
-    assert node.settings["bias"] == 0.2
+    assert node.settings["bias"] == [0.03]
+    assert node.set_parameters([Parameter("bias", value=[0.2])])[0].successful
+    assert node.settings["bias"] == [0.2]
 
 
 def test_without_a_namespace_topics_are_in_that_of_the_rig(bench: Bench) -> None:

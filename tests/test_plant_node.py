@@ -17,6 +17,7 @@ from hybrid_sysid_ros.nodes import plant as plant_module
 from hybrid_sysid_ros.nodes.drive import Answers, Drive
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.plant import PlantNode
+from hybrid_sysid_ros.rigs.actuator import Actuator
 from tests.node_bench import Bench, joint, stamp_of
 
 
@@ -115,21 +116,21 @@ def test_the_plant_runs_alone_when_told_to_and_ends_after_its_duration(bench: Be
 
 def test_a_bias_can_be_set_while_the_plant_runs(bench: Bench) -> None:
     drill = Drill(bench, lockstep=True)
-    assert drill.plant.set_parameters([Parameter("bias", value=0.5)])[0].successful
+    assert drill.plant.set_parameters([Parameter("bias", value=[0.5])])[0].successful
     drill.answer(0.0)
     drill.following()
-    assert drill.plant.plant.bias == 0.5
+    assert drill.plant.plant.bias.tolist() == [0.5]
 
 
 # Commands and answers
 
 
 def test_a_command_drives_from_the_moment_it_comes() -> None:
-    drive = Drive(limit=10.0, timeout=0.1)
-    drive.command(2.0, 0.0031)
-    drive.command(-30.0, 0.0052)
-    assert [drive.at(t / 1e3) for t in (3, 4, 5, 6)] == [0.0, 2.0, 2.0, -10.0]
-    assert drive.at(0.2) == 0.0
+    drive = Drive([Actuator(low=-10.0, high=10.0), Actuator(low=0.5, high=2.0)], timeout=0.1)
+    drive.command([2.0, 1.0], 0.0031)
+    drive.command([-30.0, 1.5], 0.0052)
+    assert [drive.at(t / 1e3) for t in (3, 4, 5, 6)] == [[0.0, 0.5], [2.0, 1.0], [2.0, 1.0], [-10.0, 1.5]]
+    assert drive.at(0.2) == [0.0, 0.5]  # at rest is what is nearest to zero
     assert (drive.saturated, drive.timeouts) == (1, 1)
 
 

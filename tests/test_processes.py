@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import session
 from hybrid_sysid_ros.support.errors import UserError
 
 TIMEOUT = 60.0  # s
 HEAVY = {
-    *("casadi", "jinja2", "joblib", "matplotlib", "onnx", "optuna", "pandas", "plotly", "rich", "rosbags", "torch"),
+    *("jinja2", "joblib", "matplotlib", "onnx", "optuna", "pandas", "plotly", "rich", "rosbags", "torch"),
     *("scipy.optimize", "scipy.signal", "scipy.special", "scipy.stats"),  # its linear algebra numba itself loads
 }
 
@@ -80,7 +80,7 @@ def test_the_whole_loop_runs_in_real_time_and_leaves_a_bag(run: Run) -> None:
     assert run.outcome.diagnostics["controller"]["layer_policy"] > 200
     assert 0.0 < run.outcome.diagnostics["plant"]["delay_ms_p50"] < 1e3
     assert run.outcome.bag is not None
-    record = bags.read(run.outcome.bag, Signals.of_rig("cam_beam"))
+    record = bags.read(run.outcome.bag, load_rig("cam_beam").signals)
     assert record.duration > 1.9
     assert "/diagnostics" in bags.topics(run.outcome.bag)
 

@@ -5,7 +5,7 @@ import pytest
 
 from hybrid_sysid_ros.identification import Part, evaluate, identify, prepare
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
+from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 
 PROTOCOL_2 = {
     "05_multisine_01": 0.97,

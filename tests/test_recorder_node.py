@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
@@ -35,7 +35,7 @@ def test_a_recorded_bag_is_a_record(domain: int, tmp_path: Path, model_folder: P
     bench.until(lambda: recorder.received["/cam_beam/joint_states"] == 201 and recorder.received["/diagnostics"])
     recorder.close()
     bench.close()
-    record = bags.read(tmp_path / "bag", Signals.of_rig("cam_beam"))
+    record = bags.read(tmp_path / "bag", load_rig("cam_beam").signals)
     assert (record.samples, record.sampling_time) == (201, 0.005)
     assert set(record.channels) == {"filtered", "reference", "command"}
     np.testing.assert_allclose(record.input[:-2, 0], record.channels["command"][:-2], atol=1e-12)

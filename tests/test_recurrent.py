@@ -9,20 +9,21 @@ import yaml
 from scipy.linalg import expm
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import simulate, stepped
+from hybrid_sysid_ros.core import Variable, simulate, stepped
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.identification import free_run, prepare, score
 from hybrid_sysid_ros.identification.gradient_training import Schedule, rollout, train
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.support.errors import UserError
+from tests.one_joint import Linear, recurrent
 
 SAMPLING = Sampling(step=0.05)
 
 
-def network(units=5, seed=0, **scales):
+def network(units=5, seed=0, **more):
     """A network whose weights all matter."""
-    system = Recurrent(units=units, position_scale=0.05, rate_scale=0.2, drive_scale=4.0, **scales)
+    system = recurrent(units, **more)
     return system.with_weights(np.random.default_rng(seed).normal(size=len(system.weights)))
 
 
@@ -30,7 +31,7 @@ def by_hand(system, x, u):
     """One step as Cho et al. write it, in matrices."""
     parts, units = system.parts(system.weights), system.units
     h = x[2:]
-    driven = parts["drive"] @ np.atleast_1d(u / system.drive_scale) + parts["bias"]
+    driven = parts["drive"] @ np.atleast_1d(u / system.scales[2]) + parts["bias"]
     r, k, n = (slice(i * units, (i + 1) * units) for i in range(3))
 
     def sigmoid(a):
@@ -40,7 +41,7 @@ def by_hand(system, x, u):
     keep = sigmoid(driven[k] + parts["recurrent"][k] @ h)
     new = np.tanh(driven[n] + reset * (parts["recurrent"][n] @ h + parts["reset_bias"]))
     after = keep * h + (1 - keep) * new
-    position = system.position_scale * (parts["readout"] @ after + parts["readout_bias"][0])
+    (position,) = system.scales[0] * (parts["readout"] @ after + parts["readout_bias"])
     return np.array([position, (position - x[0]) / system.period, *after])
 
 
@@ -57,20 +58,37 @@ def test_the_compiled_and_the_casadi_form_are_the_textbook_step():
 def test_torch_simulates_as_the_compiled_form_does():
     torch = pytest.importorskip("torch")
     system, random = network(period=0.025), np.random.default_rng(2)
-    starts, inputs = random.normal(size=(2, 4)) * [[0.05], [0.2]], random.normal(size=(60, 4)) * 5.0
+    starts, inputs = random.normal(size=(4, 2)) * [0.05, 0.2], random.normal(size=(60, 4, 1)) * 5.0
     expected = []
     for i in range(4):
-        start = system.observed(starts[:1, i : i + 1], starts[1:, i : i + 1], inputs[:1, i : i + 1])[0]
-        expected.append(simulate(system, start, inputs[:, i : i + 1], step=0.025, every=2)[1:, 0])
+        start = system.observed(starts[i : i + 1, :1], starts[i : i + 1, 1:], inputs[:1, i])[0]
+        expected.append(simulate(system, start, np.ascontiguousarray(inputs[:, i]), step=0.025, every=2)[1:, 0])
     found = rollout(system, torch.from_numpy(system.weights), starts, inputs, 2)
-    np.testing.assert_allclose(found.numpy(), np.transpose(expected), rtol=1e-10, atol=1e-13)
+    np.testing.assert_allclose(found.numpy()[:, :, 0], np.transpose(expected), rtol=1e-10, atol=1e-13)
+
+
+def test_all_forms_agree_with_several_inputs_and_outputs():
+    torch = pytest.importorskip("torch")
+    random = np.random.default_rng(5)
+    names = [tuple(Variable(name=f"{kind}_{i}", unit="V") for i in range(2)) for kind in "yu"]
+    system = Recurrent(units=4, outputs=names[0], inputs=names[1], scales=(0.5, 2.0, 1.0, 3.0, 4.0, 0.5))
+    system = system.with_weights(random.normal(size=len(system.weights)))
+    symbolic = symbolic_step(system, step=0.05)
+    for _ in range(20):
+        x, u = random.uniform(-1, 1, 8), random.normal(size=2)
+        np.testing.assert_allclose(stepped(system, x, u, step=0.05), np.array(symbolic(x, u)).ravel(), rtol=1e-12)
+    starts, inputs = random.normal(size=(1, 4)), random.normal(size=(40, 1, 2))
+    start = system.observed(starts[:, :2], starts[:, 2:], inputs[:1, 0])[0]
+    expected = simulate(system, start, np.ascontiguousarray(inputs[:, 0]), step=0.05)[1:, :2]
+    found = rollout(system, torch.from_numpy(system.weights), starts, inputs, 1)
+    np.testing.assert_allclose(found.numpy()[:, 0], expected, rtol=1e-10, atol=1e-13)
 
 
 @pytest.mark.parametrize("drive", [1e6, -1e6, 1e300])
 def test_no_input_drives_the_position_beyond_its_bound(drive):
     system = network()
     parts = system.parts(system.weights)
-    bound = system.position_scale * (np.abs(parts["readout"]).sum() + abs(parts["readout_bias"][0]))
+    bound = system.scales[0] * (np.abs(parts["readout"]).sum() + abs(parts["readout_bias"][0]))
     inputs = np.full((400, 1), drive)
     inputs[::2] *= -1
     start = system.observed(np.array([[1e3]]), np.array([[-1e3]]), inputs[:1])[0]
@@ -116,10 +134,10 @@ def spring_record(seed, *, seconds=60.0, name="spring"):
 def spring():
     """A network trained on three such records, with the settings and the progress of its training."""
     pytest.importorskip("torch")
-    experiments = [prepare(spring_record(seed), Recurrent(), SAMPLING) for seed in range(3)]
+    records = [spring_record(seed) for seed in range(3)]
     heard = []
     schedule = Schedule(stages=((20, 150), (40, 250)))
-    fitted = train(experiments, units=8, schedule=schedule, progress=lambda *news: heard.append(news))
+    fitted = train(records, Linear(), SAMPLING, units=8, schedule=schedule, progress=lambda *news: heard.append(news))
     return fitted, heard
 
 
@@ -147,8 +165,10 @@ SHORT = Schedule(stages=((10, 20),), check=10)
 
 def test_the_same_seed_trains_the_same_network():
     pytest.importorskip("torch")
-    experiments = [prepare(spring_record(seed, seconds=10.0), Recurrent(), SAMPLING) for seed in range(2)]
-    first, again, other = (train(experiments, units=3, seed=seed, schedule=SHORT).system.weights for seed in (0, 0, 1))
+    records = [spring_record(seed, seconds=10.0) for seed in range(2)]
+    first, again, other = (
+        train(records, Linear(), SAMPLING, units=3, seed=seed, schedule=SHORT).system.weights for seed in (0, 0, 1)
+    )
     np.testing.assert_array_equal(first, again)
     assert np.max(np.abs(first - other)) > 1e-3
 
@@ -156,7 +176,7 @@ def test_the_same_seed_trains_the_same_network():
 def test_a_network_may_run_faster_than_it_is_scored():
     pytest.importorskip("torch")
     sampling = Sampling(step=0.01)
-    fitted = train([prepare(spring_record(0, seconds=10.0), Recurrent(), sampling)], units=3, schedule=SHORT)
+    fitted = train([spring_record(0, seconds=10.0)], Linear(), sampling, units=3, schedule=SHORT)
     assert isinstance(fitted.system, Recurrent)
     assert fitted.system.period == 0.01
     experiment = prepare(spring_record(0, seconds=10.0), fitted.system, sampling)
@@ -166,16 +186,11 @@ def test_a_network_may_run_faster_than_it_is_scored():
 
 def test_records_that_cannot_be_learned_from_are_refused():
     pytest.importorskip("torch")
-    long = prepare(spring_record(0, seconds=10.0), Recurrent(), SAMPLING)
-    short = prepare(spring_record(1, seconds=0.9, name="hop"), Recurrent(), SAMPLING)
+    long, short = spring_record(0, seconds=10.0), spring_record(1, seconds=0.9, name="hop")
     with pytest.raises(UserError, match="hop: 19 samples are too short: training needs rollouts of 20"):
-        train([long, short])
-    with pytest.raises(UserError, match="sampled differently"):
-        train([long, prepare(spring_record(1, seconds=10.0), Recurrent(), Sampling(step=0.01))])
+        train([long, short], Linear(), SAMPLING)
     with pytest.raises(UserError, match="spring: input or output is constant"):
-        train([replace(long, inputs=np.ones_like(long.inputs))])
-    with pytest.raises(UserError, match="spring: a recurrent network has one input"):
-        train([replace(long, inputs=np.column_stack([long.inputs, long.inputs]))])
+        train([replace(long, input=np.ones_like(long.input))], Linear(), SAMPLING)
 
 
 def test_without_torch_the_extra_is_named(monkeypatch):
@@ -183,4 +198,4 @@ def test_without_torch_the_extra_is_named(monkeypatch):
     with pytest.raises(
         UserError, match=r"torch is missing; install the extra: pip install 'hybrid_sysid_ros\[train\]'"
     ):
-        train([])
+        train([], Linear(), SAMPLING)

@@ -9,6 +9,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 
 from trajectory_msgs.msg import JointTrajectory
 
+from hybrid_sysid_ros.nodes.layout import Place, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
@@ -25,12 +26,13 @@ def test_previews_agree_where_they_overlap(bench: Bench, kind: str) -> None:
         measurements.publish(joint(3 * SECOND + k * SECOND // 200))
         bench.executor.spin_once(timeout_sec=0.1)
     bench.until(lambda: len(previews) == 4)  # every 50 ms of 195 ms
-    first, second = (Preview.of(message, "beam") for message in previews[:2])
+    beam, tracked = Slots([Place("beam", "position")]), np.array([True])
+    first, second = (Preview.of(message, beam, tracked) for message in previews[:2])
     assert first is not None
     assert second is not None
     times = 3 * SECOND + np.arange(60, 480, 3) * SECOND // 1000
     assert (first.at(times) == second.at(times)).all()
-    assert np.abs(first.positions).max() <= 4.0 * VOLT * (1 + 1e-9)
+    assert np.abs(first.values).max() <= 4.0 * VOLT * (1 + 1e-9)
 
 
 def test_a_reference_ends_after_its_duration(bench: Bench) -> None:
@@ -45,6 +47,7 @@ def test_a_reference_ends_after_its_duration(bench: Bench) -> None:
 
 
 def test_a_preview_is_straight_between_points_and_held_beyond() -> None:
-    preview = Preview(np.array([10, 20, 40]), np.array([1.0, 2.0, 0.0]))
-    np.testing.assert_allclose(preview.at(np.array([0, 10, 15, 20, 30, 40, 99])), [1, 1, 1.5, 2, 1, 0, 0])
-    np.testing.assert_allclose(Preview(np.array([10]), np.array([3.0])).at(np.array([0, 99])), [3, 3])
+    preview = Preview(np.array([10, 20, 40]), np.array([[1.0, 0.0], [2.0, -1.0], [0.0, 3.0]]))
+    wanted = [[1, 0], [1, 0], [1.5, -0.5], [2, -1], [1, 1], [0, 3], [0, 3]]
+    np.testing.assert_allclose(preview.at(np.array([0, 10, 15, 20, 30, 40, 99])), wanted)
+    np.testing.assert_allclose(Preview(np.array([10]), np.array([[3.0]])).at(np.array([0, 99])), [[3], [3]])

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.report.rendering import significant
 from hybrid_sysid_ros.report.sections import TESTS
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.rigs.excitation import hardware_reference, multisine
+from hybrid_sysid_ros.rigs.excitation import multisine
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.support.errors import UserError
 from studies.beam_lecture.page import write_protocol
@@ -61,10 +61,9 @@ class Page(html.parser.HTMLParser):
 
 
 def record(name, seed, duration=12.0):
-    """A simulated experiment of the beam with a little noise."""
+    """A simulated experiment of the beam with a little noise. The law makes its drive of its reference."""
     time = PERIOD * np.arange(round(duration * RATE) + 1)
-    reference = multisine(seed, amplitude=4.0, low=0.1, high=2.0, lines=20, period=duration)(time)
-    drive = (1.0 + reference)[:, None]
+    drive = 1.0 + multisine(seed, amplitude=4.0, low=0.1, high=2.0, lines=20, period=duration)(time)[:, None]
     states = simulate(RIG.system, np.zeros(2), drive[:-1], step=PERIOD)
     noise = 5e-4 * np.random.default_rng(seed).normal(size=len(time))
     return Record(
@@ -72,7 +71,10 @@ def record(name, seed, duration=12.0):
         time=time,
         input=drive,
         output=states[:, :1] + noise[:, None],
-        channels={"reference": RIG.sensor.radians(reference)},
+        channels={
+            "reference": states[:, 0] + RIG.display[0].si(drive[:, 0] / RIG.experiments.loops[0].gain),
+            "filtered": states[:, 0],
+        },
         digest=f"{seed:064x}",
     )
 
@@ -99,7 +101,7 @@ def model_of(training, correlation=0.99):
 def loop_of(duration=51.0, delay=0.0015):
     """A loop that follows the hardware reference 0.1 V below, with one command too late."""
     time = PERIOD * np.arange(-10, round(duration * RATE))
-    reference = RIG.sensor.radians(np.where(time < 0, np.nan, hardware_reference(time)))
+    reference = RIG.display[0].si(np.where(time < 0, np.nan, RIG.schedule().of(0)(time)))
     delays = np.full(len(time), delay)
     delays[500] = 0.0063
     return LoopRecord(
@@ -107,10 +109,10 @@ def loop_of(duration=51.0, delay=0.0015):
         rig=RIG,
         stamps=(1e9 * (time + 10)).astype(np.int64),
         time=time,
-        position=np.nan_to_num(reference) - RIG.sensor.radians(np.float64(0.1)),
-        reference=reference,
-        input=np.clip(3 * np.sin(time), -10, 10),
-        command=np.clip(3 * np.sin(time), -10, 10),
+        outputs=np.nan_to_num(reference)[:, None] - RIG.display[0].si(np.float64(0.1)),
+        reference=reference[:, None],
+        inputs=np.clip(3 * np.sin(time), -10, 10)[:, None],
+        command=np.clip(3 * np.sin(time), -10, 10)[:, None],
         delay=delays,
         turnaround=delays,
         late=delays > PERIOD,
@@ -167,7 +169,7 @@ def test_every_record_is_there_with_its_scores(text, model, first):
         scores = evaluate(model, used, part=part)
         assert used.name in page.text
         assert f"R² {scores.r2:.4f}" in page.text
-        assert f"{RIG.sensor.volts(np.float64(scores.rmse)):.3f} V, {np.degrees(scores.rmse):.3f}°" in page.text
+        assert f"{RIG.display[0].shown(np.float64(scores.rmse)):.3f} V, {np.degrees(scores.rmse):.3f}°" in page.text
         assert f"fit {scores.fit_percent:.1f} %" in page.text
     assert sum(name.startswith("free-run-") for name in page.ids) == 2
 
@@ -260,7 +262,7 @@ def test_a_model_that_diverges_makes_a_report(model, first, tmp_path):
             again=None,
             skipped="it diverges",
         )
-        broken = report.IdentificationSection(model=model, sensor=RIG.sensor, runs=(wild,))
+        broken = report.IdentificationSection(model=model, runs=(wild,))
         path = report.write(tmp_path / "report.html", broken, None, report.provenance(model, "evaluate"))
     assert first.name in Page(path.read_text(encoding="utf-8")).text
 
@@ -282,9 +284,9 @@ def test_another_reference_is_judged_as_a_whole():
 
 
 def test_the_zoom_shows_the_largest_step():
-    start, stop = report.closed_loop_section(loop_of()).zooms["largest step"]
-    levels = hardware_reference(np.arange(29) + 0.5)
-    assert start < 1 + np.argmax(np.abs(np.diff(levels))) < stop
+    zoom = report.closed_loop_section(loop_of()).zooms["steps"]
+    levels = RIG.schedule().of(0)(np.arange(29) + 0.5)
+    assert zoom.start < 1 + np.argmax(np.abs(np.diff(levels))) < zoom.stop
 
 
 def structure(name, *r2, **more):

@@ -1,21 +1,24 @@
 """Closed-loop re-simulation against a loop in plain Python, the rig's own filter and open-loop simulation."""
 
 import dataclasses
+import functools
 
 import numpy as np
 import pytest
 
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.resimulation import resimulate, resimulations
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
-from hybrid_sysid_ros.rigs.excitation import multisine
+from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
+from hybrid_sysid_ros.rigs.excitation import multisine, random_steps, swept_sine
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.sensor import Filter
+from hybrid_sysid_ros.rigs.sensor import LowPassFilter
+from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 
 LOADED = rigs.load("cam_beam")
@@ -25,8 +28,8 @@ EXACT = Sampling(step=RIG.step)
 
 def law(rig: Rig, reference: float, filtered: float) -> float:
     """u = gain (reference - yf) within the limit, in volts."""
-    error = rig.feedback_gain * (reference - filtered) / rig.sensor.radians_per_volt
-    return float(np.clip(error, -rig.input_limit, rig.input_limit))
+    error = rig.experiments.loops[0].gain * (reference - filtered) / rig.display[0].scale
+    return float(np.clip(error, -rig.actuators[0].high, rig.actuators[0].high))
 
 
 def driven(rig=RIG, *, amplitude=4.0, duration=4.0) -> Record:
@@ -34,13 +37,13 @@ def driven(rig=RIG, *, amplitude=4.0, duration=4.0) -> Record:
     ticks = round(duration / rig.step) + 1
     time = rig.step * np.arange(ticks)
     moving = multisine(3, amplitude=amplitude, low=0.2, high=2.0, lines=12, period=duration)(time)
-    reference = rig.sensor.radians(np.where(time < 0.1, 0.0, moving))
+    reference = rig.display[0].si(np.where(time < 0.1, 0.0, moving))
     plant = Plant(rig, seed=0, noisy=False)
     rows = []
     for k in range(ticks):
         seen = plant.measure()
-        u = law(rig, reference[k], seen.filtered)
-        rows.append((seen.position, seen.filtered, u))
+        u = law(rig, reference[k], seen.filtered[0])
+        rows.append((seen.outputs[0], seen.filtered[0], u))
         plant.advance(u)
     position, filtered, u = np.array(rows).T
     channels = {"reference": reference, "filtered": filtered}
@@ -63,7 +66,7 @@ def test_the_rig_itself_does_the_experiment_again_exactly(loop):
 def test_what_limits_the_input_limits_it_again():
     record = driven(amplitude=12.0)
     again = resimulate(RIG.system, record, RIG, sampling=EXACT)
-    assert np.max(np.abs(again.simulated_input)) == RIG.input_limit
+    assert np.max(np.abs(again.simulated_input)) == RIG.actuators[0].high
     np.testing.assert_allclose(again.simulated, record.output[:, 0], atol=1e-9)
 
 
@@ -74,7 +77,7 @@ def test_output_and_input_are_those_of_one_loop(loop, step, handling):
     sampling = Sampling(step=step, input=handling)
     again = resimulate(RIG.system, loop, RIG, sampling=sampling)
     ticks = round(step / RIG.step)
-    low_pass, u = Filter(RIG.sensor, RIG.step), []
+    low_pass, u = LowPassFilter(RIG.sensors[0].low_pass, RIG.step), []
     low_pass.reset(0.0)
     line = np.interp(RIG.step * np.arange(ticks * (len(again.time) - 1)), again.time, again.simulated)
     for reference, y in zip(loop.channels["reference"], line, strict=False):
@@ -100,14 +103,7 @@ def test_a_part_begins_with_the_filter_as_it_was(loop):
 
 
 def test_slower_records_are_scored_at_their_samples(loop):
-    chosen = slice(None, None, 5)
-    slow = dataclasses.replace(
-        loop,
-        time=loop.time[chosen],
-        output=loop.output[chosen],
-        input=np.append(loop.input[:-1].reshape(-1, 5).mean(axis=1), 0.0)[:, None],
-        channels={name: values[chosen] for name, values in loop.channels.items()},
-    )
+    slow = thinned(loop, 5)
     again = resimulate(RIG.system, slow, RIG, sampling=EXACT)
     np.testing.assert_array_equal(again.time, slow.time)
     assert again.output.r2 > 0.999
@@ -136,11 +132,87 @@ def test_records_without_a_reference_are_skipped_with_the_reason(loop):
     assert "unknown at sample 7" in skipped["hole"]
 
 
-def test_a_loop_of_another_controller_is_not_done_again_by_the_rig_s(loop):
-    """Half the gain and a lag: what another law would have done to the same signals."""
-    other = np.roll(0.5 * loop.input, 300, axis=0)
-    with pytest.raises(UserError, match="loop: its input is not that of the rig's controller"):
-        resimulate(RIG.system, dataclasses.replace(loop, input=other), RIG, sampling=EXACT)
+@dataclasses.dataclass(frozen=True)
+class Driver:
+    """The rig's law times a gain; or the MPC that ships, an approximate one, on the plant's state, every 50 ms."""
+
+    gain: float = 1.0
+    mpc: bool = False
+
+
+MPC = Driver(mpc=True)
+EVERY = [1, 5, 10, 50]  # ms
+
+
+@functools.cache
+def noisy_loop(driver: Driver, kind: str) -> Record:
+    """20 s of the rig with its noise and a bias, at 1 kHz, as it ships."""
+    reference = {
+        "multisine": multisine(1, amplitude=4.5, low=0.05, high=2.5, lines=40, period=20.0),
+        "steps": random_steps(2, amplitude=4.5, hold=1.5, duration=20.0),
+        "sweep": swept_sine(amplitude=3.0, low=0.05, high=2.0, duration=20.0),  # the MPC's is nearest to the law's here
+    }[kind]
+    rig = LOADED
+    mpc = policies.load(configuration.shipped(rig.name, "policy"))
+    plant = Plant(rig, seed=0, bias=0.03)
+    time = rig.step * np.arange(round(20.0 / rig.step) + 1, dtype=np.float64)
+    wanted = rig.display[0].si(reference(time))
+    u, rows = 0.0, []
+    for k in range(len(time)):
+        seen = plant.measure()
+        if not driver.mpc:
+            u = law(rig, wanted[k], seen.filtered) * driver.gain
+        elif k % round(mpc.problem.period / rig.step) == 0:
+            preview = rig.display[0].si(reference(plant.time + mpc.problem.period * np.arange(1, mpc.horizon + 1)))
+            u = float(mpc.control(plant.state, np.zeros(1), np.array([u]), preview).input[0])
+            mpc.prepare(mpc.problem.period)
+        rows.append((seen.position, seen.filtered, u))
+        plant.advance(u)
+    position, filtered, given = np.array(rows).T
+    channels = {"reference": wanted, "filtered": filtered}
+    return Record(name="loop", time=time, input=given[:, None], output=position[:, None], channels=channels)
+
+
+def thinned(record: Record, every: int) -> Record:
+    """One sample in so many, with the mean inputs between them."""
+    chosen = slice(None, None, every)
+    return dataclasses.replace(
+        record,
+        time=record.time[chosen],
+        output=record.output[chosen],
+        input=np.append(record.input[:-1].reshape(-1, every).mean(axis=1), 0.0)[:, None],
+        channels={name: values[chosen] for name, values in record.channels.items()},
+    )
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["filtered", "not filtered"])
+@pytest.mark.parametrize("every", EVERY)
+@pytest.mark.parametrize("kind", ["multisine", "steps", "sweep"])
+@pytest.mark.parametrize("driver", [Driver(), MPC], ids=["law", "mpc"])
+def test_the_rig_s_own_loop_is_told_from_one_of_the_mpc(driver, kind, every, known):
+    """Whatever the rate of the record, and also where the filtered position has to be made of the noisy output."""
+    record = thinned(noisy_loop(driver, kind), every)
+    record = record if known else without(record, "filtered")
+    sampling = Sampling(step=RIG.step, period=0.05)
+    if driver.mpc:
+        with pytest.raises(UserError, match=r"loop: .* of its inputs are not those of the rig's controller"):
+            resimulate(LOADED.system, record, LOADED, sampling=sampling)
+    else:
+        assert resimulate(LOADED.system, record, LOADED, sampling=sampling).output.r2 > 0.9
+
+
+@pytest.mark.parametrize("gain", [0.9, 1.1])
+def test_a_loop_of_nearly_the_rig_s_law_is_none_of_its_own(gain):
+    """Its input is told by the law to an R2 of .99 and yet is another one."""
+    record = noisy_loop(Driver(gain=gain), "multisine")
+    with pytest.raises(UserError, match="are not those of the rig's controller"):
+        resimulate(LOADED.system, record, LOADED, sampling=EXACT)
+
+
+def test_a_few_lost_samples_make_no_other_controller(loop):
+    given = loop.input.copy()
+    given[1000:1100] = given[1000]
+    assert resimulate(RIG.system, dataclasses.replace(loop, input=given), RIG, sampling=EXACT).output.r2 > 0.99
 
 
 def test_a_record_without_its_filtered_position_begins_settled(loop):
@@ -157,5 +229,7 @@ def test_the_real_records_are_loops_of_this_law(experiments):
     for item in experiments.values():
         if item.reference is None or item.filtered is None:
             continue
-        error = LOADED.feedback_gain * (item.reference - item.filtered)
-        np.testing.assert_allclose(item.input, np.clip(error, -LOADED.input_limit, LOADED.input_limit), atol=1e-6)
+        error = LOADED.experiments.loops[0].gain * (item.reference - item.filtered)
+        np.testing.assert_allclose(
+            item.input, np.clip(error, -LOADED.actuators[0].high, LOADED.actuators[0].high), atol=1e-6
+        )

@@ -28,7 +28,7 @@ BAGS = [Path(__file__).parents[1] / "bags" / name for name in ("beam_multisine",
 def command(capsys: pytest.CaptureFixture[str]):
     """Run the command; give status, standard output and standard error."""
     app = typer.Typer(pretty_exceptions_enable=False)
-    app.command()(search_command.search_command)
+    app.command()(search_command.command)
 
     def run(*arguments: object) -> tuple[int, str, str]:
         status = app([str(argument) for argument in arguments], standalone_mode=False)
@@ -88,7 +88,8 @@ def test_the_same_records_are_the_same_problem_wherever_they_lie(monkeypatch, co
 
 
 INTERRUPTED = """
-from hybrid_sysid_ros import __main__, search_command
+from hybrid_sysid_ros import __main__
+from hybrid_sysid_ros.commands import search as search_command
 from tests.branin import OfBranin
 search_command.CrossValidation = OfBranin
 __main__.main()

@@ -7,10 +7,16 @@ import pytest
 
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.recipes import Recipe
-from hybrid_sysid_ros.identification.selection.blocks import BLOCKS, WORST, Validation, blocks_of, cross_validate
+from hybrid_sysid_ros.identification.selection.cross_validation import (
+    BLOCKS,
+    WORST,
+    Validation,
+    blocks_of,
+    cross_validate,
+)
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.support.errors import UserError
+from tests.one_joint import Linear
 
 
 @pytest.fixture

@@ -28,7 +28,7 @@ from rich.table import Table
 from benchmarks import result
 from benchmarks.estimators.runs import PERIOD, Run, beam, drawn
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.estimation import METHODS, Channel, Filter, Tuning
+from hybrid_sysid_ros.estimation import METHODS, Channel, Estimator, Tuning
 from hybrid_sysid_ros.estimation.consistency import band, normalised_errors
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import Rig, load
@@ -64,7 +64,7 @@ def main() -> int:
     rig = load("cam_beam")
     system = load_model(configuration.shipped(rig.name, "model")).system
     tuning = tuning_of(rig)
-    volt = rig.sensor.radians_per_volt
+    volt = rig.display[0].scale
     kinds: dict[str, Callable[..., Any]] = {**METHODS, **peers()}
     made = {name: partial(kind, system, tuning, period=PERIOD) for name, kind in kinds.items()}
     biases = np.random.default_rng(0).uniform(-BIAS, BIAS, RUNS)
@@ -130,10 +130,10 @@ def watched(make: Callable[[], Any], runs: Sequence[Run], volt: float) -> dict[s
     }
 
 
-def delayed(method: type[Filter], rig: Rig, system: System, tuning: Tuning) -> dict[str, Any]:
+def delayed(method: type[Estimator], rig: Rig, system: System, tuning: Tuning) -> dict[str, Any]:
     """Position RMSE with frames of a second sensor that come late, and the time of one frame's call."""
-    volt = rig.sensor.radians_per_volt
-    tuning = replace(tuning, channels={"camera": Channel(state=0, noise=FRAME_NOISE * volt)})
+    volt = rig.display[0].scale
+    tuning = replace(tuning, channels={"camera": Channel(of="position", noise=FRAME_NOISE * volt)})
     errors: dict[str, list[float]] = {"no_frames": [], "punctual": [], "late_in_place": [], "late_taken_for_new": []}
     seconds: list[float] = []
     for seed in range(DELAYED_RUNS):
@@ -157,10 +157,10 @@ def delayed(method: type[Filter], rig: Rig, system: System, tuning: Tuning) -> d
     return {**rmse, "late_frame_microseconds": _quietest(np.reshape(seconds, (DELAYED_RUNS, -1)))}
 
 
-def followed(method: type[Filter], rig: Rig) -> dict[str, Any]:
+def followed(method: type[Estimator], rig: Rig) -> dict[str, Any]:
     """Friction and centre jump under a model that was right: how soon and how near they are found."""
-    truth = rig.system.values
-    coulomb, centre = FRICTION_RISE * truth.coulomb, truth.centre - CENTRE_FALL
+    truth = rig.system.named
+    coulomb, centre = FRICTION_RISE * truth["coulomb"], truth["centre"] - CENTRE_FALL
     changes = {10.0: {"coulomb": coulomb}, 20.0: {"centre": centre}}
     tunings = {
         "following": tuning_of(rig, followed=FOLLOWED, disturbance_noise=0.0),
@@ -178,7 +178,7 @@ def followed(method: type[Filter], rig: Rig) -> dict[str, Any]:
     late = np.s_[:, 26 * second :]
     found: dict[str, Any] = {}
     for column, (name, before, after, start) in enumerate(
-        (("coulomb", truth.coulomb, coulomb, 10), ("centre", truth.centre, centre, 20))
+        (("coulomb", truth["coulomb"], coulomb, 10), ("centre", truth["centre"], centre, 20))
     ):
         share = (parameters[:, start * second : (start + 10) * second, column] - before) / (after - before)
         reached = np.argmax(share > 0.9, axis=1) * PERIOD

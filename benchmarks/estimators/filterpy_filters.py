@@ -9,8 +9,8 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.adapters import kernels
+from hybrid_sysid_ros.core import System, compiled
+from hybrid_sysid_ros.core.rollout import advance
 from hybrid_sysid_ros.estimation import Tuning
 
 Array = NDArray[np.float64]
@@ -37,16 +37,16 @@ class Augmented:
 
     def __init__(self, system: System, tuning: Tuning, *, period: float) -> None:
         self.period = period
-        self.step, self.parameters, self.weights = kernels(system).step, system.values, system.weights
-        drift = np.array([*tuning.process_noise, tuning.disturbance_noise, tuning.hum_noise, tuning.hum_noise])
+        self.step, self.parameters, self.weights = compiled(system).step, system.values, system.weights
+        drift = np.array([*tuning.process_noise, *tuning.disturbance_noise, *tuning.hum_noise, *tuning.hum_noise])
         self.process = period * np.diag(drift**2)
         self.start = 100.0 * np.diag(drift**2)
-        self.start[0, 0] = tuning.measurement_noise**2 + tuning.hum_amplitude**2
-        self.start[3, 3] = self.start[4, 4] = tuning.hum_amplitude**2
-        self.measurement = np.array([[tuning.measurement_noise**2]])
-        self.push = tuning.input_noise / np.sqrt(period)
+        self.start[0, 0] = tuning.measurement_noise[0] ** 2 + tuning.hum_amplitude[0] ** 2
+        self.start[3, 3] = self.start[4, 4] = tuning.hum_amplitude[0] ** 2
+        self.measurement = np.array([[tuning.measurement_noise[0] ** 2]])
+        self.push = tuning.input_noise[0] / np.sqrt(period)
         self.row = np.array([[1.0, 0.0, 0.0, 1.0, 0.0]])
-        angle = 2.0 * np.pi * tuning.hum_hertz * period
+        angle = 2.0 * np.pi * tuning.hum_hertz[0] * period
         self.turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
         whole, self.part = divmod(system.delay / period, 1.0)
         self.past = [0.0] * (int(whole) + 2)
@@ -65,7 +65,8 @@ class Augmented:
     def advance(self, z: Array, period: float, drive: float) -> Array:
         """z+ = f(z, u)."""
         following = np.empty(5)
-        self.step(z[:2].copy(), np.array([drive + z[2]]), self.parameters, self.weights, period, following[:2])
+        u = np.array([drive + z[2]])
+        advance(self.step, z[:2].copy(), u, self.parameters, self.weights, period, following[:2])
         following[2] = z[2]
         following[3:] = self.turn @ z[3:]
         return following

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.adapters import kernels
+from hybrid_sysid_ros.core.rollout import stepped
 from hybrid_sysid_ros.estimation import Tuning
 from hybrid_sysid_ros.rigs.excitation import multisine, random_steps
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -63,7 +63,7 @@ def beam(
             plant.change(**due[k])
         shown = plant.measure()
         measured[k], inputs[k], states[k] = shown.position, drive, plant.state
-        error = float(reference(k * PERIOD)) - shown.filtered / rig.sensor.radians_per_volt
+        error = float(reference(k * PERIOD)) - shown.filtered / rig.display[0].scale
         drive = float(np.clip(rig.feedback_gain * error, -rig.input_limit, rig.input_limit))
         for _ in range(steps):
             plant.advance(drive)
@@ -73,25 +73,24 @@ def beam(
 def drawn(system: System, tuning: Tuning, seed: int, *, samples: int) -> Run:
     """A plant that is the model, with the start, the noise and the disturbance that the tuning says, drawn afresh."""
     random = np.random.default_rng(seed)
-    step, parameters, weights = kernels(system).step, system.values, system.weights
-    drift = np.array([*tuning.process_noise, tuning.disturbance_noise, tuning.hum_noise, tuning.hum_noise])
+    drift = np.array([*tuning.process_noise, *tuning.disturbance_noise, *tuning.hum_noise, *tuning.hum_noise])
     start = 10.0 * drift
-    start[0], start[3:] = 0.0, tuning.hum_amplitude
+    start[0], start[3:] = 0.0, tuning.hum_amplitude[0]
     z = start * random.normal(size=5)
-    z[2] = np.clip(z[2], -tuning.disturbance_limit, tuning.disturbance_limit)
+    z[2] = np.clip(z[2], -tuning.disturbance_limit[0], tuning.disturbance_limit[0])
     levels = np.repeat(random.uniform(-6.0, 8.0, samples // 40 + 1), 40)[:samples]
     past = np.concatenate([np.full(20, levels[0]), levels])  # levels[k] acts from sample k - 1 to k, a delay later
     whole, part = divmod(system.delay / PERIOD, 1.0)
-    angle = 2.0 * np.pi * tuning.hum_hertz * PERIOD
+    angle = 2.0 * np.pi * tuning.hum_hertz[0] * PERIOD
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    measured, states, following = np.empty(samples), np.empty((samples, 2)), np.empty(2)
+    measured, states = np.empty(samples), np.empty((samples, 2))
     for k in range(samples):
         if k:
             at = k + 20 - int(whole)
-            force = tuning.input_noise / np.sqrt(PERIOD) * random.normal()
+            force = tuning.input_noise[0] / np.sqrt(PERIOD) * random.normal()
             drive = (1.0 - part) * past[at] + part * past[at - 1] + z[2] + force
-            step(z[:2].copy(), np.array([drive]), parameters, weights, PERIOD, following)
+            following = stepped(system, z[:2], np.array([drive]), step=PERIOD)
             z = np.array([*following, z[2], *(turn @ z[3:])]) + np.sqrt(PERIOD) * drift * random.normal(size=5)
-        measured[k] = z[0] + z[3] + tuning.measurement_noise * random.normal()
+        measured[k] = z[0] + z[3] + tuning.measurement_noise[0] * random.normal()
         states[k] = z[:2]
     return Run(measured=measured, inputs=levels, states=states)

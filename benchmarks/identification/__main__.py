@@ -22,12 +22,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from benchmarks import result
 from benchmarks.identification.peer import Peer, r2
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.identification import Part, evaluate, identify, prepare
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig, load
@@ -63,7 +63,7 @@ def main() -> int:
         for found in theirs.values():
             found["against"] = {structure: against(found, ours[structure]) for structure in STRUCTURES}
         results[protocol] = ours | theirs
-        Console(width=200).print(table(protocol, ours, theirs))
+        print_table(table(protocol, ours, theirs))
     print(result.write(NAME, results, on=machine))
     return 0
 
@@ -147,7 +147,7 @@ def table(protocol: str, ours: dict[str, dict[str, Any]], theirs: dict[str, dict
     names = list(next(iter(ours.values()))["r2"])
     shown = Table(
         "method", *names, "mean", "best", "fit", "compile", "choosing", *(f"to R2 of {name}" for name in ours),
-        title=f"free-run R2, {protocol}", title_justify="left",
+        title=f"free-run R2, {protocol}",
     )  # fmt: skip
     for name, found in (ours | theirs).items():
         curve = [point["mean_r2"] for point in found.get("curve", []) if point["mean_r2"] is not None]

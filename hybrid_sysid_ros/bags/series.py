@@ -82,19 +82,28 @@ def joint_states(
 
 
 def joint_trajectories(
-    topic: str, stamps: ArrayLike, names: Sequence[str], *, positions: ArrayLike, times: ArrayLike, frame: str = ""
+    topic: str,
+    stamps: ArrayLike,
+    names: Sequence[str],
+    *,
+    times: ArrayLike,
+    positions: ArrayLike | None = None,
+    velocities: ArrayLike | None = None,
+    frame: str = "",
 ) -> Series:
     """trajectory_msgs/JointTrajectory messages.
 
-    positions: (messages, points, joints); times: (points,) s, time_from_start of each point.
+    positions, velocities: (messages, points, joints), or None for none; times: (points,) s, time_from_start of each
+    point.
     """
-    positions, times = np.asarray(positions, dtype=np.float64), np.asarray(times, dtype=np.float64)
+    given = {"positions": positions, "velocities": velocities}
+    arrays = {key: np.asarray(value, dtype=np.float64) for key, value in given.items() if value is not None}
+    times = np.asarray(times, dtype=np.float64)
     types = jazzy_types().types
     nothing = np.zeros(0)
     points = [
         types["trajectory_msgs/msg/JointTrajectoryPoint"](
-            positions=np.zeros(len(names)),
-            velocities=nothing,
+            **{key: np.zeros(len(names) if key in arrays else 0) for key in given},
             accelerations=nothing,
             effort=nothing,
             time_from_start=types["builtin_interfaces/msg/Duration"](
@@ -107,7 +116,8 @@ def joint_trajectories(
         header=_header(frame), joint_names=list(names), points=points
     )
     columns = {
-        f"points[{point}].positions[{joint}]": positions[:, point, joint]
+        f"points[{point}].{key}[{joint}]": array[:, point, joint]
+        for key, array in arrays.items()
         for point in range(len(times))
         for joint in range(len(names))
     }

@@ -7,15 +7,22 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-
-import yaml
+from typing import Any, Protocol
 
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_unknown, section
 
-CONFIGURATIONS = Path(__file__).parents[1] / "msgs_config"
 HOLDS = ("preceding", "following")
 _STEP = re.compile(r"\.?(?P<attribute>[A-Za-z_]\w*)|\[(?P<entry>[^\[\]]+)\]")
+
+
+class Named(Protocol):
+    """An input or output, whoever describes it."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,24 +36,20 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Signal:
-    """One number a message: value = scale * field + offset.
-
-    topic: absolute, or relative to the namespace of the rig.
-    field: path into the message: "data", "wrench.force.x", "effort[0]", "position[beam]" (the entry of the joint named
-        beam), "points[0].positions[beam]".
-    unit: of the value, after scale and offset, which must be the rig's; "" says nothing.
-    holds: of an input, the interval that the value was applied in: "preceding" the one that ends at the stamp (what a
-        driver reports), "following" the one that begins there (a command).
-
-    Raises UserError when field or holds make no sense.
-    """
+    """One number a message: value = scale * field + offset. Raises UserError when field or holds make no sense."""
 
     topic: str
+    """Absolute, or relative to the namespace of the rig."""
     field: str
+    """Path into the message: "data", "wrench.force.x", "effort[0]", "position[elbow]" (the entry of the joint of that
+    name), "points[0].positions[elbow]"."""
     unit: str = ""
+    """Of the value, after scale and offset, which must be the rig's; "" says nothing."""
     scale: float = 1.0
     offset: float = 0.0
     holds: str = "preceding"
+    """Of an input, the interval that the value was applied in: "preceding" the one that ends at the stamp (what a driver
+    reports), "following" the one that begins there (a command)."""
 
     def __post_init__(self) -> None:
         if self.holds not in HOLDS:
@@ -61,29 +64,38 @@ class Signal:
 
 @dataclass(frozen=True, kw_only=True)
 class Signals:
-    """What to read from a bag. Outputs share one topic, whose stamps are the record's time.
-
-    namespace: of the rig; topics without a leading slash are in it.
-    input, output: the columns of Record.input and Record.output.
-    channels: further signals by name, left out where a bag has not got them.
-    period: expected sampling time [s]; None takes what the bag has.
-    source: the file it came from, for messages to the user.
-    """
+    """What to read from a bag. Outputs share one topic, whose stamps are the record's time."""
 
     namespace: str
-    input: tuple[Signal, ...]
-    output: tuple[Signal, ...]
+    """Of the rig; topics without a leading slash are in it."""
+    inputs: Mapping[str, Signal]
+    """By the names of the system's inputs: the columns of Record.input."""
+    outputs: Mapping[str, Signal]
+    """By the names of the system's outputs: the columns of Record.output."""
     channels: Mapping[str, Signal] = field(default_factory=dict)
+    """Further signals by name, left out where a bag has not got them."""
     period: float | None = None
+    """Expected sampling time [s]; None takes what the bag has."""
     source: str = ""
+    """The file it came from, for messages to the user."""
 
     def __post_init__(self) -> None:
-        if not self.input or not self.output:
+        if not self.inputs or not self.outputs:
             raise UserError(f"{self.source or 'signals'}: at least one input and one output are needed")
-        if len({self.topic(signal) for signal in self.output}) > 1:
+        if len({self.topic(signal) for signal in self.outputs.values()}) > 1:
             raise UserError(f"{self.source or 'signals'}: the outputs must come from one topic, which gives the time")
         if self.period is not None and not self.period > 0:
             raise UserError(f"{self.source or 'signals'}: period is {self.period}: it needs seconds above 0")
+
+    @property
+    def input(self) -> tuple[Signal, ...]:
+        """Those of the inputs."""
+        return tuple(self.inputs.values())
+
+    @property
+    def output(self) -> tuple[Signal, ...]:
+        """Those of the outputs."""
+        return tuple(self.outputs.values())
 
     def topic(self, signal: Signal) -> str:
         """Full name of the signal's topic."""
@@ -91,24 +103,52 @@ class Signals:
             return signal.topic
         return "/" + "/".join(part for part in (self.namespace.strip("/"), signal.topic) if part)
 
-    def check_units(self, inputs: Sequence[str], outputs: Sequence[str]) -> None:
-        """Raise UserError for a signal that states another unit than those of a rig's inputs and outputs."""
-        for kind, signals, units in (("input", self.input, inputs), ("output", self.output, outputs)):
-            for signal, unit in zip(signals, units, strict=False):
-                if signal.unit and signal.unit != unit:
+    def check(self, inputs: Sequence[Named], outputs: Sequence[Named]) -> None:
+        """Raise UserError for signals of other inputs and outputs than a rig's, or in other units."""
+        where = self.source or "signals"
+        for kind, signals, variables in (
+            ("inputs", self.inputs, inputs),
+            ("outputs", self.outputs, outputs),
+        ):
+            names = [item.name for item in variables]
+            if sorted(signals) != sorted(names):
+                raise UserError(f"{where}: signals.{kind} are {', '.join(signals)}, the rig's are {', '.join(names)}")
+            for item in variables:
+                signal = signals[item.name]
+                if signal.unit and signal.unit != item.unit:
                     raise UserError(
-                        f"{self.source or 'signals'}: {kind} {signal.field} is in {signal.unit}, the rig's is in "
-                        f"{unit}: set the scale that makes it {unit}, and its unit to {unit}"
+                        f"{where}: {kind} {signal.field} is in {signal.unit}, the rig's is in {item.unit}: "
+                        f"set the scale that makes it {item.unit}, and its unit to {item.unit}"
                     )
 
+    def ordered(self, inputs: Sequence[Named], outputs: Sequence[Named]) -> Signals:
+        """The same in the order of a rig's inputs and outputs. Raises UserError where they are others."""
+        self.check(inputs, outputs)
+        return dataclasses.replace(
+            self,
+            inputs={item.name: self.inputs[item.name] for item in inputs},
+            outputs={item.name: self.outputs[item.name] for item in outputs},
+        )
+
     @classmethod
-    def of_rig(cls, rig: str) -> Signals:
-        """Return the signals of a rig that this package configures.
+    def of(cls, content: Mapping[str, Any], namespace: str, where: str, *, given: Given | None = None) -> Signals:
+        """From a section "signals". given: inputs, outputs and channels where the section has none.
 
         Raises:
-            UserError: there is no such rig.
+            UserError: a key is unknown, missing or of the wrong kind.
         """
-        return cls.load(configuration_of(rig))
+        where_all = f"{where}: signals"
+        refuse_unknown(content, ("inputs", "outputs", "channels", "period"), where_all)
+        found = []
+        for key, default in zip(("inputs", "outputs", "channels"), given or ({}, {}, {}), strict=True):
+            told = section(content, key, where_all, needed=not default and key != "channels")
+            made = {name: built(Signal, value, f"{where}: signals.{key}.{name}") for name, value in told.items()}
+            found.append(made if key in content else dict(default))
+        period = content.get("period")
+        if period is not None:
+            (period,) = numbers(period, f"{where_all}.period", count=1)
+        inputs, outputs, channels = found
+        return cls(namespace=namespace, inputs=inputs, outputs=outputs, channels=channels, period=period, source=where)
 
     @classmethod
     def load(cls, path: Path | str) -> Signals:
@@ -117,65 +157,18 @@ class Signals:
         Raises:
             UserError: no such file, no YAML, a key is unknown, missing or of the wrong kind.
         """
-        content = load_configuration(path)
-        section = content.get("signals")
-        if not isinstance(section, dict):
-            raise UserError(f"{path}: no section 'signals': it names the topics and fields of input and output")
-        _refuse_unknown(section, ("input", "output", "channels", "period"), f"{path}: signals")
-        channels = section.get("channels") or {}
-        if not isinstance(channels, dict):
-            raise UserError(f"{path}: signals.channels: needs a name and a signal in each line")
-        period = section.get("period")
-        if period is not None and (isinstance(period, bool) or not isinstance(period, int | float)):
-            raise UserError(f"{path}: signals.period is {period!r}: it needs a number of seconds")
-        return cls(
-            namespace=str(content.get("namespace") or ""),
-            input=_signals(section.get("input"), f"{path}: signals.input"),
-            output=_signals(section.get("output"), f"{path}: signals.output"),
-            channels={str(key): _signal(value, f"{path}: signals.channels.{key}") for key, value in channels.items()},
-            period=period,
-            source=str(path),
-        )
+        content = read_mapping(path)
+        if not isinstance(content.get("signals"), dict):
+            raise UserError(f"{path}: no section 'signals': it names the topics and fields of inputs and outputs")
+        return cls.of(content["signals"], str(content.get("namespace") or ""), str(path))
 
 
-def configuration_of(rig: str) -> Path:
-    """Path of the configuration of a rig.
-
-    Raises:
-        UserError: there is none; the message names those that exist.
-    """
-    path = CONFIGURATIONS / f"{rig}.yaml"
-    if not path.is_file():
-        known = ", ".join(sorted(file.stem for file in CONFIGURATIONS.glob("*.yaml"))) or "none"
-        raise UserError(f"no configuration for a rig {rig!r}: known are {known}")
-    return path
-
-
-def load_configuration(path: Path | str) -> dict[str, Any]:
-    """Read a YAML file that holds a mapping.
-
-    Raises:
-        UserError: no such file, not readable, no YAML or no mapping.
-    """
-    try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise UserError(f"{path}: is no text file, so no YAML") from error
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" in line {mark.line + 1}" if mark else ""
-        raise UserError(
-            f"{path}: is no valid YAML{where} ({getattr(error, 'problem', None) or 'unreadable'})"
-        ) from error
-    if not isinstance(content, dict):
-        raise UserError(f"{path}: holds no keys: it needs sections such as 'signals:'")
-    return content
+Given = tuple[Mapping[str, Signal], Mapping[str, Signal], Mapping[str, Signal]]
+"""Inputs, outputs and channels."""
 
 
 def parsed_field(text: str) -> tuple[Step, ...]:
-    """Steps of a path into a message, such as points[0].positions[beam].
+    """Steps of a path into a message, such as points[0].positions[elbow].
 
     Raises:
         UserError: it is not such a path.
@@ -195,36 +188,5 @@ def parsed_field(text: str) -> tuple[Step, ...]:
             steps.append(Step(index=int(entry)) if entry.isdigit() else Step(joint=entry))
         position = match.end()
     if position < len(text) or not steps or not steps[0].attribute:
-        raise UserError(f"field {text!r} is no path into a message: write data, effort[0], position[beam] or a.b.c")
+        raise UserError(f"field {text!r} is no path into a message: write data, effort[0], position[elbow] or a.b.c")
     return tuple(steps)
-
-
-def _signals(value: Any, where: str) -> tuple[Signal, ...]:
-    if value is None:
-        raise UserError(f"{where}: is missing: it needs a topic and a field")
-    if isinstance(value, list):
-        return tuple(_signal(entry, f"{where}[{number}]") for number, entry in enumerate(value))
-    return (_signal(value, where),)
-
-
-def _signal(value: Any, where: str) -> Signal:
-    if not isinstance(value, dict):
-        raise UserError(f"{where}: needs a topic and a field, not {value!r}")
-    _refuse_unknown(value, tuple(entry.name for entry in dataclasses.fields(Signal)), where)
-    for key in ("topic", "field"):
-        if key not in value:
-            raise UserError(f"{where}: {key} is missing")
-    for key, entry in value.items():
-        numeric = key in ("scale", "offset")
-        if isinstance(entry, bool) or not isinstance(entry, (int, float) if numeric else str):
-            raise UserError(f"{where}.{key} is {entry!r}: it needs {'a number' if numeric else 'text'}")
-    try:
-        return Signal(**value)
-    except UserError as error:
-        raise UserError(f"{where}: {error}") from error
-
-
-def _refuse_unknown(section: Mapping[Any, Any], known: tuple[str, ...], where: str) -> None:
-    unknown = [str(key) for key in section if key not in known]
-    if unknown:
-        raise UserError(f"{where}: unknown key {unknown[0]!r}: known are {', '.join(known)}")

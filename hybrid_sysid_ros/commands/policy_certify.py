@@ -1,4 +1,4 @@
-"""The command that certifies a policy."""
+"""hybrid-sysid policy certify: how a policy does beside the exact MPC, and how sure that is."""
 
 from __future__ import annotations
 
@@ -9,27 +9,26 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import Seed, console, status
+from hybrid_sysid_ros.commands.terminal import OwnRig, Seed, console, print_table, status
 from hybrid_sysid_ros.control.safety.certificate import FILE, LEAST_LOOPS, Certificate, find
 from hybrid_sysid_ros.control.safety.certification import certify
-from hybrid_sysid_ros.control.safety.certified_policy import JUDGED, Subject
+from hybrid_sysid_ros.control.safety.certified_loops import EXACT, JUDGED, Certification
 from hybrid_sysid_ros.control.safety.online_check import REASONS
-from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.runtime.checking import subject_of
+from hybrid_sysid_ros.runtime.checking import certification_of
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
 from hybrid_sysid_ros.support.files import beside, check_file
 from hybrid_sysid_ros.support.progress import progress_bars
 
 LOOPS = 26_500
 CRITERIA = {
-    "input": "input within {eta:g} of exact",
+    "input": "input within {eta} of exact",
     "bounds": "bounds",
     "cost": "cost within {share:.0%} of exact",
     "all": "all of these",
 }
 
 
-def policy_certify_command(
+def command(
     policy: Annotated[Path, typer.Argument(help="Policy folder; the certificate is written into it.")],
     model: Annotated[
         Path | None, typer.Option(help="Folder of the model it imitates; the shipped one by default.")
@@ -40,7 +39,7 @@ def policy_certify_command(
     seed: Seed = 0,
     seconds: Annotated[float | None, typer.Option(help="Length of a loop [s].", min=0.02, max=8.0)] = None,
     delta: Annotated[float, typer.Option(help="Probability with which a bound may be wrong.")] = 0.01,
-    workers: Annotated[int, typer.Option(help="Threads; 0 for one per core.", min=0)] = 0,
+    workers: Annotated[int, typer.Option(help="Processes; 0 for one per core.", min=0)] = 0,
     again: Annotated[
         int | None,
         typer.Option("--again", help="Run this loop again and print how it went; nothing is written.", min=0),
@@ -48,6 +47,7 @@ def policy_certify_command(
     driver: Annotated[
         str, typer.Option(help="Who drives the loop of --again: network, supervised or exact.")
     ] = "network",
+    rig: OwnRig = "",
 ) -> None:
     """Run random closed loops of a policy beside the exact MPC and state how it does, with how much confidence.
 
@@ -55,14 +55,15 @@ def policy_certify_command(
     """
     if driver not in (*JUDGED, "exact"):
         raise UserError(f"--driver {driver!r} is unknown; choose one of network, supervised, exact")
-    subject = subject_of(policy, model, seed=seed, seconds=seconds)
+    certification = certification_of(policy, model, seed=seed, seconds=seconds)
     if again is not None:
-        console.print(track_table(subject, again, driver))
+        print_table(loop_table(certification, again, driver))
         return
     store = beside(policy, ".certificate.part")
-    for place in (policy / FILE, store):
-        check_file(place)
-    there = _loops(policy, subject)
+    check_file(policy / FILE)
+    if store.exists() and not store.is_dir():
+        raise UserError(f"{store}: is a file, and finished loops are to be kept there: remove it")
+    there = _loops(policy, certification)
     if there > loops:
         raise UserError(f"{policy / FILE}: is of {there} loops; give as many with --loops, or remove it first")
     kept = 0
@@ -74,20 +75,22 @@ def policy_certify_command(
                 kept = done
                 update(stage, done, of)
 
-            certificate = certify(subject, loops=loops, delta=delta, workers=workers, store=store, progress=progress)
+            certificate = certify(
+                certification, loops=loops, delta=delta, workers=workers, store=store, progress=progress
+            )
     except KeyboardInterrupt:
         raise Interrupted(f"{kept} of {loops} loops are kept; the same command goes on from there") from None
     certificate.save(policy)
     for table in tables(certificate):
-        console.print(table)
+        print_table(table)
     console.print(summary(certificate))
     console.print(str(policy / FILE))
 
 
-def _loops(policy: Path, subject: Subject) -> int:
+def _loops(policy: Path, certification: Certification) -> int:
     """Of the policy's certificate; 0 where there is none that counts."""
     try:
-        there = find(policy, policy=subject.seal, model=subject.policy.model)
+        there = find(policy, policy=certification.seal, model=certification.policy.model)
     except UserError:
         return 0
     return 0 if there is None else there.loops
@@ -96,7 +99,7 @@ def _loops(policy: Path, subject: Subject) -> int:
 def tables(certificate: Certificate) -> list[Table]:
     """What was counted, and the worst cases."""
     criteria, rates = certificate.criteria, certificate.rates
-    counted = Table("driver", "a loop keeps", title="certificate", title_justify="left")
+    counted = Table("driver", "a loop keeps", title="certificate")
     for heading in ("share", "failed", "mu, Hoeffding", "mu, binomial"):
         counted.add_column(heading, justify="right")
     for name in JUDGED:
@@ -104,12 +107,14 @@ def tables(certificate: Certificate) -> list[Table]:
             rate = rates[name][key]
             failed = round((1.0 - rate) * certificate.loops)
             bounds = [certificate.bounds[kind][name][key] for kind in ("hoeffding", "binomial")]
-            words = text.format(eta=criteria["input_error"], share=criteria["cost_share"])
+            words = text.format(
+                eta=", ".join(f"{value:g}" for value in criteria["input_error"]), share=criteria["cost_share"]
+            )
             counted.add_row(name, words, f"{rate:.4f}", str(failed), *(f"{bound:.4f}" for bound in bounds))
-    checked = Table("the online check", "share", title="supervised", title_justify="left")
+    checked = Table("the online check", "share", title="supervised")
     for reason in REASONS:
         checked.add_row(reason, f"{certificate.check[reason]:.4f}")
-    worst = Table("worst loops of", "by", "--again", "input error", "in period", "cost / exact", title_justify="left")
+    worst = Table("worst loops of", "by", "--again", "input error", "in period", "cost / exact")
     for case in certificate.worst:
         ratio = case["cost"] / case["exact_cost"] if case["exact_cost"] else np.inf
         worst.add_row(
@@ -132,20 +137,29 @@ def summary(certificate: Certificate) -> str:
     )
 
 
-def track_table(subject: Subject, loop: int, driver: str) -> Table:
+def loop_table(certification: Certification, loop: int, driver: str) -> Table:
     """One loop, period by period."""
-    draw, track = subject.again(loop, driver)
-    rig = load_rig(subject.policy.rig)
-    output, scale, period = subject.policy.output, rig.sensor.radians_per_volt, subject.policy.problem.period
-    table = Table("time [s]", "reference [V]", "position [V]", "input", "exact", "check", title_justify="left")
-    table.title = f"loop {loop} of seed {subject.seed}, driven by {driver}"
-    for k, (given, exact, reason) in enumerate(zip(track.inputs, track.exact, track.reasons, strict=True)):
+    scenario = certification.scenario(loop)
+    driven = certification.run(scenario, {"exact": EXACT, **JUDGED}[driver])
+    policy, system = certification.policy, certification.model
+    table = Table("time [s]")
+    for k in policy.tracked:
+        output = system.outputs[k]
+        table.add_column(f"reference {output.name} [{output.unit}]")
+    for item in system.states:
+        table.add_column(f"{item.name} [{item.unit}]")
+    for item in system.inputs:
+        table.add_column(f"{item.name} [{item.unit}]")
+        table.add_column("exact")
+    table.add_column("check")
+    table.title = f"loop {loop} of seed {certification.seed}, driven by {driver}"
+    for k, (given, exact, reason) in enumerate(zip(driven.loop.inputs, driven.exact, driven.reasons, strict=True)):
+        pairs = [f"{value:.3f}" for pair in zip(given, exact, strict=True) for value in pair]
         table.add_row(
-            f"{(k + 1) * period:.3f}",
-            f"{draw.wanted[k] / scale:.3f}",
-            f"{track.states[k + 1, output] / scale:.3f}",
-            f"{given:.3f}",
-            f"{exact:.3f}",
+            f"{(k + 1) * policy.period:.3f}",
+            *(f"{scenario.references[k, output]:.4g}" for output in policy.tracked),
+            *(f"{value:.4g}" for value in driven.loop.states[k + 1]),
+            *pairs,
             REASONS[reason] if reason >= 0 else "",
         )
     return table

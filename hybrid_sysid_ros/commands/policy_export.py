@@ -1,4 +1,4 @@
-"""The command that takes a policy out of Python."""
+"""hybrid-sysid policy export: a policy without Python."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import console
+from hybrid_sysid_ros.commands.terminal import OwnRig, console
 from hybrid_sysid_ros.control.export import Check, export
 from hybrid_sysid_ros.control.policy.policy import SELF_CHECK_TOLERANCE
 from hybrid_sysid_ros.support.errors import UserError
@@ -15,12 +15,13 @@ from hybrid_sysid_ros.support.errors import UserError
 FORMATS = ("onnx", "c", "both")
 
 
-def policy_export_command(
+def command(
     policy: Annotated[Path, typer.Argument(help="Policy folder.")],
     out: Annotated[Path, typer.Argument(help="Folder for the exported policy.")],
     form: Annotated[
         str, typer.Option("--format", help=f"{' | '.join(FORMATS)}; onnx needs the extra [export].")
     ] = "both",
+    rig: OwnRig = "",
 ) -> None:
     """Write a policy as an ONNX graph and as C99 without dependencies, if both answer as it does."""
     if form not in FORMATS:

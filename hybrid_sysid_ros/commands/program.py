@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import logging
 import sys
+from collections.abc import Sequence
 from typing import Any, cast
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
 
@@ -15,21 +17,31 @@ UsageError = cast(type[typer.BadParameter], typer.BadParameter.__mro__[1])
 """What typer raises for wrong arguments of any kind; it gives a name to this kind only."""
 
 
+class LateCommand(TyperCommand):
+    """A command that is imported when it is called: the list of all needs its summary only."""
+
+    def __init__(self, name: str, module: str, summary: str) -> None:
+        """module: its full name; its function ``command`` is the command."""
+        super().__init__(name, short_help=summary)
+        self.module = module
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+        app.command(self.name)(importlib.import_module(self.module).command)
+        return typer.main.get_command(app).make_context(info_name, args, parent=parent, **extra)
+
+
 class Commands(TyperGroup):
     """All commands. An interrupt leaves them by a name of its own: at KeyboardInterrupt typer ends without a word."""
+
+    def __init__(self, name: str, commands: Sequence[TyperCommand | TyperGroup], **settings: Any) -> None:
+        super().__init__(name=name, commands=commands, no_args_is_help=True, rich_markup_mode=None, **settings)
 
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as error:
             raise Interrupted from error
-
-
-def new_app() -> typer.Typer:
-    """A program without commands yet."""
-    return typer.Typer(
-        cls=Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None
-    )
 
 
 def _usage(error: typer.BadParameter) -> str:
@@ -41,13 +53,13 @@ def _usage(error: typer.BadParameter) -> str:
     return f"error: {line[0].lower()}{line[1:]}: see {context.command_path} --help"
 
 
-def run_app(app: typer.Typer, name: str) -> None:
+def run_program(program: Commands) -> None:
     """Run a command of a program; exit with 2 and one line for what a user can cause, with 130 and one for an
     interrupt.
     """
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
     try:
-        sys.exit(app(prog_name=name, standalone_mode=False))
+        sys.exit(program(prog_name=program.name, standalone_mode=False))
     except UsageError as error:
         sys.stderr.write(_usage(error) + "\n")
         sys.exit(2)

@@ -1,4 +1,4 @@
-"""The command that searches for the options of a structure."""
+"""hybrid-sysid search: the options of a structure."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import (
+    STRUCTURES_HELP,
     InputHandling,
     PartText,
     Period,
@@ -20,38 +21,32 @@ from hybrid_sysid_ros.commands.terminal import (
     SignalsFile,
     Step,
     console,
-    print_whole,
+    print_table,
     read_records,
     sampling_of,
     status,
 )
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.selection.search import (
-    Cluster,
-    CrossValidation,
-    Processes,
-    Study,
-    Trial,
-    Workers,
-    opened,
-    search,
-)
-from hybrid_sysid_ros.models import STRUCTURES
+from hybrid_sysid_ros.identification.selection.search import Evaluate, Objective, Outcome, named, search
+from hybrid_sysid_ros.identification.selection.study import Evaluation, Study, opened
+from hybrid_sysid_ros.models import Options
 from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.cluster import Cluster
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
+from hybrid_sysid_ros.support.parallel import Processes, Workers
 from hybrid_sysid_ros.support.progress import progress_bars
 
 SHOWN = 5
 
 
-def search_command(
+def command(
     bag: Annotated[list[Path], typer.Argument(help="Bags to learn from.")],
     study: Annotated[
         str, typer.Option(help="SQLite file that keeps the trials, or a database's URL.")
     ] = "out/search.db",
     name: Annotated[str, typer.Option(help="Of the study in the file; the structure by default.")] = "",
-    structure: Annotated[str, typer.Option(help=" | ".join(STRUCTURES))] = "hybrid",
+    structure: Annotated[str, typer.Option(help=STRUCTURES_HELP)] = "hybrid",
     trials: Annotated[int, typer.Option(help="Trials in all, those of earlier runs included.", min=1)] = 40,
     timeout: Annotated[float, typer.Option(help="Seconds after which no trial begins; 0 is never.", min=0.0)] = 0.0,
     jobs: Annotated[int, typer.Option(help="Processes; -1 is one on each processor.")] = -1,
@@ -61,7 +56,7 @@ def search_command(
     ] = "",
     folds: Annotated[int, typer.Option(help="Groups in which parts of the bags are held out in turn.", min=2)] = 3,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for a model with the best options.")] = None,
-    rig: RigName = "cam_beam",
+    rig: RigName = "",
     input_handling: InputHandling = "averaged",
     step: Step = 0.005,
     period: Period = 0.05,
@@ -78,7 +73,7 @@ def search_command(
     if out is not None:
         check_folder(out, marker="model.yaml")
     sampling = sampling_of(step, period, input_handling)
-    objective = CrossValidation(
+    objective = Objective(
         records=read_records(bag, rig, signals, recover, read_period, sampling),
         rig=load_rig(rig),
         structure=structure,
@@ -105,20 +100,21 @@ def search_command(
         console.print(f"{out}: {structure} with the options of trial {best.number}, from {len(bag)} records")
 
 
-def workers(objective: CrossValidation, cluster: str, jobs: int) -> Workers:
+def workers(objective: Objective, cluster: str, jobs: int) -> Workers[tuple[int, Options], Outcome]:
     """Those that the command line asks for."""
+    work = Evaluate(objective=objective)
     if cluster:
-        return Cluster(objective, status.print, cluster, jobs)
-    return Processes(objective, status.print, jobs)
+        return Cluster(work, cluster, jobs=jobs, tell=status.print, name=named)
+    return Processes(work, jobs=jobs, tell=status.print, name=named)
 
 
-def run(study: Study, found: Workers, trials: int, timeout: float | None) -> None:
+def run(study: Study, found: Workers[tuple[int, Options], Outcome], trials: int, timeout: float | None) -> None:
     """Search with a progress bar, and a line for each trial that is better than all before it or fails."""
     with progress_bars(status) as update:
         best = max((trial.outcome.score for trial in study.ranking), default=-math.inf)
         update("trials", len(study.finished), trials)
 
-        def told(trial: Trial) -> None:
+        def told(trial: Evaluation) -> None:
             nonlocal best
             outcome = trial.outcome
             if outcome.error:
@@ -131,7 +127,7 @@ def run(study: Study, found: Workers, trials: int, timeout: float | None) -> Non
         search(study, found, trials=trials, timeout=timeout, told=told)
 
 
-def show(study: Study, objective: CrossValidation, title: str) -> None:
+def show(study: Study, objective: Objective, title: str) -> None:
     """Print the best trials, the one at the defaults, and which options matter. Raises UserError where none is good."""
     ranking, finished = study.ranking, study.finished
     if not finished:
@@ -141,12 +137,12 @@ def show(study: Study, objective: CrossValidation, title: str) -> None:
         raise UserError(f"{title}: none of its {len(finished)} trials gave a model; the last one: {last}")
     shown = ranking[:SHOWN] + [trial for trial in ranking[SHOWN:] if trial.number == 0]
     names = [f"{trial.number}, defaults" if trial.number == 0 else str(trial.number) for trial in shown]
-    table = Table("trial", *names, title=title, title_justify="left")
+    table = Table("trial", *names, title=title)
     table.add_row("held-out R2", *(f"{trial.outcome.score:.4f}" for trial in shown))
     table.add_row("seconds", *(f"{trial.outcome.seconds:.1f}" for trial in shown), end_section=True)
     for name in objective.space:
         table.add_row(name, *(f"{trial.options[name]:.4g}" for trial in shown))
-    print_whole(table)
+    print_table(table)
     if importance := study.importance():
         shares = ", ".join(f"{option} {100 * share:.0f} %" for option, share in importance.items() if share >= 0.01)
         console.print(f"what makes trials good: {shares}")
@@ -156,6 +152,6 @@ def show(study: Study, objective: CrossValidation, title: str) -> None:
     )
 
 
-def written(trial: Trial) -> str:
+def written(trial: Evaluation) -> str:
     """Its options, as a command takes them."""
     return " ".join(f"{name}={value:.6g}" for name, value in trial.options.items())

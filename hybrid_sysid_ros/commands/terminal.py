@@ -1,4 +1,4 @@
-"""What all commands share: where they print, their common options, and how they read bags."""
+"""What all commands share: where and how they print, their common options, and how they read bags."""
 
 from __future__ import annotations
 
@@ -12,17 +12,33 @@ from rich.table import Table
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.signals import Signals
-from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.models import STRUCTURES, Sampling
+from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 
-console = Console(soft_wrap=True)
-status = Console(stderr=True, soft_wrap=True)
+PLAIN: dict[str, Any] = {"markup": False, "emoji": False}
+"""Names are shown as they are: a record may be called run[red] or a:b:c."""
+console = Console(soft_wrap=True, **PLAIN)
+status = Console(stderr=True, soft_wrap=True, **PLAIN)
 
-WIDEST = 1000
+WIDEST = 100_000
 """More characters than any table has."""
 
-RigName = Annotated[str, typer.Option("--rig", help="Rig, by the name of its configuration.")]
+RigName = Annotated[str, typer.Option("--rig", help="Rig, by its name or by the path of its folder (./my_rig).")]
+
+
+def _meet(rig: str) -> str:
+    """Load a rig that a path names, so that from now on it is known by the name that models and policies have."""
+    if rig:
+        load_rig(rig)
+    return rig
+
+
+OwnRig = Annotated[
+    str, typer.Option("--rig", help="Folder of the rig, where it is not known by its name.", callback=_meet)
+]
+"""Of commands that are told their rig by a model or a policy."""
 SignalsFile = Annotated[Path | None, typer.Option("--signals", help="YAML with the topics and fields of your own bag.")]
 Recover = Annotated[bool, typer.Option("--recover", help="Read what can be read of a truncated bag.")]
 ReadPeriod = Annotated[
@@ -43,9 +59,40 @@ Step = Annotated[float, typer.Option(help="Integration step [s].")]
 Period = Annotated[float, typer.Option(help="Distance of the fitted samples [s].")]
 
 
-def print_whole(table: Table) -> None:
-    """Print a table at its own width: a narrower terminal breaks its lines, but nothing is cut."""
-    Console(width=WIDEST).print(table)
+def print_table(table: Table) -> None:
+    """Print a table at its own width below its title: a narrower terminal breaks their lines, but nothing is cut."""
+    whole = Console(width=WIDEST, **PLAIN)
+    if table.title:
+        whole.print(table.title, style="table.title")
+        table.title = None
+    whole.print(table)
+
+
+STRUCTURES_HELP = " | ".join((*STRUCTURES, "a further gray box of the rig", "hybrid_NAME on a gray box"))
+
+
+def score_table(
+    scores: dict[str, dict[str, Any]], rig: Rig, title: str, loops: dict[str, dict[str, Any]] | None = None
+) -> Table:
+    """Table of records' scores, a row for each output, errors in the unit in which it is shown; beside them those of
+    their re-simulated loops.
+    """
+    names = [item.name for item in rig.system.outputs]
+    several = len(names) > 1
+    error = "RMSE" if several else f"RMSE [{rig.display[0].unit}]"
+    table = Table("record", *(["output"] if several else []), "R2", error, "fit [%]", title=title)
+    for heading in ("closed loop R2", error) if loops else ():
+        table.add_column(heading)
+    for record, values in scores.items():
+        for index, name in enumerate(names):
+            own, shown = values.get("outputs", {}).get(name, values), rig.display[index]
+            rmse = f"{float(shown.shown(own['rmse'])):.3f}{f' {shown.unit}' if several else ''}"
+            cells = [record, *([name] if several else []), f"{own['r2']:.4f}", rmse, f"{own['fit_percent']:.1f}"]
+            if loops:
+                loop = loops.get(record)
+                cells += [f"{loop['r2']:.4f}", f"{float(shown.shown(loop['rmse'])):.3f}"] if loop else ["", ""]
+            table.add_row(*cells)
+    return table
 
 
 def sampling_of(step: float, period: float, handling: str) -> Sampling:
@@ -67,9 +114,7 @@ def read_records(
     names = [bags.name_of(path) for path in paths]
     if twins := {name for name in names if names.count(name) > 1}:
         raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
-    chosen = Signals.load(signals) if signals is not None else Signals.of_rig(rig)
-    system = load_rig(rig).system
-    chosen.check_units(
-        [variable.unit for variable in system.inputs], [system.states[index].unit for index in system.measured]
-    )
+    described = load_rig(rig)
+    chosen = Signals.load(signals) if signals is not None else described.signals
+    chosen = chosen.ordered(described.system.inputs, described.system.outputs)
     return [bags.read(path, chosen, period=period or None, recover=recover) for path in paths]

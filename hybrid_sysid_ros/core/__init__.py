@@ -2,11 +2,13 @@
 
 from hybrid_sysid_ros.core.compiled import compiled
 from hybrid_sysid_ros.core.contacts import Bristles, Contact, Dry, Viscous
+from hybrid_sysid_ros.core.declaration import Variable
 from hybrid_sysid_ros.core.networks import Perceptron, Softsign
 from hybrid_sysid_ros.core.parameters import Parameter, bounded
 from hybrid_sysid_ros.core.rollout import Sensitivities, rollouts, simulate, stepped
-from hybrid_sysid_ros.core.steppers import ImplicitFriction, RungeKutta, Sampled, Stepper
-from hybrid_sysid_ros.core.system import Recurrence, System, Variable
+from hybrid_sysid_ros.core.runge_kutta import RungeKutta
+from hybrid_sysid_ros.core.steppers import ImplicitFriction, Sampled, Stepper
+from hybrid_sysid_ros.core.system import Recurrence, System
 
 __all__ = [
     "Bristles",

@@ -6,6 +6,7 @@ block's own compiled functions, and the chain rule joins their derivatives to th
 
 from __future__ import annotations
 
+import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ from typing import Any
 
 import casadi
 
+from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.mathematics import Scalar
 
 
@@ -53,29 +55,35 @@ def tracing(calls: Calls) -> Iterator[Calls]:
         _current.reset(token)
 
 
-class Block(ABC):
-    """A learned function y = block(z; w) of features z, called inside a law.
+Kernels = tuple[Callable[..., None], Callable[..., None], Callable[..., None]]
+"""value(w, at, z, y): y (outputs,) from z (features,) with the weights w[at:]. slopes(w, at, z, y, by_z): and the
+derivatives (outputs x features) along rows. weight_slopes(w, at, z, factors, row, start): adds sum_k factors[k] dy_k/dw
+to row[start:], one entry a weight.
+"""
 
-    features, outputs: how many. size: of its weights. at: where those begin among the weights of the system.
-    """
+
+class Block(ABC):
+    """A learned function y = block(z; w) of features z, called inside a law. Subclasses are frozen dataclasses."""
 
     features: int
     outputs: int
     size: int
+    """Number of its weights."""
     at: int = 0
+    """Where they begin among the weights of the system."""
 
     @property
-    @abstractmethod
     def code(self) -> str:
-        """A Python expression that makes the block again, of names that :data:`~.printing.PRELUDE` imports."""
+        """A Python expression that makes the block again, wherever its weights begin. Subclasses are dataclasses."""
+        block: Any = self
+        names = (item.name for item in dataclasses.fields(block))
+        given = ", ".join(f"{name}={getattr(self, name)!r}" for name in names if name != "at")
+        return f"{type(self).__name__}({given})"
 
     @property
     @abstractmethod
-    def kernels(self) -> tuple[Callable[..., None], Callable[..., None], Callable[..., None]]:
-        """Compiled functions: value(w, at, z, y): y (outputs,) from z (features,) with the weights w[at:].
-        slopes(w, at, z, y, by_z): and the derivatives (outputs x features) along rows. weight_slopes(w, at, z, factors,
-        row, start): adds sum_k factors[k] dy_k / dw to row[start:], one entry a weight.
-        """
+    def kernels(self) -> Kernels:
+        """Its functions for compiled code."""
 
     @abstractmethod
     def symbolic(self, z: Sequence[Scalar], w: Sequence[Scalar]) -> Sequence[Scalar]:
@@ -100,3 +108,13 @@ class Block(ABC):
         )
         calls.made.append(call)
         return list(casadi.vertsplit(call.outputs))
+
+
+@inner
+def not_learnt(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
+    """Slopes by the weights of blocks that are trained by other means."""
+
+
+def weighed(row: Any, values: Any, start: Any) -> Any:
+    """Start + row . values, written out."""
+    return sum((a * value for a, value in zip(row, values, strict=True)), start)

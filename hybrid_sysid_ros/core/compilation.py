@@ -1,14 +1,23 @@
 """How functions are compiled, and where the compiled ones are kept.
 
-What compiled code is made of decides its place on disk, so that no change of a function leaves old code of its callers.
+Compiled code is kept in a folder that is named after the sources it is made of, so that a change of a function never
+leaves old code of its callers, and leaves the compiled code of everything else.
 """
 
 from __future__ import annotations
 
+import atexit
+import fcntl
 import hashlib
 import os
+import re
+import shutil
+import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,47 +33,133 @@ inner = register_jitable(**OPTIONS)
 """Decorator of a function that only compiled code calls. Called from Python it runs as it is written there."""
 
 UNUSED_DAYS = 30.0
-"""After which the compiled code of other versions of the package is cleared away."""
+"""After which compiled code that no process asked for is cleared away."""
+
+_DAY = 86400.0
+_PACKAGE = __name__.partition(".")[0]
+_IMPORT = re.compile(r"^(?:from +([\w.]+) +import +(\([^)]*\)|[^\n]*)|import +([\w.]+))", re.MULTILINE)
+"""Those of a module, not those in its functions: compiled code is made of what its module names."""
 
 
-def kernel(function: Callable[..., Any]) -> Any:
-    """Decorator of a loop that Python calls: compiled at its first call, or loaded from the cache on disk."""
-    return numba.njit(cache=True, fastmath={"contract"}, **OPTIONS)(function)
+def kernel(function: Callable[..., Any], signature: str | None = None) -> Any:
+    """Decorator of a loop that Python calls: compiled at its first call, or loaded from the cache on disk. With a
+    signature at once, and for its arguments alone.
+    """
+    place = folder(function.__module__, digest(function.__module__))
+    with kept_in(place):
+        made = numba.njit(cache=True, fastmath={"contract"}, **OPTIONS)(function)
+        # Two processes that keep code for other arguments at the same time could give one the other's.
+        file = made._cache._cache_file
+        file.save = _in_turn(file.save, place / "lock")
+        if signature is not None:
+            made.compile(signature)
+            made.disable_compile()
+    return made
 
 
-def cache_folder() -> Path:
-    """Where compiled code of this version of the package is kept; HYBRID_SYSID_CACHE names another place."""
-    root = os.environ.get("HYBRID_SYSID_CACHE") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(root) / "hybrid_sysid_ros" / _version()
+def _in_turn(function: Callable[..., None], lock: Path) -> Callable[..., None]:
+    """One process at a time."""
+
+    def waiting(*arguments: Any) -> None:
+        with lock.open("w") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            function(*arguments)
+
+    return waiting
 
 
-def _version() -> str:
-    """Digest of the package's source."""
-    digest = hashlib.sha256(numba.__version__.encode())
-    package = Path(__file__).parents[1]
-    for path in sorted(package.rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def _clear(folder: Path) -> None:
-    """Remove what other versions left long ago."""
-    import shutil
-
-    oldest = time.time() - 86400.0 * UNUSED_DAYS
-    for other in folder.parent.iterdir():
-        if other != folder and other.is_dir() and other.stat().st_mtime < oldest:
-            shutil.rmtree(other, ignore_errors=True)
-
-
-CACHE = cache_folder()
-"""Of this process."""
-
-if "NUMBA_CACHE_DIR" not in os.environ:
+@contextmanager
+def kept_in(place: Path) -> Iterator[None]:
+    """Functions that are decorated meanwhile have their compiled code kept there."""
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(place)
     try:
-        if not CACHE.is_dir():
-            CACHE.mkdir(parents=True)
-            _clear(CACHE)
-        numba.config.CACHE_DIR = str(CACHE / "kernels")
+        yield
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+def digest(*modules: str) -> str:
+    """Of the sources of modules and of all that they import, of this package and of their own, and of the compiler.
+
+    The modules are loaded, or being loaded behind their first imports.
+    """
+    found = hashlib.sha256(numba.__version__.encode())
+    packages = {_PACKAGE, *(name.partition(".")[0] for name in modules)}
+    seen: set[str] = set()
+    ahead = list(modules)
+    while ahead:
+        name = ahead.pop()
+        if name not in seen and name.partition(".")[0] in packages:
+            seen.add(name)
+            ahead += _source(name)[1]
+    for name in sorted(seen):
+        found.update(_source(name)[0])
+    return found.hexdigest()[:16]
+
+
+@cache
+def _source(name: str) -> tuple[bytes, tuple[str, ...]]:
+    """The source of a loaded module, and the loaded modules that it names in imports."""
+    path = getattr(sys.modules.get(name), "__file__", None)
+    if path is None or not path.endswith(".py"):
+        return b"", ()
+    content = Path(path).read_bytes()
+    named: set[str] = set()
+    for parent, members, whole in _IMPORT.findall(content.decode()):
+        inside = {f"{parent}.{member}" for member in re.findall(r"\w+", members)} & sys.modules.keys()
+        named |= inside or {parent or whole}
+    return content, tuple(sorted(named & sys.modules.keys()))
+
+
+def folder(name: str, version: str) -> Path:
+    """A folder for compiled code of that name and version, which is there and may be written to."""
+    found = _root() / f"{name}-{version}"
+    try:
+        age = time.time() - found.stat().st_mtime
+    except FileNotFoundError:
+        _clear()
+        found.mkdir(mode=0o700, exist_ok=True)
+    else:
+        if age > _DAY:
+            os.utime(found)  # in use
+    return found
+
+
+@cache
+def _root() -> Path:
+    """Where all compiled code is kept: HYBRID_SYSID_CACHE names the place, which is the user's cache otherwise.
+
+    Where nothing can be written there it is kept with temporary files, and at worst for this process only.
+    """
+    named = os.environ.get("HYBRID_SYSID_CACHE") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    for place in (Path(named) / _PACKAGE, Path(tempfile.gettempdir()) / f"{_PACKAGE}_{os.getuid()}"):
+        if _usable(place):
+            return place
+    own = tempfile.mkdtemp(prefix=_PACKAGE)
+    atexit.register(shutil.rmtree, own, ignore_errors=True)
+    return Path(own)
+
+
+def _usable(place: Path) -> bool:
+    """Whether it is a folder of this user's own where files can be made: compiled code of others is never run."""
+    try:
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = place.lstat()
+        tempfile.TemporaryFile(dir=place).close()
+        if found.st_uid == os.getuid() and found.st_mode & 0o022 and not place.is_symlink():
+            place.chmod(0o700)
     except OSError:
-        pass  # numba then finds a place by itself, or keeps nothing
+        return False
+    return found.st_uid == os.getuid()
+
+
+@cache
+def _clear() -> None:
+    """Remove what no process has asked for in a long time; once in a process, and when something new is kept."""
+    oldest = time.time() - UNUSED_DAYS * _DAY
+    for other in _root().iterdir():
+        try:
+            if other.is_dir() and other.stat().st_mtime < oldest:
+                shutil.rmtree(other, ignore_errors=True)
+        except FileNotFoundError:
+            continue  # another process was faster

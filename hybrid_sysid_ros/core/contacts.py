@@ -1,7 +1,7 @@
 """Friction on one velocity, which a right-hand side can't hold: it is set-valued, or stiff, so a step solves it.
 
-All levels are per unit inertia of their velocity. A field of a contact is a number, or the name of a parameter or a
-method(x, u) of the system.
+All levels are per unit inertia of their velocity. A field of a contact is a number, the name of a parameter or a
+method(x, u) of the system, or a function(system, x, u).
 
     Viscous    v' = f_v - D v
     Dry        v' = f_v - F sat(v / vc) - D v
@@ -14,12 +14,13 @@ de Wit et al. (1995), IEEE TAC 40(3), eqs. (1)-(3).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from hybrid_sysid_ros.core.mathematics import Scalar, absolute, maximum, saturate, select, sqrt
 
-Field = str | float
+Field = str | float | Callable[[Any, Any, Any], Any]
 
 TINY = 1e-12
 """Keeps 0 / 0 out of the step of a frictionless instant."""
@@ -27,10 +28,12 @@ TINY = 1e-12
 
 @dataclass(frozen=True, kw_only=True)
 class Contact:
-    """on: the name of the velocity that carries it. viscous: D, resolved trapezoidally."""
+    """Friction on one velocity."""
 
     on: str
+    """Name of the velocity that carries it."""
     viscous: Field = 0.0
+    """D, resolved trapezoidally."""
     fields: ClassVar[tuple[str, ...]] = ("viscous",)
 
     @property
@@ -56,10 +59,11 @@ class Viscous(Contact):
 
 @dataclass(frozen=True, kw_only=True)
 class Dry(Contact):
-    """Dry friction of a level. creep: speed below which it is viscous; 0: it sticks exactly."""
+    """Dry friction of a level."""
 
     level: Field
     creep: Field = 0.0
+    """Speed below which it is viscous; 0: it sticks exactly."""
     fields: ClassVar[tuple[str, ...]] = ("viscous", "level", "creep")
 
     def solve(
@@ -84,7 +88,8 @@ class Bristles(Contact):
     level: Field
     stiffness: Field
     damping: Field = 0.0
-    deflection: str = "deflection [rad]"
+    deflection: str = "deflection"
+    """Name of the hidden state; its unit is that of the velocity times s unless it is said here."""
     fields: ClassVar[tuple[str, ...]] = ("viscous", "level", "stiffness", "damping")
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
@@ -63,3 +63,8 @@ def saturate(x: Scalar, limit: Scalar, smoothing: Scalar | None = None) -> Scala
         return casadi.fmax(casadi.fmin(x, limit), -limit)
     above, below = x + limit, x - limit
     return 0.5 * (casadi.sqrt(above * above + smoothing**2) - casadi.sqrt(below * below + smoothing**2))
+
+
+def rows(values: Scalar | Sequence[Scalar]) -> list[Scalar]:
+    """The values of a sequence, or of a column as CasADi has it."""
+    return list(casadi.vertsplit(values)) if isinstance(values, casadi.SX) else list(values)

@@ -6,27 +6,26 @@ steps (rollouts, filters, shooting) are compiled once for all and take functions
 
 from __future__ import annotations
 
-import hashlib
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 
 import casadi
 
+from hybrid_sysid_ros.core import call as call_module
 from hybrid_sysid_ros.core import trace
-from hybrid_sysid_ros.core.blocks import Block, Call
+from hybrid_sysid_ros.core.blocks import Call
+from hybrid_sysid_ros.core.compilation import digest
 from hybrid_sysid_ros.core.system import System
 from hybrid_sysid_ros.core.trace import Trace
+from hybrid_sysid_ros.support.errors import UserError
 
-PRELUDE = '''"""Printed from {name}; made again where it is missing."""
+PRELUDE = '''"""Printed from {name}, linked with sources of digest {digest}; made again where it is missing."""
 
 import math
 
 from hybrid_sysid_ros.core.call import SLOPES, VALUE, compiled, inner
-from hybrid_sysid_ros.core.networks import GatedUnits, Perceptron, Polynomial, Softsign
 from hybrid_sysid_ros.core.registers import scratch
-
 '''
 
 _OPERATIONS = {
@@ -116,35 +115,46 @@ def slopes_source(system: System, columns: Columns, *, output: bool = False, smo
 
 
 def _module(system: System, *, output: bool, smooth: bool, columns: Columns | None) -> str:
-    staged = bool(system.stepper.stages) and not output
-    traced = (
-        trace.output_of(system) if output else trace.law_of(system) if staged else trace.step_of(system, smooth=smooth)
-    )
-    name = "law" if staged else "function"
-    signature = "VALUE" if columns is None else "SLOPES"
-    lines = [f"@compiled({signature})" if not staged else "@inner"]
-    lines += [f"def {name}(x, u, p, w, h, s, out{'' if columns is None else ', slopes'}):"]
+    staged = system.stepper.staged and not output
+    if output:
+        traced = trace.output_of(system)
+    else:
+        traced = trace.law_of(system) if staged else trace.step_of(system, smooth=smooth)
+    signature, more = ("VALUE", "") if columns is None else ("SLOPES", ", slopes")
+    decorator, name = ("@inner", "law") if staged else (f"@compiled({signature})", "function")
+    lines = [decorator, f"def {name}(x, u, p, w, h, s, out{more}):"]
     lines += [f"    {line}" for line in _body(traced, columns)]
-    blocks = _blocks(traced.calls)
-    head = [f"value_{i}, slopes_{i}, weight_slopes_{i} = {block.code}.kernels" for i, block in enumerate(blocks)]
-    parts = [PRELUDE.format(name=type(system).__name__) + "\n".join(head), "\n".join(lines)]
+    parts = [_head(system, traced.calls), "\n".join(lines)]
     if staged:
-        parts.append(_staged(system, columns))
-    text = "\n\n\n".join(parts).rstrip() + "\n"
-    return f"# {_library()}\n{text}"
+        count = None if columns is None else columns.count
+        parts.append(system.stepper.around(len(system.states), count))
+    return "\n\n\n".join(part.rstrip() for part in parts) + "\n"
 
 
-def _blocks(calls: Sequence[Call]) -> list[Block]:
-    found: list[Block] = []
-    for call in calls:
-        if not any(call.block is block for block in found):
-            found.append(call.block)
-    return found
+def _head(system: System, calls: Sequence[Call]) -> str:
+    """Imports, and the compiled functions of each kind of block. Other sources of what is imported: another module."""
+    makers = {call.block.code: type(call.block) for call in calls}
+    modules = {kind.__module__ for kind in makers.values()}
+    lines = [PRELUDE.format(name=type(system).__name__, digest=digest(call_module.__name__, *modules)).rstrip()]
+    lines += sorted({f"from {kind.__module__} import {kind.__name__}" for kind in makers.values()})
+    lines += [""] if makers else []
+    lines += [f"value_{i}, slopes_{i}, weight_slopes_{i} = {code}.kernels" for i, code in enumerate(makers)]
+    return "\n".join(lines)
+
+
+def _kinds(calls: Sequence[Call]) -> list[str]:
+    """Blocks that differ in where their weights begin only share their compiled functions."""
+    return list(dict.fromkeys(call.block.code for call in calls))
+
+
+Known = list[tuple[str, casadi.SX]]
+"""What printed lines may read, by name."""
 
 
 def _body(traced: Trace, columns: Columns | None) -> Iterator[str]:
-    calls, blocks = traced.calls, _blocks(traced.calls)
-    known: list[tuple[str, casadi.SX]] = [
+    calls, kinds = traced.calls, _kinds(traced.calls)
+    names = (f"a{number}" for number in itertools.count())
+    known: Known = [
         ("x", traced.x),
         ("u", traced.u),
         ("p", traced.p),
@@ -154,8 +164,8 @@ def _body(traced: Trace, columns: Columns | None) -> Iterator[str]:
     for number, call in enumerate(calls):
         block = call.block
         yield f"z{number}, y{number} = scratch({block.features}), scratch({block.outputs})"
-        yield from _assigned(known, {f"z{number}": call.features})
-        which = blocks.index(block)
+        yield from _assigned(known, {f"z{number}": call.features}, names)
+        which = kinds.index(block.code)
         if columns is None:
             yield f"value_{which}(w, {block.at}, z{number}, y{number})"
         else:
@@ -164,7 +174,7 @@ def _body(traced: Trace, columns: Columns | None) -> Iterator[str]:
             known.append((f"g{number}", casadi.vec(call.slopes.T)))  # along rows
         known.append((f"y{number}", call.outputs))
     if columns is None:
-        yield from _assigned(known, {"out": traced.result})
+        yield from _assigned(known, {"out": traced.result}, names)
         return
     width = columns.count
     seeds = [traced.x, traced.u]
@@ -183,16 +193,16 @@ def _body(traced: Trace, columns: Columns | None) -> Iterator[str]:
         jacobian += casadi.mtimes(direct, slope)
     yield f"for i in range({traced.result.numel() * width}):"
     yield "    slopes[i] = 0.0"
-    yield from _assigned(known, {"out": traced.result, f"slopes:{width}": casadi.sparsify(jacobian)})
+    yield from _assigned(known, {"out": traced.result, f"slopes:{width}": casadi.sparsify(jacobian)}, names)
     if columns.weights:
-        yield from _by_weights(traced, columns, known, by_call)
+        yield from _by_weights(traced, columns, known, by_call, names)
 
 
 def _by_weights(
-    traced: Trace, columns: Columns, known: list[tuple[str, casadi.SX]], by_call: Sequence[casadi.SX]
+    traced: Trace, columns: Columns, known: Known, by_call: Sequence[casadi.SX], names: Iterator[str]
 ) -> Iterator[str]:
     """Slopes by the weights: those of each call, by how the result depends on its outputs."""
-    calls, blocks = traced.calls, _blocks(traced.calls)
+    calls, kinds = traced.calls, _kinds(traced.calls)
     total = list(by_call)
     for later in range(len(calls) - 1, -1, -1):  # what a call gives, later calls may read
         for number in range(later):
@@ -203,15 +213,15 @@ def _by_weights(
         yield f"f{number} = scratch({call.block.outputs})"
         for row in range(traced.result.numel()):
             if factors[row, :].nnz():
-                yield from _assigned(known, {f"f{number}": casadi.densify(factors[row, :].T)})
+                yield from _assigned(known, {f"f{number}": casadi.densify(factors[row, :].T)}, names)
                 start = row * columns.count + columns.first_weight + call.block.at
                 yield (
-                    f"weight_slopes_{blocks.index(call.block)}(w, {call.block.at}, z{number}, f{number}, slopes, "
+                    f"weight_slopes_{kinds.index(call.block.code)}(w, {call.block.at}, z{number}, f{number}, slopes, "
                     f"{start})"
                 )
 
 
-def _assigned(known: Sequence[tuple[str, casadi.SX]], targets: dict[str, casadi.SX]) -> Iterator[str]:
+def _assigned(known: Known, targets: dict[str, casadi.SX], names: Iterator[str]) -> Iterator[str]:
     """Lines that compute the targets: dense vectors "name", or the non-zeros of matrices "name:width"."""
     outputs = list(targets.items())
     expressions = casadi.cse([expression for _, expression in outputs])
@@ -228,93 +238,32 @@ def _assigned(known: Sequence[tuple[str, casadi.SX]], targets: dict[str, casadi.
             places.append([f"{name}[{row}]" for row in rows])
             for row in sorted(set(range(expression.numel())) - set(rows)):
                 yield f"{name}[{row}] = 0.0"
+    at: dict[int, str] = {}  # what CasADi's registers hold: each value gets a name of its own, which compiles faster
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         to, of = function.instruction_output(k), function.instruction_input(k)
+        if operation == casadi.OP_OUTPUT:
+            yield f"{places[to[0]][to[1]]} = {at[of[0]]}"
+            continue
         if operation == casadi.OP_INPUT:
             name = known[of[0]][0]
-            yield f"a{to[0]} = {name if name in scalars else f'{name}[{of[1]}]'}"
-        elif operation == casadi.OP_OUTPUT:
-            yield f"{places[to[0]][to[1]]} = a{of[0]}"
+            value = name if name in scalars else f"{name}[{of[1]}]"
         elif operation == casadi.OP_CONST:
-            yield f"a{to[0]} = {_number(function.instruction_constant(k))}"
+            value = _number(function.instruction_constant(k))
+        elif operation in _OPERATIONS:
+            value = _OPERATIONS[operation].format(*(at[index] for index in of))
         else:
-            yield f"a{to[0]} = {_OPERATIONS[operation].format(*(f'a{index}' for index in of))}"
+            raise UserError(f"a law uses {_name_of(operation)}, which can't be compiled; write it out otherwise")
+        at[to[0]] = next(names)
+        yield f"{at[to[0]]} = {value}"
+
+
+def _name_of(operation: int) -> str:
+    """CasADi's."""
+    return next(name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == operation)
 
 
 def _number(value: float) -> str:
     if value != value or value in (float("inf"), float("-inf")):
         return {"nan": "math.nan", "inf": "math.inf", "-inf": "-math.inf"}[str(value)]
     return repr(float(value))
-
-
-def _staged(system: System, columns: Columns | None) -> str:
-    """Runge-Kutta around the printed law, with the derivative of each stage carried along."""
-    n = len(system.states)
-    if columns is None:
-        return f"""@compiled(VALUE)
-def function(x, u, p, w, h, s, out):
-    k, z, total = scratch({n}), scratch({n}), scratch({n})
-    for i in range({n}):
-        z[i] = x[i]
-        total[i] = 0.0
-    for stage in range(4):
-        law(z, u, p, w, h, s, k)
-        weight = 1.0 if stage == 0 or stage == 3 else 2.0
-        ahead = h if stage == 2 else 0.5 * h
-        for i in range({n}):
-            total[i] += weight * k[i]
-            z[i] = x[i] + ahead * k[i]
-    for i in range({n}):
-        out[i] = x[i] + h / 6.0 * total[i]
-"""
-    c = columns.count
-    return f"""@compiled(SLOPES)
-def function(x, u, p, w, h, s, out, slopes):
-    k, z, total = scratch({n}), scratch({n}), scratch({n})
-    by_k, by_z = scratch({n * c}), scratch({n * c})
-    for i in range({n}):
-        z[i] = x[i]
-        total[i] = 0.0
-    for i in range({n * c}):
-        by_z[i] = 0.0
-        slopes[i] = 0.0
-    for i in range({n}):
-        by_z[i * {c} + i] = 1.0
-    for stage in range(4):
-        law(z, u, p, w, h, s, k, by_k)
-        for i in range({n}):
-            own = scratch({n})
-            for l in range({n}):
-                own[l] = by_k[i * {c} + l]
-                by_k[i * {c} + l] = 0.0
-            for l in range({n}):
-                slope = own[l]
-                for j in range({c}):
-                    by_k[i * {c} + j] += slope * by_z[l * {c} + j]
-        weight = 1.0 if stage == 0 or stage == 3 else 2.0
-        ahead = h if stage == 2 else 0.5 * h
-        for i in range({n}):
-            total[i] += weight * k[i]
-            z[i] = x[i] + ahead * k[i]
-        for i in range({n * c}):
-            slopes[i] += weight * by_k[i]
-            by_z[i] = ahead * by_k[i]
-        for i in range({n}):
-            by_z[i * {c} + i] += 1.0
-    for i in range({n}):
-        out[i] = x[i] + h / 6.0 * total[i]
-    for i in range({n * c}):
-        slopes[i] *= h / 6.0
-    for i in range({n}):
-        slopes[i * {c} + i] += 1.0
-"""
-
-
-@cache
-def _library() -> str:
-    """Digest of what printed code is linked with: other code needs other modules."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]

@@ -81,6 +81,19 @@ def scratch(typingctx, numbers):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def behind(typingctx, memory, at):  # type: ignore[no-untyped-def]
+    """The memory of an array or a scratch from ``at`` on."""
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kind, (begin, offset) = signature.args[0], arguments
+        if not isinstance(kind, types.CPointer):
+            begin = context.make_array(kind)(context, builder, begin).data
+        return builder.gep(begin, [offset])
+
+    return types.CPointer(types.float64)(memory, types.intp), build
+
+
+@intrinsic
 def load(typingctx, memory, at, lanes):  # type: ignore[no-untyped-def]
     """The numbers of an array or a scratch from ``at`` on; lanes: a literal."""
     if not isinstance(lanes, types.IntegerLiteral):

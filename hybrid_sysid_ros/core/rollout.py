@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -80,8 +81,9 @@ def rollouts(
     """Free runs without re-initialisation: states (samples, states) and outputs (samples, outputs) of all.
 
     starts: see :data:`Starts`. x0 (windows, states). inputs (steps, inputs): mean of each input over each ``step`` [s].
-    A sample comes every ``every`` steps, the first one is x0.
+    A sample comes every ``every`` steps, the first one is x0. Raises ValueError for arrays of other sizes.
     """
+    _fitting(system, x0, inputs)
     functions, total = compiled(system), int((starts[:, 2] + starts[:, 3]).max())
     states, outputs = np.empty((total, len(system.states))), np.empty((total, len(system.outputs)))
     _rollouts(
@@ -109,6 +111,15 @@ def simulate(system: System, initial_state: Array, inputs: Array, *, step: float
     return states
 
 
+def _fitting(system: System, x0: Array, inputs: Array) -> None:
+    """Compiled code would read and write behind the ends of arrays of other sizes."""
+    n, m = len(system.states), len(system.inputs)
+    if x0.ndim != 2 or inputs.ndim != 2 or x0.shape[1] != n or inputs.shape[1] != m:
+        raise ValueError(
+            f"{type(system).__name__}: states {x0.shape} and inputs {inputs.shape} must have {n} and {m} columns"
+        )
+
+
 @kernel
 def advance(step: int, x: Array, u: Array, p: Array, w: Array, h: float, following: Array) -> None:
     """One step by the address of a compiled one, from Python; ``following`` (states,) receives the new state."""
@@ -116,40 +127,75 @@ def advance(step: int, x: Array, u: Array, p: Array, w: Array, h: float, followi
 
 
 def stepped(system: System, x: Array, u: Array, *, step: float) -> Array:
-    """The states (states,) one step [s] after x (states,) under inputs u (inputs,) that act now, without delay."""
+    """The states (states,) one step [s] after x (states,) under inputs u (inputs,) that act now, without delay.
+
+    Raises ValueError for arrays of other sizes.
+    """
     following = np.empty(len(system.states))
     given = np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(u, dtype=float)
+    _fitting(system, given[0][None], given[1][None])
     advance(compiled(system).step, *given, system.values, system.weights, step, following)
     return following
+
+
+def output_of(system: System, x: Array, u: Array) -> Array:
+    """The outputs (outputs,) at states x (states,) under inputs u (inputs,) that act now, without delay."""
+    outputs = np.empty(len(system.outputs))
+    given = np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(u, dtype=float)
+    advance(compiled(system).output, *given, system.values, system.weights, 0.0, outputs)
+    return outputs
 
 
 class Sensitivities:
     """Rollouts with the derivatives of their outputs: the tangent-linear model, or forward sensitivity.
 
     Exact for the discrete simulation, in one pass (Maly & Petzold 1996, Appl. Numer. Math. 20). Where dry friction
-    begins or ceases to stick they jump, as the simulation has a corner. The columns are the parameters that are not
-    fixed, the weights, the states where a window begins, and constants added to the inputs.
+    begins or ceases to stick they jump, as the simulation has a corner.
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(
+        self,
+        system: System,
+        *,
+        parameters: Sequence[int] | None = None,
+        states: Sequence[int] | None = None,
+        inputs: Sequence[int] | None = None,
+    ) -> None:
+        """Columns: by ``parameters`` (indices, none of a fixed one), by all weights, by ``states`` where a window
+        begins, and by constants added to ``inputs``, in this order; None: by all.
+        """
         functions = compiled(system)
-        self._step, self.columns = functions.slopes(learn=True)
+        self._step, found = functions.slopes(learn=True)
         self._output, _ = functions.slopes(output=True, learn=True)
-        free = self.columns.parameters
-        names = [system.parameters[i].name for i in free]
+        self.columns, free = found, list(found.parameters)
+        self.parameters = free if parameters is None else list(parameters)
+        self.weights = found.weights
+        self.states = list(range(found.states)) if states is None else list(states)
+        self.inputs = list(range(found.inputs)) if inputs is None else list(inputs)
+        self._wide, offset = found.count, found.states + found.inputs
+        learnt = [offset + free.index(i) for i in self.parameters]
+        learnt += range(offset + len(free), offset + len(free) + found.weights)
+        names = [system.parameters[i].name for i in self.parameters]
         held = [system.delays.get(item.name) for item in system.inputs]
+        shifts = [
+            len(learnt) + len(self.states) + self.inputs.index(j) if j in self.inputs else -1
+            for j in range(found.inputs)
+        ]
+        self._learnt = np.array(learnt, dtype=np.int64)
+        self._begun = np.array(self.states, dtype=np.int64)
         self._delayed = np.array([names.index(name) if name in names else -1 for name in held], dtype=np.int64)
-        self._free = len(free)
+        self._shifted = np.array(shifts, dtype=np.int64)
 
     @property
     def count(self) -> int:
         """Number of columns."""
-        return len(self.columns.parameters) + self.columns.weights + self.columns.states + self.columns.inputs
+        return len(self._learnt) + len(self.states) + len(self.inputs)
 
     def rollouts(
         self, system: System, starts: Starts, x0: Array, inputs: Array, *, step: float, every: int, out: Array
     ) -> None:
         """Derivatives into ``out`` (samples, outputs, columns); see :func:`rollouts`."""
+        _fitting(system, x0, inputs)
         _tangents(
             self._step,
             self._output,
@@ -157,12 +203,12 @@ class Sensitivities:
             x0,
             inputs,
             system.input_delays / step,
-            self._delayed,
+            (self._learnt, self._begun, self._delayed, self._shifted),
             every,
             system.values,
             system.weights,
             step,
-            self._free,
+            self._wide,
             out,
         )
 
@@ -175,70 +221,71 @@ def _tangents(
     x0: Array,
     inputs: Array,
     delays: Array,
-    delay_columns: NDArray[np.int64],
+    columns: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
     every: int,
     p: Array,
     w: Array,
     h: float,
-    free: int,
+    wide: int,
     out: Array,
 ) -> None:
-    """Both functions have slopes by states, inputs, ``free`` parameters and weights; delay_columns (inputs,): which of
-    the parameters is the delay of each input, -1: none.
+    """Both functions have ``wide`` slopes. columns: of the slopes that are wanted as they are; of the states; for each
+    input the column of its delay and that of a constant added to it, -1: none.
     """
-    n, m, rows = x0.shape[1], inputs.shape[1], out.shape[1]
-    learnt = out.shape[2] - n - m  # parameters and weights
-    wide, count = n + m + learnt, out.shape[2]
-    x, following, u = np.empty(n), np.empty(n), np.empty(m)
+    learnt, begun, delayed_by, shifted = columns
+    n, m, rows, count, last = x0.shape[1], inputs.shape[1], out.shape[1], out.shape[2], inputs.shape[0] - 1
+    x, following, u, change = np.empty(n), np.empty(n), np.empty(m), np.zeros(m)
     y, slopes, by_output = np.empty(rows), np.empty((n, wide)), np.empty((rows, wide))
-    tangent, moved, drive = np.empty((n, count)), np.empty((n, count)), np.zeros((m, count))
+    tangent, moved = np.empty((n, count)), np.empty((n, count))
     for window in range(starts.shape[0]):
         first, k, samples, row = starts[window]
         tangent[:, :] = 0.0
-        drive[:, :] = 0.0
         for i in range(n):
             x[i] = x0[window, i]
-            tangent[i, learnt + i] = 1.0
-        for j in range(m):
-            drive[j, learnt + n + j] = 1.0
+        for c in range(begun.shape[0]):
+            tangent[begun[c], learnt.shape[0] + c] = 1.0
         for sample in range(samples):
             for repeat in range(every + 1):
                 if sample == 0 and repeat < every:
                     continue
                 delayed(inputs, delays, first, k, u)
                 for j in range(m):
-                    if delay_columns[j] >= 0:
-                        last = inputs.shape[0] - 1
+                    if delayed_by[j] >= 0:
                         whole = int(delays[j])
                         late = min(max(k - whole, first), last)
                         before = min(max(k - whole - 1, first), last)
-                        drive[j, delay_columns[j]] = (inputs[before, j] - inputs[late, j]) / h
+                        change[j] = (inputs[before, j] - inputs[late, j]) / h
                 if repeat < every:
                     call_slopes(step, x, u, p, w, h, 0.0, following, slopes)
-                    _chain(slopes, tangent, drive, learnt, moved)
+                    _chain(slopes, tangent, learnt, delayed_by, shifted, change, moved)
                     x, following = following, x
                     tangent, moved = moved, tangent
                     k += 1
                 else:
                     call_slopes(output, x, u, p, w, h, 0.0, y, by_output)
-                    _chain(by_output, tangent, drive, learnt, out[row + sample])
+                    _chain(by_output, tangent, learnt, delayed_by, shifted, change, out[row + sample])
 
 
 @inner
-def _chain(slopes: Any, tangent: Any, drive: Any, learnt: int, out: Any) -> None:
-    """The chain rule: out = slopes_x tangent + slopes_u drive + [slopes by parameters and weights, 0]."""
-    n, m, count, width = tangent.shape[0], drive.shape[0], tangent.shape[1], slopes.shape[1]
-    rows = slopes.shape[0]
+def _chain(slopes: Any, tangent: Any, learnt: Any, delayed_by: Any, shifted: Any, change: Any, out: Any) -> None:
+    """The chain rule: out = slopes_x tangent + [slopes by what is learnt] + slopes_u (of delays and constants)."""
+    rows, width = slopes.shape
+    n, count = tangent.shape
     # Bare memory: an index that could be negative keeps the compiler from making vectors of a loop.
-    s, t, d, o = pointer(slopes), pointer(tangent), pointer(drive), pointer(out)
+    s, t, o = pointer(slopes), pointer(tangent), pointer(out)
     for i in range(rows):
-        for c in range(learnt):
-            o[i * count + c] = s[i * width + n + m + c]
-        for c in range(learnt, count):
+        for c in range(learnt.shape[0]):
+            o[i * count + c] = s[i * width + learnt[c]]
+        for c in range(learnt.shape[0], count):
             o[i * count + c] = 0.0
-        for a in range(n + m):
+        for j in range(change.shape[0]):
+            slope = s[i * width + n + j]
+            if delayed_by[j] >= 0:
+                o[i * count + delayed_by[j]] += slope * change[j]
+            if shifted[j] >= 0:
+                o[i * count + shifted[j]] += slope
+        for a in range(n):
             slope = s[i * width + a]
-            row = t if a < n else d
-            first = (a if a < n else a - n) * count
-            for c in range(count):
-                o[i * count + c] += slope * row[first + c]
+            if slope != 0.0:
+                for c in range(count):
+                    o[i * count + c] += slope * t[a * count + c]

@@ -1,4 +1,4 @@
-"""Steppers: how a law becomes a step of time. A system names one; it is chosen beside the equations."""
+"""Steppers: how a law becomes a step of time. A system names one; it is chosen beside the law."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from hybrid_sysid_ros.core.contacts import Contact, Field
 from hybrid_sysid_ros.core.mathematics import Scalar
@@ -31,10 +32,11 @@ class Motion:
 class Stepper(ABC):
     """One step of time."""
 
-    stages: str = ""
-    """Source of loops around the printed function, for steppers that call the law several times; "": the whole step is
-    printed. See :mod:`~hybrid_sysid_ros.core.printing`.
-    """
+    staged: ClassVar[bool] = False
+    """Whether the step calls the law several times: then the law is printed once, with :meth:`around` about it."""
+    takes_contacts: ClassVar[bool] = False
+    is_map: ClassVar[bool] = False
+    """Whether the law is not a rate: a position of its own velocity is then not to be found in it."""
 
     @abstractmethod
     def advance(
@@ -44,9 +46,11 @@ class Stepper(ABC):
         None: exact.
         """
 
-    @property
-    def takes_contacts(self) -> bool:
-        return False
+    def around(self, states: int, columns: int | None) -> str:
+        """Source of the ``function`` that calls ``law(x, u, p, w, h, s, out)``, or with ``columns`` of slopes
+        ``law(x, u, p, w, h, s, out, slopes)``; see :mod:`~hybrid_sysid_ros.core.printing`.
+        """
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,8 @@ class ImplicitFriction(Stepper):
 
     Positions follow the new velocities (symplectic Euler for what swings); other states step explicitly.
     """
+
+    takes_contacts = True
 
     def advance(
         self, motion: Motion, x: Sequence[Scalar], u: Sequence[Scalar], h: Scalar, smoothing: Scalar | None
@@ -73,36 +79,12 @@ class ImplicitFriction(Stepper):
             following[position] = x[position] + h * following[velocity]
         return [*following, *hidden]
 
-    @property
-    def takes_contacts(self) -> bool:
-        return True
-
-
-@dataclass(frozen=True)
-class RungeKutta(Stepper):
-    """The classical method of order four, for systems without contacts.
-
-    Kutta (1901); Hairer, Norsett, Wanner (1993), Solving ODEs I, table II.1.2.
-    """
-
-    stages = "runge_kutta"
-
-    def advance(
-        self, motion: Motion, x: Sequence[Scalar], u: Sequence[Scalar], h: Scalar, smoothing: Scalar | None
-    ) -> list[Scalar]:
-        def moved(rates: Sequence[Scalar], share: float) -> list[Scalar]:
-            return [a + share * h * rate for a, rate in zip(x, rates, strict=True)]
-
-        k1 = motion.rates(x, u)
-        k2 = motion.rates(moved(k1, 0.5), u)
-        k3 = motion.rates(moved(k2, 0.5), u)
-        k4 = motion.rates(moved(k3, 1.0), u)
-        return moved([(a + 2.0 * b + 2.0 * c + d) / 6.0 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)], 1.0)
-
 
 @dataclass(frozen=True)
 class Sampled(Stepper):
     """The law is the map from one sample to the next, x(k + 1) = law(x(k), u(k)); it holds at its own period only."""
+
+    is_map = True
 
     def advance(
         self, motion: Motion, x: Sequence[Scalar], u: Sequence[Scalar], h: Scalar, smoothing: Scalar | None

@@ -4,38 +4,20 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core.contacts import Contact
-from hybrid_sysid_ros.core.mathematics import Scalar
+from hybrid_sysid_ros.core.contacts import Contact, Field
+from hybrid_sysid_ros.core.declaration import Variable, check, deflections, variables
+from hybrid_sysid_ros.core.mathematics import Scalar, rows
 from hybrid_sysid_ros.core.parameters import Parameter, declared
 from hybrid_sysid_ros.core.steppers import ImplicitFriction, Motion, Sampled, Stepper
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Variable:
-    """A state, an input or an output."""
-
-    name: str
-    unit: str
-
-    @classmethod
-    def of(cls, text: str | Variable) -> Variable:
-        """From "position [rad]"; without a unit it has none."""
-        if isinstance(text, Variable):
-            return text
-        name, _, rest = text.partition("[")
-        return cls(name=name.strip(), unit=rest.removesuffix("]").strip())
-
-    def __str__(self) -> str:
-        return f"{self.name} [{self.unit}]"
 
 
 Declared = Any
@@ -47,12 +29,12 @@ class System:
     """x' = law(x, u(t - delay)), y = output(x, u), with its parameters as fields (:func:`~.parameters.bounded`).
 
     A subclass names its states, inputs and outputs as "position [rad]" and writes the law. Whoever reads
-    them gets :class:`Variable`: subclasses are read when they are made.
+    them gets :class:`Variable`: a subclass is read when it is made, with a UserError where its parts don't fit.
     """
 
-    states: ClassVar[Declared]
+    states: ClassVar[Declared] = ()
     """Those of the law; the deflections of bristles come after them by themselves."""
-    inputs: ClassVar[Declared]
+    inputs: ClassVar[Declared] = ()
     outputs: ClassVar[Declared] = ()
     """What is measured: names of states, unless :meth:`output` says otherwise. Default: the first state."""
     contacts: ClassVar[tuple[Contact, ...]] = ()
@@ -64,24 +46,26 @@ class System:
     doubtful_terms: ClassVar[tuple[str, ...]] = ()
     """Terms that fits leave out unless asked for: records hardly tell them from others."""
 
+    _declared: ClassVar[tuple[Variable, ...]] = ()
+
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        own = cls.__dict__
+        own, kind = cls.__dict__, cls.__name__
         if "states" in own:
-            cls._declared = tuple(Variable.of(text) for text in own["states"])
+            cls._declared = variables(kind, "states", own["states"])
         if "inputs" in own:
-            cls.inputs = tuple(Variable.of(text) for text in own["inputs"])
-        known = getattr(cls, "_declared", ())
-        hidden = (Variable.of(contact.state) for contact in cls.contacts if contact.state)
-        cls.states = (*known, *hidden)
-        units = {item.name: item for item in known}
+            cls.inputs = variables(kind, "inputs", own["inputs"])
+        known = cls._declared
+        if not known:
+            return  # a wrapper: its objects have the states of what they wrap
+        cls.states = (*known, *deflections(kind, cls.contacts, known))
+        units = {item.name: item for item in cls.states}
         if "outputs" in own:
-            found = (Variable.of(text) for text in own["outputs"])
+            found = variables(kind, "outputs", own["outputs"])
             cls.outputs = tuple(item if item.unit else units.get(item.name, item) for item in found)
         elif not cls.outputs:
             cls.outputs = known[:1]
-
-    _declared: ClassVar[tuple[Variable, ...]] = ()
+        check(cls)
 
     # ------------------------------------------------------------------ what a rig writes
 
@@ -96,45 +80,31 @@ class System:
     # ------------------------------------------------------------------ what steppers read
 
     def motion(self) -> Motion:
-        """The law and its contacts, checked, as a stepper takes them. Raises UserError where they don't fit."""
-        kind, names = type(self).__name__, [item.name for item in self.states]
-        carriers = [contact.on for contact in self.contacts]
-        for name in carriers:
-            if name not in names:
-                raise UserError(f"{kind}: a contact is on {name!r}, which is no state: {', '.join(names)}")
-            if carriers.count(name) > 1:
-                raise UserError(f"{kind}: two contacts are on {name}; join them into one")
-        if carriers and not self.stepper.takes_contacts:
-            raise UserError(f"{kind}: {type(self.stepper).__name__} takes no contacts; use ImplicitFriction")
+        """The law and its contacts as a stepper takes them."""
+        names = [item.name for item in self.states]
         return Motion(rates=self._rates, contacts=self.contacts, field=self._field, names=names)
 
     def _rates(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        kind, count = type(self).__name__, len(self.declared_states)
-        try:
-            rates = list(self.law(x, u))
-        except UserError:
-            raise
-        except Exception as error:  # a user's law can raise anything
-            raise UserError(f"{kind}: law(x, u) can't be traced: {_cause(error)}") from error
+        rates, count = rows(self.law(x, u)), len(self.declared_states)
         if len(rates) != count:
-            raise UserError(f"{kind}: law(x, u) gives {len(rates)} rates for {count} states")
+            raise UserError(f"{type(self).__name__}: law(x, u) gives {len(rates)} rates for {count} states")
         return rates
 
-    def _field(self, value: str | float, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
-        """A field of a contact: a number, a parameter or a method."""
+    def _field(self, value: Field, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
+        """A field of a contact: a number, a parameter, a method or a function (system, x, u)."""
         if not isinstance(value, str):
-            return value
-        found = getattr(self, value, None)
-        if found is None:
-            raise UserError(f"{type(self).__name__}: a contact names {value!r}, which is neither parameter nor method")
+            return value(self, x, u) if callable(value) else value
+        found = getattr(self, value)
         return found(x, u) if callable(found) else found
 
     # ------------------------------------------------------------------ what it is made of
 
     @property
     def form(self) -> tuple[Any, ...]:
-        """What decides the compiled code: the class and its options, not the values of its parameters."""
-        return (type(self),)
+        """What decides the compiled code: the class and its fields, but not the values of parameters and weights."""
+        parameters, weights = {item.name for item in self.parameters}, self.weights
+        options = ((item.name, getattr(self, item.name)) for item in fields(self) if item.name not in parameters)
+        return (type(self), *(_key(value) for _, value in options if value is not weights))
 
     @property
     def design(self) -> dict[str, Any] | None:
@@ -233,7 +203,7 @@ class System:
     @property
     def delay(self) -> float:
         """The longest input delay [s]."""
-        return float(np.max(self.input_delays))
+        return float(np.max(self.input_delays, initial=0.0))
 
     # ------------------------------------------------------------------ how it meets records, and checks
 
@@ -244,15 +214,21 @@ class System:
         sample. Outputs that are states, and their rates where those are states too; the rest zero.
         """
         states = np.zeros((len(outputs), len(self.states)))
+        for state, (column, rate) in self.shown.items():
+            states[:, state] = (rates if rate else outputs)[:, column]
+        return states
+
+    @property
+    def shown(self) -> Mapping[int, tuple[int, bool]]:
+        """States that a record shows: state -> the output that it is, and whether it is its rate of change."""
         names = [item.name for item in self.states]
         direct = {names.index(item.name): k for k, item in enumerate(self.outputs) if item.name in names}
+        found = {state: (column, False) for state, column in direct.items()}
         for state, column in direct.items():
             velocity = self.kinematics.get(state)
             if velocity is not None and velocity not in direct:
-                states[:, velocity] = rates[:, column]
-        for state, column in direct.items():
-            states[:, state] = outputs[:, column]
-        return states
+                found[velocity] = column, True
+        return found
 
     @property
     def outside(self) -> tuple[tuple[Parameter, float], ...]:
@@ -281,8 +257,12 @@ class Recurrence(System):
     """Sampling time [s]."""
 
 
-def _cause(error: Exception) -> str:
-    text = " ".join(str(error).split())
-    if "truth value" in text or "scalar nodes" in text.lower() or "__bool__" in text:
-        return "Python's if, and, min and max can't look at a state; use select, minimum and maximum"
-    return f"{type(error).__name__}: {text[:200]}"
+def _key(value: Any) -> Any:
+    """What tells one option of a system from another."""
+    if isinstance(value, System):
+        return value.form
+    if isinstance(value, np.ndarray):
+        return value.shape, value.tobytes()
+    if isinstance(value, Mapping):
+        return tuple((name, _key(item)) for name, item in value.items())
+    return tuple(map(_key, value)) if isinstance(value, (list, tuple)) else value

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import casadi
+import numpy as np
 
 from hybrid_sysid_ros.core.blocks import Call, Calls, tracing
-from hybrid_sysid_ros.core.mathematics import Scalar, rounded
+from hybrid_sysid_ros.core.mathematics import Scalar, rounded, rows
 from hybrid_sysid_ros.support.errors import UserError
 
 if TYPE_CHECKING:
@@ -33,32 +34,42 @@ class Trace:
 
 def step_of(system: System, *, smooth: bool = False, weights: casadi.SX | None = None) -> Trace:
     """One step of the system. smooth: stick-slip rounded over s. weights: see :class:`~.blocks.Calls`."""
+    kinematics = kinematics_of(system)
 
-    def advance(bound: System, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> list[Scalar]:
-        motion = replace(bound.motion(), kinematics=kinematics_of(system))
+    def advance(bound: System, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
+        motion = replace(bound.motion(), kinematics=kinematics)
         with rounded(smooth):
             return bound.stepper.advance(motion, x, u, h, s if smooth else None)
 
-    return _traced(system, advance, weights)
+    return _traced(system, "the step", advance, weights)
 
 
 def law_of(system: System) -> Trace:
     """The rates of the states, for steppers that call the law several times."""
-    return _traced(system, lambda bound, x, u, h, s: bound.motion().rates(x[: len(bound.declared_states)], u), None)
+    count = len(system.declared_states)
+    return _traced(system, "law(x, u)", lambda bound, x, u, h, s: bound.motion().rates(x[:count], u), None)
 
 
 def output_of(system: System, *, weights: casadi.SX | None = None) -> Trace:
     """The outputs."""
 
-    def output(bound: System, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> list[Scalar]:
-        found = list(bound.output(x, u))
-        if len(found) != len(system.outputs):
-            raise UserError(
-                f"{type(system).__name__}: output(x, u) gives {len(found)} values for {len(system.outputs)} outputs"
-            )
+    def output(bound: System, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
+        found, count = rows(bound.output(x, u)), len(system.outputs)
+        if len(found) != count:
+            raise UserError(f"{type(system).__name__}: output(x, u) gives {len(found)} values for {count} outputs")
         return found
 
-    return _traced(system, output, weights)
+    return _traced(system, "output(x, u)", output, weights)
+
+
+def shown_states(system: System) -> tuple[int, ...]:
+    """For each output the state that it is, -1 where the map computes it."""
+    traced = output_of(system)
+    states = casadi.vertsplit(traced.x)
+    return tuple(
+        next((i for i, state in enumerate(states) if casadi.is_equal(output, state)), -1)
+        for output in casadi.vertsplit(traced.result)
+    )
 
 
 def kinematics_of(system: System) -> Mapping[int, int]:
@@ -71,18 +82,54 @@ def kinematics_of(system: System) -> Mapping[int, int]:
             i: j
             for i, rate in enumerate(casadi.vertsplit(traced.result))
             for j, state in enumerate(states)
-            if i != j and casadi.is_equal(rate, state)
+            if i != j and casadi.is_equal(rate, state) and not system.stepper.is_map
         }
     return _KINEMATICS[key]
 
 
 _KINEMATICS: dict[Any, Mapping[int, int]] = {}
 
+Traced = Callable[["System", list[Scalar], list[Scalar], Scalar, Scalar], Sequence[Scalar]]
+"""(system whose parameters are symbols, x, u, h, s) -> what is to be traced."""
 
-def _traced(system: System, function: Any, weights: casadi.SX | None) -> Trace:
+
+def _traced(system: System, what: str, function: Traced, weights: casadi.SX | None) -> Trace:
+    """Raises UserError where the function can't be traced, or gives no finite numbers at the origin."""
     x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u", len(system.inputs))
     p, h, s = casadi.SX.sym("p", len(system.parameters)), casadi.SX.sym("h"), casadi.SX.sym("s")
-    bound = system.bound(casadi.vertsplit(p) if len(system.parameters) else [])
-    with tracing(Calls(weights=weights)) as calls:
-        result = function(bound, casadi.vertsplit(x), casadi.vertsplit(u), h, s)
-    return Trace(x=x, u=u, p=p, h=h, s=s, result=casadi.vertcat(*result), calls=tuple(calls.made))
+    kind = type(system).__name__
+    try:
+        with tracing(Calls(weights=weights)) as calls:
+            result = casadi.vertcat(*function(system.bound(_split(p)), _split(x), _split(u), h, s))
+    except UserError:
+        raise
+    except Exception as error:  # what a user writes can raise anything
+        raise UserError(f"{kind}: {what} can't be traced: {_cause(error)}") from error
+    traced = Trace(x=x, u=u, p=p, h=h, s=s, result=casadi.SX(result), calls=tuple(calls.made))
+    values = system.values
+    if np.all(np.isfinite(values)):  # or it is the parameter that is wrong, which is told elsewhere
+        symbols = [x, u, p, h, s, *(call.outputs for call in calls.made)]
+        origin = casadi.Function("origin", symbols, [traced.result])
+        found = np.array(origin(0.0, 0.0, values, TRIAL_STEP, 0.0, *([0.0] * len(calls.made)))).ravel()
+        if not np.all(np.isfinite(found)):
+            names = [item.name for item in (system.outputs if what.startswith("output") else system.states)]
+            raise UserError(
+                f"{kind}: {what} is not finite for {names[int(np.argmin(np.isfinite(found)))]} where states and inputs "
+                "are zero; keep divisors from zero with maximum or select, and use core.mathematics in place of math"
+            )
+    return traced
+
+
+TRIAL_STEP = 1e-3
+"""Of time [s], for a look at a step."""
+
+
+def _split(column: casadi.SX) -> list[Scalar]:
+    return list(casadi.vertsplit(column)) if column.numel() else []
+
+
+def _cause(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    if "truth value" in text or "scalar nodes" in text.lower() or "__bool__" in text:
+        return "Python's if, and, min and max can't look at a state; use select, minimum and maximum"
+    return f"{type(error).__name__}: {text[:200]}"

@@ -1,13 +1,12 @@
 """Kalman filters and moving-horizon estimation on any model, behind one interface."""
 
-from hybrid_sysid_ros.estimation.estimate import Counters, Estimate, Estimator
+from hybrid_sysid_ros.estimation.estimator import Counters, Estimate, Estimator
 from hybrid_sysid_ros.estimation.extended_kalman_filter import ExtendedKalmanFilter
-from hybrid_sysid_ros.estimation.filter import Filter
 from hybrid_sysid_ros.estimation.moving_horizon_estimator import MovingHorizonEstimator
 from hybrid_sysid_ros.estimation.tuning import Channel, Tuning
 from hybrid_sysid_ros.estimation.unscented_kalman_filter import UnscentedKalmanFilter
 
-METHODS: dict[str, type[Filter]] = {
+METHODS: dict[str, type[Estimator]] = {
     "ekf": ExtendedKalmanFilter,
     "ukf": UnscentedKalmanFilter,
     "mhe": MovingHorizonEstimator,
@@ -21,7 +20,6 @@ __all__ = [
     "Estimate",
     "Estimator",
     "ExtendedKalmanFilter",
-    "Filter",
     "MovingHorizonEstimator",
     "Tuning",
     "UnscentedKalmanFilter",

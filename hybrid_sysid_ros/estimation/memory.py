@@ -1,18 +1,27 @@
-"""What the compiled code of an estimator works on, made once: numbers, channels, nodes of time and past inputs.
+"""What the compiled code of an estimator works on, made once: settings, channels, moments of time and past inputs.
 
-All are NumPy records, which compiled code reads by name and takes at the price of a pointer.
+Settings are one NumPy record whose type is the same for every system, so that loops are compiled once; its arrays,
+whose sizes the system decides, it names by their addresses.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from llvmlite import ir
+from numba import carray, types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Recurrence, System
+from hybrid_sysid_ros.core import Recurrence, System, compiled
+from hybrid_sysid_ros.core.compilation import inner
+from hybrid_sysid_ros.core.trace import shown_states
 from hybrid_sysid_ros.estimation.tuning import Tuning
+
+Array = NDArray[np.float64]
+Records = NDArray[np.void]
 
 LONGEST_STEP = 0.005
 """Longest integration step of a prediction [s]; the models are identified at this step or a shorter one."""
@@ -21,132 +30,212 @@ LONGEST_GAP = 1.0
 """Time without a measurement [s] over which a prediction is worth less than starting from the next measurement."""
 
 HUM_OBSERVABLE = 0.1
-"""Smallest |sin(pi f T)| at which a hum of f looks different from a position when sampled every T."""
+"""Smallest |sin(pi f T)| at which a hum of f looks different from a constant when sampled every T."""
 
-MAIN = 0
-"""Channel of the measurements that update() is given; the tuning's further ones follow."""
+SAME = 1e-6
+"""Stamps less than this apart [s] are one."""
 
-NONE = -1
-"""Channel of a node without a measurement."""
+EMPTY, GIVEN, USED, GATED, BEGUN = 0, 1, 2, 3, 4
+"""Fate of a reading: there is none, not looked at yet, used, an outlier, what the estimator began with."""
 
-UNUSED, USED, GATED, RESET = 0, 1, 2, 3
-"""What became of a node's measurement: nothing to use, used, an outlier, what the estimator started from again."""
+_INTEGERS = (
+    *("states", "inputs", "outputs", "channels", "size", "followed", "hums"),  # how many
+    *("step", "output", "weights"),  # addresses of functions and weights
+    *("windowed", "keep", "count", "at", "fresh", "wrong"),
+    # addresses of arrays, whose shapes memory_of() has
+    *("parameters", "followed_index", "low", "high", "start", "process", "input_noise", "delays", "turning", "applied"),
+    *("means", "roots", "predicted", "filtered", "predicted_roots", "slopes"),
+    *("rows", "sensitivity", "expected", "variance", "by_output", "shown", "above_shown", "below_shown"),
+    *("point", "centre", "above", "below", "gain", "acting", "drive", "pushed", "z"),
+)
+_NUMBERS = ("longest_step", "slack", "span", "gate", "lead")
+CORE = np.dtype([*((name, "i8") for name in _INTEGERS), *((name, "f8") for name in _NUMBERS)])
+"""windowed: whether the method optimises over the last ``span`` [s]. count: moments in use, keep: how many stay when
+there is no room, at: the one of the last measurement, fresh: the first one that was made for it; wrong: inputs that
+came with it and were no numbers. An interval becomes ceil(interval / longest_step - slack) steps. lead [s]: how far
+ahead an answer looks. gate: largest normalised squared innovation to believe.
+"""
+
+CHANNEL = np.dtype([("state", "i8"), ("output", "i8"), ("hum", "i8"), ("noise", "f8")])
+"""state: the one that is measured, -1: the output of the map. hum: place of its sine in z, -1: none. noise: variance.
+"""
+
+MOMENT = np.dtype([("time", "f8"), ("row", "i8")])
+"""time [s]; row: of its belief and its readings in the arrays."""
+
+READING = np.dtype([("value", "f8"), ("innovation", "f8"), ("normalised", "f8"), ("fate", "i8"), ("outliers", "i8")])
+"""Of a channel at a moment; innovation before any of the moment's readings, its normalised square after those of the
+channels before; outliers: in a row up to here.
+"""
+
+
+@intrinsic
+def _at(typingctx, address):  # type: ignore[no-untyped-def]
+    """A pointer to numbers from an address."""
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], ir.DoubleType().as_pointer())
+
+    return types.CPointer(types.float64)(types.int64), build
+
+
+@inner
+def numbers(address: int) -> Any:
+    """What is at an address, without a length."""
+    return _at(address)
+
+
+@inner
+def vector(address: int, length: int) -> Array:
+    """The array (length,) at an address."""
+    return carray(_at(address), (length,))  # type: ignore[no-any-return]
+
+
+@inner
+def matrix(address: int, rows: int, columns: int) -> Array:
+    """The array (rows, columns) at an address."""
+    return carray(_at(address), (rows, columns))  # type: ignore[no-any-return]
+
+
+@inner
+def mean_of(core: Any, row: int) -> Array:
+    """Mean (size,) of a belief."""
+    return vector(core.means + 8 * row * core.size, core.size)
+
+
+@inner
+def root_of(core: Any, row: int) -> Array:
+    """Root (size, size) of its covariance."""
+    return matrix(core.roots + 8 * row * core.size * core.size, core.size, core.size)
 
 
 class Memory(NamedTuple):
-    """core (1,), channels (channels,), nodes (capacity,), inputs (length,): records of the types below.
+    """What kernels are given first: records of the types above, and the past inputs.
 
-    The augmented state is z = [x, d, s, c, theta]: the model's (states,), input disturbance, hum and its quadrature,
-    and the followed parameters; ``size`` in all.
+    z = [x, d, hums, theta] of ``size`` entries: states, offset of each input, sine and cosine of the hum of each output
+    that hums, and the followed parameters.
     """
 
-    core: NDArray[np.void]
-    channels: NDArray[np.void]
-    nodes: NDArray[np.void]
-    inputs: NDArray[np.void]
+    core: Records
+    """(1,) of CORE."""
+    channels: Records
+    """(channels,) of CHANNEL: the outputs, then the tuning's further ones."""
+    moments: Records
+    """(capacity,) of MOMENT."""
+    readings: Records
+    """(capacity, channels) of READING."""
+    inputs: Array
+    """(length, 1 + inputs): end of an interval [s], integral of each input up to there; oldest first."""
 
 
-CHANNEL = np.dtype([("row", "i8"), ("noise", "f8"), ("hum", "f8")])
-"""row: state that is measured; noise: variance of a measurement; hum: 1 where the hum is in it, else 0."""
+def memory_of(
+    system: System, tuning: Tuning, *, period: float, step: float, span: float, lead: float, windowed: bool
+) -> tuple[Memory, dict[str, Array]]:
+    """A memory for measurements every ``period`` [s] that reaches back over ``span`` [s], and its arrays by name, which
+    must live as long.
 
-INPUT = np.dtype([("time", "f8"), ("integral", "f8")])
-"""End of an interval [s], and the integral of the input up to there."""
-
-
-def node_type(size: int, *, window: bool = False) -> np.dtype[np.void]:
-    """A node: time [s], value and channel of a measurement; innovation, its normalised square, and its fate.
-
-    mean (size,), root (size, size): the belief behind it, root the covariance or a square root of it. outliers: in a
-    row up to here. With a window, what its optimisation keeps: predicted (size,), predicted_covariance (size, size)
-    before the measurement, filtered (size,) behind it, transition (size, size) from the node before.
+    tuning: as :meth:`~.tuning.Tuning.checked` gives it. step: longest one of a prediction [s].
     """
-    numbers = [(name, "f8") for name in ("time", "value", "innovation", "normalised")]
-    counts = [(name, "i8") for name in ("channel", "fate", "outliers")]
-    vectors, matrices = ["mean"], ["root"]
-    if window:
-        vectors += ["predicted", "filtered"]
-        matrices += ["predicted_covariance", "transition"]
-    return np.dtype(
-        [
-            *numbers,
-            *counts,
-            *((name, "f8", (size,)) for name in vectors),
-            *((name, "f8", (size, size)) for name in matrices),
-        ]
-    )
-
-
-def core_type(size: int, parameters: int, weights: int) -> np.dtype[np.void]:
-    """Numbers that stay, the count of nodes, and workspaces.
-
-    numbers (parameters,): of the equation, the followed ones overwritten, weights (weights,) of what is learned.
-    followed: indices of the followed parameters, given: their values in the equation. low, high (size,): bounds of z;
-    process (size,): growth of the variance in a second; start (size,): variances at the start. delay [s]: of the
-    input. step [s]: longest one of a prediction, an interval becoming ceil(interval / step - slack) steps. span [s]:
-    how far back a window reaches. turning: of the hum [rad/s]. input_noise: its
-    power [unit^2 s]. gate, patience: of outliers. keep: how many nodes stay
-    when there is no room.
-    """
-    followed = max(size, 1)  # no fields without entries
-    return np.dtype(
-        [
-            *((name, "f8") for name in ("delay", "step", "slack", "span", "turning", "gate", "input_noise")),
-            *((name, "i8") for name in ("patience", "keep", "count")),
-            ("numbers", "f8", (max(parameters, 1),)),
-            ("weights", "f8", (max(weights, 1),)),
-            ("followed", "i8", (followed,)),
-            ("given", "f8", (followed,)),
-            *((name, "f8", (size,)) for name in ("low", "high", "process", "start", "column", "direction", "push")),
-            *((name, "f8", (size, size)) for name in ("jacobian", "product", "remainder")),
-            ("points", "f8", (3 * size + 3, size)),
-            ("drive", "f8", (1,)),
-        ]
-    )
-
-
-def memory_of(system: System, tuning: Tuning, *, period: float, span: float, window: bool) -> Memory:
-    """A memory for measurements every ``period`` [s] that reaches back over ``span`` [s].
-
-    window: whether the method optimises over the span. A recurrence has one step only, its own period.
-    """
-    states, followed = len(system.states), len(tuning.followed)
-    size, output = states + 3 + followed, system.measured[0]
-    # Sampled at a multiple of its period a hum looks like a position: then it can only count as noise.
-    hum = tuning.hum_hertz > 0 and abs(np.sin(np.pi * tuning.hum_hertz * period)) > HUM_OBSERVABLE
-    hum_variance = tuning.hum_amplitude**2
+    n, m, p = len(system.states), len(system.inputs), len(system.outputs)
+    channels, hums = _channels(system, tuning, period)
+    count, followed = len(channels), len(tuning.followed)
+    size = n + m + 2 * len(hums) + followed
     names = [item.name for item in system.parameters]
     chosen = [names.index(name) for name in tuning.followed]
-    drift = np.array([*tuning.followed.values()], dtype=float)
+    tail = n + m + 2 * len(hums)
 
-    core = np.zeros(1, core_type(size, len(names), len(system.weights)))
-    core["delay"], core["gate"], core["patience"] = system.delay, tuning.gate, tuning.patience
+    per_second, start = np.zeros(size), np.zeros(size)
+    low, high = np.full(size, -np.inf), np.full(size, np.inf)
+    per_second[: n + m] = [*tuning.process_noise, *tuning.disturbance_noise]
+    start[:n], start[n : n + m] = tuning.initial_deviation, 10.0 * per_second[n : n + m]
+    low[n : n + m], high[n : n + m] = -np.array(tuning.disturbance_limit), tuning.disturbance_limit
+    for k, output in enumerate(hums):
+        here = slice(n + m + 2 * k, n + m + 2 * k + 2)
+        per_second[here], start[here] = tuning.hum_noise[output], tuning.hum_amplitude[output]
+    per_second[tail:] = [*tuning.followed.values()]
+    start[tail:] = 10.0 * per_second[tail:]
+    low[tail:] = [system.parameters[index].low for index in chosen]
+    high[tail:] = [system.parameters[index].high for index in chosen]
+
     recurrent = isinstance(system, Recurrence)
-    step = core["step"] = system.period if isinstance(system, Recurrence) else LONGEST_STEP
-    core["slack"] = 0.5 if recurrent else 1e-6
-    core["span"] = span
-    core["input_noise"] = tuning.input_noise**2
-    core["turning"] = 2 * np.pi * tuning.hum_hertz if hum else 0.0
-    core["numbers"][0, : len(names)] = system.values
-    core["weights"][0, : len(system.weights)] = system.weights
-    core["followed"][0, :followed] = chosen
-    core["given"][0, :followed] = system.values[chosen]
-    low, high, process, start = (core[name][0] for name in ("low", "high", "process", "start"))
-    low[:], high[:] = -np.inf, np.inf
-    low[states], high[states] = -tuning.disturbance_limit, tuning.disturbance_limit
-    low[states + 3 :] = [system.parameters[index].low for index in chosen]
-    high[states + 3 :] = [system.parameters[index].high for index in chosen]
-    hum_drift = tuning.hum_noise if hum else 0.0
-    process[:] = np.array([*tuning.process_noise, tuning.disturbance_noise, hum_drift, hum_drift, *drift]) ** 2
-    start[:] = 100 * process
-    start[output] = tuning.measurement_noise**2 + hum_variance
-    start[states + 1 : states + 3] = hum_variance if hum else 0.0
+    keep = (2 + math.ceil((span + LONGEST_GAP) / min(period, step))) * (1 + len(tuning.channels))
+    capacity, past = 2 * keep + 2, math.ceil((span + system.delay) / period) + 64
+    windows = capacity if windowed else 0
+    points = 3 * size + 2 * m + 1
+    arrays: dict[str, Any] = {
+        "parameters": system.values,
+        "weights": system.weights,
+        "followed_index": np.array(chosen, dtype=float),
+        "low": low,
+        "high": high,
+        "start": start,
+        "process": per_second**2,
+        "input_noise": np.array(tuning.input_noise),
+        "delays": system.input_delays,
+        "turning": 2.0 * np.pi * np.array([tuning.hum_hertz[output] for output in hums]),
+        "means": np.zeros((capacity, size)),
+        "roots": np.zeros((capacity, size, size)),
+        "predicted": np.zeros((windows, size)),
+        "filtered": np.zeros((windows, size)),
+        "predicted_roots": np.zeros((windows, size, size)),
+        "slopes": np.zeros((windows, size, size)),
+        "rows": np.zeros((points, size)),
+        "sensitivity": np.zeros((count, size)),
+        "by_output": np.zeros((p, size)),
+        **{name: np.zeros(count) for name in ("expected", "variance")},
+        **{name: np.zeros(2 * p) for name in ("shown", "above_shown", "below_shown")},
+        **{name: np.zeros(size) for name in ("point", "centre", "above", "below", "gain", "z")},
+        **{name: np.zeros(m) for name in ("acting", "drive", "pushed", "applied")},
+    }
+    arrays = {name: np.ascontiguousarray(value, dtype=float) for name, value in arrays.items()}
+    core = np.zeros(1, CORE)
+    settings = {
+        "states": n,
+        "inputs": m,
+        "outputs": p,
+        "channels": count,
+        "size": size,
+        "followed": followed,
+        "hums": len(hums),
+        "step": compiled(system).step,
+        "output": compiled(system).output,
+        "windowed": windowed,
+        "keep": keep,
+        "longest_step": step,
+        "slack": 0.5 if recurrent else 1e-6,
+        "span": span,
+        "gate": tuning.gate,
+        "lead": lead,
+        **{name: value.ctypes.data for name, value in arrays.items()},
+    }
+    for name, value in settings.items():
+        core[name] = value
+    moments = np.zeros(capacity, MOMENT)
+    moments["row"] = np.arange(capacity)
+    memory = Memory(core, channels, moments, np.zeros((capacity, count), READING), np.zeros((2 * past, 1 + m)))
+    return memory, arrays
 
-    noise = tuning.measurement_noise**2 + (0.0 if hum else hum_variance)
-    channels = np.array(
-        [(output, noise, float(hum)), *((item.state, item.noise**2, 0.0) for item in tuning.channels.values())],
-        dtype=CHANNEL,
-    )
-    keep = (2 + math.ceil((span + LONGEST_GAP) / min(period, step))) * len(channels)
-    core["keep"] = keep
-    length = math.ceil((span + system.delay) / period) + 64
-    return Memory(core, channels, np.zeros(2 * keep + 2, node_type(size, window=window)), np.zeros(length, INPUT))
+
+def _channels(system: System, tuning: Tuning, period: float) -> tuple[Records, list[int]]:
+    """The channels, and the outputs whose hum is estimated.
+
+    Sampled at a multiple of its period a hum looks like a constant: then it can only count as noise.
+    """
+    offset = len(system.states) + len(system.inputs)
+    states, outputs = shown_states(system), [item.name for item in system.outputs]
+    names = [item.name for item in system.states]
+    found: list[tuple[int, int, int, float]] = []
+    hums: list[int] = []
+    for k, (noise, hertz, amplitude) in enumerate(
+        zip(tuning.measurement_noise, tuning.hum_hertz, tuning.hum_amplitude, strict=True)
+    ):
+        there = hertz > 0.0 and amplitude > 0.0
+        seen = there and abs(math.sin(math.pi * hertz * period)) > HUM_OBSERVABLE
+        hum = offset + 2 * len(hums) if seen else -1
+        found.append((states[k], k, hum, noise**2 + (amplitude**2 if there and not seen else 0.0)))
+        hums += [k] if seen else []
+    for channel in tuning.channels.values():
+        output = outputs.index(channel.of) if channel.of in outputs else -1
+        state = states[output] if output >= 0 else names.index(channel.of)
+        found.append((state, output, -1, channel.noise**2))
+    return np.array(found, dtype=CHANNEL), hums

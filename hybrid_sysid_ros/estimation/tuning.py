@@ -1,76 +1,118 @@
-"""What an estimator is told about the sensor and about what the model does not know."""
+"""What an estimator is told about the sensors and about what the model does not know."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
-from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core import System, Variable
 from hybrid_sysid_ros.support.errors import UserError
+
+Numbers = tuple[float, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """A further sensor. state: index of the one it measures; noise: deviation of a measurement [unit of the state]."""
+    """A further sensor with stamps of its own."""
 
-    state: int
+    of: str
+    """Name of the output or the state that it measures."""
     noise: float
+    """Deviation of a measurement [its unit]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tuning:
-    """measurement_noise: deviation of one measurement without hum [output unit]. process_noise: deviation of each state
-    after one second [state unit / sqrt(s)], velocities dominate. disturbance_noise: the same of the input disturbance
-    [drive unit / sqrt(s)], disturbance_limit: its bound. hum_hertz, hum_amplitude: a sine of known frequency in the
-    sensor [Hz, output unit], 0 for none; hum_noise: its drift [output unit / sqrt(s)]. gate: largest normalised squared
-    innovation of a measurement that is believed. patience: outliers in a row after which the measurement wins.
+    """Vectors are in the order of the system's outputs (p), inputs (m) or states (n); one value is valid for all."""
 
-    input_noise: white noise of the input [drive unit sqrt(s)]: what the model does not know about forces, and friction
-    swallows at rest. followed: parameters of the equation that change slowly, name -> deviation after one second [its
-    unit / sqrt(s)]; each stays within its bounds. channels: further sensors by name. window: age [s] up to which a
-    measurement that comes after newer ones is still used. horizon: measurements that a moving-horizon estimator looks
-    back over, in place of the window.
+    measurement_noise: Numbers
+    """Deviation of one measurement without hum, (p,) [output unit]."""
+    process_noise: Numbers
+    """Deviation of each state after one second, (n,) [state unit / sqrt(s)]; velocities dominate."""
+    disturbance_noise: Numbers
+    """The same of the offset of each input, (m,) [input unit / sqrt(s)]; 0: there is none."""
+    disturbance_limit: Numbers
+    """Largest offset to believe, (m,) [input unit]."""
+    input_noise: Numbers = (0.0,)
+    """White noise of each input, (m,) [input unit sqrt(s)]: what the model does not know about forces, and friction
+    swallows at rest.
     """
-
-    measurement_noise: float
-    process_noise: tuple[float, ...]
-    disturbance_noise: float
-    disturbance_limit: float
-    hum_hertz: float
-    hum_amplitude: float
-    hum_noise: float
-    gate: float
-    patience: int
-    input_noise: float = 0.0
+    hum_hertz: Numbers = (0.0,)
+    """Frequency of a sine in each sensor, (p,) [Hz]; 0: none."""
+    hum_amplitude: Numbers = (0.0,)
+    """(p,) [output unit]; 0: none."""
+    hum_noise: Numbers = (0.0,)
+    """Drift of the hum, (p,) [output unit / sqrt(s)]."""
+    initial_deviation: Numbers = ()
+    """Of each state that no sensor shows at the start, (n,) [state unit]; default: what its process noise makes of it
+    in 100 s.
+    """
+    gate: float = 25.0
+    """Largest normalised squared innovation of a measurement that is believed."""
+    patience: int = 5
+    """Outliers of a sensor in a row after which its measurement wins."""
     followed: Mapping[str, float] = field(default_factory=dict)
+    """Parameters of the system that change slowly: name -> deviation after one second [its unit / sqrt(s)]; each stays
+    within its bounds.
+    """
     channels: Mapping[str, Channel] = field(default_factory=dict)
+    """Further sensors by name."""
     window: float = 0.2
+    """Age [s] up to which a measurement that comes after newer ones is still used."""
     horizon: int = 20
+    """Measurements that a moving-horizon estimator looks back over, in place of the window."""
 
-    def check(self, system: System) -> None:
-        """Raise UserError where an estimator of the equation can't be made from these numbers."""
-        name, states = type(system).__name__, len(system.states)
-        if len(system.outputs) != 1 or len(system.inputs) != 1:
-            raise UserError(f"{name}: the filter takes one input and one output")
-        if len(self.process_noise) != states:
-            raise UserError(f"process_noise has {len(self.process_noise)} entries; the model has {states} states")
-        if not (math.isfinite(self.measurement_noise) and self.measurement_noise > 0.0):
-            raise UserError(f"measurement_noise is {self.measurement_noise:g}: it must be above 0")
-        if not (math.isfinite(self.input_noise) and self.input_noise >= 0.0):
-            raise UserError(f"input_noise is {self.input_noise:g}: it must be 0 at least")
-        if self.horizon < 1 or not 0.0 <= self.window < math.inf:
+    def checked(self, system: System) -> Tuning:
+        """The same with an entry for each state, input and output. Raises UserError where it doesn't fit the system."""
+        if not (self.horizon >= 1 and 0.0 <= self.window < math.inf):
             raise UserError(f"horizon is {self.horizon}, window {self.window:g} s: one measurement, 0 s at least")
-        known = {item.name: item for item in system.parameters}
-        for parameter, drift in self.followed.items():
-            if parameter not in known:
-                raise UserError(f"{name} has no parameter {parameter} to follow: it has {', '.join(known)}")
-            if known[parameter].fixed or parameter == "input_delay":
-                raise UserError(f"{name}: parameter {parameter} can't be followed: take another one")
+        if not (self.gate > 0.0 and self.patience >= 0):
+            raise UserError(f"gate is {self.gate:g}, patience {self.patience}: above 0, and 0 at least")
+        self._check_followed(system)
+        self._check_channels(system)
+        process = _each("process_noise", self.process_noise, system.states, "state")
+        initial = self.initial_deviation or tuple(10.0 * value for value in process)
+        return replace(
+            self,
+            measurement_noise=_each("measurement_noise", self.measurement_noise, system.outputs, "output", above=True),
+            process_noise=process,
+            disturbance_noise=_each("disturbance_noise", self.disturbance_noise, system.inputs, "input"),
+            disturbance_limit=_each("disturbance_limit", self.disturbance_limit, system.inputs, "input"),
+            input_noise=_each("input_noise", self.input_noise, system.inputs, "input"),
+            hum_hertz=_each("hum_hertz", self.hum_hertz, system.outputs, "output"),
+            hum_amplitude=_each("hum_amplitude", self.hum_amplitude, system.outputs, "output"),
+            hum_noise=_each("hum_noise", self.hum_noise, system.outputs, "output"),
+            initial_deviation=_each("initial_deviation", initial, system.states, "state"),
+        )
+
+    def _check_followed(self, system: System) -> None:
+        kind, known = type(system).__name__, {item.name: item for item in system.parameters}
+        for name, drift in self.followed.items():
+            if name not in known:
+                raise UserError(f"{kind} has no parameter {name} to follow: it has {', '.join(known)}")
+            if known[name].fixed or name in system.delays.values():
+                raise UserError(f"{kind}: parameter {name} can't be followed: take another one")
             if not (math.isfinite(drift) and drift > 0.0):
-                raise UserError(f"parameter {parameter} is to drift by {drift:g} a root of a second: give more than 0")
-        for label, channel in self.channels.items():
-            if not 0 <= channel.state < states:
-                raise UserError(f"channel {label} is of state {channel.state}; the model has {states}, from 0")
+                raise UserError(f"parameter {name} is to drift by {drift:g} a root of a second: give more than 0")
+
+    def _check_channels(self, system: System) -> None:
+        known = list(dict.fromkeys(item.name for item in (*system.outputs, *system.states)))
+        for name, channel in self.channels.items():
+            if channel.of not in known:
+                raise UserError(f"channel {name} is of {channel.of}, which is none of {', '.join(known)}")
             if not (math.isfinite(channel.noise) and channel.noise > 0.0):
-                raise UserError(f"channel {label}: noise is {channel.noise:g}: it must be above 0")
+                raise UserError(f"channel {name}: noise is {channel.noise:g}: it must be above 0")
+
+
+def _each(name: str, given: Numbers, of: Sequence[Variable], what: str, *, above: bool = False) -> Numbers:
+    """A number for each variable. Raises UserError for another count, and for numbers below 0 or, ``above``, of 0."""
+    values = tuple(given) * len(of) if len(given) == 1 else tuple(given)
+    if len(values) != len(of):
+        names = ", ".join(item.name for item in of)
+        raise UserError(f"{name} has {len(values)} entries for {len(of)} {what}s: {names}; give one for each, or one")
+    for item, value in zip(of, values, strict=True):
+        if not (value > 0.0 if above else value >= 0.0) or (value == math.inf and name != "disturbance_limit"):
+            least = "must be above 0" if above else "must be 0 at least"
+            raise UserError(f"{name} of {what} {item.name} is {value:g}: it {least}")
+    return values

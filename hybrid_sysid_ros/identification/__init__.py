@@ -3,7 +3,7 @@
 from hybrid_sysid_ros.identification.experiment import Experiment, prepare
 from hybrid_sysid_ros.identification.identify import evaluate, identify
 from hybrid_sysid_ros.identification.part import Part
-from hybrid_sysid_ros.identification.selection.blocks import Validation, cross_validate
+from hybrid_sysid_ros.identification.selection.cross_validation import Validation, cross_validate
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, score
 
 __all__ = [

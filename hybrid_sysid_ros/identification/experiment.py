@@ -20,15 +20,16 @@ SMOOTHING_SECONDS = 0.051
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Experiment:
-    """inputs (steps, inputs) over each step; outputs (samples, outputs) raw; states (samples, states) as far as the raw
-    outputs and their Savitzky-Golay rates show them, which serve as initial states only.
-    """
+    """A record on the grid of a simulation."""
 
     name: str
     sampling: Sampling
     inputs: Array
+    """Over each step, (steps, inputs)."""
     outputs: Array
+    """Raw ones at the scored samples, (samples, outputs)."""
     states: Array
+    """As far as the raw outputs and their Savitzky-Golay rates show them, (samples, states): initial states only."""
 
     @property
     def samples(self) -> int:
@@ -38,7 +39,7 @@ class Experiment:
 def prepare(record: Record, system: System, sampling: Sampling) -> Experiment:
     """Resample a record.
 
-    Raises UserError where its channels are not those of the equation, it is too short, or its rate does not fit the
+    Raises UserError where its channels are not those of the system, it is too short, or its rate does not fit the
     sampling.
     """
     channels, needed = (record.input.shape[1], record.output.shape[1]), (len(system.inputs), len(system.outputs))
@@ -76,7 +77,7 @@ def prepare(record: Record, system: System, sampling: Sampling) -> Experiment:
 
 
 def check_range(experiment: Experiment, system: System) -> None:
-    """Raise UserError for an experiment that leaves the range in which an equation may be used, with what left it."""
+    """Raise UserError for an experiment that leaves the range in which a system may be used, with what left it."""
     states = experiment.states
     for item, value in system.trained_on(states.min(axis=0), states.max(axis=0)).outside:
         raise UserError(

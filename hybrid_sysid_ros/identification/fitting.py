@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +17,7 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.covariance import covariances
 from hybrid_sysid_ros.identification.experiment import Experiment, check_range
 from hybrid_sysid_ros.identification.problem import Map, Problem
+from hybrid_sysid_ros.support import threads
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -36,38 +35,24 @@ ITERATIONS, COARSE, FINE = 40, 1e-3, 1e-6
 stopped early simulates unseen records as well, in half the time."""
 
 
-_threads = ContextVar("threads", default=2)
-"""Simulations that run side by side."""
-
-
-@contextmanager
-def alone() -> Iterator[None]:
-    """Keep fits to one thread: others work beside them."""
-    token = _threads.set(1)
-    try:
-        yield
-    finally:
-        _threads.reset(token)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
-    """A fitted equation with the covariance (free, free) of its free parameters, in their units.
-
-    names: the free parameters, physical ones first, then weights. spreads (free,): deviations by the cost alone, what
-    another fit is anchored with. nuisances (kinds, records): what was found beside the parameters, see
-    :class:`~hybrid_sysid_ros.identification.problem.Problem`. seconds: time of the optimisation, without compilation.
-    evaluations: simulations of all records, with or without derivatives.
-    """
+    """A fitted system, and how sure its numbers are."""
 
     system: System
     names: tuple[str, ...]
+    """The free parameters, physical ones first, then weights."""
     covariance: Array
+    """Of them, (free, free), in their units."""
     spreads: Array
+    """Their deviations by the cost alone, (free,): what another fit is anchored with."""
     nuisances: Array
+    """(kinds, records): what was found beside the parameters, see :class:`~.problem.Problem`."""
     relative_error: float
     seconds: float
+    """Of the optimisation, without compilation."""
     evaluations: int
+    """Simulations of all records, with or without derivatives."""
 
 
 def fit(
@@ -83,7 +68,7 @@ def fit(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Fit:
-    """Fit the free parameters and weights of an equation to several experiments at once.
+    """Fit the free parameters and weights of a system to several experiments at once.
 
     anchor: an earlier fit of the same physics, about which its parameters then stay (within a few deviations): what the
     physics can't explain is left to a network. ridge, bias, hold: see
@@ -91,7 +76,7 @@ def fit(
     first random by ``seed``; the best one goes on. Trust-region least squares with bounds; the Jacobian is exact
     and simulated in parallel threads.
 
-    Raises UserError for records without excitation or beyond the equation's range, and where every simulation
+    Raises UserError for records without excitation or beyond the system's range, and where every simulation
     diverges.
     """
     low = np.min([experiment.states.min(axis=0) for experiment in experiments], axis=0)
@@ -112,10 +97,11 @@ def fit(
     began = time.perf_counter()
     points = problem.starts(starts, seed)
     # The simulations are the parallel part: threads of linear algebra would only spin beside them.
-    with ThreadPoolExecutor(max_workers=_threads.get()) as threads, threadpool_limits(1):
+    with ThreadPoolExecutor(max_workers=threads.available()) as pool, threadpool_limits(1):
         for horizon in stages:
+            problem.carry(points[0], horizon)
             physical = horizon == stages[-1] and not len(system.weights)
-            solutions = [_solve(problem, horizon, point, FINE if physical else COARSE, threads.map) for point in points]
+            solutions = [_solve(problem, horizon, point, FINE if physical else COARSE, pool.map) for point in points]
             solution = min(solutions, key=lambda item: float(item.cost))
             points = [solution.x]
             relative = problem.relative_error(solution.fun)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import System, Variable, simulate
+from hybrid_sysid_ros.identification.experiment import Experiment, prepare
 from hybrid_sysid_ros.identification.fitting import Fit, Progress
 from hybrid_sysid_ros.models.recurrent import Recurrent
+from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.threads import one_torch_thread
@@ -23,42 +25,47 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Schedule:
-    """stages: (samples of a rollout, gradient steps) in turn; short ones first keep the cost near convex. batch:
-    rollouts in a step. rate: largest step size; it rises over the first tenth and falls along a cosine. decay: of the
-    weights, per step and step size. longest: norm beyond which a gradient is cut. check: steps between two looks at the
-    free run over the training records, of which the best one's weights are kept.
-    """
+    """How it is trained."""
 
     stages: tuple[tuple[int, int], ...] = ((20, 200), (40, 300), (80, 300))
+    """Samples of a rollout and gradient steps, in turn; short ones first keep the cost near convex."""
     batch: int = 64
+    """Rollouts in a step."""
     rate: float = 0.02
+    """Largest step size; it rises over the first tenth and falls along a cosine."""
     decay: float = 1e-4
+    """Of the weights, per step and step size."""
     longest: float = 1.0
+    """Norm beyond which a gradient is cut."""
     check: int = 50
+    """Steps between two looks at the free run over the training records, of which the best one's weights are kept."""
 
 
 def train(
-    experiments: Sequence[Experiment],
+    records: Sequence[Record],
+    rig: System,
+    sampling: Sampling,
     *,
     units: int = 24,
     seed: int = 0,
     schedule: Schedule = Schedule(),
     progress: Progress | None = None,
 ) -> Fit:
-    """A :class:`~hybrid_sysid_ros.models.recurrent.Recurrent` of the experiments' step, trained on all of them at once.
+    """A :class:`~hybrid_sysid_ros.models.recurrent.Recurrent` of the sampling's step, trained on all records at once.
 
-    experiments: prepared for a Recurrent, ``prepare(record, Recurrent(), sampling)``, or for another equation whose
-    states 0 and 1 are the one output and its rate. Rollouts begin at random samples, where the encoder sees position
-    and rate; the loss is on positions only, each in deviations of its record's output, so that small motion counts as
-    much as wide motion. Adam with weight decay (Loshchilov and Hutter 2019), in one thread; the same seed gives the
-    same weights on one machine.
+    rig: the rig's own system, for the names of signals. Rollouts begin at random samples, where the encoder sees
+    outputs and their rates; the loss is on outputs only, each in deviations of its record's output, so that small
+    motion counts as much as wide motion. Adam with weight decay (Loshchilov and Hutter 2019), in one thread; the same
+    seed gives the same weights on one machine.
 
-    Raises UserError for records sampled differently, shorter than the first stage's rollouts, constant, or of several
-    inputs or outputs, and where torch is missing.
+    Raises UserError for records that are shorter than the first stage's rollouts or constant, and where torch is
+    missing.
     """
     torch = _torch()
-    data = _Data(experiments, shortest=schedule.stages[0][0])
-    system = data.start(units).initial(seed)
+    plain = begin(rig, sampling.step, units)
+    experiments = [prepare(record, plain, sampling) for record in records]
+    data = _Data(plain, experiments, shortest=schedule.stages[0][0])
+    system = data.system.initial(seed)
     random = np.random.default_rng(seed)
     began = time.perf_counter()
     steps = sum(count for _, count in schedule.stages)
@@ -99,88 +106,91 @@ def train(
     )
 
 
-def rollout(system: Recurrent, weights: Any, starts: Array, inputs: Array, every: int) -> Any:
-    """Positions (samples, rollouts) [rad] at every ``every``-th step after the first sample, as a tensor.
+def begin(rig: System, period: float, units: int) -> Recurrent:
+    """A network of zeros with the signals of a rig; rates of positions have the names of the rig's velocities."""
+    names = [item.name for item in rig.states]
+    velocities = {names[i]: rig.states[j] for i, j in rig.kinematics.items()}
+    rates = tuple(
+        velocities.get(item.name, Variable(name=f"{item.name}_rate", unit=f"{item.unit}/s")) for item in rig.outputs
+    )
+    taken = [item.name for item in rig.outputs]
+    rates = tuple(replace(r, name=f"{y}_rate") if r.name in taken else r for r, y in zip(rates, taken, strict=True))
+    return Recurrent(period=period, units=units, outputs=rig.outputs, inputs=rig.inputs, rates=rates)
 
-    The torch form of an equation. weights (size,): a tensor in place of the equation's own; starts (2, rollouts):
-    measured positions and rates; inputs (steps, rollouts).
+
+def rollout(system: Recurrent, weights: Any, starts: Array, inputs: Array, every: int) -> Any:
+    """Outputs (samples, rollouts, outputs) at every ``every``-th step after the first sample, as a tensor.
+
+    The torch form of the system. weights (size,): a tensor in place of its own; starts (rollouts, 2 outputs): measured
+    outputs and rates; inputs (steps, rollouts, inputs).
     """
     torch = _torch()
-    parts = system.parts(weights)
-    scales = np.array([[system.position_scale], [system.rate_scale]])
-    measured = torch.from_numpy((starts / scales).T).to(weights.dtype)
-    hidden = torch.tanh(measured @ parts["encoder"].T + parts["encoder_bias"])
-    drive = torch.from_numpy(inputs / system.drive_scale).to(weights.dtype)
+    parts, p = system.parts(weights), len(system.outputs)
+    scales = np.array(system.scales)
+    hidden = torch.tanh(
+        torch.from_numpy(starts / scales[: 2 * p]).to(weights.dtype) @ parts["encoder"].T + parts["encoder_bias"]
+    )
+    drive = torch.from_numpy(inputs / scales[2 * p :]).to(weights.dtype)
     gates = torch.cat([torch.zeros(2 * system.units, dtype=weights.dtype), parts["reset_bias"]])
     learned = [parts["drive"], parts["recurrent"], parts["bias"], gates]
-    states, _ = torch.gru(drive[..., None], hidden[None], learned, True, 1, 0.0, False, False, False)
-    return system.position_scale * (states[every - 1 :: every] @ parts["readout"] + parts["readout_bias"])
+    states, _ = torch.gru(drive, hidden[None], learned, True, 1, 0.0, False, False, False)
+    return torch.from_numpy(scales[:p]) * (states[every - 1 :: every] @ parts["readout"].T + parts["readout_bias"])
 
 
 class _Data:
     """The experiments side by side: scored samples and steps of all records in one row each."""
 
-    def __init__(self, experiments: Sequence[Experiment], *, shortest: int) -> None:
+    def __init__(self, system: Recurrent, experiments: Sequence[Experiment], *, shortest: int) -> None:
         _check(experiments, shortest)
         self.experiments = experiments
         self.sampling = experiments[0].sampling
         self.every = self.sampling.every
         self.samples = np.array([item.samples for item in experiments])
-        self.positions = np.concatenate([item.outputs[:, 0] for item in experiments])
-        self.rates = np.concatenate([item.states[:, 1] for item in experiments])
-        self.inputs = np.concatenate([item.inputs[:, 0] for item in experiments])
-        self.deviations = np.array([float(np.std(item.outputs[:, 0])) for item in experiments])
+        p = len(system.outputs)
+        self.measured = np.concatenate([item.states[:, : 2 * p] for item in experiments])
+        self.inputs = np.concatenate([item.inputs for item in experiments])
+        self.deviations = np.array([np.std(item.outputs, axis=0) for item in experiments])
         self.first_samples = np.cumsum([0, *self.samples[:-1]])
         self.first_steps = np.cumsum([0, *(len(item.inputs) for item in experiments[:-1])])
-
-    def start(self, units: int) -> Recurrent:
-        """A network of zeros in the units of the data: root mean squares."""
-        scales = [float(f"{np.sqrt(np.mean(v**2)):.4g}") for v in (self.positions, self.rates, self.inputs)]
-        return Recurrent(
-            period=self.sampling.step,
-            units=units,
-            position_scale=scales[0],
-            rate_scale=scales[1],
-            drive_scale=scales[2],
-        )
+        squares = np.concatenate([np.mean(self.measured**2, axis=0), np.mean(self.inputs**2, axis=0)])
+        self.system = replace(system, scales=tuple(float(f"{value:.4g}") or 1.0 for value in np.sqrt(squares)))
+        """In the units of the data: root mean squares."""
 
     def batch(self, random: np.random.Generator, count: int, horizon: int) -> tuple[Array, Array, Array, Array]:
-        """Rollouts of up to ``horizon`` samples that begin anywhere: measured positions and rates (2, count), inputs
-        (steps, count), positions (samples, count) after the first, and deviations of their records (count,).
+        """Rollouts of up to ``horizon`` samples that begin anywhere: measured outputs and rates (count, 2 outputs),
+        inputs (steps, count, inputs), outputs (samples, count, outputs) after the first, and their records' deviations
+        (count, outputs).
         """
         length = min(horizon, int(self.samples.min()) - 1)
         chosen = random.choice(len(self.samples), size=count, p=self.samples / self.samples.sum())
         begin = random.integers(self.samples[chosen] - length)
         sample = self.first_samples[chosen] + begin
         step = self.first_steps[chosen] + begin * self.every
+        outputs = self.measured[:, : len(self.system.outputs)]
         return (
-            np.stack([self.positions[sample], self.rates[sample]]),
+            self.measured[sample],
             self.inputs[step + np.arange(length * self.every)[:, None]],
-            self.positions[sample + np.arange(1, length + 1)[:, None]],
+            outputs[sample + np.arange(1, length + 1)[:, None]],
             self.deviations[chosen],
         )
 
     def free_run_error(self, system: Recurrent) -> float:
         """Root mean square of the free-run errors over all records, each in deviations of its output."""
-        squares = []
+        squares, p = [], len(system.outputs)
         for item, deviation in zip(self.experiments, self.deviations, strict=True):
-            start = system.observed(item.outputs[:1], item.states[:1, 1:2], item.inputs[:1])[0]
+            start = system.observed(item.outputs[:1], item.states[:1, p : 2 * p], item.inputs[:1])[0]
             states = simulate(system, start, item.inputs, step=self.sampling.step, every=self.every)
-            squares.append(((states[:, 0] - item.outputs[:, 0]) / deviation) ** 2)
+            squares.append(((states[:, :p] - item.outputs) / deviation) ** 2)
         return float(np.sqrt(np.mean(np.concatenate(squares))))
 
 
 def _check(experiments: Sequence[Experiment], shortest: int) -> None:
-    if len({item.sampling for item in experiments}) > 1:
-        raise UserError("recurrent network: the records are sampled differently")
     for item in experiments:
-        if item.outputs.shape[1] != 1 or item.inputs.shape[1] != 1:
-            raise UserError(f"{item.name}: a recurrent network has one input and one output")
         if item.samples <= shortest:
             raise UserError(
                 f"{item.name}: {item.samples} samples are too short: training needs rollouts of {shortest} at least"
             )
-        if min(np.ptp(item.outputs), np.ptp(item.inputs)) == 0.0:
+        if min(np.ptp(item.outputs, axis=0).min(), np.ptp(item.inputs, axis=0).min()) == 0.0:
             raise UserError(f"{item.name}: input or output is constant; leave the record out")
 
 

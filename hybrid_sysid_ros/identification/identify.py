@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.experiment import Experiment, check_range, prepare
 from hybrid_sysid_ros.identification.fitting import Progress
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.recipes import Recipe
-from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, score
+from hybrid_sysid_ros.identification.validation.scores import Scores, score_free_run
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.options import Options
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -54,6 +53,7 @@ def identify(
     ]
     return Model(
         rig=rig.name,
+        place="" if rig.source == rig.name else rig.source,
         structure=structure,
         system=fitted.system,
         sampling=holds,
@@ -64,7 +64,7 @@ def identify(
             {"name": r.name, "source": Path(r.source).name, "sha256": r.digest, "part": [part.start, part.stop]}
             for r in records
         ),
-        scores={item.name: asdict(_scores(fitted.system, item)) for item in experiments},
+        scores={item.name: score_free_run(fitted.system, item).content for item in experiments},
         fit={
             "options": chosen,
             "relative_error": fitted.relative_error,
@@ -80,10 +80,11 @@ def check_record(record: Record, rig: Rig, sampling: Sampling) -> None:
     for column, variable in enumerate(rig.system.inputs):
         if column < record.input.shape[1] and np.ptp(record.input[:, column]) == 0.0:
             raise UserError(f"{record.name}: input {variable.name} is constant: no excitation; leave the record out")
-    for column, state in enumerate(rig.system.measured):
+    for column, variable in enumerate(rig.system.outputs):
         if column < record.output.shape[1] and np.ptp(record.output[:, column]) == 0.0:
-            name = rig.system.states[state].name
-            raise UserError(f"{record.name}: output {name} is constant, so it can't be scored; leave the record out")
+            raise UserError(
+                f"{record.name}: output {variable.name} is constant, so it can't be scored; leave the record out"
+            )
     samples = replace(sampling, step=sampling.period)  # the scored ones; the step is the structure's own matter
     check_range(prepare(record, rig.system, samples), rig.system)
 
@@ -93,16 +94,9 @@ def evaluate(model: Model, record: Record, *, part: Part = Part()) -> Scores:
 
     Raises UserError where the record does not fit the model's sampling.
     """
-    return _scores(model.system, experiment_of(model, record, part=part))
+    return score_free_run(model.system, experiment_of(model, record, part=part))
 
 
 def experiment_of(model: Model, record: Record, *, part: Part = Part()) -> Experiment:
     """A record made ready for a model, at the sampling that the model was identified at."""
     return prepare(part.of(record, model.sampling), model.system, model.sampling)
-
-
-def _scores(system: System, experiment: Experiment) -> Scores:
-    try:
-        return score(experiment.outputs[:, 0], free_run(system, experiment)[:, 0])
-    except UserError as error:
-        raise UserError(f"{experiment.name}: {error}; leave the record out") from None

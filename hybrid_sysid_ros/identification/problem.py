@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Sensitivities, System, rollouts
+from hybrid_sysid_ros.core import Recurrence, Sensitivities, System, rollouts
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -28,14 +29,18 @@ INITIAL_SPREAD = 0.1
 SHARES = 4
 """Parts of one simulation with derivatives that may run side by side."""
 
+WIDEST = 10.0
+"""Hidden states that a simulation gives to the next one's start, in their deviations: it may still diverge."""
+
 
 class Problem:
-    """The residuals of one equation on several experiments, as a function of one scaled vector, the point.
+    """The residuals of one system on several experiments, as a function of one scaled vector, the point.
 
         free parameters, weights (both shared by all records) | initial states | biases (both of each record)
 
-    The second half are nuisances: what a record began with and what stood on its input [drive unit], which no model
-    can know, so that the shared part does not have to explain it.
+    Each output's errors count in its own deviation. The second half are nuisances: what a record began with, about what
+    it shows or, for states that it does not show, about zero; and what stood on its inputs; no model can know them, so
+    that the shared part does not have to explain it.
     """
 
     def __init__(
@@ -50,8 +55,8 @@ class Problem:
         hold: Sequence[str] = (),
     ) -> None:
         """centres, spreads (free,): priors of the free parameters, in their units, instead of the declared ones. ridge:
-        prior deviation of weights is 1 / sqrt(ridge). bias: prior deviation of each record's input bias, 0 for none.
-        hold: names of parameters that stay as they are.
+        prior deviation of weights is 1 / sqrt(ridge). bias: prior deviation of each input's bias in a record, as part
+        of the input's deviation; 0: there is none. hold: names of parameters that stay as they are.
         """
         if len({experiment.sampling for experiment in experiments}) > 1:
             raise UserError("identification: the records are sampled differently")
@@ -74,10 +79,15 @@ class Problem:
             f"weight_{index}" for index in range(len(system.weights))
         )
         self.shared = len(self.scales)
-        self.moved_states = sorted({*system.measured, *(system.kinematics.get(i, i) for i in system.measured)})
+        self.hidden = _hidden(system)
+        self._spread = self._hidden_spread()
+        self._carried = [np.zeros((item.samples, len(self.hidden))) for item in experiments]
+        self.moved_states = sorted(_shown(system)) + list(self.hidden)
         states = np.concatenate([item.states for item in experiments])
-        units = [INITIAL_SPREAD * max(float(np.std(states[:, i])), 1e-9) for i in self.moved_states]
-        units += [bias] * self.inputs.shape[1] if bias > 0 else []
+        units = [INITIAL_SPREAD * max(float(np.std(states[:, i])), 1e-9) for i in sorted(_shown(system))]
+        units += self._spread.tolist()
+        self.biased = list(range(self.inputs.shape[1])) if bias > 0 else []
+        units += [bias * float(np.std(self.inputs[:, j])) for j in self.biased]
         self.nuisance_units = np.array(units)
         """Prior deviation of each kind of nuisance; each has one value a record, point[shared + kind * records + i]."""
         self.evaluations = 0
@@ -114,7 +124,7 @@ class Problem:
         return self.windows(horizon)[3] * len(self.system.outputs)
 
     def with_point(self, point: Array) -> System:
-        """The equation at a point."""
+        """The system at a point."""
         values = self.system.values
         shared = point[: self.shared] * self.scales
         values[self.free] = shared[: len(self.free)]
@@ -133,16 +143,43 @@ class Problem:
         weights = np.sqrt(self.ridge) * point[physical : self.shared]
         return np.concatenate([(values - self.centres) / self.spreads, weights, point[self.shared :]])
 
+    def carry(self, point: Array, horizon: int | None) -> None:
+        """Take states that records do not show, where rollouts begin within one, from a simulation at a point."""
+        if not len(self.hidden) or horizon is None:
+            return
+        starts, states, _, edges = self.windows(None)
+        system, initial, inputs = self.placed(point, starts, states, edges)
+        found, _ = rollouts(system, starts, initial, inputs, step=self.sampling.step, every=self.sampling.every)
+        held = np.clip(np.nan_to_num(found[:, self.hidden]), -WIDEST * self._spread, WIDEST * self._spread)
+        self._carried = [held[begin:end] for begin, end in pairwise(edges)]
+
+    def _hidden_spread(self) -> Array:
+        """What hidden states are worth where a fit begins: root mean squares of a simulation, (hidden,)."""
+        if not len(self.hidden):
+            return np.zeros(0)
+        squares = []
+        for first, item in zip(self.first_steps, self.experiments, strict=True):
+            starts = np.array([[first, first, item.samples, 0]])
+            given = self.inputs, self.sampling.step, self.sampling.every
+            found, _ = rollouts(self.system, starts, item.states[:1].copy(), given[0], step=given[1], every=given[2])
+            with np.errstate(over="ignore", invalid="ignore"):
+                squares.append(np.mean(found[:, self.hidden] ** 2, axis=0))
+        values = np.sqrt(np.mean(squares, axis=0))
+        return np.asarray(np.where(np.isfinite(values) & (values > 1e-9) & (values < 1e6), values, 1.0))
+
     def windows(self, horizon: int | None) -> tuple[NDArray[np.int64], Array, Array, NDArray[np.int64]]:
         """Rollouts of ``horizon`` samples: starts (windows, 4), initial states (windows, states), outputs
         (samples, outputs), and the row where each record begins (records + 1,).
         """
         starts, states, outputs, offset, edges = [], [], [], 0, [0]
-        for first, experiment in zip(self.first_steps, self.experiments, strict=True):
+        for first, experiment, carried in zip(self.first_steps, self.experiments, self._carried, strict=True):
             length = experiment.samples - 1 if horizon is None else min(horizon, experiment.samples - 1)
             for begin in range(0, experiment.samples - length, length):
                 starts.append((first, first + begin * self.sampling.every, length + 1, offset))
-                states.append(experiment.states[begin])
+                state = experiment.states[begin].copy()
+                if begin:
+                    state[self.hidden] = carried[begin]
+                states.append(state)
                 outputs.append(experiment.outputs[begin : begin + length + 1])
                 offset += length + 1
             edges.append(offset)
@@ -194,14 +231,7 @@ class Problem:
         starts, states, outputs, edges = self.windows(horizon)
         rows, count = outputs.size, outputs.shape[1]
         weight = self.weight(outputs)
-        sensitivities = Sensitivities(self.system)
-        columns = sensitivities.columns
-        unfixed = list(columns.parameters)
-        shared = [unfixed.index(i) for i in self.free]
-        shared += range(len(unfixed), len(unfixed) + columns.weights)
-        first = len(unfixed) + columns.weights
-        nuisances = [first + i for i in self.moved_states]
-        nuisances += range(first + columns.states, first + columns.states + columns.inputs)
+        sensitivities = Sensitivities(self.system, parameters=self.free, states=self.moved_states, inputs=self.biased)
         shares = np.array_split(starts, min(SHARES, len(starts)))
         begins = np.isin(starts[:, 3], edges[:-1])
         inside = np.repeat(begins, starts[:, 2])
@@ -224,9 +254,9 @@ class Problem:
         def evaluate(at: Array) -> Array:
             result = np.zeros((rows + len(at), len(at)))
             out = tangent(at)
-            result[:rows, : self.shared] = (out[:, :, shared] * self.scales).reshape(rows, self.shared)
-            for kind, (column, unit) in enumerate(zip(nuisances, self.nuisance_units, strict=False)):
-                change = unit * out[:, :, column] * (inside[:, None] if kind < moved else 1.0)
+            result[:rows, : self.shared] = (out[:, :, : self.shared] * self.scales).reshape(rows, self.shared)
+            for kind, unit in enumerate(self.nuisance_units):
+                change = unit * out[:, :, self.shared + kind] * (inside[:, None] if kind < moved else 1.0)
                 for record in range(records):
                     part = slice(edges[record], edges[record + 1])
                     place = self.shared + kind * records + record
@@ -239,6 +269,16 @@ class Problem:
             return result
 
         return evaluate
+
+
+def _shown(system: System) -> list[int]:
+    """States where a record's own beginning counts. Of a recurrence these are its outputs: the rest is its past."""
+    return [i for i, (_, rate) in system.shown.items() if not (rate and isinstance(system, Recurrence))]
+
+
+def _hidden(system: System) -> list[int]:
+    """States that records don't show."""
+    return [] if isinstance(system, Recurrence) else [i for i in range(len(system.states)) if i not in system.shown]
 
 
 def _check_excitation(system: System, inputs: Array, deviation: Array) -> None:

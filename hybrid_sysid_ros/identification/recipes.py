@@ -6,23 +6,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.identification.experiment import Experiment, prepare
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.fitting import STAGES, Fit, Progress, fit
 from hybrid_sysid_ros.identification.gradient_training import train
 from hybrid_sysid_ros.identification.selection.term_selection import select_terms
+from hybrid_sysid_ros.identification.starting import begun, magnitudes
 from hybrid_sysid_ros.models import Sampling, build
 from hybrid_sysid_ros.models.hybrid import Hybrid, averaged
+from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.options import Options, complete
 from hybrid_sysid_ros.models.recurrent import PERIOD as RECURRENT_PERIOD
-from hybrid_sysid_ros.models.recurrent import Recurrent
-from hybrid_sysid_ros.models.structures import options_of
+from hybrid_sysid_ros.models.structures import options_of, structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
-
-FEATURE_SCALE = 1.5
-"""Scale of a network's feature, in root mean squares of the training data."""
+from hybrid_sysid_ros.support.errors import UserError
 
 NARX_RIDGE = 1e-6
 """Its terms are chosen already: nothing pulls their coefficients to zero."""
@@ -42,7 +41,8 @@ class Recipe:
     @property
     def chosen(self) -> dict[str, float | int]:
         """All options, defaults included."""
-        return complete(self.options, options_of(self.structure, self.rig.system), self.structure)
+        known = options_of(self.structure, self.rig.system, self.rig.structures)
+        return complete(self.options, known, self.structure)
 
     def fit(self, records: Sequence[Record]) -> tuple[Fit, Sampling]:
         """The fit, and the sampling that it holds at. Raises UserError as the parts of it do."""
@@ -50,24 +50,21 @@ class Recipe:
             return self._narx(records)
         if self.structure == "recurrent":
             return self._recurrent(records)
-        return self._rollouts(records), self.sampling
+        row, box = structure_of(self.structure, self.rig.structures)
+        if row.network == "anchored":
+            return self._anchored(box, records), self.sampling
+        if row.network == "frozen":
+            first = self._one(box, records)
+            return self._one(self.structure, records, start=first, hold=first.names), self.sampling
+        return self._one(self.structure, records), self.sampling
 
-    def _rollouts(self, records: Sequence[Record]) -> Fit:
-        """Least squares on compiled rollouts."""
-        if self.structure == "hybrid":
-            return self._hybrid(records)
-        if self.structure == "hybrid_frozen":
-            first = self._one("linear", records)
-            return self._one(self.structure, records, start=first, hold=first.names, stages=STAGES)
-        return self._one(self.structure, records, stages=STAGES)
-
-    def _hybrid(self, records: Sequence[Record]) -> Fit:
+    def _anchored(self, box: str, records: Sequence[Record]) -> Fit:
         """The gray box first; then networks of several seeds about it, averaged into one, so that they learn what the
         physics leaves and no single seed decides.
         """
-        gray = self._one("gray", records)
+        gray = self._one(box, records)
         members = [
-            self._one("hybrid", records, start=gray, anchor=gray, stages=STAGES[-2:], member=member)
+            self._one(self.structure, records, start=gray, anchor=gray, stages=STAGES[-2:], member=member)
             for member in range(int(self.chosen["members"]))
         ]
         hybrids = [member.system for member in members if isinstance(member.system, Hybrid)]
@@ -90,25 +87,57 @@ class Recipe:
         stages: Sequence[int | None] = STAGES,
         member: int = 0,
     ) -> Fit:
-        known = options_of(structure, self.rig.system)
+        """One fit by least squares on compiled rollouts; start: of the physics."""
+        known = options_of(structure, self.rig.system, self.rig.structures)
         options = {name: value for name, value in self.chosen.items() if name in known}
-        scales = feature_scales([prepare(record, self.rig.system, self.sampling) for record in records])
         seed = self.seed + 1000 * member
-        system, neutral = build(structure, self.rig.system, scales=scales, seed=seed, options=options)
+        systems, neutral = self._built(structure, records, options, seed)
         if start is not None:
-            system = system.with_values(start.system.values)
-        return fit(
-            system,
-            [prepare(record, system, self.sampling) for record in records],
-            stages=stages,
-            anchor=anchor,
-            ridge=float(options.get("ridge", 1.0)),
-            bias=float(options.get("bias", 0.0)),
-            hold=(*neutral, *hold),
-            starts=int(options.get("starts", 1)) if start is None else 1,
+            systems = [replace(item, physics=start.system) for item in systems if isinstance(item, Hybrid)]
+        fits, reasons = [], []
+        for system in systems:
+            try:
+                found = fit(
+                    system,
+                    [prepare(record, system, self.sampling) for record in records],
+                    stages=stages,
+                    anchor=anchor,
+                    ridge=float(options.get("ridge", 1.0)),
+                    bias=float(options.get("bias", 0.0)),
+                    hold=(*neutral, *hold),
+                    starts=int(options.get("starts", 1)) if start is None else 1,
+                    seed=seed,
+                    progress=self.progress,
+                )
+                fits.append(found)
+            except UserError as error:
+                reasons.append(error)
+        if not fits:
+            raise reasons[0]
+        best = min(fits, key=lambda item: item.relative_error)
+        seconds, evaluations = (sum(values) for values in zip(*((f.seconds, f.evaluations) for f in fits), strict=True))
+        return replace(best, seconds=seconds, evaluations=evaluations)
+
+    def _built(
+        self, structure: str, records: Sequence[Record], options: Options, seed: int
+    ) -> tuple[Sequence[System], tuple[str, ...]]:
+        """The system where fits begin: a linear one at what regression tells of it, and at the rig's own guess; and the
+        names of parameters that are held.
+        """
+        experiments = [prepare(record, self.rig.system, self.sampling) for record in records]
+        sizes = magnitudes(self.rig.system, experiments)
+        system, neutral = build(
+            structure,
+            self.rig.system,
+            scales=sizes.scales,
+            centre=sizes.centre,
+            unshown=sizes.unshown,
             seed=seed,
-            progress=self.progress,
+            options=options,
+            boxes=self.rig.structures,
         )
+        first = begun(system, experiments)
+        return [first, system] if isinstance(system, Linear) else [first], neutral
 
     def _narx(self, records: Sequence[Record]) -> tuple[Fit, Sampling]:
         """Terms by error reduction, then their coefficients by the error of the simulation."""
@@ -116,6 +145,8 @@ class Recipe:
         options = {name: int(value) for name, value in self.chosen.items()}
         chosen = select_terms(
             [prepare(record, self.rig.system, sampling) for record in records],
+            outputs=self.rig.system.outputs,
+            inputs=self.rig.system.inputs,
             output_lags=options["output_lags"],
             input_lags=options["input_lags"],
             degree=options["degree"],
@@ -128,12 +159,5 @@ class Recipe:
         """Gradients through time."""
         step = RECURRENT_PERIOD if self.sampling.input == "averaged" else self.sampling.period
         sampling = replace(self.sampling, step=step)
-        experiments = [prepare(record, Recurrent(), sampling) for record in records]
-        return train(experiments, units=int(self.chosen["units"]), seed=self.seed, progress=self.progress), sampling
-
-
-def feature_scales(experiments: Sequence[Experiment]) -> NDArray[np.float64]:
-    """Of the states, then the inputs. Root mean squares: single large values must not set the scale of a network."""
-    states = np.concatenate([item.states for item in experiments])
-    inputs = np.concatenate([item.inputs for item in experiments])
-    return FEATURE_SCALE * np.sqrt(np.concatenate([np.mean(states**2, axis=0), np.mean(inputs**2, axis=0)]))
+        units, system = int(self.chosen["units"]), self.rig.system
+        return train(records, system, sampling, units=units, seed=self.seed, progress=self.progress), sampling

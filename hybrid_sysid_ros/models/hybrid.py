@@ -3,72 +3,109 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Parameter, System
-from hybrid_sysid_ros.core.mathematics import Scalar
+from hybrid_sysid_ros.core import Parameter, Softsign, System
+from hybrid_sysid_ros.core.mathematics import Scalar, saturate
 from hybrid_sysid_ros.core.steppers import Motion
-from hybrid_sysid_ros.models.network import Network
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+
+CLIP = 1.5
+"""Features are held within +-CLIP of their scale: beyond it a network knows nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Hybrid(System):
-    """x' = f(x, u) + e_v n(x, u): the physics with a bounded network added to one of its rates.
+    """x' = f(x, u) + E S n(clip(z / s)): the physics with a bounded network added to some of its rates.
 
-    The network acts on the state that carries the first contact, or the last one where none does.
+    z: the declared states, then the inputs (hidden deflections are no features); s, S: scales, which are fixed
+    parameters, so that networks of one shape share their compiled code; n: one layer of :class:`~.core.Softsign` with
+    an output for each state in ``on``. |S n| <= S sum |a|, whatever the motion.
+    Raises UserError where weights or scales don't fit the shape.
     """
 
     physics: System
-    network: Network
-    network_weights: NDArray[np.float64]
+    on: tuple[str, ...]
+    """States to whose rates the network adds."""
+    units: int
+    """Of its hidden layer."""
+    scales: tuple[float, ...]
+    """Of the declared states, of the inputs, and of the network's outputs."""
+    network_weights: Array
 
     def __post_init__(self) -> None:
         # A wrapper has the states and inputs of what it wraps.
-        for name in ("states", "inputs", "outputs", "contacts", "stepper", "delays"):
+        for name in ("states", "inputs", "outputs", "contacts", "stepper", "delays", "doubtful_terms"):
             object.__setattr__(self, name, getattr(self.physics, name))
+        unknown = set(self.on) - {item.name for item in self.declared_states}
+        if unknown or not self.on:
+            raise UserError(f"hybrid: its network is on {', '.join(sorted(unknown)) or 'nothing'}, which is no state")
+        if len(self.scales) != self.block.features + len(self.on) or len(self.network_weights) != self.block.size:
+            raise UserError(
+                f"hybrid: {len(self.network_weights)} weights don't fit the network of {self.units} units, or "
+                f"{len(self.scales)} scales its features; fit again"
+            )
+
+    @property
+    def block(self) -> Softsign:
+        """The network."""
+        features = len(self.declared_states) + len(self.inputs)
+        return Softsign(features=features, units=self.units, outputs=len(self.on))
 
     @property
     def form(self) -> tuple[Any, ...]:
-        return (type(self), self.physics.form, self.network)
+        return (type(self), self.physics.form, self.on, self.units)
+
+    @property
+    def plain_outputs(self) -> bool:
+        return self.physics.plain_outputs
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return self.physics.parameters
+        units = {item.name: item.unit for item in (*self.declared_states, *self.inputs)}
+        named = [(f"scale_{name}", unit) for name, unit in units.items()]
+        named += [(f"scale_{name}_rate", f"{units[name]}/s") for name in self.on]
+        return (*self.physics.parameters, *(_scale(name, unit) for name, unit in named))
 
     @property
-    def values(self) -> NDArray[np.float64]:
-        return self.physics.values
+    def values(self) -> Array:
+        return np.concatenate([self.physics.values, self.scales])
 
     def bound(self, values: Sequence[Scalar]) -> Hybrid:
-        return replace(self, physics=self.physics.bound(values))
+        physical = len(self.physics.parameters)
+        return replace(self, physics=self.physics.bound(values[:physical]), scales=tuple(values[physical:]))
 
     @property
     def design(self) -> dict[str, Any]:
-        return asdict(self.network)
+        return {"units": self.units, "on": list(self.on), "physics": self.physics.design}
 
     @property
-    def weights(self) -> NDArray[np.float64]:
+    def weights(self) -> Array:
         return self.network_weights
 
-    def with_weights(self, weights: NDArray[np.float64]) -> Hybrid:
+    def with_weights(self, weights: Array) -> Hybrid:
         return replace(self, network_weights=weights)
 
-    def trained_on(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> Hybrid:
+    def trained_on(self, low: Array, high: Array) -> Hybrid:
         return replace(self, physics=self.physics.trained_on(low, high))
 
     def motion(self) -> Motion:
         """That of the physics, with the network among its rates."""
-        motion = self.physics.motion()
-        names = list(motion.names)
-        index = names.index(self.contacts[0].on) if self.contacts else len(self.declared_states) - 1
+        motion, block = self.physics.motion(), self.block
+        places = [list(motion.names).index(name) for name in self.on]
 
         def rates(x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
             found = list(motion.rates(x, u))
-            found[index] = found[index] + self.network(x, u)
+            features, outputs = self.scales[: block.features], self.scales[block.features :]
+            scaled = [saturate(value / scale, CLIP) for value, scale in zip([*x, *u], features, strict=True)]
+            for index, value, scale in zip(places, block(scaled), outputs, strict=True):
+                found[index] = found[index] + scale * value
             return found
 
         return replace(motion, rates=rates)
@@ -76,15 +113,32 @@ class Hybrid(System):
     def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
         return self.physics.output(x, u)
 
+    def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
+        return self.physics.observed(outputs, rates, inputs)
+
 
 def averaged(members: Sequence[Hybrid]) -> Hybrid:
-    """The mean of hybrids of one form: of their parameters, and one network that is the mean of their networks."""
-    network = members[0].network
-    weights = np.concatenate([member.network_weights.reshape(network.units, -1) for member in members])
-    weights[:, -1] /= len(members)
+    """The mean of hybrids of one shape: of their parameters, and one network that is the mean of their networks."""
+    first, outputs = members[0], len(members[0].on)
+    weights = np.concatenate([member.network_weights.reshape(first.units, -1) for member in members])
+    weights[:, -outputs:] /= len(members)
     return replace(
-        members[0],
-        physics=members[0].physics.with_values(np.mean([member.values for member in members], axis=0)),
-        network=replace(network, units=network.units * len(members)),
+        first,
+        physics=first.physics.with_values(np.mean([member.physics.values for member in members], axis=0)),
+        units=first.units * len(members),
         network_weights=weights.ravel(),
+    )
+
+
+def _scale(name: str, unit: str) -> Parameter:
+    return Parameter(
+        name=name,
+        unit=unit,
+        low=0.0,
+        high=1e12,
+        start=1.0,
+        spread=None,
+        fixed=True,
+        term="",
+        description="Of the network, from the training data.",
     )

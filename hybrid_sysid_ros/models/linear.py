@@ -1,37 +1,309 @@
-"""A one-joint rig, linear."""
+"""The linear system of a rig's signature, with one of the textbook frictions where the rig has contacts."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal
 
-from hybrid_sysid_ros.core import Contact, System, Viscous, bounded
+import casadi
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core import Bristles, Contact, Dry, Parameter, Sampled, System, Variable, Viscous, trace
+from hybrid_sysid_ros.core.friction import stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+Friction = Literal["viscous", "stribeck", "dahl", "lugre"]
+
+REACH = 20.0
+"""Bounds of an entry: so many times the rate's scale over that of what it multiplies."""
+
+DOUBT = 0.5
+"""Prior deviation of an entry about a state that records don't show, as part of its start: they can't tell its unit."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Linear(System):
-    """v' = gain (u - centre) - damping v - stiffness q, which is (tau0 u - R0 v - K0 (q + d0)) / J0 without the
-    inertia that the data can't tell from the gain.
+    """x' = A x + B u + c, each entry a parameter.
+
+    Positions follow their velocities, and outputs that are no states have rows of their own, y = C x + D u + d. The
+    viscous part of each velocity v is implicit, and where the rig has a contact there is friction, per unit inertia:
+
+        viscous   - D v
+        stribeck  - D v - F(v) sgn v,  F(v) = Fc + Fe exp(-(v / vs)^2)
+        dahl      - D v - s0 z,  z' = v (1 - s0 z / Fc sgn v)         Dahl (1968), with exponent 1
+        lugre     - D v - s0 z - s1 z',  z' = v - |v| s0 z / F(v)     Canudas de Wit et al. (1995), IEEE TAC 40(3)
+
+    Fc = coulomb, Fe = static_excess, vs = stribeck_speed, s0, s1 = bristle_stiffness, bristle_damping.
+    Raises UserError for a friction on a rig without contacts, and for a rig that is a sampled map.
     """
 
-    states = ("position [rad]", "velocity [rad/s]")
-    inputs = ("drive [V]",)
-    contacts: ClassVar[tuple[Contact, ...]] = (Viscous(on="velocity", viscous="damping"),)
-    delays = {"drive": "input_delay"}
+    origin: System
+    """The rig's own system: names, units, kinematics, contacts and delays are taken from it, and no number."""
+    friction: Friction = "viscous"
+    straight: bool = False
+    """Only inputs and each rate's own state, for a network that learns the rest."""
+    scales: tuple[float, ...] = ()
+    """Magnitudes of the declared states, of the inputs and of the states' rates, in training data; empty: ones."""
+    begin: Mapping[str, float] | None = None
+    """Where a fit begins, by parameter; others at zero, or what their scales say."""
+    unshown: tuple[str, ...] = ()
+    """States that no record shows: entries about them have a prior."""
 
-    gain: float = bounded(4.0, 0.01, 400.0, unit="rad/(s^2 V)")
-    """Drive gain."""
-    centre: float = bounded(0.0, -5.0, 5.0, unit="V")
-    """Input that balances the joint at q = 0."""
-    stiffness: float = bounded(10.0, 0.0, 500.0, unit="1/s^2")
-    """Spring."""
-    damping: float = bounded(20.0, 0.0, 150.0, unit="1/s")
-    """Viscous friction."""
-    input_delay: float = bounded(0.004, 0.0, 0.03, unit="s")
-    """Delay of the drive."""
+    def __post_init__(self) -> None:
+        origin, carriers = self.origin, [contact.on for contact in self.origin.contacts]
+        if isinstance(origin.stepper, Sampled):
+            raise UserError(f"structure {self.friction}: {type(origin).__name__} is a map from sample to sample")
+        if self.friction != "viscous" and not carriers:
+            raise UserError(
+                f"structure {self.friction}: {type(origin).__name__} has no contact that could carry friction; "
+                "identify a linear structure, or write the rig's system with its contacts"
+            )
+        velocities = list(dict.fromkeys([*(self._names[i] for i in origin.kinematics.values()), *carriers]))
+        contacts = [self._contact(name, rubs=name in carriers) for name in velocities]
+        deflections = [contact.state for contact in contacts if contact.state is not None]
+        object.__setattr__(self, "contacts", tuple(contacts))
+        object.__setattr__(self, "states", (*origin.declared_states, *map(Variable.of, deflections)))
+        for name in ("inputs", "outputs", "delays"):
+            object.__setattr__(self, name, getattr(origin, name))
+        for item in self.parameters:
+            if item.name not in self.__dict__:
+                object.__setattr__(self, item.name, item.start)
+
+    @cached_property
+    def _names(self) -> list[str]:
+        return [item.name for item in self.origin.declared_states]
+
+    @property
+    def form(self) -> tuple[Any, ...]:
+        origin = self.origin
+        signature = (origin.declared_states, origin.inputs, origin.outputs, origin.plain_outputs)
+        kinematics, delays = tuple(origin.kinematics.items()), tuple(origin.delays.items())
+        carriers = tuple(contact.on for contact in origin.contacts)
+        return (type(self), self.friction, self.straight, signature, kinematics, delays, carriers)
+
+    @property
+    def design(self) -> dict[str, Any]:
+        begin = {item.name: item.start for item in self.parameters}
+        return {"scales": list(self.scales), "begin": begin, "unshown": list(self.unshown)}
+
+    def begun(self, values: Mapping[str, float]) -> Linear:
+        """The same system with some parameters beginning (and standing) elsewhere, within their bounds."""
+        known = {item.name: item for item in self.parameters}
+        moved = {name: float(f"{np.clip(v, known[name].low, known[name].high):.4g}") for name, v in values.items()}
+        return replace(self, begin={**(self.begin or {}), **moved})
+
+    @property
+    def plain_outputs(self) -> bool:
+        return self.origin.plain_outputs or all(item.name in self._names for item in self.origin.outputs)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self._parameters
+
+    @cached_property
+    def _parameters(self) -> tuple[Parameter, ...]:
+        own = {item.name: item for item in self.origin.parameters}
+        delays = [own[name] for name in self.delays.values() if isinstance(name, str)]
+        return (*self._entries(), *self._frictions(), *dict.fromkeys(delays))
+
+    # ------------------------------------------------------------------ entries
+
+    @cached_property
+    def _rows(self) -> list[tuple[str, str, float, bool]]:
+        """Rows of entries: name of the state or output, unit and scale of what the row gives, whether it is a rate."""
+        origin, scales = self.origin, self._scales
+        rates = [i for i in range(len(self._names)) if i not in origin.kinematics]
+        rows = [(self._names[i], _rate(origin.states[i].unit), scales[f"{self._names[i]}'"], True) for i in rates]
+        mapped = [] if origin.plain_outputs else [item for item in origin.outputs if item.name not in self._names]
+        return rows + [(item.name, item.unit, 1.0, False) for item in mapped]
+
+    @cached_property
+    def _scales(self) -> dict[str, float]:
+        keys = [*self._names, *(item.name for item in self.origin.inputs), *(f"{name}'" for name in self._names)]
+        return dict(zip(keys, self.scales or (1.0,) * len(keys), strict=True))
+
+    @cached_property
+    def _columns(self) -> list[tuple[str, str]]:
+        """Names and units of what entries multiply."""
+        return [(item.name, item.unit) for item in (*self.origin.declared_states, *self.origin.inputs)]
+
+    def _has(self, row: str, column: str, rate: bool) -> bool:
+        """Whether there is an entry: the own one of a velocity is its damping, and a straight row has few."""
+        damped = any(contact.on == row for contact in self.contacts)
+        if rate and row == column:
+            return not damped
+        return not (rate and self.straight and column in self._names)
+
+    def _entries(self) -> Iterator[Parameter]:
+        scales, contacts = self._scales, {contact.on for contact in self.contacts}
+        for row, unit, scale, rate in self._rows:
+            for column, other in self._columns:
+                if self._has(row, column, rate):
+                    doubted = row in self.unshown or column in self.unshown
+                    size = scale / scales[column]
+                    yield self._parameter(f"{row}_per_{column}", _ratio(unit, other), size, doubted=doubted)
+            if not (rate and self.straight):
+                yield self._parameter(f"{row}_offset", unit, scale, doubted=row in self.unshown)
+            if rate and row in contacts:
+                size = scale / scales[row]
+                item = self._parameter(f"{row}_damping", "1/s", size, doubted=row in self.unshown, low=0.0)
+                yield replace(item, description="Viscous friction.")
+
+    def _frictions(self) -> Iterator[Parameter]:
+        if self.friction == "viscous":
+            return
+        for name in dict.fromkeys(contact.on for contact in self.origin.contacts):
+            index = self._names.index(name)
+            force, speed = self._scales[f"{name}'"], self._scales[name]
+            position = next((i for i, j in self.origin.kinematics.items() if j == index), None)
+            way = self._scales[self._names[position]] if position is not None else speed
+            unit = self.origin.states[index].unit
+            yield self._parameter(
+                f"{name}_coulomb", _rate(unit), force, start=0.05, low=0.0, high=5.0, told="Friction level at speed."
+            )
+            if self.friction in ("stribeck", "lugre"):
+                text = "Friction at rest above that level."
+                yield self._parameter(
+                    f"{name}_static_excess", _rate(unit), force, start=0.01, spread=0.025, low=0.0, high=5.0, told=text
+                )
+                text = "Speed at which the excess is gone."
+                yield self._parameter(
+                    f"{name}_stribeck_speed", unit, speed, start=0.08, spread=0.08, low=0.008, high=3.0, told=text
+                )
+            if self.friction in ("dahl", "lugre"):
+                yield self._parameter(
+                    f"{name}_bristle_stiffness", "1/s^2", force / way, start=2.0, low=0.004, high=400.0
+                )
+            if self.friction == "lugre":
+                yield self._parameter(
+                    f"{name}_bristle_damping", "1/s", force / speed, start=0.03, spread=0.3, low=0.0, high=6.0
+                )
+
+    def _parameter(
+        self,
+        name: str,
+        unit: str,
+        size: float,
+        *,
+        start: float = 0.0,
+        spread: float | None = None,
+        low: float = -REACH,
+        high: float = REACH,
+        doubted: bool = False,
+        told: str = "",
+    ) -> Parameter:
+        """A parameter whose numbers count in a size."""
+        begin = (self.begin or {}).get(name, start * size)
+        doubt = DOUBT * max(abs(begin), 0.1 * size) if doubted else None
+        return Parameter(
+            name=name,
+            unit=unit,
+            low=low * size,
+            high=high * size,
+            start=begin,
+            spread=doubt if spread is None else spread * size,
+            fixed=False,
+            term="",
+            description=told,
+        )
+
+    # ------------------------------------------------------------------ the system
+
+    def _contact(self, name: str, *, rubs: bool) -> Contact:
+        damping = f"{name}_damping"
+        if not rubs or self.friction == "viscous":
+            return Viscous(on=name, viscous=damping)
+        if self.friction == "stribeck":
+            return Dry(on=name, level=_level(name), viscous=damping)
+        several = len(self.origin.contacts) > 1
+        unit = _integrated(self.origin.states[self._names.index(name)].unit)
+        bristles = Bristles(
+            on=name,
+            level=f"{name}_coulomb" if self.friction == "dahl" else _level(name),
+            stiffness=f"{name}_bristle_stiffness",
+            viscous=damping,
+            deflection=f"{name}_deflection [{unit}]" if several else f"deflection [{unit}]",
+        )
+        return replace(bristles, damping=f"{name}_bristle_damping") if self.friction == "lugre" else bristles
 
     def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        q, v = x
-        return v, self.gain * (u[0] - self.centre) - self.stiffness * q
+        rates = dict(zip((row for row, *_ in self._rows), self._sums(x, u), strict=True))
+        kinematics = self.origin.kinematics
+        return [x[kinematics[i]] if i in kinematics else rates[name] for i, name in enumerate(self._names)]
+
+    def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        values = dict(zip((row for row, *_ in self._rows), self._sums(x, u), strict=True))
+        states = dict(zip(self._names, x, strict=False))
+        return [states[item.name] if item.name in states else values[item.name] for item in self.origin.outputs]
+
+    def _sums(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Iterator[Scalar]:
+        for row, _, _, rate in self._rows:
+            values = zip(self._columns, [*x[: len(self._names)], *u], strict=True)
+            terms = [getattr(self, f"{row}_per_{c}") * value for (c, _), value in values if self._has(row, c, rate)]
+            yield sum(terms, getattr(self, f"{row}_offset", 0.0))
+
+    def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
+        states = np.zeros((len(outputs), len(self.states)))
+        declared = len(self._names)
+        states[:, :declared] = self.origin.observed(outputs, rates, inputs)[:, :declared]
+        return states
+
+
+def linearised(system: System, x: Array, u: Array) -> tuple[Array, Array]:
+    """The rates' derivatives (states, states) and (states, inputs) of a law at x (states,) and u (inputs,), viscous
+    friction included, dry one left out; where it has none they are zero.
+    """
+    traced = trace.law_of(system)
+    given = casadi.vertcat(traced.x, traced.u)
+    slopes = casadi.Function("slopes", [given, traced.p], [casadi.jacobian(traced.result, given)], {"allow_free": True})
+    n = len(system.declared_states)
+    if traced.calls:
+        return np.zeros((n, n)), np.zeros((n, len(u)))
+    full = np.nan_to_num(np.array(slopes(np.concatenate([x, u]), system.values)), posinf=0.0, neginf=0.0)
+    a, b = full[:, :n], full[:, len(system.states) :]
+    names = [item.name for item in system.declared_states]
+    motion = system.motion()
+    for contact in system.contacts:
+        index = names.index(contact.on)
+        a[index, index] -= float(motion.field(contact.viscous, x.tolist(), u.tolist()))
+    return a, b
+
+
+def _level(name: str) -> Any:
+    """The level of Stribeck's friction on a velocity."""
+
+    def level(system: Any, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
+        coulomb, excess, speed = (
+            getattr(system, f"{name}_{what}") for what in ("coulomb", "static_excess", "stribeck_speed")
+        )
+        return stribeck(x[system._names.index(name)], coulomb, coulomb + excess, speed)
+
+    return level
+
+
+def _rate(unit: str) -> str:
+    """The unit of a rate of change."""
+    return (
+        f"{unit.removesuffix('/s')}/s^2" if unit.endswith("/s") else f"{unit}/s" if " " not in unit else f"({unit})/s"
+    )
+
+
+def _integrated(unit: str) -> str:
+    return unit.removesuffix("/s") if unit.endswith("/s") else f"{unit} s"
+
+
+def _ratio(unit: str, other: str) -> str:
+    """The unit of an entry."""
+    if unit == other:
+        return "1"
+    for rate, short in ((f"{other}/s", "1/s"), (f"{other}/s^2", "1/s^2")):
+        if unit == rate:
+            return short
+    if unit == _rate(other):
+        return "1/s"
+    return f"{unit}/({other})" if any(mark in other for mark in " /") else f"{unit}/{other}"

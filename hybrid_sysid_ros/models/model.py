@@ -1,4 +1,4 @@
-"""An identified model: an equation, how sure its numbers are, and where they come from."""
+"""An identified model: a system, how sure its numbers are, and where they come from."""
 
 from __future__ import annotations
 
@@ -25,24 +25,29 @@ FORMAT = 2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Model:
-    """rig, structure: names. equation: with the identified values.
-
-    sampling: what it was identified at. covariance (free, free): of the free parameters
-    ``names``. training_range: lowest and highest value of each state and input in the training data. records: name,
-    source, digest and part of each training record. scores: free run on them. fit: relative error, seconds, evaluations
-    and seed.
-    """
+    """What was identified, and all that must be known to use it."""
 
     rig: str
+    """Name of the rig, by which it is found again; of one that was given by its path also that, see ``place``."""
     structure: str
     system: System
+    """With the identified values."""
     sampling: Sampling
+    """What it was identified at."""
     names: tuple[str, ...]
+    """The free parameters."""
     covariance: Array
+    """Of them, (free, free), in their units."""
     training_range: Mapping[str, tuple[float, float]]
+    """Lowest and highest value of each state and input in the training data."""
     records: Sequence[Mapping[str, Any]] = field(default_factory=tuple)
-    scores: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Name, source, digest and part of each training record."""
+    scores: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Free run on them."""
     fit: Mapping[str, Any] = field(default_factory=dict)
+    """Relative error, seconds, evaluations and seed."""
+    place: str = ""
+    """Folder of a rig outside the package."""
     seal: str = ""
 
     @property
@@ -72,6 +77,8 @@ class Model:
         }
         content = {
             "rig": self.rig,
+            **({"place": self.place} if self.place else {}),
+            "signals": signals_of(self.system),
             "structure": self.structure,
             "design": self.system.design,
             "parameters": parameters,
@@ -87,34 +94,38 @@ class Model:
         storage.save(folder, kind="model", version=FORMAT, content=content, arrays=arrays)
 
 
-def load(folder: Path | str) -> Model:
+def load(folder: Path | str, *, rig: str | Path = "") -> Model:
     """Read a model folder.
 
-    Raises UserError where a file is missing, altered or newer, or the model does not fit its rig or its bounds.
+    rig: name or path of its rig, where that is no rig that is known by name: the folder's own word for it is not
+    enough to run Python from there. Raises UserError where a file is missing, altered or newer, or the model is of
+    another rig, or does not fit its rig or its bounds.
     """
     content, arrays = storage.load(folder, kind="model", version=FORMAT)
     try:
-        rig = rigs.load(content["rig"])
-        stored = content["parameters"]
+        described = _rig_of(content, rig)
+        stored, design = content["parameters"], content["design"]
         system = assemble(
-            content["structure"],
-            rig.system,
-            design=content["design"],
-            weights=arrays["weights"],
+            content["structure"], described.system, design=design, weights=arrays["weights"], boxes=described.structures
         )
+        if (signals := content.get("signals", signals_of(system))) != signals_of(system):
+            raise UserError(f"rig {described.name} {_changed(signals, signals_of(system))}; fit again")
         expected = [item.name for item in system.parameters]
-        if expected != list(stored):
+        # A folder of before networks had several outputs holds their scales in the design alone.
+        told = system.named if "feature_scales" in (design or {}) else {}
+        values = {**told, **{name: float(entry["value"]) for name, entry in stored.items()}}
+        if set(values) != set(expected):
             raise UserError(
-                f"structure {content['structure']} of rig {rig.name} has the parameters {', '.join(expected)}, "
+                f"structure {content['structure']} of rig {described.name} has the parameters {', '.join(expected)}, "
                 f"the model {', '.join(stored)}; fit again"
             )
-        system = system.with_values(np.array([float(entry["value"]) for entry in stored.values()]))
+        system = system.with_values([values[name] for name in expected])
         system.check()
         names, covariance = tuple(content["free"]), arrays["covariance"]
         if covariance.shape != (len(names), len(names)):
             raise UserError(f"covariance has shape {covariance.shape} for {len(names)} free parameters; fit again")
         return Model(
-            rig=rig.name,
+            rig=described.name,
             structure=content["structure"],
             system=system,
             sampling=Sampling(**content["sampling"]),
@@ -124,12 +135,37 @@ def load(folder: Path | str) -> Model:
             records=tuple(content["records"]),
             scores=content["scores"],
             fit=content["fit"],
+            place=content.get("place", ""),
             seal=content["seal"],
         )
     except UserError as error:
         raise UserError(f"{Path(folder) / 'model.yaml'}: {error}") from error
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise UserError(f"{Path(folder) / 'model.yaml'}: {error!r} is missing or malformed; fit again") from error
+
+
+def signals_of(system: System) -> dict[str, list[str]]:
+    """Names and units of what a system is connected by, as they are saved."""
+    return {"inputs": [str(item) for item in system.inputs], "outputs": [str(item) for item in system.outputs]}
+
+
+def _changed(before: Mapping[str, Sequence[str]], now: Mapping[str, Sequence[str]]) -> str:
+    kind = next(kind for kind in now if list(before.get(kind, ())) != list(now[kind]))
+    return f"has the {kind} {', '.join(now[kind])}, the model {', '.join(before.get(kind, ()))}"
+
+
+def _rig_of(content: Mapping[str, Any], given: str | Path) -> rigs.Rig:
+    """The rig by what the user named, else by its name where it is known by that."""
+    name, place = str(content["rig"]), str(content.get("place") or "")
+    try:
+        rig = rigs.load(given or name)
+    except UserError as error:
+        if given or not place:
+            raise
+        raise UserError(f"its rig {name} is no known one, it was in {place}: give it, as in --rig {place}") from error
+    if rig.name != name:
+        raise UserError(f"is a model of rig {name}, not of {rig.name}")
+    return rig
 
 
 def versions() -> dict[str, str]:

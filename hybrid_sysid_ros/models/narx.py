@@ -3,93 +3,125 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Recurrence, Variable
+from hybrid_sysid_ros.core import Parameter, Recurrence, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar, clip
 from hybrid_sysid_ros.core.networks import Polynomial
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
+Term = tuple[int, ...]
 
 REACH = 1.1
 """Outputs and inputs are held within a band about the training data that is so many times as wide as they are: beyond
 them a polynomial knows nothing, and a run that leaves them hardly comes back from a wider band. On held-out blocks of
-the beam's training data the mean R2 over 16 settings is .76 with 1.1 and .57 with 3."""
+one rig's training data the mean R2 over 16 settings is .76 with 1.1 and .57 with 3."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Narx(Recurrence):
-    """y(k + 1) = Y sum_j theta_j prod_i r_i(k)^e_ji, a polynomial in lagged values of one output and one input.
+    """y_k(t + 1) = Y_k sum_j theta_kj prod_i r_i(t)^e_kji: a polynomial in lags of all outputs and inputs.
 
-        r = (y(k), ..., y(k - ny + 1)) / Y, (u(k), ..., u(k - nu + 1)) / U
+        r = for each output (y(t), ..., y(t - ny + 1)) / Y, then for each input (u(t), ..., u(t - nu + 1)) / U
 
-    Y, U: scales, so that the coefficients theta are of order one and without unit. u(k) is the mean input from sample k
-    to the next. States are the lagged outputs, then the lagged inputs without the present one, (ny + nu - 1,). y(k + 1)
-    and u are held within :data:`REACH` times their range in the training data, so that no free run overflows.
+    u(t) is the mean input from sample t to the next. States are the lagged outputs, then the lagged inputs without the
+    present ones. y(t + 1) and u are held within :data:`REACH` times their range in the training data, so that no free
+    run overflows. Scales Y, U and those ranges are fixed parameters; the coefficients theta have no unit.
 
     Leontaritis and Billings (1985), Input-output parametric models for non-linear systems, Int. J. Control 41(2);
     Billings (2013), Nonlinear system identification: NARMAX methods, section 2.2.
 
-    exponents: e, of each term (ny + nu,), in the order of r. coefficients: theta, what is learned. output_range,
-    input_range: lowest and highest value in the training data. output_variable, input_variable: names and units.
     Raises UserError for terms that don't fit the lags or the coefficients.
     """
 
-    exponents: tuple[tuple[int, ...], ...]
+    outputs: tuple[Variable, ...]  # type: ignore[misc]
+    inputs: tuple[Variable, ...]  # type: ignore[misc]
+    exponents: tuple[tuple[Term, ...], ...]
+    """e, for each output its terms, in the order of r."""
     coefficients: tuple[float, ...]
+    """theta of all outputs: what is learned."""
     output_lags: int
     input_lags: int
-    output_range: tuple[float, float]
-    input_range: tuple[float, float]
-    output_scale: float = 1.0
-    input_scale: float = 1.0
-    output_variable: Variable = Variable(name="position", unit="rad")
-    input_variable: Variable = Variable(name="drive", unit="V")
+    scales: tuple[float, ...]
+    """Y, U."""
+    low: tuple[float, ...]
+    """Lowest values of outputs and inputs in the training data."""
+    high: tuple[float, ...]
+    """Highest ones."""
 
     def __post_init__(self) -> None:
-        lags = self.output_lags + self.input_lags
+        channels = len(self.outputs) + len(self.inputs)
+        lags = len(self.outputs) * self.output_lags + len(self.inputs) * self.input_lags
         if min(self.output_lags, self.input_lags) < 1:
             raise UserError(f"NARX: {self.output_lags} output lags and {self.input_lags} input lags; give 1 or more")
-        fitting = all(len(term) == lags and min(term) >= 0 for term in self.exponents)
-        if not fitting or len(self.exponents) != len(self.coefficients):
+        terms = [term for output in self.exponents for term in output]
+        fitting = all(len(term) == lags and min(term) >= 0 for term in terms)
+        if not fitting or len(terms) != len(self.coefficients) or len(self.exponents) != len(self.outputs):
             raise UserError(
-                f"NARX: {len(self.coefficients)} coefficients don't fit {len(self.exponents)} terms, or the terms "
+                f"NARX: {len(self.coefficients)} coefficients don't fit {len(terms)} terms, or the terms "
                 f"don't have {lags} exponents of 0 or more each"
             )
-        states = (
-            *_lagged(self.output_variable, range(self.output_lags)),
-            *_lagged(self.input_variable, range(1, self.input_lags)),
-        )
-        object.__setattr__(self, "states", states)
-        object.__setattr__(self, "inputs", (self.input_variable,))
-        object.__setattr__(self, "outputs", (self.output_variable,))
+        if not len(self.scales) == len(self.low) == len(self.high) == channels:
+            raise UserError(f"NARX: scales or ranges are not those of {channels} outputs and inputs")
+        past = [_lagged(item, range(self.output_lags)) for item in self.outputs]
+        past += [_lagged(item, range(1, self.input_lags)) for item in self.inputs]
+        object.__setattr__(self, "states", tuple(item for lagged in past for item in lagged))
 
     @classmethod
     def of(cls, design: Mapping[str, Any], weights: Array) -> Narx:
-        """The equation of a :attr:`design`, with its coefficients (terms,). Raises UserError where they don't fit."""
-        read: dict[str, Any] = {
-            "exponents": lambda terms: tuple(tuple(term) for term in terms),
-            "output_range": tuple,
-            "input_range": tuple,
-            "output_variable": lambda variable: Variable(**variable),
-            "input_variable": lambda variable: Variable(**variable),
+        """The system of a :attr:`design`, with its coefficients (terms,). Raises UserError where they don't fit."""
+        fields = {
+            **design,
+            "outputs": tuple(Variable(**item) for item in design["outputs"]),
+            "inputs": tuple(Variable(**item) for item in design["inputs"]),
+            "exponents": tuple(tuple(tuple(term) for term in output) for output in design["exponents"]),
+            **{name: tuple(design[name]) for name in ("scales", "low", "high")},
         }
-        fields = {name: read[name](value) if name in read else value for name, value in design.items()}
         return cls(**fields, coefficients=tuple(float(value) for value in weights))
 
     @property
     def design(self) -> dict[str, Any]:
-        """Everything but the coefficients as plain data, from which :meth:`of` builds the equation again."""
+        """Everything but the coefficients as plain data, from which :meth:`of` builds the system again."""
         fields = dataclasses.asdict(self)
         del fields["coefficients"]
-        pairs = {name: list(fields[name]) for name in ("output_range", "input_range")}
-        return {**fields, **pairs, "exponents": [list(term) for term in self.exponents]}
+        return fields
+
+    @property
+    def form(self) -> tuple[Any, ...]:
+        return (type(self), self.exponents, self.output_lags, self.input_lags, len(self.inputs))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(
+                name=f"{what}_{item.name}",
+                unit=item.unit,
+                low=0.0 if what == "scale" else -1e12,
+                high=1e12,
+                start=1.0,
+                spread=None,
+                fixed=True,
+                term="",
+                description="Of the training data.",
+            )
+            for what in ("scale", "low", "high")
+            for item in (*self.outputs, *self.inputs)
+        )
+
+    @property
+    def values(self) -> Array:
+        return np.array([*self.scales, *self.low, *self.high])
+
+    def bound(self, values: Sequence[Scalar]) -> Narx:
+        n = len(self.scales)
+        parts = {name: tuple(values[i * n : (i + 1) * n]) for i, name in enumerate(("scales", "low", "high"))}
+        return dataclasses.replace(self, **parts)  # type: ignore[arg-type]
 
     @property
     def weights(self) -> Array:
@@ -98,46 +130,47 @@ class Narx(Recurrence):
     def with_weights(self, weights: Array) -> Narx:
         return dataclasses.replace(self, coefficients=tuple(float(value) for value in weights))
 
-    @property
-    def form(self) -> tuple[Any, ...]:
-        return (type(self), *self.design_key)
-
-    @property
-    def design_key(self) -> tuple[Any, ...]:
-        """What the printed code holds."""
-        ranges = (self.output_range, self.input_range, self.output_scale, self.input_scale)
-        return (self.exponents, self.output_lags, self.input_lags, *ranges)
-
     def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        lags = self.output_lags
-        present = clip(u[0], *_band(self.input_range))
-        polynomial = Polynomial(exponents=self.exponents, features=lags + self.input_lags)
-        drives = [present, *x[lags:]]
-        lagged = [*(value / self.output_scale for value in x[:lags]), *(value / self.input_scale for value in drives)]
-        following = clip(self.output_scale * polynomial(lagged)[0], *_band(self.output_range))
-        return [following, *x[: lags - 1], *drives[: self.input_lags - 1]]
+        p, ny, nu = len(self.outputs), self.output_lags, self.input_lags
+        bands = [self._band(i) for i in range(len(self.scales))]
+        past = [list(x[k * ny : (k + 1) * ny]) for k in range(p)]
+        for j, value in enumerate(u):
+            begin = p * ny + j * (nu - 1)
+            past.append([clip(value, *bands[p + j]), *x[begin : begin + nu - 1]])
+        lagged = [value / scale for values, scale in zip(past, self.scales, strict=True) for value in values]
+        following, at = [], 0
+        for k, terms in enumerate(self.exponents):
+            polynomial = Polynomial(exponents=terms, features=len(lagged), at=at)
+            at += len(terms)
+            following.append([clip(self.scales[k] * polynomial(lagged)[0], *bands[k]), *past[k][: ny - 1]])
+        return [value for values in (*following, *(drive[: nu - 1] for drive in past[p:])) for value in values]
 
     def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
         """States (samples, states) from the record's own past.
 
-        Before its first sample the output is extrapolated by its rate, and the input is the first one.
+        Before its first sample an output is extrapolated by its rate, and an input is the first one.
         """
+        return np.column_stack([*self._past(outputs, rates, inputs)])
+
+    def _past(self, outputs: Array, rates: Array, inputs: Array) -> Iterator[Array]:
+        p, samples = len(self.outputs), len(outputs)
         back = np.arange(self.output_lags - 1, 0, -1) * self.period
-        measured = np.concatenate([outputs[0, 0] - back * rates[0, 0], outputs[:, 0]])
-        drive = np.clip(inputs[:, 0], *_band(self.input_range))
-        drive = np.concatenate([np.full(self.input_lags, drive[0]), drive[:-1]])
-        samples = len(outputs)
-        lagged = [measured[self.output_lags - 1 - i :][:samples] for i in range(self.output_lags)]
-        lagged += [drive[self.input_lags - i :][:samples] for i in range(1, self.input_lags)]
-        return np.column_stack(lagged)
+        for k in range(p):
+            measured = np.concatenate([outputs[0, k] - back * rates[0, k], outputs[:, k]])
+            for lag in range(self.output_lags):
+                yield measured[self.output_lags - 1 - lag :][:samples]
+        for j in range(len(self.inputs)):
+            drive = np.clip(inputs[:, j], *self._band(p + j))
+            drive = np.concatenate([np.full(self.input_lags, drive[0]), drive[:-1]])
+            for lag in range(1, self.input_lags):
+                yield drive[self.input_lags - lag :][:samples]
+
+    def _band(self, channel: int) -> tuple[Any, Any]:
+        low, high = self.low[channel], self.high[channel]
+        more = 0.5 * (REACH - 1.0) * (high - low)
+        return low - more, high + more
 
 
 def _lagged(variable: Variable, lags: range) -> list[Variable]:
     """Names such as drive_2, the drive two samples ago; the present value has the plain name."""
     return [Variable(name=f"{variable.name}_{lag}" if lag else variable.name, unit=variable.unit) for lag in lags]
-
-
-def _band(training: tuple[float, float]) -> tuple[float, float]:
-    low, high = training
-    more = 0.5 * (REACH - 1.0) * (high - low)
-    return low - more, high + more

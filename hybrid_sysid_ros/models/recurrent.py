@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Recurrence, Variable
+from hybrid_sysid_ros.core import Parameter, Recurrence, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.networks import GatedUnits
 from hybrid_sysid_ros.support.errors import UserError
@@ -22,76 +22,107 @@ PERIOD = 0.025
 SHORTEST, LONGEST = 0.1, 2.0
 """Memories [s] of the hidden units before training."""
 
-READ = 2
-"""States before the hidden ones."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Recurrent(Recurrence):
-    """A gated recurrent unit (GRU): hidden states h, each in [-1, 1], driven by the mean input u of each period.
+    """A gated recurrent unit (GRU): hidden states h, each in [-1, 1], driven by the mean inputs u of each period.
 
         r  = s(A_r u / U + b_r + W_r h)                reset      s(a) = (1 + tanh(a / 2)) / 2
         k  = s(A_k u / U + b_k + W_k h)                keep
         n  = tanh(A_n u / U + b_n + r (W_n h + c))     new
         h+ = k h + (1 - k) n
-        q+ = Q (d . h+ + e),    v+ = (q+ - q) / period
+        y+ = Y (D h+ + e),    v+ = (y+ - y) / period
 
     Cho et al. (2014), Learning phrase representations using RNN encoder-decoder, section 2.3, with the reset gate after
-    the matrix, as cuDNN and PyTorch have it. A mean of values in [-1, 1] stays there, so |q| <= Q (sum |d| + |e|) under
-    any input. A simulation begins from one measured position and rate, h = tanh(E (q / Q, v / V) + f): training learns
-    E and f beside the rest, and no warm-up is needed.
+    the matrix, as cuDNN and PyTorch have it. A mean of values in [-1, 1] stays there, so |y| <= Y (sum |D| + |e|) under
+    any input. States are the outputs, their rates v and h. A simulation begins from one measured sample and its rates,
+    h = tanh(E (y / Y, v / V) + f): training learns E and f beside the rest, and no warm-up is needed.
 
-    Q, V, U: scales of position [rad], rate [rad/s] and drive [V]. network_weights (size,): all :meth:`parts`, flat.
-    Raises UserError where they don't fit the units.
+    Raises UserError where the weights don't fit the units.
     """
 
-    inputs = ("drive [V]",)
-
+    outputs: tuple[Variable, ...]  # type: ignore[misc]
+    inputs: tuple[Variable, ...]  # type: ignore[misc]
+    rates: tuple[Variable, ...] = ()
+    """Names of the outputs' rates; by default those of the outputs and "_rate"."""
     units: int = 24
-    position_scale: float = 1.0
-    rate_scale: float = 1.0
-    drive_scale: float = 1.0
+    scales: tuple[float, ...] = ()
+    """Y, V, U, fixed parameters; ones by default."""
     network_weights: Array | None = None
-    """None: zeros, a network that knows nothing yet."""
+    """All :meth:`parts`, flat, (size,). None: zeros, a network that knows nothing yet."""
 
     def __post_init__(self) -> None:
         size = sum(int(np.prod(shape)) for shape in self.shapes.values())
         weights = np.zeros(size) if self.network_weights is None else self.network_weights
-        if self.units < 1 or len(weights) != size:
-            raise UserError(f"recurrent network: {len(weights)} weights, but {self.units} units have {size}")
-        object.__setattr__(self, "network_weights", weights)
+        channels = 2 * len(self.outputs) + len(self.inputs)
+        scales = self.scales or (1.0,) * channels
+        if self.units < 1 or len(weights) != size or len(scales) != channels:
+            raise UserError(
+                f"recurrent network: {len(weights)} weights, but {self.units} units have {size}, or {len(scales)} "
+                f"scales for {channels} signals"
+            )
+        rates = self.rates or tuple(Variable(name=f"{y.name}_rate", unit=f"{y.unit}/s") for y in self.outputs)
         hidden = (Variable(name=f"hidden_{i + 1}", unit="") for i in range(self.units))
-        position, rate = Variable(name="position", unit="rad"), Variable(name="velocity", unit="rad/s")
-        object.__setattr__(self, "states", (position, rate, *hidden))
-        object.__setattr__(self, "outputs", (position,))
+        for name, value in (
+            ("network_weights", weights),
+            ("scales", tuple(scales)),
+            ("rates", rates),
+            ("states", (*self.outputs, *rates, *hidden)),
+        ):
+            object.__setattr__(self, name, value)
 
     @classmethod
     def of(cls, design: Mapping[str, Any], weights: Array) -> Recurrent:
-        """The equation of a :attr:`design` with its weights (size,). Raises UserError where they don't fit."""
-        return cls(**design, network_weights=weights)
+        """The system of a :attr:`design` with its weights (size,). Raises UserError where they don't fit."""
+        variables = {name: tuple(Variable(**item) for item in design[name]) for name in ("outputs", "inputs", "rates")}
+        return cls(**{**design, **variables, "scales": tuple(design["scales"])}, network_weights=weights)
 
     @property
     def design(self) -> dict[str, Any]:
-        """Everything but the weights as plain data, from which :meth:`of` builds the equation again."""
-        names = ("period", "units", "position_scale", "rate_scale", "drive_scale")
-        return {name: getattr(self, name) for name in names}
+        """Everything but the weights as plain data, from which :meth:`of` builds the system again."""
+        variables = {name: [asdict(item) for item in getattr(self, name)] for name in ("outputs", "inputs", "rates")}
+        return {"period": self.period, "units": self.units, "scales": list(self.scales), **variables}
 
     @property
     def kinematics(self) -> Mapping[int, int]:
-        return {0: 1}
+        return {i: len(self.outputs) + i for i in range(len(self.outputs))}
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(
+            Parameter(
+                name=f"scale_{item.name}",
+                unit=item.unit,
+                low=0.0,
+                high=1e12,
+                start=1.0,
+                spread=None,
+                fixed=True,
+                term="",
+                description="Of the network, from the training data.",
+            )
+            for item in (*self.outputs, *self.rates, *self.inputs)
+        )
+
+    @property
+    def values(self) -> Array:
+        return np.array(self.scales)
+
+    def bound(self, values: Sequence[Scalar]) -> Recurrent:
+        return replace(self, scales=tuple(values))
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the parts of the weights, in their order; rows of three times the units are r, k, n."""
-        units = self.units
+        units, inputs, outputs = self.units, len(self.inputs), len(self.outputs)
         return {
-            "drive": (3 * units, 1),
+            "drive": (3 * units, inputs),
             "bias": (3 * units,),
             "recurrent": (3 * units, units),
             "reset_bias": (units,),
-            "readout": (units,),
-            "readout_bias": (1,),
-            "encoder": (units, 2),
+            "readout": (outputs, units),
+            "readout_bias": (outputs,),
+            "encoder": (units, 2 * outputs),
             "encoder_bias": (units,),
         }
 
@@ -113,7 +144,7 @@ class Recurrent(Recurrence):
         return replace(self, network_weights=weights)
 
     def initial(self, seed: int) -> Recurrent:
-        """The same equation with random weights, and memories spread from SHORTEST to LONGEST evenly in the logarithm.
+        """The same system with random weights, and memories spread from SHORTEST to LONGEST evenly in the logarithm.
 
         Tallec and Ollivier (2018), Can recurrent neural networks warp time?, eq. (16): k = 1 - 1 / (memory in steps).
         """
@@ -128,17 +159,20 @@ class Recurrent(Recurrence):
 
     @property
     def form(self) -> tuple[Any, ...]:
-        return (type(self), self.units, self.position_scale, self.drive_scale, self.period)
+        return (type(self), self.units, len(self.inputs), len(self.outputs), self.period)
 
     def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        layer = GatedUnits(units=self.units, size=len(self.weights))
-        readout, *hidden = layer([u[0] / self.drive_scale, *x[READ:]])
-        position = self.position_scale * readout
-        return [position, (position - x[0]) / self.period, *hidden]
+        p = len(self.outputs)
+        layer = GatedUnits(units=self.units, size=len(self.weights), inputs=len(self.inputs), readouts=p)
+        drive = [value / scale for value, scale in zip(u, self.scales[2 * p :], strict=True)]
+        found = layer([*drive, *x[2 * p :]])
+        outputs = [scale * value for scale, value in zip(self.scales, found[:p], strict=False)]
+        rates = [(after - before) / self.period for after, before in zip(outputs, x[:p], strict=True)]
+        return [*outputs, *rates, *found[p:]]
 
     def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
-        """States (samples, states): the measured position and rate, and the hidden states that the encoder gives."""
+        """States (samples, states): the measured outputs and rates, and the hidden states that the encoder gives."""
         parts = self.parts(self.weights)
-        measured = np.column_stack([outputs[:, 0] / self.position_scale, rates[:, 0] / self.rate_scale])
-        hidden = np.tanh(measured @ parts["encoder"].T + parts["encoder_bias"])
-        return np.column_stack([outputs[:, 0], rates[:, 0], hidden])
+        measured = np.concatenate([outputs, rates], axis=1)
+        scaled = measured / np.array(self.scales[: measured.shape[1]])
+        return np.concatenate([measured, np.tanh(scaled @ parts["encoder"].T + parts["encoder_bias"])], axis=1)

@@ -1,85 +1,150 @@
-"""The structures that can be identified, by name."""
+"""The structures that can be identified: one table."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.models.black_box import BlackBox
-from hybrid_sysid_ros.models.dahl import Dahl
+from hybrid_sysid_ros.core import Softsign, System
 from hybrid_sysid_ros.models.hybrid import Hybrid
-from hybrid_sysid_ros.models.linear import Linear
-from hybrid_sysid_ros.models.lugre import LuGre
+from hybrid_sysid_ros.models.linear import Friction, Linear, linearised
 from hybrid_sysid_ros.models.narx import Narx
-from hybrid_sysid_ros.models.network import Network
 from hybrid_sysid_ros.models.options import Option, Options, complete
 from hybrid_sysid_ros.models.recurrent import Recurrent
-from hybrid_sysid_ros.models.stribeck import Stribeck
 from hybrid_sysid_ros.support.errors import UserError
 
-HYBRIDS = ("hybrid_joint", "hybrid_frozen", "hybrid")
-"""Physics and network: the lecture's two on its linear model, and this project's on the rig's own equation."""
-
-STRUCTURES = ("linear", "stribeck", "dahl", "lugre", "narx", "black_box", "recurrent", *HYBRIDS[:2], "gray", "hybrid")
-
-SEEDED = ("black_box", "recurrent", *HYBRIDS)
-"""Structures whose fit depends on a seed."""
+Array = NDArray[np.float64]
 
 _BIAS = Option(
-    default=0.0, low=0.0, high=1.0, kind="float", description="prior deviation of each record's input bias, 0 for none"
+    default=0.0, low=0.0, high=1.0, kind="float", description="prior of a record's input biases, in its deviations"
 )
 _RIDGE = Option(default=1.0, low=0.01, high=100.0, kind="log", description="pull of a network's weights to zero")
 _SCALE = Option(
-    default=0.1, low=0.01, high=1.0, kind="log", description="size of the network, as part of the drive's acceleration"
+    default=1.0, low=0.01, high=1.0, kind="log", description="size of the network, as part of what the inputs do"
 )
 _STARTS = Option(default=1, low=1, high=32, kind="int", description="points where a fit begins; the best one goes on")
 _UNITS = Option(default=8, low=1, high=32, kind="int", description="of the network's hidden layer")
+_EVERYWHERE = Option(
+    default=0, low=0, high=1, kind="int", description="1: a network on all rates, not only where friction is"
+)
 _FIT = {"bias": _BIAS, "starts": _STARTS}
-_NETWORK = {"ridge": _RIDGE, **_FIT}
-
-_OPTIONS: Mapping[str, Mapping[str, Option]] = {
-    "linear": _FIT,
-    "stribeck": _FIT,
-    "dahl": _FIT,
-    "lugre": _FIT,
-    "gray": _FIT,
-    "narx": {
-        "output_lags": Option(default=1, low=1, high=6, kind="int", description="past outputs"),
-        "input_lags": Option(default=2, low=1, high=6, kind="int", description="past inputs"),
-        "degree": Option(default=3, low=1, high=3, kind="int", description="of the polynomial"),
-        "terms": Option(default=4, low=0, high=40, kind="int", description="number of terms, 0 for BIC's"),
-    },
-    "black_box": {"units": _UNITS, **_NETWORK},
-    "recurrent": {"units": Option(default=24, low=2, high=64, kind="int", description="hidden states of the GRU")},
-    "hybrid_joint": {"units": _UNITS, "scale": replace(_SCALE, default=1.0), **_NETWORK},
-    "hybrid_frozen": {"units": _UNITS, "scale": replace(_SCALE, default=1.0), **_NETWORK},
-    "hybrid": {
-        "units": replace(_UNITS, default=4),
-        "scale": _SCALE,
-        "members": Option(default=1, low=1, high=10, kind="int", description="networks of other seeds in the mean"),
-        **_NETWORK,
-        "ridge": replace(_RIDGE, default=10.0),
-    },
+_NETWORK = {"units": _UNITS, "scale": _SCALE, "everywhere": _EVERYWHERE, "ridge": _RIDGE, **_FIT}
+_ANCHORED = {
+    **_NETWORK,
+    "units": replace(_UNITS, default=4),
+    "scale": replace(_SCALE, default=0.1),
+    "members": Option(default=1, low=1, high=10, kind="int", description="networks of other seeds in the mean"),
+    "ridge": replace(_RIDGE, default=10.0),
 }
+_NARX = {
+    "output_lags": Option(default=1, low=1, high=6, kind="int", description="past outputs"),
+    "input_lags": Option(default=2, low=1, high=6, kind="int", description="past inputs"),
+    "degree": Option(default=3, low=1, high=3, kind="int", description="of the polynomial"),
+    "terms": Option(default=4, low=0, high=40, kind="int", description="number of terms of an output, 0 for BIC's"),
+}
+_RECURRENT = {"units": Option(default=24, low=2, high=64, kind="int", description="hidden states of the GRU")}
 
 
-def options_of(structure: str, physics: System) -> dict[str, Option]:
-    """The options of a structure; on a rig's own equation also its terms, each 0 (left out) or 1.
+@dataclass(frozen=True, kw_only=True)
+class Structure:
+    """A row of the table."""
+
+    physics: Literal["own", "viscous", "stribeck", "dahl", "lugre", "straight", "none"]
+    """The rig's own system, the linear one of its signature with a friction, its straight part, or nothing."""
+    network: Literal["", "joint", "frozen", "anchored"] = ""
+    """Whether a network is added, and what becomes of the physics: fitted with it, fitted before and then left, or
+    fitted before and then held near.
+    """
+    options: Mapping[str, Option] = field(default_factory=lambda: _FIT)
+    everywhere: bool = False
+    """A network on all rates, whatever the options say."""
+
+    @property
+    def seeded(self) -> bool:
+        """Whether a fit depends on a seed."""
+        return bool(self.network) or self.options is _RECURRENT
+
+
+TABLE: Mapping[str, Structure] = {
+    "linear": Structure(physics="viscous"),
+    "stribeck": Structure(physics="stribeck"),
+    "dahl": Structure(physics="dahl"),
+    "lugre": Structure(physics="lugre"),
+    "narx": Structure(physics="none", options=_NARX),
+    "black_box": Structure(
+        physics="straight",
+        network="joint",
+        everywhere=True,
+        options={name: option for name, option in _NETWORK.items() if name not in ("scale", "everywhere")},
+    ),
+    "recurrent": Structure(physics="none", options=_RECURRENT),
+    "hybrid_joint": Structure(physics="viscous", network="joint", options=_NETWORK),
+    "hybrid_frozen": Structure(physics="viscous", network="frozen", options=_NETWORK),
+    "gray": Structure(physics="own"),
+    "hybrid": Structure(physics="own", network="anchored", options=_ANCHORED),
+}
+"""By name. A rig may offer further gray boxes of its own, and any gray box G has its anchored hybrid, hybrid_G."""
+
+STRUCTURES = tuple(TABLE)
+SEEDED = tuple(name for name, item in TABLE.items() if item.seeded)
+Boxes = Mapping[str, System]
+"""Further gray boxes of a rig, by name."""
+
+
+def structure_of(name: str, boxes: Boxes | None = None) -> tuple[Structure, str]:
+    """The row of a structure, and the name of its gray box. Raises UserError for an unknown name."""
+    if name in TABLE:
+        row = TABLE[name]
+        return row, {"own": "gray", "viscous": "linear"}.get(row.physics, row.physics)
+    known = {**dict.fromkeys(boxes or {}, TABLE["gray"]), **{box: TABLE[box] for box in TABLE if _gray(TABLE[box])}}
+    if name in known:
+        return known[name], name
+    box = name.removeprefix("hybrid_")
+    if box in known and box != name:
+        return replace(TABLE["hybrid"], physics=known[box].physics), box
+    raise UserError(
+        f"structure {name!r} is unknown; choose one of {', '.join((*TABLE, *(boxes or {})))}, or hybrid_NAME of a "
+        "gray box"
+    )
+
+
+def _gray(row: Structure) -> bool:
+    return not row.network and row.physics != "none"
+
+
+def options_of(structure: str, physics: System, boxes: Boxes | None = None) -> dict[str, Option]:
+    """The options of a structure; on a rig's own system also its terms, each 0 (left out) or 1.
 
     Raises UserError for an unknown name.
     """
-    if structure not in _OPTIONS:
-        raise UserError(f"structure {structure!r} is unknown; choose one of {', '.join(STRUCTURES)}")
+    row, box = structure_of(structure, boxes)
+    own = (boxes or {}).get(box, physics)
     terms = {
-        term: Option(default=int(term not in physics.doubtful_terms), low=0, high=1, kind="int", description="term")
-        for term in (physics.terms if structure in ("gray", "hybrid") else ())
+        term: Option(default=int(term not in own.doubtful_terms), low=0, high=1, kind="int", description="term")
+        for term in (own.terms if row.physics == "own" else ())
     }
-    return {**_OPTIONS[structure], **terms}
+    return {**row.options, **terms}
+
+
+def _physics(row: Structure, box: str, physics: System, boxes: Boxes | None, design: Mapping[str, Any]) -> System:
+    """The system that a structure stands on."""
+    if row.physics == "own":
+        return (boxes or {}).get(box, physics)
+    friction: Friction = "viscous"
+    if row.physics in ("stribeck", "dahl", "lugre"):
+        friction = row.physics
+    return Linear(
+        origin=physics,
+        friction=friction,
+        straight=row.physics == "straight",
+        scales=tuple(design.get("scales", ())),
+        begin=design.get("begin"),
+        unshown=tuple(design.get("unshown", ())),
+    )
 
 
 def assemble(
@@ -87,61 +152,110 @@ def assemble(
     physics: System,
     *,
     design: Mapping[str, Any] | None = None,
-    weights: NDArray[np.float64] | None = None,
+    weights: Array | None = None,
+    boxes: Boxes | None = None,
 ) -> System:
-    """An equation of a named structure on a rig's own equation, with what is learned where it has such a part.
+    """A system of a named structure on a rig's own one, with what is learned where it has such a part.
 
     design: what :attr:`~hybrid_sysid_ros.core.System.design` gave. Raises UserError for an unknown name, and
     where the design or the weights (size,) are missing or don't fit each other.
     """
-    plain: dict[str, System] = {
-        "linear": Linear(),
-        "stribeck": Stribeck(),
-        "dahl": Dahl(),
-        "lugre": LuGre(),
-        "gray": physics,
-    }
-    if structure in plain:
-        return plain[structure]
-    if structure not in STRUCTURES:
-        raise UserError(f"structure {structure!r} is unknown; choose one of {', '.join(STRUCTURES)}")
+    row, box = structure_of(structure, boxes)
+    if _gray(row):
+        return _physics(row, box, physics, boxes, design or {})
     if design is None or weights is None:
         raise UserError(f"structure {structure}: the design or the weights of its learned part are missing")
     if structure == "narx":
         return Narx.of(design, weights)
     if structure == "recurrent":
         return Recurrent.of(design, weights)
-    network = Network.of(design)
-    if len(weights) != network.size:
-        raise UserError(f"structure {structure}: {len(weights)} weights don't fit the network {network}")
-    if structure == "black_box":
-        return BlackBox(network=network, network_weights=weights)
-    base = physics if structure == "hybrid" else Linear()
-    return Hybrid(physics=base, network=network, network_weights=weights)
+    base = _physics(row, box, physics, boxes, design.get("physics") or {})
+    if "feature_scales" in design:  # before networks could have several outputs
+        on, scales = rates_of(base, everywhere=False), (*design["feature_scales"], design["scale"])
+    else:
+        on, scales = tuple(design["on"]), None
+    channels = len(base.declared_states) + len(base.inputs) + len(on)
+    return Hybrid(
+        physics=base,
+        on=on,
+        units=int(design["units"]),
+        scales=scales or (1.0,) * channels,
+        network_weights=weights,
+    )
+
+
+def rates_of(system: System, *, everywhere: bool) -> tuple[str, ...]:
+    """States to whose rates a network adds: those that carry contacts, or all that don't just follow a velocity."""
+    carriers = tuple(dict.fromkeys(contact.on for contact in system.contacts))
+    if carriers and not everywhere:
+        return carriers
+    return tuple(item.name for i, item in enumerate(system.declared_states) if i not in system.kinematics)
 
 
 def build(
-    structure: str, physics: System, *, scales: NDArray[np.float64], seed: int, options: Options | None = None
+    structure: str,
+    physics: System,
+    *,
+    scales: Array,
+    seed: int,
+    options: Options | None = None,
+    centre: Array | None = None,
+    unshown: tuple[str, ...] = (),
+    boxes: Boxes | None = None,
 ) -> tuple[System, tuple[str, ...]]:
     """A structure before its fit, every parameter where a fit begins, so that no earlier result leaks in; and the names
     of the parameters that the fit must leave as they are, since their term is switched off.
 
-    physics: the rig's own equation. scales (states + inputs,): magnitude of each feature of a network in the training
-    data. seed: of a network's first weights. Raises UserError for an unknown name or option, and for narx and
-    recurrent, which are not built before their data are seen.
+    physics: the rig's own system. scales, centre (states + inputs,): magnitude of each declared state and input in the
+    training data, and their means. seed: of a network's first weights. unshown: states that no record shows. Raises
+    UserError for an unknown name or option, for a structure that makes no sense on the rig, and for narx and recurrent,
+    which are not built before their data are seen.
     """
-    chosen = complete(options or {}, options_of(structure, physics), structure)
-    if structure in ("narx", "recurrent"):
+    row, box = structure_of(structure, boxes)
+    chosen = complete(options or {}, options_of(structure, physics, boxes), structure)
+    if row.physics == "none":
         raise UserError(f"structure {structure}: is made of its data, so it can't be built before them; identify it")
-    design = weights = None
-    if structure in ("black_box", *HYBRIDS):
-        gain = next((item.start for item in physics.parameters if item.name == "gain"), 1.0)
-        network = Network(
-            units=int(chosen["units"]),
-            feature_scales=tuple(float(f"{scale:.4g}") for scale in scales),
-            scale=float(f"{chosen.get('scale', 1.0) * gain * scales[len(physics.states)]:.4g}"),
+    own = physics.with_values([item.start for item in physics.parameters])
+    n, at = len(own.declared_states), np.zeros(len(scales)) if centre is None else centre
+    a, b = linearised(own, np.append(at[:n], np.zeros(len(own.states) - n)), at[n:])
+    # What inputs do to each rate; where they act through other states only, what these do.
+    effects = np.abs(b) @ scales[n:]
+    effects = np.where(effects > 0.0, effects, np.abs(a) @ scales[:n])
+    efforts = tuple(_rounded(value) if value > 0.0 else 1.0 for value in effects)
+    design: dict[str, Any] = {"scales": [*map(_rounded, scales), *efforts], "unshown": unshown}
+    system = _physics(row, box, physics, boxes, design)
+    if isinstance(system, Linear):
+        system = system.begun(_entries(system, a, b))
+    system = system.with_values([item.start for item in system.parameters])
+    if row.network:
+        on = rates_of(own, everywhere=row.everywhere or bool(chosen.get("everywhere")))
+        names = [item.name for item in own.declared_states]
+        sizes = [_rounded(float(chosen.get("scale", 1.0)) * efforts[names.index(name)]) for name in on]
+        block = Softsign(features=len(scales), units=int(chosen["units"]), outputs=len(on))
+        system = Hybrid(
+            physics=system,
+            on=on,
+            units=block.units,
+            scales=(*map(_rounded, scales), *sizes),
+            network_weights=block.initial(seed, output=0.05),
         )
-        design, weights = asdict(network), network.initial(seed, output=0.05)
-    system = assemble(structure, physics, design=design, weights=weights)
-    system = system.with_values(np.array([item.start for item in system.parameters]))
     return system.without([term for term in system.terms if not chosen.get(term, 1)])
+
+
+def _entries(system: Linear, a: Array, b: Array) -> dict[str, float]:
+    """Where entries of a linear system begin: at the derivatives of the rig's own law."""
+    rows = [item.name for item in system.origin.declared_states]
+    columns = [*rows, *(item.name for item in system.origin.inputs)]
+    known, found = {item.name for item in system.parameters}, {}
+    for row, values in zip(rows, np.concatenate([a, b], axis=1), strict=True):
+        for column, value in zip(columns, values, strict=True):
+            name, sign = (f"{row}_per_{column}", 1.0)
+            if name not in known and row == column:
+                name, sign = f"{row}_damping", -1.0
+            if name in known and value:
+                found[name] = sign * float(value)
+    return found
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}") or 1.0

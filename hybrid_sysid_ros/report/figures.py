@@ -19,27 +19,27 @@ from hybrid_sysid_ros.report.charts import (
     dress,
     line,
     panels,
+    scaled,
     stems,
     timed,
-    volts_and_degrees,
 )
 from hybrid_sysid_ros.report.sections import FreeRun, IdentificationSection
-from hybrid_sysid_ros.rigs.sensor import Sensor
+from hybrid_sysid_ros.rigs.sensor import Display
 
 FREE_RUN_AT = 2.2
 """Where the free run's value is drawn, in longest horizons."""
 
 
-def free_run(run: FreeRun, sensor: Sensor) -> go.Figure:
-    """Measured and simulated output above, their difference below; volts at the left, degrees at the right."""
-    figure = panels(heights=[0.67, 0.33], height=330)
-    measured, simulated = sensor.volts(run.measured), sensor.volts(run.simulated)
+def free_run(run: FreeRun) -> go.Figure:
+    """Measured and simulated output above, their difference below."""
+    figure, display = panels(heights=[0.67, 0.33], height=330), run.display
+    measured, simulated = display.shown(run.measured), display.shown(run.simulated)
     line(figure, 1, run.time, measured, "measured", MEASURED)
     line(figure, 1, run.simulated_time, simulated, "free run", MODEL)
-    residuals = sensor.volts(run.residuals)
+    residuals = display.shown(run.residuals)
     line(figure, 2, run.residual_time, residuals, f"measured {MINUS} free run", ERROR, legend=False)
-    volts_and_degrees(figure, 1, [measured, simulated], "output", sensor)
-    volts_and_degrees(figure, 2, [residuals], "residual", sensor, symmetric=True)
+    scaled(figure, 1, [measured, simulated], run.output.name, run.output, display)
+    scaled(figure, 2, [residuals], "residual", run.output, display, symmetric=True)
     return timed(figure, 2)
 
 
@@ -68,7 +68,7 @@ def residual_tests(section: IdentificationSection) -> go.Figure:
     return figure
 
 
-def horizons(lines: Sequence[HorizonErrors], sensor: Sensor) -> go.Figure:
+def horizons(lines: Sequence[HorizonErrors], display: Display) -> go.Figure:
     """RMSE and 1 - R2 over the horizon, both logarithmic; points at the right are the free run."""
     figure = make_subplots(rows=1, cols=2, horizontal_spacing=0.09)
     dress(figure, 380)
@@ -76,7 +76,7 @@ def horizons(lines: Sequence[HorizonErrors], sensor: Sensor) -> go.Figure:
     end = FREE_RUN_AT * longest
     for number, item in enumerate(lines):
         colour, dash = LINES[number % len(LINES)], "solid" if number < len(LINES) else "dot"
-        rmse = sensor.volts(item.rmse), float(sensor.volts(np.float64(item.free_run.rmse)))
+        rmse = display.shown(item.rmse), float(display.shown(np.float64(item.free_run.rmse)))
         for column, (curve, limit) in enumerate((rmse, (1.0 - item.r2, 1.0 - item.free_run.r2)), start=1):
             figure.add_trace(
                 go.Scatter(
@@ -102,7 +102,7 @@ def horizons(lines: Sequence[HorizonErrors], sensor: Sensor) -> go.Figure:
             title="horizon [s]", row=1, col=column,
         )  # fmt: skip
     decades = {"type": "log", "dtick": "D2", "tickfont": {"size": 11}}
-    figure.update_yaxes(title="RMSE [V]", row=1, col=1, **decades)
+    figure.update_yaxes(title=f"RMSE [{display.unit}]", row=1, col=1, **decades)
     figure.update_yaxes(title=f"1 {MINUS} R²", row=1, col=2, **decades)
     figure.update_layout(legend={"y": 1.02}, margin={"t": 70}, hovermode="closest")
     return figure

@@ -1,1 +1,1 @@
-"""The rigs: a file a rig, and what they share."""
+"""The rigs: a folder each, and what they share: sensors, actuators, the simulated plant, experiments."""

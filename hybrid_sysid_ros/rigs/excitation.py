@@ -1,55 +1,69 @@
-"""Reference signals: what drives a rig through an experiment, as functions of time."""
+"""Signals that drive a rig through an experiment, or that its outputs are to follow, as functions of time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Reference = Callable[[ArrayLike], NDArray[np.float64]]
-"""q(t): seconds in, volts of the sensor out, any shape."""
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.structured import refuse_unknown
+
+Array = NDArray[np.float64]
+Reference = Callable[[ArrayLike], Array]
+"""q(t): seconds in, any shape; values of the same shape out, in the unit of the amplitude."""
 
 
-def hardware_reference(t: ArrayLike) -> NDArray[np.float64]:
-    """The 51 s reference of the author's hardware run [V]: a new level every second, then a sine of 0.5 Hz.
-
-    t < 29: 4 (2 frac(43758.5453 sin(12.9898 floor t)) - 1); 30 <= t < 50: 4 sin(2 pi 0.5 (t - 30)); else 0.
-    """
-    t = np.asarray(t, dtype=float)
-    hashed = 43758.5453 * np.sin(12.9898 * np.floor(t))
-    steps = 4.0 * (2.0 * (hashed - np.floor(hashed)) - 1.0)
-    sine = 4.0 * np.sin(2.0 * np.pi * 0.5 * (t - 30.0))
-    return np.where((t >= 0) & (t < 29.0), steps, np.where((t >= 30.0) & (t < 50.0), sine, 0.0))
+def constant(*, level: float) -> Reference:
+    """One level."""
+    return lambda t: np.full(np.shape(t), float(level))
 
 
-HARDWARE_DURATION = 51.0
-HARDWARE_STEPS = (0.0, 29.0)
-HARDWARE_SINE = (30.0, 50.0)
+def sine(*, amplitude: float, frequency: float) -> Reference:
+    """A sine of a frequency [Hz]."""
+    return lambda t: amplitude * np.sin(2.0 * np.pi * frequency * np.asarray(t, dtype=float))
 
 
 def multisine(seed: int, *, amplitude: float, low: float, high: float, lines: int, period: float) -> Reference:
-    """Sum of ``lines`` sines between low and high [Hz], of one period [s], scaled to a peak of ``amplitude`` [V]."""
+    """Sum of ``lines`` sines between low and high [Hz], of one period [s], scaled to a peak of ``amplitude``."""
     random = np.random.default_rng(seed)
-    bins = np.unique(np.round(np.linspace(low, high, lines) * period)) / period
+    bins = np.unique(np.round(np.linspace(low, high, int(lines)) * period)) / period
     phases = random.uniform(0, 2 * np.pi, len(bins))
     grid = np.linspace(0, period, 20_001)
     peak = np.max(np.abs(np.sum(np.sin(2 * np.pi * bins * grid[:, None] + phases), axis=1)))
 
-    def reference(t: ArrayLike) -> NDArray[np.float64]:
+    def reference(t: ArrayLike) -> Array:
         angle = 2 * np.pi * bins * np.asarray(t, dtype=float)[..., None] + phases
-        return amplitude / peak * np.sum(np.sin(angle), axis=-1)
+        return np.asarray(amplitude / peak * np.sum(np.sin(angle), axis=-1))
 
     return reference
 
 
 def random_steps(seed: int, *, amplitude: float, hold: float, duration: float) -> Reference:
-    """Levels within +-amplitude [V], a new one every ``hold`` [s]."""
+    """Levels within +-amplitude, a new one every ``hold`` [s]; the last one is held after the duration [s]."""
     levels = np.random.default_rng(seed).uniform(-amplitude, amplitude, int(np.ceil(duration / hold)) + 1)
 
-    def reference(t: ArrayLike) -> NDArray[np.float64]:
+    def reference(t: ArrayLike) -> Array:
         index = np.floor(np.asarray(t, dtype=float) / hold).astype(int)
-        return levels[np.clip(index, 0, len(levels) - 1)]
+        return np.asarray(levels[np.clip(index, 0, len(levels) - 1)])
+
+    return reference
+
+
+def hashed_steps(*, amplitude: float, hold: float = 1.0) -> Reference:
+    """Levels within +-amplitude, a new one every ``hold`` [s], of number k: 2 frac(43758.5453 sin(12.9898 k)) - 1.
+
+    The hash of graphics shaders: the same levels in every language, without a generator.
+    """
+
+    def reference(t: ArrayLike) -> Array:
+        hashed = 43758.5453 * np.sin(12.9898 * np.floor(np.asarray(t, dtype=float) / hold))
+        return np.asarray(amplitude * (2.0 * (hashed - np.floor(hashed)) - 1.0))
 
     return reference
 
@@ -57,8 +71,105 @@ def random_steps(seed: int, *, amplitude: float, hold: float, duration: float) -
 def swept_sine(*, amplitude: float, low: float, high: float, duration: float) -> Reference:
     """A sine whose frequency rises evenly from low to high [Hz] over ``duration`` [s]."""
 
-    def reference(t: ArrayLike) -> NDArray[np.float64]:
+    def reference(t: ArrayLike) -> Array:
         t = np.asarray(t, dtype=float)
         return amplitude * np.sin(2 * np.pi * (low * t + (high - low) * t**2 / (2 * duration)))
 
     return reference
+
+
+KINDS: Mapping[str, Callable[..., Reference]] = {
+    function.__name__: function for function in (constant, sine, multisine, random_steps, hashed_steps, swept_sine)
+}
+GIVEN = ("seed", "duration", "period")
+"""Of a kind's numbers, what whoever asks for the signal gives: the period of a multisine is its duration by default."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Excitation:
+    """A signal by its kind and its numbers, as a YAML file tells it."""
+
+    kind: str
+    numbers: Mapping[str, float]
+
+    @classmethod
+    def of(cls, content: object, where: str) -> Excitation:
+        """From ``{kind: multisine, amplitude: 2, ...}``. Raises UserError for other keys than the kind has."""
+        values = dict(content) if isinstance(content, Mapping) else {}
+        kind = values.pop("kind", None)
+        if kind not in KINDS:
+            raise UserError(f"{where}: kind is {kind!r}: choose one of {', '.join(KINDS)}")
+        parameters = inspect.signature(KINDS[kind]).parameters
+        known = tuple(name for name in parameters if name not in GIVEN)
+        refuse_unknown(values, (*known, *(("period",) if "period" in parameters else ())), where)
+        for name in known:
+            if name not in values and parameters[name].default is inspect.Parameter.empty:
+                raise UserError(f"{where}: {name} is missing")
+        for name, value in values.items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise UserError(f"{where}.{name} is {value!r}: it needs a number")
+            if (name in ("hold", "period") and value <= 0) or (name == "lines" and value < 1):
+                raise UserError(f"{where}.{name} is {value:g}: it must be above 0")
+        return cls(kind=kind, numbers=values)
+
+    def signal(self, *, seed: int = 0, duration: float = math.inf) -> Reference:
+        """As a function of time. duration [s]: of a sweep, of steps, and the period of a multisine without one."""
+        parameters = inspect.signature(KINDS[self.kind]).parameters
+        given = {"seed": seed, "duration": duration, "period": duration}
+        values = {name: value for name, value in given.items() if name in parameters} | dict(self.numbers)
+        return KINDS[self.kind](**values)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Segment:
+    """A piece of a schedule: a signal of one output from ``start`` up to, but without, ``stop`` [s].
+
+    Its own time begins at ``start``.
+    """
+
+    name: str
+    output: int
+    start: float
+    stop: float
+    excitation: Excitation
+
+
+@dataclass(frozen=True, kw_only=True)
+class Schedule:
+    """What the outputs are to follow, segment by segment, and 0 elsewhere, in the units in which they are shown."""
+
+    name: str
+    duration: float
+    """[s]"""
+    outputs: int
+    segments: Sequence[Segment]
+
+    @property
+    def windows(self) -> dict[str, tuple[float, float]]:
+        """Where tracking is judged, by the segments' names: from, up to [s]."""
+        return {segment.name: (segment.start, segment.stop) for segment in self.segments}
+
+    def of(self, output: int) -> Reference:
+        """One output's reference."""
+        pieces = [
+            (piece, piece.excitation.signal(duration=piece.stop - piece.start))
+            for piece in self.segments
+            if piece.output == output
+        ]
+
+        def reference(t: ArrayLike) -> Array:
+            t = np.asarray(t, dtype=float)
+            values = np.zeros(t.shape)
+            for piece, signal in pieces:
+                values = np.where((t >= piece.start) & (t < piece.stop), signal(t - piece.start), values)
+            return values
+
+        return reference
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """References (..., outputs) at times of any shape [s]."""
+        return np.stack([reference(t) for reference in self._references], axis=-1)
+
+    @cached_property
+    def _references(self) -> list[Reference]:
+        return [self.of(output) for output in range(self.outputs)]

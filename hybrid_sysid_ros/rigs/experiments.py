@@ -3,73 +3,129 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from hybrid_sysid_ros.bags import METADATA, joint_states, joint_trajectories, write
-from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps, swept_sine
-from hybrid_sysid_ros.rigs.plant import Plant
+from hybrid_sysid_ros.bags import METADATA, Series, joint_states, joint_trajectories, write
+from hybrid_sysid_ros.rigs.plant import Measurement, Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
 
-KINDS = ("multisine", "random_steps", "swept_sine")
+Array = NDArray[np.float64]
 
 START = 1_000_000_000
 """Stamp of the first sample [ns]: zero means "no time yet" to ROS."""
+SEEDS = 7919
+"""Between the seeds of the inputs' excitations."""
 
 
-def excitation(kind: str, *, seed: int, duration: float) -> Reference:
-    """The reference of one kind of experiment [V], much like those of the real records.
+def excitation(rig: Rig, name: str, *, seed: int, duration: float, times: Array) -> Array:
+    """The signals (times, inputs) of one of a rig's experiments: the input itself, or the shown reference of its loop.
 
-    Raises UserError for an unknown kind.
+    Raises UserError for an experiment that the rig has not.
     """
-    if kind == "multisine":
-        return multisine(seed, amplitude=4.5, low=0.05, high=2.5, lines=40, period=duration)
-    if kind == "random_steps":
-        return random_steps(seed, amplitude=4.5, hold=1.5, duration=duration)
-    if kind == "swept_sine":
-        return swept_sine(amplitude=3.0, low=0.05, high=2.0, duration=duration)
-    raise UserError(f"experiment {kind!r} is unknown; choose one of {', '.join(KINDS)}")
+    known = rig.experiments.excitations
+    if name not in known:
+        raise UserError(f"experiment {name!r} is unknown to {rig.file}; choose one of {', '.join(known) or 'none'}")
+    signals = np.zeros((len(times), len(rig.actuators)))
+    for index, chosen in known[name].items():
+        signals[:, index] = chosen.signal(seed=seed + SEEDS * index, duration=duration)(times)
+    return signals
 
 
-def simulate(rig: Rig, kind: str, out: Path, *, seed: int, duration: float, rate: float, bias: float = 0.03) -> Path:
-    """Drive the simulated rig through an experiment as the real one is driven, by its P controller on the filtered
-    position, u = gain (q - yf), and write the bag.
+class ExperimentController:
+    """The controller that drives a rig's experiments: :class:`.Loop` where an input has one, else the excitation."""
 
-    rate: of the bag's samples [Hz]; each carries the mean input since the one before. Raises UserError for a rate that
-    does not divide the rig's, and a place that can't be written.
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        self._integrals = np.zeros(len(rig.actuators))
+
+    def inputs(self, wanted: Array, shown: Measurement) -> Array:
+        """Inputs (inputs,) within the actuators' limits, for wanted (inputs,) references [SI] or inputs."""
+        found = np.empty(len(wanted))
+        for index, actuator in enumerate(self._rig.actuators):
+            loop = self._rig.experiments.loops.get(index)
+            if loop is None:
+                found[index] = actuator.bounded(float(wanted[index]))
+                continue
+            error = float((wanted[index] - shown.filtered[loop.output]) / self._rig.sensors[loop.output].scale)
+            value = loop.gain * error + self._integrals[index]
+            found[index] = actuator.bounded(value)
+            if actuator.low <= value <= actuator.high:  # else it would wind up
+                self._integrals[index] += loop.gain * loop.integral * error * self._rig.step
+        return found
+
+
+def simulate(
+    rig: Rig, kind: str, out: Path, *, seed: int, duration: float, rate: float, bias: ArrayLike | None = None
+) -> Path:
+    """Drive the simulated rig through an experiment as the real one is driven, and write the bag.
+
+    rate: of the bag's samples [Hz]; each carries the mean inputs since the one before. bias: see :class:`.Plant`; that
+    of the rig's node by default. Raises UserError for a rate that does not divide the rig's, an experiment that the
+    rig has not, and a place that can't be written.
     """
     every = round(1.0 / (rate * rig.step))
     if every < 1 or abs(every * rig.step * rate - 1.0) > 1e-9:
         raise UserError(f"rate {rate:g} Hz does not divide the rig's {1 / rig.step:g} Hz; choose one that does")
     check_folder(out, marker=METADATA)
-    target = excitation(kind, seed=seed, duration=duration)
-    plant = Plant(rig, seed=seed, bias=bias)
+    offsets = rig.bias if bias is None else np.broadcast_to(np.asarray(bias, dtype=float), len(rig.actuators))
     samples = round(duration * rate) + 1
-    times = np.arange(samples) / rate
-    wanted = rig.sensor.radians_per_volt * target(np.arange((samples - 1) * every + 1) * rig.step)
-    positions, applied = np.empty((samples, 2)), np.full((samples, 2), np.nan)
-    total = 0.0
+    times = np.arange((samples - 1) * every + 1, dtype=np.float64) * rig.step
+    wanted = excitation(rig, kind, seed=seed, duration=duration, times=times)
+    for index, loop in rig.experiments.loops.items():
+        wanted[:, index] = rig.sensors[loop.output].scale * wanted[:, index]
+    plant, controller = Plant(rig, seed=seed, bias=offsets), ExperimentController(rig)
+    shown: list[Measurement] = []
+    applied = np.full((samples, len(rig.actuators)), np.nan)
+    total = np.zeros(len(rig.actuators))
     for k in range(samples):
-        measured = plant.measure()
-        positions[k] = measured.position, measured.filtered
-        applied[k, 0] = total / every
-        total = 0.0
+        shown.append(plant.measure())
+        applied[k] = total / every
+        total[:] = 0.0
         for step in range(every if k < samples - 1 else 0):
-            error = (wanted[k * every + step] - plant.measure().filtered) / rig.sensor.radians_per_volt
-            u = float(np.clip(rig.feedback_gain * error, -rig.input_limit, rig.input_limit))
+            u = controller.inputs(wanted[k * every + step], plant.measure())
             plant.advance(u)
             total += u
-    stamps = START + np.round(times * 1e9).astype(np.int64)
-    names = [rig.joint, f"{rig.joint}_filtered"]
-    references = wanted[::every][:, None, None]
-    return write(
-        out,
-        [
-            joint_states(f"/{rig.name}/joint_states", stamps, names, position=positions, effort=applied),
-            joint_trajectories(f"/{rig.name}/reference", stamps, [rig.joint], positions=references, times=[0.0]),
-        ],
-        replace=True,
-        notes={"made_by": f"simulated {rig.name}, {kind}, seed {seed}, {duration:g} s at {rate:g} Hz, bias {bias:g} V"},
-    )
+    stamps = START + np.round(np.arange(samples) / rate * 1e9).astype(np.int64)
+    told = ", ".join(f"{value:g} {item.unit}" for value, item in zip(offsets, rig.system.inputs, strict=True))
+    made_by = f"simulated {rig.name}, {kind}, seed {seed}, {duration:g} s at {rate:g} Hz, bias {told}"
+    series = [_measurements(rig, stamps, shown, applied)]
+    if rig.experiments.loops:
+        series.append(_references(rig, stamps, wanted[::every]))
+    return write(out, series, replace=True, notes={"made_by": made_by})
+
+
+def _measurements(rig: Rig, stamps: NDArray[np.int64], shown: list[Measurement], applied: Array) -> Series:
+    """joint_states: outputs and inputs in the joints' fields, and behind them the outputs behind low-passes."""
+    outputs = [item.name for item in rig.system.outputs]
+    second = rig.joints.filtered(outputs, rig.sensors)
+    names = [*rig.joints.names, *second.values()]
+    fields = {key: np.full((len(stamps), len(names)), np.nan) for key in ("position", "velocity", "effort")}
+    for index, name in enumerate(outputs):
+        joint, field = rig.joints.place(name)
+        fields[field][:, names.index(joint)] = [item.outputs[index] for item in shown]
+        if rig.sensors[index].low_pass:
+            fields[field][:, names.index(second[joint])] = [item.filtered[index] for item in shown]
+    for index, item in enumerate(rig.system.inputs):
+        joint, _ = rig.joints.place(item.name)
+        fields["effort"][:, names.index(joint)] = applied[:, index]
+    carried: dict[str, Any] = {key: values for key, values in fields.items() if np.isfinite(values).any()}
+    return joint_states(f"/{rig.namespace}/joint_states", stamps, names, **carried)
+
+
+def _references(rig: Rig, stamps: NDArray[np.int64], wanted: Array) -> Series:
+    """The references of the loops, one point a message."""
+    places = {
+        index: rig.joints.place(rig.system.outputs[loop.output].name) for index, loop in rig.experiments.loops.items()
+    }
+    names = list(dict.fromkeys(joint for joint, _ in places.values()))
+    fields = {f: np.full((len(stamps), 1, len(names)), np.nan) for f in dict.fromkeys(f for _, f in places.values())}
+    for index, (joint, field) in places.items():
+        fields[field][:, 0, names.index(joint)] = wanted[:, index]
+    plural = {"position": "positions", "velocity": "velocities"}
+    given: dict[str, Any] = {plural[field]: values for field, values in fields.items()}
+    return joint_trajectories(f"/{rig.namespace}/reference", stamps, names, times=[0.0], **given)

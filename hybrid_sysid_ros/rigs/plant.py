@@ -1,60 +1,78 @@
-"""A rig simulated: its equation at a fine step, with the drive's limit and the sensor's faults."""
+"""A rig simulated: its system at a fine step, with its actuators' limits and its sensors' faults."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hybrid_sysid_ros.core import compiled
-from hybrid_sysid_ros.core.rollout import advance
+from hybrid_sysid_ros.core.call import call_value
+from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.sensor import Filter
+from hybrid_sysid_ros.rigs.sensor import LowPassFilter, Sensor
 
 Array = NDArray[np.float64]
+DRAWN = 1024
+"""Rows of noise that are drawn at once."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
-    """What the sensor shows: time [s], position [rad] and the position behind the rig's filter [rad]."""
+    """What the sensors show, in SI."""
 
     time: float
-    position: float
-    filtered: float
+    """[s]"""
+    outputs: Array
+    """Readings (outputs,)."""
+    filtered: Array
+    """Readings behind the sensors' low-passes (outputs,), plain where there is none."""
 
 
 class Plant:
-    """The rig's equation integrated at ``rig.step`` (1 kHz), driven by a bounded input that never is NaN."""
+    """The rig's system integrated at ``rig.step``, driven by inputs that are bounded and never NaN."""
 
-    def __init__(self, rig: Rig, *, seed: int, bias: float = 0.0, noisy: bool = True) -> None:
-        """bias: constant added to the drive [V], a disturbance that no model knows. noisy: hum, noise and counts."""
+    def __init__(self, rig: Rig, *, seed: int, bias: ArrayLike = 0.0, noisy: bool = True) -> None:
+        """bias: constant added to each input (inputs,) or one for all, a disturbance that no model knows. noisy: hum,
+        noise and counts.
+        """
         self.rig = rig
-        self.bias = bias
+        self.step = rig.step
+        self.bias = np.broadcast_to(np.asarray(bias, dtype=float), len(rig.actuators)).copy()
         self.noisy = noisy
-        self._random = np.random.default_rng(seed)
-        self._phase = self._random.uniform(0, 2 * np.pi)
-        self._step = compiled(rig.system).step
-        self._parameters = rig.system.values
-        self._weights = rig.system.weights
-        delay = rig.system.delay / rig.step
-        self._whole, self._part = int(delay), delay % 1.0
-        self._filter = Filter(rig.sensor, rig.step)
-        self._following = np.zeros(len(rig.system.states))
-        self._drive = np.zeros(1)
-        self.reset(np.zeros(len(rig.system.states)))
+        system, random = rig.system, np.random.default_rng(seed)
+        functions = compiled(system)
+        self._functions = functions.step, functions.output
+        self._parameters, self._weights = system.values, system.weights
+        self._phases = random.uniform(0, 2 * np.pi, len(rig.sensors))
+        self._random = random
+        self._noise: Iterator[list[float]] = iter(())
+        self._delays = [_split(delay / rig.step) for delay in system.input_delays]
+        self._channels = [_Reading(sensor, rig.step) for sensor in rig.sensors]
+        self._drive, self._outputs = np.zeros(len(rig.actuators)), np.zeros(len(rig.sensors))
+        self.reset(np.zeros(len(system.states)))
 
-    def reset(self, state: Array, *, drive: float = 0.0) -> None:
-        """Start again at time 0 from a state (states,), the drive having stood at ``drive`` [V]."""
+    def reset(self, state: ArrayLike, *, inputs: ArrayLike | None = None) -> None:
+        """Start again at time 0 from a state (states,), the inputs having stood at ``inputs`` (inputs,), or at rest."""
         self._ticks = 0
         self.state = np.array(state, dtype=float)
-        self._past = deque([drive] * (self._whole + 2), maxlen=self._whole + 2)
-        self._filter.reset(float(self.state[0]))
+        rest = [actuator.rest for actuator in self.rig.actuators]
+        stood = np.broadcast_to(rest if inputs is None else np.asarray(inputs, dtype=float), len(rest)).tolist()
+        self._past = [
+            deque([value] * (whole + 2), maxlen=whole + 2)
+            for value, (whole, _) in zip(stood, self._delays, strict=True)
+        ]
+        self._act()
+        for channel, value in zip(self._channels, self._move(steps=0), strict=True):
+            channel.reset(value)
         self._read()
 
     def change(self, **parameters: float) -> None:
-        """From here on parameters of the equation have other values, as friction when it warms up; the delay stays."""
+        """From here on parameters of the system have other values, as friction when it warms up; delays stay."""
         names = [item.name for item in self.rig.system.parameters]
         for name, value in parameters.items():
             self._parameters[names.index(name)] = value
@@ -63,27 +81,117 @@ class Plant:
     def time(self) -> float:
         return self._ticks * self.rig.step
 
-    def advance(self, drive: float) -> None:
-        """One step under a drive voltage, bounded to the rig's limit; NaN counts as zero."""
-        limit = self.rig.input_limit
-        self._past.appendleft(min(max(drive, -limit), limit) if drive == drive else 0.0)
-        late, later = self._past[self._whole], self._past[self._whole + 1]
-        self._drive[0] = (1.0 - self._part) * late + self._part * later + self.bias
-        self._filter.advance(self._position)
-        advance(self._step, self.state, self._drive, self._parameters, self._weights, self.rig.step, self._following)
-        self.state[:] = self._following
+    def advance(self, inputs: ArrayLike) -> None:
+        """One step under commanded inputs (inputs,), bounded by the actuators; NaN counts as rest."""
+        values = [inputs] if isinstance(inputs, float) else np.atleast_1d(np.asarray(inputs, dtype=float)).tolist()
+        for actuator, past, value in zip(self.rig.actuators, self._past, values, strict=True):
+            past.appendleft(actuator.bounded(value))
+        self._act()
+        for channel in self._channels:
+            channel.advance()
+        for channel, value in zip(self._channels, self._move(steps=1), strict=True):
+            channel.see(value)
         self._ticks += 1
         self._read()
 
+    def _move(self, *, steps: int) -> list[float]:
+        """Advance the state in place under what acts now; the outputs there (outputs,)."""
+        _moved(
+            *self._functions, self.state, self._drive, self._parameters, self._weights, self.rig.step, steps,
+            self._outputs,
+        )  # fmt: skip
+        found: list[float] = self._outputs.tolist()
+        return found
+
+    def _act(self) -> None:
+        """What acts on the system now, behind the delays."""
+        for index, (past, (whole, part)) in enumerate(zip(self._past, self._delays, strict=True)):
+            self._drive[index] = (1.0 - part) * past[whole] + part * past[whole + 1] + self.bias[index]
+
     def _read(self) -> None:
         if not self.noisy:
-            self._position = float(self.state[0])
+            for channel in self._channels:
+                channel.read_plainly()
             return
-        sensor = self.rig.sensor
-        hum = np.sqrt(2) * sensor.mains_volts * np.sin(2 * np.pi * sensor.mains_hertz * self.time + self._phase)
-        volts = self.state[0] / sensor.radians_per_volt + hum + sensor.white_volts * self._random.standard_normal()
-        self._position = sensor.quantised(float(volts)) * sensor.radians_per_volt
+        noise = next(self._noise, None)
+        if noise is None:
+            self._noise = iter(self._random.standard_normal((DRAWN, len(self._channels))).tolist())
+            noise = next(self._noise)
+        for channel, phase, white in zip(self._channels, self._phases.tolist(), noise, strict=True):
+            channel.read(self.time, phase, white)
+
+    def outputs(self) -> Array:
+        """What the sensors would show now without delay and faults (outputs,)."""
+        return self._outputs.copy()
+
+    def sensed(self) -> Array:
+        """What they show (outputs,)."""
+        return self.measure().outputs
 
     def measure(self) -> Measurement:
-        """The sensor's reading now."""
-        return Measurement(time=self.time, position=self._position, filtered=self._filter.value)
+        """The sensors' readings now."""
+        return Measurement(
+            time=self.time,
+            outputs=np.array([channel.value for channel in self._channels]),
+            filtered=np.array([channel.filtered for channel in self._channels]),
+        )
+
+
+@kernel
+def _moved(step: int, output: int, x: Array, u: Array, p: Array, w: Array, h: float, steps: int, y: Array) -> None:
+    """Steps of x (states,) in place under u (inputs,), and the outputs y (outputs,), by addresses of compiled code."""
+    following = np.empty_like(x)
+    for _ in range(steps):
+        call_value(step, x, u, p, w, h, 0.0, following)
+        x[:] = following
+    call_value(output, x, u, p, w, h, 0.0, y)
+
+
+class _Reading:
+    """One sensor at work: the outputs it has yet to show, its reading [SI] and its low-pass."""
+
+    def __init__(self, sensor: Sensor, step: float) -> None:
+        self._sensor = sensor
+        self._low_pass = LowPassFilter(sensor.low_pass, step) if sensor.low_pass else None
+        self._whole, self._part = _split(sensor.delay / step)
+        self.value = 0.0
+
+    @property
+    def filtered(self) -> float:
+        return self.value if self._low_pass is None else self._low_pass.value
+
+    def reset(self, output: float) -> None:
+        """Settle at an output."""
+        self._past = deque([output] * (self._whole + 2), maxlen=self._whole + 2)
+        if self._low_pass is not None:
+            self._low_pass.reset(output)
+
+    def see(self, output: float) -> None:
+        self._past.appendleft(output)
+
+    def advance(self) -> None:
+        """One step of the low-pass, under the reading that there is."""
+        if self._low_pass is not None:
+            self._low_pass.advance(self.value)
+
+    def read_plainly(self) -> None:
+        """Without faults but the delay."""
+        if self._part == 0.0:
+            self.value = self._past[self._whole]
+        else:
+            self.value = (1.0 - self._part) * self._past[self._whole] + self._part * self._past[self._whole + 1]
+
+    def read(self, time: float, phase: float, white: float) -> None:
+        """With hum of a phase, and a standard normal number as white noise."""
+        self.read_plainly()
+        sensor, hum = self._sensor, 0.0
+        if sensor.hum is not None:
+            hum = math.sqrt(2) * sensor.hum.rms * math.sin(2 * math.pi * sensor.hum.hertz * time + phase)
+        reading = self.value / sensor.scale + hum + sensor.white_noise * white
+        self.value = (sensor.quantiser.read(reading) if sensor.quantiser else reading) * sensor.scale
+
+
+def _split(steps: float) -> tuple[int, float]:
+    """A delay in whole steps and the part of one that is left."""
+    whole = int(steps)
+    return whole, steps - whole

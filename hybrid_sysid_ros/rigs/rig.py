@@ -1,46 +1,273 @@
-"""A rig: its equation, its sensor and its limits, by name."""
+"""A rig: its system, its sensors and actuators, and how it is driven, from one folder."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
-from hybrid_sysid_ros.bags.signals import configuration_of, load_configuration
-from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.rigs.cam_beam import CamBeam
-from hybrid_sysid_ros.rigs.sensor import Sensor
+from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.core import System, Variable
+from hybrid_sysid_ros.rigs import folder as folders
+from hybrid_sysid_ros.rigs.actuator import Actuator
+from hybrid_sysid_ros.rigs.excitation import Excitation, Schedule, Segment
+from hybrid_sysid_ros.rigs.joints import Joints
+from hybrid_sysid_ros.rigs.sensor import Display, Sensor
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_unknown, section
 
-EQUATIONS: dict[str, System] = {"cam_beam": CamBeam()}
-"""The best physics known of each rig. The numbers are those identified from its records."""
+SECTIONS = (
+    "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
+    "policy_training", "policy_certificate", "demo",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rig:
-    """joint: its name in messages. step: the plant's integration step [s]. input_limit: drive saturation [+-V].
-
-    feedback_gain: of the P controller that drives the rig's own experiments [V/V].
+class Loop:
+    """A controller that drives an input in experiments: u = gain (e + integral of e * rate), e = reference - output,
+    the output behind its sensor's low-pass where it has one.
     """
+
+    output: int
+    gain: float
+    """[unit of the input per shown unit of the output]"""
+    integral: float = 0.0
+    """Rate of the integral part [1/s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiments:
+    """How a rig is driven through its experiments."""
+
+    loops: Mapping[int, Loop] = field(default_factory=dict)
+    """By input: its controller. An input without one is excited itself."""
+    excitations: Mapping[str, Mapping[int, Excitation]] = field(default_factory=dict)
+    """By name: the signal of each input, or of the reference of its loop."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rig:
+    """What is known of a rig: see docs/add-a-rig.md for its two files."""
 
     name: str
-    joint: str
+    folder: Path
     system: System
-    sensor: Sensor
+    """The best physics known of the rig, with the numbers identified from its records."""
+    structures: Mapping[str, System]
+    """Further gray boxes of its own, by name."""
     step: float
-    input_limit: float
-    feedback_gain: float
+    """Of the simulated plant [s]."""
+    sensors: tuple[Sensor, ...]
+    """Of each output."""
+    actuators: tuple[Actuator, ...]
+    """Of each input."""
+    joints: Joints
+    namespace: str
+    """Of its topics, without slashes at its ends."""
+    signals: Signals
+    experiments: Experiments
+    references: Mapping[str, Schedule]
+    """By name; the first is the one to show."""
+    content: Mapping[str, Any]
+    """All of rig.yaml."""
+
+    def __reduce__(self) -> Any:
+        """To another process a rig goes by its source: that runs its Python there, too."""
+        return (load, (self.source,)) if _LOADED.get(self.folder) is self else object.__reduce_ex__(self, 2)
+
+    @property
+    def source(self) -> str:
+        """What another process loads the rig by: its name, or the path of its folder."""
+        return self.name if self.name in folders.names() else str(self.folder)
+
+    @property
+    def file(self) -> Path:
+        """Where its values are."""
+        return self.folder / folders.VALUES
+
+    @property
+    def display(self) -> tuple[Display, ...]:
+        """The unit in which each output is shown, and SI per unit."""
+        return tuple(sensor.display for sensor in self.sensors)
+
+    @property
+    def bias(self) -> tuple[float, ...]:
+        """Of each input of the simulated rig (inputs,): the constant added to it, which no model knows."""
+        plant = section(section(self.content, "nodes", str(self.file)), "plant", f"{self.file}: nodes")
+        return numbers(plant.get("bias", 0.0), f"{self.file}: nodes.plant.bias", count=len(self.actuators))
+
+    @property
+    def reference(self) -> str:
+        """Name of the reference to show: the rig's first, or "steps" where it has none."""
+        return next(iter(self.references), "steps")
+
+    def schedule(self, name: str = "") -> Schedule:
+        """One of the rig's references by its name, the first by default. Raises UserError where there is none."""
+        if (name or self.reference) not in self.references:
+            raise UserError(f"{self.file}: no reference {name}: it has {', '.join(self.references) or 'none'}")
+        return self.references[name or self.reference]
+
+    def section(self, name: str) -> dict[str, Any]:
+        """A section of rig.yaml. Raises UserError where it is not there."""
+        return section(self.content, name, str(self.file), needed=True)
+
+    def channel(self, kind: str, name: str) -> str:
+        """Name of a record's channel "reference" or "filtered" of an output, or "command" of an input."""
+        alone = len(self.sensors if kind != "command" else self.actuators) == 1
+        return kind if alone else f"{kind}_{name}"
 
 
-def load(name: str) -> Rig:
-    """A rig by name, with the numbers of its configuration ``msgs_config/NAME.yaml``.
+_LOADED: dict[Path, Rig] = {}
 
-    Raises UserError for a rig that is not known, or a configuration that lacks a number.
+
+def load(rig: str | Path) -> Rig:
+    """A rig by its name, or by the path of its folder; the same one whenever it is asked for again. "": the default.
+
+    Once a process was given a path, the rig's name will do, also in the processes that it starts.
+
+    Raises UserError for a rig that is not known, and for whatever is wrong with its files.
     """
-    path = configuration_of(name)
-    content = load_configuration(path)
-    if name not in EQUATIONS:
-        raise UserError(f"{path}: rig {name!r} has no equation; known are {', '.join(EQUATIONS)}")
-    try:
-        sensor = Sensor(**content["sensor"])
-        return Rig(name=name, system=EQUATIONS[name], sensor=sensor, **content["plant"])
-    except (KeyError, TypeError) as error:
-        raise UserError(f"{path}: sections sensor and plant don't describe the rig ({error})") from error
+    found = folders.find(rig or default())
+    if found.path not in _LOADED:
+        _LOADED[found.path] = _read(found)
+    return _LOADED[found.path]
+
+
+def default() -> str:
+    """Name of the rig that is meant where none is named: the one whose file says so, or the only one."""
+    known = list(folders.names())
+    chosen = [name for name in known if read_mapping(folders.find(name).path / folders.VALUES).get("default")]
+    return (chosen or known)[0]
+
+
+def _read(found: folders.RigFolder) -> Rig:
+    path = found.path / folders.VALUES
+    where, content = str(path), read_mapping(path)
+    refuse_unknown(content, SECTIONS, where)
+    system, structures = folders.systems_of(found)
+    for other in structures.values():
+        _check_alike(system, other, str(found.path / folders.SYSTEM))
+    sensors = _parts(content, "sensors", system.outputs, where, Sensor, _plain_sensor)
+    actuators = _parts(content, "actuators", system.inputs, where, Actuator, None)
+    joints = Joints.of(section(content, "joints", where), system, f"{where}: joints")
+    namespace = str(content.get("namespace") or found.name).strip("/")
+    derived = joints.signals(system, sensors)
+    signals = Signals.of(section(content, "signals", where), namespace, where, given=derived)
+    return Rig(
+        name=found.name,
+        folder=found.path,
+        system=system,
+        structures=structures,
+        step=_above_zero(content, "step", where),
+        sensors=sensors,
+        actuators=actuators,
+        joints=joints,
+        namespace=namespace,
+        signals=signals.ordered(system.inputs, system.outputs),
+        experiments=_experiments(section(content, "experiments", where), system, f"{where}: experiments"),
+        references=_references(section(content, "references", where), system, f"{where}: references"),
+        content=content,
+    )
+
+
+def _check_alike(system: System, other: System, where: str) -> None:
+    """A further gray box takes the same inputs and gives the same outputs."""
+    for kind in ("inputs", "outputs"):
+        mine, its = ([str(item) for item in getattr(each, kind)] for each in (system, other))
+        if mine != its:
+            name = type(other).__name__
+            raise UserError(f"{where}: {name} has the {kind} {', '.join(its)}, the rig's are {', '.join(mine)}")
+
+
+def _plain_sensor(output: Variable) -> Sensor:
+    return Sensor(unit=output.unit)
+
+
+def _parts(
+    content: Mapping[str, Any],
+    key: str,
+    variables: tuple[Variable, ...],
+    where: str,
+    kind: type[Any],
+    plain: Callable[[Variable], Any] | None,
+) -> tuple[Any, ...]:
+    """A sensor for each output, an actuator for each input; ``plain`` stands where none is told."""
+    told = section(content, key, where)
+    names = [item.name for item in variables]
+    for name in told:
+        if name not in names:
+            raise UserError(f"{where}: {key}.{name}: the system has no such {key[:-1]}; known are {', '.join(names)}")
+    found = []
+    for item in variables:
+        if item.name not in told and plain is None:
+            raise UserError(f"{where}: {key}.{item.name} is missing: it needs low and high [{item.unit}]")
+        value = told.get(item.name)
+        if isinstance(value, dict) and kind is Sensor:
+            value = {"unit": item.unit, **value}
+        found.append(plain(item) if value is None and plain else built(kind, value, f"{where}: {key}.{item.name}"))
+        if kind is Sensor and found[-1].scale == 1.0 and found[-1].unit != item.unit:
+            raise UserError(
+                f"{where}: {key}.{item.name}: readings are in {found[-1].unit}, the output is in {item.unit}: "
+                f"give scale, in {item.unit} per {found[-1].unit}"
+            )
+    return tuple(found)
+
+
+def _above_zero(content: Mapping[str, Any], key: str, where: str) -> float:
+    (value,) = numbers(content.get(key), f"{where}: {key}", count=1)
+    if not (value > 0 and math.isfinite(value)):
+        raise UserError(f"{where}: {key} is {value:g}: it needs more than 0")
+    return value
+
+
+def _index(name: object, variables: tuple[Variable, ...], where: str, what: str) -> int:
+    names = [item.name for item in variables]
+    if name not in names:
+        raise UserError(f"{where}: {name!r} is no {what}; known are {', '.join(names)}")
+    return names.index(str(name))
+
+
+def _experiments(content: Mapping[str, Any], system: System, where: str) -> Experiments:
+    refuse_unknown(content, ("loops", "excitations"), where)
+    loops = {}
+    for name, value in section(content, "loops", where).items():
+        here = f"{where}: loops.{name}"
+        told = dict(value) if isinstance(value, dict) else {}
+        output = _index(told.get("output", system.outputs[0].name), system.outputs, here, "output")
+        loops[_index(name, system.inputs, here, "input")] = built(Loop, {**told, "output": output}, here)
+    excitations: dict[str, dict[int, Excitation]] = {}
+    for name, value in section(content, "excitations", where).items():
+        here = f"{where}: excitations.{name}"
+        if isinstance(value, dict) and "kind" not in value:
+            chosen = {_index(key, system.inputs, here, "input"): item for key, item in value.items()}
+        else:
+            chosen = dict.fromkeys(range(len(system.inputs)), value)
+        excitations[name] = {index: Excitation.of(item, here) for index, item in chosen.items()}
+    return Experiments(loops=loops, excitations=excitations)
+
+
+def _references(content: Mapping[str, Any], system: System, where: str) -> dict[str, Schedule]:
+    found = {}
+    for name in content:
+        here, told = f"{where}: {name}", section(content, name, where)
+        refuse_unknown(told, ("duration", "segments"), here)
+        segments = []
+        for label, value in section(told, "segments", here, needed=True).items():
+            at = f"{here}.segments.{label}"
+            numbers_of = dict(value) if isinstance(value, dict) else {}
+            output = _index(numbers_of.pop("output", system.outputs[0].name), system.outputs, at, "output")
+            start = numbers(numbers_of.pop("start", 0.0), f"{at}.start", count=1)[0]
+            stop = numbers(numbers_of.pop("stop", None), f"{at}.stop", count=1)[0]
+            if not 0 <= start < stop:
+                raise UserError(f"{at}: goes from {start:g} to {stop:g} s: its start must lie before its stop")
+            excitation = Excitation.of(numbers_of, at)
+            segments.append(Segment(name=label, output=output, start=start, stop=stop, excitation=excitation))
+        found[name] = Schedule(
+            name=name,
+            duration=_above_zero(told, "duration", here),
+            outputs=len(system.outputs),
+            segments=tuple(segments),
+        )
+    return found

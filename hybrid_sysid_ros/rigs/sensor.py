@@ -1,61 +1,127 @@
-"""An angle sensor: its scale, quantisation, noise and filter."""
+"""A sensor, made of parts: scale, delay, hum, white noise, quantiser and low-pass."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
+class Display:
+    """The unit in which an output is shown, weighed, and configured."""
+
+    unit: str
+    scale: float
+    """SI per unit."""
+
+    def shown(self, value: ArrayLike) -> Array:
+        """From SI into the unit."""
+        return np.asarray(value, dtype=float) / self.scale
+
+    def si(self, value: ArrayLike) -> Array:
+        """From the unit into SI."""
+        return np.asarray(value, dtype=float) * self.scale
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hum:
+    """A sine of known frequency in the readings, with one random phase per run."""
+
+    rms: float
+    """[reading unit]"""
+    hertz: float
+
+    def __post_init__(self) -> None:
+        _at_least_zero(self, "rms", "hertz")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantiser:
+    """An analogue-to-digital converter over +-range, or an encoder's count without end."""
+
+    range: float = math.inf
+    """Largest reading, +- [reading unit]."""
+    bits: int = 0
+    """Of the converter; 0: ``count`` says how fine it is."""
+    count: float = 0.0
+    """One count [reading unit]."""
+
+    def __post_init__(self) -> None:
+        if self.bits > 0 and math.isfinite(self.range) and not self.count:
+            object.__setattr__(self, "count", 2 * self.range / 2**self.bits)
+        if not (self.count > 0 and math.isfinite(self.count) and self.range > 0):
+            raise UserError("a quantiser needs a count above 0, or range and bits")
+
+    def read(self, value: float) -> float:
+        """The nearest count within the range; what is not finite stays so."""
+        if not math.isfinite(value):
+            return min(max(value, -self.range), self.range)
+        return min(max(round(value / self.count) * self.count, -self.range), self.range)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LowPass:
+    """A Butterworth low-pass of the readings, run by forward Euler; experiments may feed its output back."""
+
+    hertz: float
+    order: int
+
+    def __post_init__(self) -> None:
+        if not (self.hertz > 0 and math.isfinite(self.hertz) and 1 <= self.order <= 12):
+            raise UserError(f"low_pass: {self.hertz:g} Hz of order {self.order}: needs more than 0 Hz and 1 to 12")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Sensor:
-    """radians_per_volt: the scale between the sensor's volts and SI. range_volts, bits: of the converter, +-range.
+    """What stands between an output and its readings; every part may be missing."""
 
-    mains_volts (rms) at mains_hertz: hum with one random phase per run; white_volts (rms): the rest of the noise.
-    filter_hertz, filter_order: Butterworth low-pass of the measured signal, run by forward Euler.
-    """
+    unit: str
+    """Of a reading, and of the output wherever it is shown."""
+    scale: float = 1.0
+    """SI per unit of a reading."""
+    white_noise: float = 0.0
+    """Standard deviation [reading unit]."""
+    hum: Hum | None = None
+    quantiser: Quantiser | None = None
+    low_pass: LowPass | None = None
+    delay: float = 0.0
+    """Age of what a reading shows [s]."""
 
-    radians_per_volt: float
-    range_volts: float
-    bits: int
-    mains_volts: float
-    mains_hertz: float
-    white_volts: float
-    filter_hertz: float
-    filter_order: int
+    def __post_init__(self) -> None:
+        if not (self.scale != 0 and math.isfinite(self.scale)):
+            raise UserError(f"scale is {self.scale:g}: it needs a number of SI units per {self.unit or 'reading'}")
+        _at_least_zero(self, "white_noise", "delay")
 
     @property
-    def noise_volts(self) -> float:
-        """Noise in all, rms [V]."""
-        return float(np.hypot(self.mains_volts, self.white_volts))
+    def display(self) -> Display:
+        """The unit of the readings."""
+        return Display(unit=self.unit, scale=self.scale)
 
-    def volts(self, radians: Array) -> Array:
-        return np.asarray(radians) / self.radians_per_volt
-
-    def radians(self, volts: Array) -> Array:
-        return np.asarray(volts) * self.radians_per_volt
-
-    def quantised(self, volts: float) -> float:
-        """The converter's reading of a voltage."""
-        count = 2 * self.range_volts / 2**self.bits
-        return min(max(round(volts / count) * count, -self.range_volts), self.range_volts)
+    @property
+    def noise(self) -> float:
+        """Noise in all, rms [reading unit]."""
+        return math.hypot(self.hum.rms if self.hum else 0.0, self.white_noise)
 
 
-class Filter:
-    """The sensor's low-pass at a fixed step, forward Euler as on the rig: x+ = x + h (A x + b y), yf = c x.
+class LowPassFilter:
+    """A low-pass at a fixed step, forward Euler: x+ = x + h (A x + b y), yf = c x.
 
     transition (order, order): I + h A, gain (order,): h b, reading (order,): c.
     """
 
-    def __init__(self, sensor: Sensor, step: float) -> None:
+    def __init__(self, part: LowPass, step: float) -> None:
         # Butterworth poles on the left half of the unit circle, in time counted by the cut-off frequency: the companion
         # form is then balanced. (scipy.signal has it too, but would cost every node 60 MB.)
-        order = sensor.filter_order
+        order = part.order
         poles = np.exp(1j * np.pi * (2 * np.arange(order) + order + 1) / (2 * order))
-        cut_off = 2 * np.pi * sensor.filter_hertz
+        cut_off = 2 * np.pi * part.hertz
         companion = np.eye(order, k=-1)
         companion[0] = -np.poly(poles).real[1:]
         self.transition = np.eye(order) + step * cut_off * companion
@@ -73,3 +139,10 @@ class Filter:
 
     def advance(self, value: float) -> None:
         self.state = self.transition @ self.state + self.gain * value
+
+
+def _at_least_zero(part: object, *names: str) -> None:
+    for name in names:
+        value = getattr(part, name)
+        if not (value >= 0 and math.isfinite(value)):
+            raise UserError(f"{name} is {value:g}: it must not be negative")

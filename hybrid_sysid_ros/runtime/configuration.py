@@ -1,78 +1,36 @@
-"""Configuration: the parameters of a rig's nodes and how its topics are carried, from msgs_config/NAME.yaml.
-
-The nodes declare these parameters in ROS; the library (demo, training, benchmarks) takes the same numbers from here.
-"""
+"""Configuration: what the library takes from the nodes' parameters and a rig's values, and how topics are carried."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hybrid_sysid_ros.bags.signals import configuration_of, load_configuration
 from hybrid_sysid_ros.control import Problem
-from hybrid_sysid_ros.control.policy.sampling import Spread
+from hybrid_sysid_ros.control.scenarios import Spread
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.parameters import DECLARATIONS, Parameter, defaults, parameters
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.structured import numbers, read_mapping, section
 
-DEFAULT_RIG = "cam_beam"
+__all__ = [
+    "CAMERA", "Parameter", "Quality", "defaults", "estimator_tuning", "mpc_problem", "parameters", "qualities",
+    "shipped", "spread_of",
+]  # fmt: skip
+
 CAMERA = "camera"
-"""Channel of an estimator for a second sensor of the rig's position."""
+"""Channel of an estimator for a second sensor of the rig's first output."""
+OWN_NOISE = 0.05
+"""Process noise of a state without a unit that a model has beside the rig's [1/sqrt(s)]."""
+NONE = 1e9
+"""A bound of a state from which on it is none."""
 TRAINED = Path(__file__).parents[1] / "trained"
 RELIABILITIES = ("reliable", "best_effort")
 DURABILITIES = ("volatile", "transient_local")
-_KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Parameter:
-    """A parameter of a node: its default, in its range or among its choices, and whether it may change while it runs.
-
-    Raises UserError when the default is not allowed.
-    """
-
-    name: str
-    default: Any
-    description: str
-    unit: str = ""
-    low: float = -math.inf
-    high: float = math.inf
-    choices: tuple[str, ...] = ()
-    live: bool = False
-
-    def __post_init__(self) -> None:
-        if type(self.default) not in _KINDS:
-            raise UserError(f"parameter {self.name}: the default {self.default!r} is of no known kind")
-        self.checked(self.default)
-
-    @property
-    def kind(self) -> type:
-        """bool, int, float or str."""
-        return type(self.default)
-
-    def holds(self, value: Any) -> bool:
-        """Whether a value is of the parameter's kind; a truth value is no number."""
-        return type(value) is self.kind
-
-    def checked(self, value: Any) -> Any:
-        """Return the value as the parameter's kind (an integer does for a number).
-
-        Raises:
-            UserError: it is of another kind, out of range or none of the choices.
-        """
-        if self.kind is float and type(value) is int:
-            value = float(value)
-        if not self.holds(value):
-            raise UserError(f"parameter {self.name} is {value!r}: it needs {_KINDS[self.kind]}")
-        if self.kind in (int, float) and not (math.isfinite(value) and self.low <= value <= self.high):
-            unit = f" {self.unit}" if self.unit else ""
-            raise UserError(f"parameter {self.name} is {value}{unit}: it must be within [{self.low:g}, {self.high:g}]")
-        if self.choices and value not in self.choices:
-            raise UserError(f"parameter {self.name} is {value!r}: choose one of {', '.join(self.choices)}")
-        return value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,36 +49,6 @@ class Quality:
             raise UserError(f"depth is {self.depth!r}: it needs a whole number from 1 to 100000")
 
 
-def parameters(rig: str, node: str) -> dict[str, Parameter]:
-    """Parameters of a node of a rig, by name.
-
-    Raises:
-        UserError: the rig, the node or one of its parameters is not described as it should be.
-    """
-    path = configuration_of(rig)
-    nodes = _section(load_configuration(path), "nodes", path)
-    entries = _section(nodes, node, path, within="nodes.")
-    return {name: _parameter(name, entry, f"{path}: nodes.{node}.{name}") for name, entry in entries.items()}
-
-
-def defaults(rig: str, node: str) -> dict[str, Any]:
-    """Default of each parameter of a node.
-
-    Raises:
-        UserError: see parameters().
-    """
-    return {name: parameter.default for name, parameter in parameters(rig, node).items()}
-
-
-def namespace(rig: str) -> str:
-    """Namespace of a rig's topics, without slashes at its ends.
-
-    Raises:
-        UserError: there is no such rig.
-    """
-    return str(load_configuration(configuration_of(rig)).get("namespace") or rig).strip("/")
-
-
 def shipped(rig: str, kind: str) -> Path:
     """Folder of what comes trained with the package for a rig; kind: model or policy.
 
@@ -133,15 +61,14 @@ def shipped(rig: str, kind: str) -> Path:
     return folder
 
 
-def qualities(rig: str) -> dict[str, Quality]:
-    """How each topic of a rig is carried, by its name as in the configuration.
+def qualities(path: Path = DECLARATIONS) -> dict[str, Quality]:
+    """How each topic is carried, by its name as in msgs_config/nodes.yaml.
 
     Raises:
         UserError: a class is not described as it should be, or names a topic that another has.
     """
-    path = configuration_of(rig)
     found: dict[str, Quality] = {}
-    for name, entry in _section(load_configuration(path), "qos", path).items():
+    for name, entry in section(read_mapping(path), "qos", str(path), needed=True).items():
         try:
             content = dict(entry)
             topics = list(content.pop("topics"))
@@ -157,27 +84,44 @@ def qualities(rig: str) -> dict[str, Quality]:
     return found
 
 
-def estimator_tuning(values: Mapping[str, Any], rig: Rig) -> Tuning:
-    """Tuning of the estimators from the parameters of the node `estimator`; the sensor's volts become radians.
+def in_si(values: Sequence[float], rig: Rig) -> tuple[float, ...]:
+    """A number for each output, from the units in which they are shown into SI."""
+    return tuple(display.scale * value for display, value in zip(rig.display, values, strict=True))
+
+
+def estimator_tuning(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> Tuning:
+    """Tuning of the estimators from the parameters of the node `estimator`; outputs come into SI.
+
+    system: the model that the estimator predicts with, by default the rig's own. Of the states that it has alone,
+    those without a unit, such as hidden units of a network, drift by OWN_NOISE, others not.
 
     Raises:
         UserError: `followed` is no list of NAME=DRIFT.
     """
-    scale = rig.sensor.radians_per_volt
-    camera = scale * values["camera_noise_volts"]
+    system, camera = system or rig.system, rig.display[0].scale * values["camera_noise"]
+    states, inputs, outputs = len(rig.system.states), len(rig.actuators), len(rig.sensors)
+
+    def of_inputs(name: str) -> tuple[float, ...]:
+        return listed(values, name, "parameter", inputs)
+
+    def of_outputs(name: str) -> tuple[float, ...]:
+        return in_si(listed(values, name, "parameter", outputs), rig)
+
+    noise = listed(values, "process_noise", "parameter", states)
+    drifts = dict(zip((item.name for item in rig.system.states), noise, strict=True))
     return Tuning(
-        measurement_noise=scale * values["measurement_noise_volts"],
-        process_noise=(scale * values["position_process_noise_volts"], values["velocity_process_noise"]),
-        disturbance_noise=values["disturbance_noise"],
-        disturbance_limit=values["disturbance_limit"],
-        hum_hertz=values["hum_hertz"],
-        hum_amplitude=scale * values["hum_amplitude_volts"],
-        hum_noise=scale * values["hum_noise_volts"],
+        measurement_noise=of_outputs("measurement_noise"),
+        process_noise=tuple(drifts.get(item.name, 0.0 if item.unit else OWN_NOISE) for item in system.states),
+        disturbance_noise=of_inputs("disturbance_noise"),
+        disturbance_limit=of_inputs("disturbance_limit"),
+        hum_hertz=listed(values, "hum_hertz", "parameter", outputs),
+        hum_amplitude=of_outputs("hum_amplitude"),
+        hum_noise=of_outputs("hum_noise"),
         gate=values["gate"],
         patience=values["patience"],
-        input_noise=values["input_noise"],
+        input_noise=of_inputs("input_noise"),
         followed=_drifts(values["followed"]),
-        channels={CAMERA: Channel(state=rig.system.measured[0], noise=camera)} if camera else {},
+        channels={CAMERA: Channel(of=rig.system.outputs[0].name, noise=camera)} if camera else {},
         window=values["window"],
         horizon=values["horizon"],
     )
@@ -195,79 +139,72 @@ def _drifts(text: str) -> dict[str, float]:
     return found
 
 
-def mpc_problem(values: Mapping[str, Any], rig: Rig) -> Problem:
-    """Problem of the exact MPC from the parameters of the node `controller`; its outputs are weighed in volts.
+def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> Problem:
+    """Problem of the exact MPC from the parameters of the node `controller`; outputs are weighed as they are shown.
+
+    system: the model that the MPC predicts with, by default the rig's own. States that it has alone have no bounds.
 
     Raises:
         UserError: a number makes no problem.
     """
-    scale, limits = rig.sensor.radians_per_volt, _state_limits(values, rig)
+    system = system or rig.system
+    states, inputs, outputs = len(rig.system.states), len(rig.actuators), len(rig.sensors)
+
+    def of_inputs(name: str) -> tuple[float, ...]:
+        return listed(values, name, "parameter", inputs)
+
+    def of_states(name: str, other: float, *, none: float = math.inf) -> tuple[float, ...]:
+        given = zip((item.name for item in rig.system.states), listed(values, name, "parameter", states), strict=True)
+        known = {state: value if abs(value) < none else math.copysign(math.inf, value) for state, value in given}
+        return tuple(known.get(item.name, other) for item in system.states)
+
     return Problem(
         horizon=values["horizon"],
         period=values["period"],
         substeps=values["substeps"],
-        output_weights=(values["output_weight"],),
-        rate_weights=(values["rate_weight"],),
-        input_low=(-rig.input_limit,),
-        input_high=(rig.input_limit,),
-        output_scales=(scale,),
+        output_weights=listed(values, "output_weight", "parameter", outputs),
+        rate_weights=of_inputs("rate_weight"),
+        input_low=tuple(actuator.low for actuator in rig.actuators),
+        input_high=tuple(actuator.high for actuator in rig.actuators),
+        output_scales=tuple(display.scale for display in rig.display),
         smoothing=values["smoothing"],
         max_iterations=values["max_iterations"],
-        input_weights=(values["input_weight"],),
-        rate_limits=(values["rate_limit"] or math.inf,),
-        state_low=tuple(-limit for limit in limits),
-        state_high=limits,
-        soft_linear=(values["soft_linear"] / scale,),
-        soft_quadratic=(values["soft_quadratic"] / scale**2,),
-    ).sized(rig.system)
+        input_weights=of_inputs("input_weight"),
+        rate_limits=tuple(limit or math.inf for limit in of_inputs("rate_limit")),
+        state_low=of_states("state_low", -math.inf, none=NONE),
+        state_high=of_states("state_high", math.inf, none=NONE),
+        soft_linear=of_states("soft_linear", 0.0),
+        soft_quadratic=of_states("soft_quadratic", 1.0),
+    ).sized(system)
 
 
-def _state_limits(values: Mapping[str, Any], rig: Rig) -> tuple[float, ...]:
-    """Soft bounds of the rig's states, +-."""
-    position = rig.sensor.radians_per_volt * values["position_limit_volts"] or math.inf
-    velocity = values["velocity_limit"] or math.inf
-    limits = [math.inf] * len(rig.system.states)
-    for output in rig.system.measured:
-        limits[output] = position
-        limits[rig.system.kinematics[output]] = velocity
-    return tuple(limits)
+def by_state(values: Sequence[float], rig: Rig, model: System) -> tuple[float, ...]:
+    """Numbers of the rig's states for those of a model of it, by their names; 0 for states that it has alone."""
+    known = dict(zip((item.name for item in rig.system.states), values, strict=True))
+    return tuple(known.get(item.name, 0.0) for item in model.states)
 
 
-def sampling_spread(rig: Rig) -> Spread:
-    """What the closed loops are made of that a policy of the rig learns from.
+def spread_of(rig: Rig, model: System | None = None) -> Spread:
+    """What the closed loops are made of that a policy learns from, from the section policy_training of its rig.
+
+    model: whose states are pushed, by default the rig's own system.
 
     Raises:
-        UserError: section policy_training lacks a number.
+        UserError: it lacks a number.
     """
-    path = configuration_of(rig.name)
-    section = _section(load_configuration(path), "policy_training", path)
-    try:
-        content = {**section, "kick": tuple(rig.sensor.radians_per_volt * value for value in section["kick"])}
-        return Spread(**content)
-    except (KeyError, TypeError) as error:
-        needs = "amplitude, disturbance, input_jitter and kick; it may have parameters"
-        raise UserError(f"{path}: policy_training: needs {needs}") from error
+    told, where = rig.section("policy_training"), f"{rig.file}: policy_training"
+    system = rig.system
+    return Spread(
+        amplitude=in_si(listed(told, "amplitude", where, len(system.outputs)), rig),
+        disturbance=listed(told, "disturbance", where, len(system.inputs)),
+        input_jitter=listed(told, "input_jitter", where, len(system.inputs)),
+        push=by_state(listed(told, "push", where, len(system.states)), rig, model or system),
+        parameters=numbers(told.get("parameters", 0.0), f"{where}.parameters", count=1)[0],
+    )
 
 
-def _section(content: Mapping[str, Any], key: str, path: Path, *, within: str = "") -> dict[str, Any]:
-    section = content.get(key)
-    if not isinstance(section, dict):
-        known = f": known are {', '.join(content)}" if within else ""
-        raise UserError(f"{path}: no section {within}{key}{known}")
-    return section
-
-
-def _parameter(name: str, entry: Any, where: str) -> Parameter:
-    if not isinstance(entry, dict):
-        raise UserError(f"{where}: needs default and description, not {entry!r}")
-    content = dict(entry)
-    try:
-        if "range" in content:
-            content["low"], content["high"] = content.pop("range")
-        content["choices"] = tuple(content.get("choices", ()))
-        return Parameter(name=name, **content)
-    except (TypeError, ValueError) as error:
-        known = "default, description, unit, range, choices and live"
-        raise UserError(f"{where}: has wrong keys: known are {known}") from error
-    except UserError as error:
-        raise UserError(f"{where}: {error}") from error
+def listed(content: Mapping[str, Any], key: str, where: str, count: int) -> tuple[float, ...]:
+    """So many numbers of a section. Raises UserError where they are missing or others."""
+    if key not in content:
+        raise UserError(f"{where}: {key} is missing: it needs {count} numbers, or one for all")
+    return numbers(content[key], f"{where}.{key}", count=count)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
@@ -19,3 +20,24 @@ def one_torch_thread(torch: Any) -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+_available = ContextVar("threads", default=2)
+
+
+def available() -> int:
+    """How many threads one piece of work may use."""
+    return _available.get()
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """Keep work to one thread: others work beside it."""
+    from threadpoolctl import threadpool_limits
+
+    token = _available.set(1)
+    try:
+        with threadpool_limits(1):
+            yield
+    finally:
+        _available.reset(token)

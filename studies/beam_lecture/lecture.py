@@ -9,8 +9,8 @@ from tempfile import TemporaryDirectory
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.identification import Part
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from studies.beam_lecture import records as bab
 
@@ -77,7 +77,7 @@ def read_folder(folder: Path) -> list[Record]:
     if not folder.is_dir():
         raise UserError(f"{folder}: no such folder; name the one with the author's .mat files, or with bags of them")
     sources = [place for place in (folder, folder / "bab") if any(place.glob("*.mat"))]
-    signals = Signals.of_rig(RIG)
+    signals = load_rig(RIG).signals
     if sources:
         with TemporaryDirectory() as place:
             return [bags.read(path, signals) for path in bab.import_folder(sources[0], Path(place) / "records")]

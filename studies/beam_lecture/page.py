@@ -37,7 +37,7 @@ def write_protocol(path: Path | str, section: ProtocolSection, provenance: Prove
         "rows": [_row(section, result) for result in section.results],
         "published": any(result.published for result in section.results),
         "scores": drawn(protocol_figures.scores(section), "scores-of-structures"),
-        "curves": drawn(figures.horizons(curves, section.sensor), "horizons-of-structures") if len(curves) > 1 else "",
+        "curves": drawn(figures.horizons(curves, section.display), "horizons-of-structures") if len(curves) > 1 else "",
         "judged": list(_judged(section)),
         "parts": parts,
         "provenance": provenance,
@@ -74,7 +74,7 @@ def _judged(section: ProtocolSection) -> Iterator[dict[str, Any]]:
             "name": name,
             "chosen": section.pick is not None and section.pick.name == name,
             "judgement": judgement,
-            "rmse": f"{float(section.sensor.volts(np.sqrt(judgement.plain.mean_square))):.3f}",
+            "rmse": f"{float(section.display.shown(np.sqrt(judgement.plain.mean_square))):.3f}",
             "differences": [
                 _criterion(judgement, number) - min(_criterion(other, number) for other in found.values())
                 for number in range(4)

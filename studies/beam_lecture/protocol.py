@@ -1,4 +1,4 @@
-"""The command that reproduces the lecture's tables."""
+"""The command that reproduces the lecture's tables of free runs."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import report
-from hybrid_sysid_ros.commands.terminal import InputHandling, Period, Step, console, print_whole, sampling_of, status
-from hybrid_sysid_ros.identification.selection.candidate import Candidate
-from hybrid_sysid_ros.identification.selection.candidate_store import CandidateStore
+from hybrid_sysid_ros.commands.terminal import InputHandling, Period, Step, console, print_table, sampling_of, status
+from hybrid_sysid_ros.identification.selection.candidate import Candidate, store_of
 from hybrid_sysid_ros.identification.selection.comparison import RULE, Comparison, compare
 from hybrid_sysid_ros.models import STRUCTURES
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import beside, check_file, check_folder, written_file
+from hybrid_sysid_ros.support.parallel import Store
 from hybrid_sysid_ros.support.progress import progress_bars
 from studies.beam_lecture import lecture
 from studies.beam_lecture.lecture import Protocol, table_name
@@ -31,7 +31,7 @@ INTERRUPTED = 130
 """The exit code."""
 
 
-def protocol_command(
+def command(
     number: Annotated[int, typer.Argument(help="1: train on multisines; 2: on first halves. See docs/protocols.md.")],
     folder: Annotated[Path, typer.Argument(help="Folder with the author's .mat files, or with bags of them.")],
     input_handling: InputHandling = "averaged",
@@ -66,7 +66,7 @@ def protocol_command(
     protocol = lecture.arrange(lecture.read_folder(folder), number)
     structures = list(dict.fromkeys(chosen))
     place = out or as_json or page
-    store = None if place is None else CandidateStore(beside(place, ".fits"))
+    store = None if place is None else store_of(beside(place, ".fits"))
     done: list[Candidate] = []
     try:
         with progress_bars(status) as update:
@@ -96,7 +96,7 @@ def protocol_command(
             raise typer.Exit(INTERRUPTED) from None
     if not any(candidate.models for candidate in comparison.candidates):
         raise UserError(f"no structure could be fitted; the last one: {comparison.candidates[-1].error}")
-    print_whole(table(protocol, comparison, input_handling))
+    print_table(table(protocol, comparison, input_handling))
     if comparison.chosen:
         console.print(f"chosen by training data only: {comparison.chosen} ({RULE})")
     if as_json is not None:
@@ -128,7 +128,7 @@ def finished(candidates: Sequence[Candidate], structures: Sequence[str]) -> Comp
     )
 
 
-def _interrupted(comparison: Comparison, store: CandidateStore | None) -> str:
+def _interrupted(comparison: Comparison, store: Store[Candidate] | None) -> str:
     """What an interrupt left, in one line."""
     number = len(comparison.candidates)
     text = f"interrupted: {number} of {number + len(comparison.missing)} structures are finished"
@@ -151,7 +151,7 @@ def table(protocol: Protocol, comparison: Comparison, handling: str) -> Table:
     """Free-run R2, mean and range over the seeds, each structure beside its published row."""
     names = [table_name(record.name) for record, _ in protocol.tests]
     title = f"free-run R2, protocol {protocol.number}, {handling} input{_without(comparison)}"
-    shown = Table("structure", *names, "held out", "fit", title=title, title_justify="left")
+    shown = Table("structure", *names, "held out", "fit", title=title)
     for candidate in comparison.candidates:
         row = lecture.published(protocol.number, candidate.structure)
         if row is not None and any(name in row for name in names):

@@ -15,7 +15,7 @@ from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatReadError
 
 from hybrid_sysid_ros.bags import METADATA, Series, joint_states, joint_trajectories, write
-from hybrid_sysid_ros.bags.signals import configuration_of, load_configuration
+from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder, sha256
 
@@ -137,17 +137,8 @@ def topics_of(experiment: Experiment, scale: float, namespace: str = f"/{RIG}") 
 
 
 def radians_per_volt() -> float:
-    """Scale of the rig's angle sensor, from its configuration [rad/V].
-
-    Raises:
-        UserError: the configuration has no such number.
-    """
-    path = configuration_of(RIG)
-    sensor = load_configuration(path).get("sensor")
-    value = sensor.get("radians_per_volt") if isinstance(sensor, dict) else None
-    if not isinstance(value, float) or not value > 0:
-        raise UserError(f"{path}: sensor.radians_per_volt is {value!r}: it needs a number above 0")
-    return value
+    """Scale of the rig's angle sensor [rad/V]."""
+    return load_rig(RIG).display[0].scale
 
 
 def _records(folder: Path) -> tuple[list[Path], list[Path]]:

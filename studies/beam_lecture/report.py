@@ -15,7 +15,7 @@ from hybrid_sysid_ros.identification.selection.criteria import Judgement, judge
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, averaged
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.report.sections import IdentificationSection, identification_section
-from hybrid_sysid_ros.rigs.sensor import Sensor
+from hybrid_sysid_ros.rigs.sensor import Display
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -73,9 +73,9 @@ class ProtocolSection:
         return next((result for result in self.results if result.chosen), None)
 
     @property
-    def sensor(self) -> Sensor:
-        """The rig's sensor, in whose volts errors are shown."""
-        return next(iter(self.details.values())).sensor
+    def display(self) -> Display:
+        """The volts in which errors are shown."""
+        return next(iter(self.details.values())).runs[0].display
 
     @property
     def horizons(self) -> list[HorizonErrors]:

@@ -5,12 +5,12 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from hybrid_sysid_ros.estimation.estimate import Counters, Estimate
 
 from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop, simulate_loop
 from hybrid_sysid_ros.control.stage_cost import stage_costs
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.estimation.estimate import Counters, Estimate
 from tests.control import two_inputs
 
 PROBLEM = dataclasses.replace(

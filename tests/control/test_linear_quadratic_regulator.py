@@ -8,10 +8,9 @@ import pytest
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
 from hybrid_sysid_ros.control.linear_quadratic_regulator import LinearQuadraticRegulator
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.models.linear import Linear
-from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.support.errors import UserError
 from tests.control import two_inputs
+from tests.one_joint import Linear, narx
 
 LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
 PROBLEM = Problem(
@@ -30,7 +29,7 @@ PROBLEM = Problem(
 
 def scalar(slope, gain, constant=0.0):
     """y+ = slope y + gain u + constant."""
-    return Narx(
+    return narx(
         exponents=((1, 0), (0, 1), (0, 0)),
         coefficients=(slope, gain, constant),
         output_lags=1,

@@ -8,15 +8,14 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
-from hybrid_sysid_ros.commands.demo import DrivenPlant
 from hybrid_sysid_ros.control.closed_loop import simulate_loop
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, Tuning
-from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
+from tests.one_joint import Linear
 from tests.straight_beam import straight
 
 LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
@@ -125,7 +124,7 @@ def test_a_disturbance_is_answered_by_its_opposite(bounded):
 
 @pytest.fixture(scope="module")
 def beam_mpc(rig):
-    return ExactMpc(rig.system, dataclasses.replace(PROBLEM, output_scales=(rig.sensor.radians_per_volt,)))
+    return ExactMpc(rig.system, dataclasses.replace(PROBLEM, output_scales=(rig.display[0].scale,)))
 
 
 ABSURD = [1e3, -1e6, 1e12, 1e300, np.inf, -np.inf, np.nan]
@@ -164,7 +163,7 @@ def test_after_an_absurd_question_it_solves_sensible_ones(beam_mpc):
 @pytest.mark.parametrize("place", ["state", "disturbance", "preview"])
 def test_a_huge_but_finite_number_is_forgotten_with_its_failure(rig, real_time, place):
     """A disturbance of 1e300 V makes the model infinite; nothing of it may stay in the memory."""
-    problem = dataclasses.replace(PROBLEM, output_scales=(rig.sensor.radians_per_volt,))
+    problem = dataclasses.replace(PROBLEM, output_scales=(rig.display[0].scale,))
     controller = ExactMpc(rig.system, problem, real_time=real_time)
     for begun in (False, True):
         controller.reset()
@@ -227,13 +226,13 @@ def test_there_is_no_offset_at_rest_under_a_constant_disturbance():
     """On the linear rig, to the last millivolt: the filter finds the bias and the MPC takes it away."""
     system = dataclasses.replace(LINEAR, input_delay=0.006)
     tuning = Tuning(
-        measurement_noise=5e-4,
+        measurement_noise=(5e-4,),
         process_noise=(1e-5, 0.3),
-        disturbance_noise=0.2,
-        disturbance_limit=2.0,
-        hum_hertz=0.0,
-        hum_amplitude=0.0,
-        hum_noise=0.0,
+        disturbance_noise=(0.2,),
+        disturbance_limit=(2.0,),
+        hum_hertz=(0.0,),
+        hum_amplitude=(0.0,),
+        hum_noise=(0.0,),
         gate=1e6,
         patience=5,
     )
@@ -255,10 +254,10 @@ def test_there_is_no_offset_at_rest_under_a_constant_disturbance():
 
 
 def test_the_noisy_beam_comes_to_rest_on_its_reference_despite_a_bias(rig):
-    scale = rig.sensor.radians_per_volt
+    scale = rig.display[0].scale
     tuning = configuration.estimator_tuning(configuration.defaults("cam_beam", "estimator"), rig)
     loop = simulate_loop(
-        DrivenPlant(Plant(rig, seed=0, bias=0.4)),
+        Plant(rig, seed=0, bias=0.4),
         ExtendedKalmanFilter(rig.system, tuning, period=0.02),
         ExactMpc(rig.system, dataclasses.replace(PROBLEM, output_scales=(scale,))),
         lambda t: scale * np.where(np.asarray(t) < 2.0, 2.5, -1.0)[:, None],
@@ -370,9 +369,7 @@ def cost_by_hand(problem, plan, previous, preview):
 
 @pytest.mark.parametrize("option", OPTIONS)
 def test_on_the_beam_it_finds_what_an_interior_point_solver_finds(rig, option):
-    problem = dataclasses.replace(PROBLEM, output_scales=(rig.sensor.radians_per_volt,), **OPTIONS[option]).sized(
-        rig.system
-    )
+    problem = dataclasses.replace(PROBLEM, output_scales=(rig.display[0].scale,), **OPTIONS[option]).sized(rig.system)
     exact = ExactMpc(rig.system, problem, tolerance=1e-7)
     yardstick = InteriorPointMpc(rig.system, dataclasses.replace(problem, max_iterations=500), tolerance=1e-9)
     solved, ratios = 0, []
@@ -393,7 +390,7 @@ def test_on_the_beam_it_finds_what_an_interior_point_solver_finds(rig, option):
 
 
 def test_changes_of_the_input_stay_within_their_limit(rig):
-    problem = dataclasses.replace(PROBLEM, output_scales=(rig.sensor.radians_per_volt,), rate_limits=(0.7,))
+    problem = dataclasses.replace(PROBLEM, output_scales=(rig.display[0].scale,), rate_limits=(0.7,))
     controller = ExactMpc(rig.system, problem)
     for seed in range(5):
         state, d, previous, preview = instance(seed, size=2.0)

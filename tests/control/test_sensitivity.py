@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
-from hybrid_sysid_ros.models.linear import Linear
 from tests.control import two_inputs
+from tests.one_joint import Linear
 
 LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
 PROBLEM = Problem(

@@ -1,108 +1,63 @@
-"""Compiled derivatives: those of CasADi, for every structure, operation and network."""
+"""Networks inside a law: in registers or loops, they are what they are written as, with their derivatives."""
 
-from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any
 
 import casadi
 import numpy as np
 import pytest
 
-from benchmarks.network_plant import NETWORK, WEIGHTS, NetworkPlant, layers
-from hybrid_sysid_ros.core import Equation, kernels
-from hybrid_sysid_ros.core.casadi_form import symbolic, symbolic_step
-from hybrid_sysid_ros.core.linearisation import linearisation, workspace
-from hybrid_sysid_ros.core.perceptron import Perceptron, compiled, passes, unrolled
-from hybrid_sysid_ros.models.narx import Narx
-from hybrid_sysid_ros.models.recurrent import Recurrent
+from benchmarks.network_plant import WEIGHTS, NetworkPlant, layers
+from hybrid_sysid_ros.core import Perceptron, Softsign, System, stepped
+from hybrid_sysid_ros.core.blocks import Block
+from hybrid_sysid_ros.core.networks import GatedUnits, Polynomial
+from hybrid_sysid_ros.core.steppers import Sampled
+from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.support.errors import UserError
-from tests.test_equations import MOTIONS, RANGE, structure
-
-SUBSTEPS, STEP = 3, 0.005
+from tests.evaluation import evaluated
 
 
-def recurrent():
-    system = Recurrent(units=5, position_scale=0.05, rate_scale=0.2, drive_scale=4.0)
-    return system.with_weights(np.random.default_rng(0).normal(size=len(system.weights)))
+@dataclass(frozen=True, kw_only=True)
+class Given(System):
+    """The features of a block are its inputs, and its outputs those of the system."""
+
+    states = ("x [1]",)
+    stepper = Sampled()
+    blocks: tuple[Block, ...]
+    numbers: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self):
+        features, outputs = self.blocks[0].features, self.blocks[-1].outputs
+        object.__setattr__(self, "inputs", tuple(f"z{i} [1]" for i in range(features)))
+        object.__setattr__(self, "outputs", tuple(f"y{i} [1]" for i in range(outputs)))
+
+    @property
+    def weights(self):
+        return self.numbers
+
+    def with_weights(self, weights):
+        return Given(blocks=self.blocks, numbers=weights)
+
+    def law(self, x, u):
+        return x
+
+    def output(self, x, u):
+        values = u
+        for block in self.blocks:
+            values = block(values)
+        return values
 
 
-def polynomial():
-    """Compiled after one of more lags, with which it shares the step and not the size of its dual numbers."""
-    lag = Narx(
-        exponents=((1, 0, 0, 0, 0, 0, 0, 0, 0), (0, 0, 0, 0, 1, 0, 0, 0, 0)),
-        coefficients=(0.9, 0.1),
-        output_lags=4,
-        input_lags=5,
-        output_range=(-0.2, 0.2),
-        input_range=(-10.0, 10.0),
-    )
-    linearisation(lag, smoothing=0.005)
-    return Narx(
-        exponents=((0, 0, 0, 0), (1, 0, 0, 0), (0, 1, 1, 0), (2, 0, 0, 1), (0, 0, 1, 2)),
-        coefficients=(0.1, 0.9, -0.2, 0.3, 0.1),
-        output_lags=2,
-        input_lags=2,
-        output_range=(-0.2, 0.2),
-        input_range=(-10.0, 10.0),
-        output_scale=0.1,
-        input_scale=5.0,
-    )
+def through(block, weights, z):
+    """Outputs, and slopes by features and weights."""
+    out, slopes = evaluated(Given(blocks=(block,), numbers=weights), [0.0], z, 1.0, output=True, learn=True)
+    return out, slopes[:, 1 : 1 + len(z)], slopes[:, 1 + len(z) :]
 
 
-EQUATIONS: dict[str, Callable[[], Equation]] = {
-    **{name: partial(structure, name) for name in MOTIONS},
-    "narx": polynomial,
-    "recurrent": recurrent,
-    "network": NetworkPlant,
-}
-
-
-CORNERLESS = ("dahl", "lugre", "narx", "recurrent", "network")
-"""Their code is the same whatever corners of dry friction are rounded over."""
-
-
-@pytest.mark.parametrize("name", CORNERLESS)
-def test_only_dry_friction_has_corners(name):
-    def refused(x, limit):
-        raise AssertionError("a corner")
-
-    system = EQUATIONS[name]()
-    x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u", len(system.inputs))
-    given = casadi.vertsplit(x), casadi.vertsplit(u), system.named, system.weights.tolist()
-    system.advance(replace(symbolic(), saturate=refused))(*given, STEP, [None] * len(system.states))
-
-
-@pytest.mark.parametrize(
-    ("name", "smoothing"),
-    [(name, smoothing) for name in EQUATIONS for smoothing in ((0.005,) if name in CORNERLESS else (0.0, 0.005))],
-)
-def test_the_jacobian_of_several_steps_is_that_of_the_casadi_form(name, smoothing):
-    system = EQUATIONS[name]()
-    states, inputs = len(system.states), len(system.inputs)
-    step = symbolic_step(system, step=STEP, substeps=SUBSTEPS, smoothing=smoothing)
-    x, u = casadi.SX.sym("x", states), casadi.SX.sym("u", inputs)
-    following = step(x, u)
-    expected = casadi.Function("j", [x, u], [following, casadi.jacobian(following, x), casadi.jacobian(following, u)])
-    linearise, rows = linearisation(system, smoothing=smoothing), workspace(system)
-    end, by_state, by_input = np.zeros(states), np.zeros((states, states)), np.zeros((states, inputs))
-    random = np.random.default_rng(3)
-    for _ in range(20):
-        state = random.uniform(-1, 1, states) * np.append(RANGE[:2], np.full(states - 2, 0.005))
-        drive = random.uniform(-1, 1, inputs) * RANGE[2]
-        linearise(state, drive, system.named, system.weights, STEP, SUBSTEPS, rows, end, by_state, by_input)
-        for found, wanted in zip((end, by_state, by_input), expected(state, drive), strict=True):
-            np.testing.assert_allclose(found, np.array(wanted).reshape(found.shape), rtol=1e-9, atol=1e-12)
-
-
-def test_without_rounding_the_linearised_step_is_the_simulated_one():
-    system = structure("hybrid")
-    linearise, rows = linearisation(system, smoothing=0.0), workspace(system)
-    state, drive, end = np.array([0.02, -0.3]), np.array([4.0]), np.zeros(2)
-    linearise(state, drive, system.named, system.weights, STEP, 1, rows, end, np.zeros((2, 2)), np.zeros((2, 1)))
-    following = np.zeros(2)
-    kernels(system).step(state, drive, system.named, system.weights, STEP, following)
-    np.testing.assert_allclose(end, following, rtol=1e-13)
+def moved(function, point, h=1e-6):
+    """Central differences (outputs, point)."""
+    return np.transpose([(function(point + e) - function(point - e)) / (2 * h) for e in h * np.eye(len(point))])
 
 
 def by_hand(weights, z):
@@ -114,42 +69,126 @@ def by_hand(weights, z):
 
 
 @pytest.mark.parametrize("widths", [(3, 32, 32, 1), (2, 5, 1), (4, 8, 16, 24, 2), (1, 40, 1)])
-def test_a_network_in_registers_is_the_one_that_is_written(widths):
+def test_a_perceptron_in_registers_is_the_one_that_is_written(widths):
     random = np.random.default_rng(0)
     weights = [(random.normal(size=(b, a)), random.normal(size=b)) for a, b in pairwise(widths)]
-    network = Perceptron.of(weights)
-    packed = network.packed(weights)
-    assert len(packed) == network.size
-    run, features = passes(network), widths[0]
-    in_registers, written_out = compiled(network), unrolled(network, np.tanh)
+    block = Perceptron(widths=widths)
+    packed = block.packed(weights)
+    assert len(packed) == block.size
     for _ in range(20):
-        z = 3.0 * random.normal(size=features)
-        values, slopes = np.zeros(run.values), np.zeros(features)
-        values[:features] = z
-        run.forward(packed, values)
-        answers = [run.output(packed, values, k) for k in range(widths[-1])]
-        np.testing.assert_allclose(answers, by_hand(weights, z), rtol=1e-12, atol=1e-12)
-        for k in range(widths[-1]):
-            run.gradient(packed, values, k, slopes)
-            moved = [(by_hand(weights, z + e)[k] - by_hand(weights, z - e)[k]) / 2e-6 for e in 1e-6 * np.eye(features)]
-            np.testing.assert_allclose(slopes, moved, rtol=1e-5, atol=1e-7)
-        assert in_registers(tuple(z), packed) == answers[0]
-        assert written_out(tuple(z), packed) == pytest.approx(answers[0], rel=1e-12)
+        z = 3.0 * random.normal(size=widths[0])
+        out, by_features, _ = through(block, packed, z)
+        np.testing.assert_allclose(out, by_hand(weights, z), rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(by_features, moved(lambda z: by_hand(weights, z), z), rtol=1e-5, atol=1e-7)
 
 
 def test_tanh_in_registers_is_that_of_the_library():
     """One unit without bias: y = tanh(z)."""
-    weights = [(np.ones((1, 1)), np.zeros(1)), (np.ones((1, 1)), np.zeros(1))]
-    network = Perceptron.of(weights)
-    run = compiled(network)
+    block = Perceptron(widths=(1, 1, 1))
+    packed = block.packed([(np.ones((1, 1)), np.zeros(1)), (np.ones((1, 1)), np.zeros(1))])
     for z in [0.0, -0.0, 1e-300, 1e-9, 0.3, -0.7, 5.0, -18.9, 19.5, 40.0, -1e300]:
-        assert run((float(z),), network.packed(weights)) == pytest.approx(np.tanh(z), rel=1e-9, abs=5e-16)
-    assert np.isnan(run((np.nan,), network.packed(weights)))
+        assert through(block, packed, [z])[0][0] == pytest.approx(np.tanh(z), rel=1e-9, abs=5e-16)
+    assert np.isnan(through(block, packed, [np.nan])[0][0])
+
+
+def softsigns(block, weights, z):
+    rows = weights.reshape(block.units, -1)
+    s = rows[:, : block.features] @ z + rows[:, block.features]
+    return rows[:, block.features + 1 :].T @ (s / (1 + np.abs(s)))
+
+
+def monomials(block, weights, z):
+    return np.array([sum(w * np.prod(np.power(z, term)) for w, term in zip(weights, block.exponents, strict=True))])
+
+
+LEARNT = {
+    "softsign": (Softsign(features=3, units=4), softsigns),
+    "softsigns of two outputs": (Softsign(features=2, units=5, outputs=2), softsigns),
+    "polynomial": (Polynomial(exponents=((0, 0), (1, 0), (2, 3), (0, 1)), features=2), monomials),
+}
+
+
+@pytest.mark.parametrize("name", LEARNT)
+def test_what_a_fit_learns_has_slopes_by_features_and_weights(name):
+    block, written = LEARNT[name]
+    random = np.random.default_rng(1)
+    for _ in range(20):
+        weights, z = random.normal(size=block.size), random.normal(size=block.features)
+        out, by_features, by_weights = through(block, weights, z)
+        np.testing.assert_allclose(out, written(block, weights, z), rtol=1e-13, atol=1e-14)
+        np.testing.assert_allclose(by_features, moved(lambda z: written(block, weights, z), z), rtol=1e-6, atol=1e-7)  # noqa: B023
+        np.testing.assert_allclose(by_weights, moved(lambda w: written(block, w, z), weights), rtol=1e-6, atol=1e-7)  # noqa: B023
+
+
+BLOCKS: dict[str, Any] = {
+    **{name: block for name, (block, _) in LEARNT.items()},
+    "perceptron": Perceptron(widths=(3, 7, 9, 2)),
+    "gated units": GatedUnits(units=3, size=9 + 9 + 27 + 3 + 3 + 1 + 5),
+}
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_every_block_is_the_one_that_is_exported(name):
+    block = BLOCKS[name]
+    random = np.random.default_rng(2)
+    weights = random.normal(size=block.size)
+    if name == "perceptron":
+        weights = block.packed([(random.normal(size=(b, a)), random.normal(size=b)) for a, b in pairwise(block.widths)])
+    exported = symbolic_output(Given(blocks=(block,), numbers=weights))
+    z = casadi.SX.sym("z", block.features)
+    jacobian = casadi.Function("j", [z], [casadi.jacobian(exported(0.0, z), z)])
+    for _ in range(10):
+        point = random.normal(size=block.features)
+        out, by_features, _ = through(block, weights, point)
+        np.testing.assert_allclose(out, np.array(exported(0.0, point)).ravel(), rtol=1e-12, atol=1e-13)
+        np.testing.assert_allclose(by_features, np.array(jacobian(point)), rtol=1e-11, atol=1e-12)
+
+
+def test_a_block_may_read_what_another_gives_and_each_has_its_own_weights():
+    first, second = Softsign(features=2, units=3, outputs=2), Softsign(features=2, units=3, outputs=2, at=15)
+    random = np.random.default_rng(3)
+    weights, z = random.normal(size=30), random.normal(size=2)
+
+    def written(z, weights):
+        return softsigns(second, weights[15:], softsigns(first, weights[:15], z))
+
+    system = Given(blocks=(first, second), numbers=weights)
+    out, slopes = evaluated(system, [0.0], z, 1.0, output=True, learn=True)
+    np.testing.assert_allclose(out, written(z, weights), rtol=1e-13)
+    np.testing.assert_allclose(slopes[:, 1:3], moved(lambda z: written(z, weights), z), rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(slopes[:, 3:], moved(lambda w: written(z, w), weights), rtol=1e-6, atol=1e-8)
+
+
+def test_perceptrons_behind_each_other_have_their_own_weights():
+    first = Perceptron(widths=(2, 4, 3))
+    second = Perceptron(widths=(3, 8, 1), at=first.size)
+    random = np.random.default_rng(4)
+    parts = [
+        [(random.normal(size=(b, a)), random.normal(size=b)) for a, b in pairwise(block.widths)]
+        for block in (first, second)
+    ]
+    weights = np.concatenate([first.packed(parts[0]), second.packed(parts[1])])
+    z = random.normal(size=2)
+    out, _ = evaluated(Given(blocks=(first, second), numbers=weights), [0.0], z, 1.0, output=True)
+    np.testing.assert_allclose(out, by_hand(parts[1], by_hand(parts[0], z)), rtol=1e-12)
 
 
 def test_the_reference_network_is_drawn_as_it_is_stated():
-    z = np.array([0.5, -0.2, 0.1])
-    assert compiled(NETWORK)(tuple(z), WEIGHTS) == pytest.approx(by_hand(layers(), z)[0], rel=1e-12)
+    """One step of the plant of the reference problem, by scipy's matrices and in CasADi."""
+    plant, x, u, h = NetworkPlant(), np.array([0.5, -2.0]), np.array([1.0]), 1e-3
+
+    def rates(x):
+        network = by_hand(layers(), np.array([x[0], x[1] / 10, u[0] / 10]))[0]
+        return np.array([x[1], 30.0 * u[0] - 8.0 * x[1] - 2.0 * x[0] + 5.0 * network])
+
+    k1 = rates(x)
+    k2 = rates(x + h / 2 * k1)
+    k3 = rates(x + h / 2 * k2)
+    k4 = rates(x + h * k3)
+    expected = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    np.testing.assert_allclose(stepped(plant, x, u, step=h), expected, rtol=1e-12)
+    np.testing.assert_allclose(np.array(symbolic_step(plant, step=h)(x, u)).ravel(), expected, rtol=1e-12)
+    assert len(WEIGHTS) == len(plant.weights)
 
 
 def test_layers_that_do_not_fit_are_refused():

@@ -1,16 +1,14 @@
-"""Derivatives that a simulation carries along, against differences of simulations."""
+"""Derivatives that a simulation carries along, against closed forms and differences of simulations."""
 
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.core import kernels
-from hybrid_sysid_ros.core.forward_sensitivity import forward_sensitivity
+from hybrid_sysid_ros.core import Sensitivities, rollouts
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.problem import Problem
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.models.linear import Linear
-from tests.test_equations import structure
-from tests.test_linearisation import polynomial
+from tests.one_joint import Linear
+from tests.structures import TwoTanks, polynomial, structure
 
 STEP, EVERY, SAMPLES = 0.005, 10, 60
 
@@ -20,20 +18,23 @@ def drive(seed=0, steps=EVERY * SAMPLES):
 
 
 def simulated(system, state, inputs):
-    out = np.empty((SAMPLES, len(system.states)))
+    """Outputs (samples, outputs)."""
     starts = np.array([[0, 0, SAMPLES, 0]])
-    given = (state[None], inputs, system.delay / STEP, EVERY, system.named, system.weights, STEP)
-    kernels(system).windows(starts, *given, out)
-    return out[:, list(system.outputs)]
+    return rollouts(system, starts, state[None], inputs, step=STEP, every=EVERY)[1]
 
 
-def carried(system, names, state, inputs):
-    sensitivity = forward_sensitivity(system, names)
-    out = np.empty((SAMPLES, len(system.outputs), sensitivity.lanes))
+def carried(system, state, inputs):
+    """Derivatives (samples, outputs, columns) by parameters, weights, initial states and input offsets."""
+    sensitivities = Sensitivities(system)
+    out = np.empty((SAMPLES, len(system.outputs), sensitivities.count))
     starts = np.array([[0, 0, SAMPLES, 0]])
-    given = (state[None], inputs, system.delay / STEP, EVERY, system.named, system.weights, STEP)
-    sensitivity.windows(starts, *given, sensitivity.workspace, out)
+    sensitivities.rollouts(system, starts, state[None], inputs, step=STEP, every=EVERY, out=out)
     return out
+
+
+def difference(system, moved, h):
+    """Central difference of outputs between ``moved`` (a number) -> (system, state, inputs) at +h and -h."""
+    return (simulated(*moved(h)) - simulated(*moved(-h))) / (2 * h)
 
 
 def test_on_a_linear_beam_they_are_the_powers_of_its_matrix():
@@ -43,12 +44,12 @@ def test_on_a_linear_beam_they_are_the_powers_of_its_matrix():
     velocity = np.array([-STEP * system.stiffness, 1.0 - half]) / (1.0 + half)
     a = np.array([np.array([1.0, 0.0]) + STEP * velocity, velocity])
     b = STEP * system.gain / (1.0 + half) * np.array([STEP, 1.0])
-    out = carried(system, (), np.array([0.02, 0.3]), drive())[:, 0]
+    out = carried(system, np.array([0.02, 0.3]), drive())[:, 0, -3:]
     forced, power = np.zeros(2), np.eye(2)
     for sample in range(1, SAMPLES):
         for _ in range(EVERY):
             forced, power = a @ forced + b, a @ power
-        np.testing.assert_allclose(out[sample, 1:4], [*power[0], forced[0]], rtol=1e-9, atol=1e-14)
+        np.testing.assert_allclose(out[sample], [*power[0], forced[0]], rtol=1e-9, atol=1e-14)
 
 
 @pytest.mark.parametrize("name", ["linear", "stribeck", "dahl", "lugre", "gray", "hybrid", "black_box"])
@@ -57,33 +58,66 @@ def test_they_are_what_simulations_differ_by(name):
     corner of friction lies between.
     """
     system = structure(name)
-    names = tuple(item.name for item in system.parameters if not item.fixed)
+    names = [item.name for item in system.parameters if not item.fixed]
     state, inputs = np.append([0.01, 0.2], np.zeros(len(system.states) - 2)), drive()
-    out = carried(system, names, state, inputs)[:, 0]
-    np.testing.assert_allclose(out[:, 0], simulated(system, state, inputs)[:, 0], atol=1e-12)
-    known = [item.name for item in system.parameters]
-    for lane, free in enumerate(names, start=1):
-        values, item = system.values, system.parameters[known.index(free)]
-        h = 1e-6 * max(abs(values[known.index(free)]), 1e-3)
-        if not item.low + h < values[known.index(free)] < item.high - h:
+    out = carried(system, state, inputs)
+    for column, free in enumerate(names):
+        value, item = system.named[free], next(item for item in system.parameters if item.name == free)
+        h = 1e-6 * max(abs(value), 1e-3)
+        if not item.low + h < value < item.high - h:
             continue
-        sides = []
-        for side in (h, -h):
-            moved = values.copy()
-            moved[known.index(free)] += side
-            sides.append(simulated(system.with_values(moved), state, inputs)[:, 0])
-        expected = (sides[0] - sides[1]) / (2 * h)
-        np.testing.assert_allclose(out[:, lane], expected, rtol=1e-3, atol=1e-4 * np.max(np.abs(expected)) + 1e-9)
+
+        def moved(change, free=free):
+            values = {**system.named, free: system.named[free] + change}
+            return system.with_values(list(values.values())), state, inputs
+
+        expected = difference(system, moved, h)
+        np.testing.assert_allclose(
+            out[..., column], expected, rtol=1e-3, atol=1e-4 * np.max(np.abs(expected)) + 1e-9, err_msg=free
+        )
 
 
-def test_a_polynomial_has_no_parameters_but_initial_states():
+@pytest.mark.parametrize("name", ["hybrid", "black_box", "narx"])
+def test_weights_move_the_outputs_as_simulations_say(name):
+    """Of a network of softsigns, and of the coefficients of a polynomial."""
+    system = polynomial() if name == "narx" else structure(name)
+    state, inputs = np.append([0.01, 0.2], np.zeros(len(system.states) - 2)), drive()
+    out = carried(system, state, inputs)
+    first = sum(not item.fixed for item in system.parameters)
+    for k in range(len(system.weights)):
+
+        def moved(change, k=k):
+            return system.with_weights(system.weights + change * np.eye(len(system.weights))[k]), state, inputs
+
+        expected = difference(system, moved, 1e-6)
+        size = np.max(np.abs(expected))
+        np.testing.assert_allclose(out[..., first + k], expected, rtol=1e-3, atol=1e-4 * size + 1e-9, err_msg=str(k))
+
+
+def test_a_polynomials_initial_states_are_all_of_its_lags():
     system = polynomial()
     state, inputs = np.array([0.02, -0.01, 1.0]), drive()
-    out = carried(system, (), state, inputs)[:, 0]
-    for lane in range(3):
-        unit = 1e-6 * np.eye(3)[lane]
-        expected = (simulated(system, state + unit, inputs) - simulated(system, state - unit, inputs))[:, 0] / 2e-6
-        np.testing.assert_allclose(out[:, 1 + lane], expected, rtol=1e-4, atol=1e-7)
+    out = carried(system, state, inputs)[:, 0, len(system.weights) :]
+    for column in range(3):
+        expected = difference(system, lambda h, i=column: (system, state + h * np.eye(3)[i], inputs), 1e-6)[:, 0]
+        np.testing.assert_allclose(out[:, column], expected, rtol=1e-4, atol=1e-7)
+
+
+def test_two_inputs_of_different_delays_and_an_output_that_is_no_state():
+    """Every column of both outputs, with the delays, the direct part of the output and the offsets of both inputs."""
+    system, state = TwoTanks(), np.array([0.4, 0.1])
+    inputs = np.column_stack([drive(0)[:, 0], drive(1)[:, 0]])
+    out = carried(system, state, inputs)
+    assert out.shape == (SAMPLES, 2, 4 + 2 + 2)
+
+    def moved(column, change):
+        values, begin, offset = system.values, state.copy(), np.zeros(2)
+        (values, begin, offset)[(column > 3) + (column > 5)][column - (0, 4, 6)[(column > 3) + (column > 5)]] += change
+        return system.with_values(values), begin, inputs + offset
+
+    for column in range(8):
+        expected = difference(system, lambda h, c=column: moved(c, h), 1e-6)
+        np.testing.assert_allclose(out[..., column], expected, rtol=1e-6, atol=1e-7, err_msg=str(column))
 
 
 @pytest.mark.parametrize("name", ["gray", "hybrid"])
@@ -97,7 +131,7 @@ def test_the_jacobian_of_a_fit_is_what_its_residuals_differ_by(linear_records, n
     lower, upper = problem.bounds
     point = np.clip(problem.start + 0.02 * random.normal(size=len(problem.start)), lower, upper)
     residuals = problem.residuals(horizon)
-    found = problem.jacobian(horizon, residuals, map)(point)
+    found = problem.jacobian(horizon, map)(point)
     for column in range(len(point)):
         unit = np.zeros(len(point))
         unit[column] = 1e-6

@@ -12,7 +12,7 @@ from hybrid_sysid_ros.control.export.c_templates import CORRECTION, FOLLOWED, HE
 from hybrid_sysid_ros.control.export.vectors import Vectors, parts
 from hybrid_sysid_ros.control.policy.adaptation import FARTHEST
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.core.perceptron import Layers
+from hybrid_sysid_ros.core.networks import Layers
 
 Array = NDArray[np.float64]
 WIDTH = 118
@@ -24,7 +24,7 @@ def sources(
     """The texts of NAME.h, NAME.c and NAME_test.c by their file names.
 
     name: of the C function, an identifier. about: what the comment at the head of each says. tolerance: of the test
-    [drive unit].
+    [unit of the inputs].
     """
     correction = policy.correction
     layers = policy.layers if correction is None else (*policy.layers, *correction.layers)
@@ -34,12 +34,12 @@ def sources(
         "about": "\n".join(f" * {key}: {value}" for key, value in about.items()),
         "states": policy.states,
         "horizon": policy.horizon,
+        "inputs": policy.inputs,
         "outputs": policy.outputs,
+        "stages": policy.stages,
         "parameters": 0 if correction is None else len(correction.names),
         "widest": max(max(matrix.shape) for matrix, _ in layers),
-        "tracked": policy.output,
-        "input_limit": number(policy.problem.input_high[0]),
-        "rate_limit": number(policy.problem.rate_limits[0]),
+        "tracked": len(policy.tracked),
         "reach": number(policy.training_range.reach),
         "farthest": number(FARTHEST),
         "tolerance": number(tolerance),
@@ -51,7 +51,7 @@ def sources(
         "weights": _weights(policy),
         "network": _network("network", policy.layers, ""),
         "sensitivity": "" if correction is None else _network("sensitivity", correction.layers, "S"),
-        "correct": "" if correction is None else "        correct(z, parameters, inputs);\n",
+        "correct": "" if correction is None else "        correct(z, parameters, answers);\n",
         "table": _table(policy, vectors),
     }
     values["corrected"] = "" if correction is None else CORRECTION.substitute(values)
@@ -83,14 +83,18 @@ def _array(name: str, values: Array) -> str:
 def _weights(policy: Policy) -> str:
     inside = policy.training_range
     triangle = inside.whitening[np.tril_indices(len(inside.whitening))]
+    problem = policy.problem
     arrays: list[tuple[str, Array]] = [("centre", policy.centre), ("scale", policy.scale)]
+    arrays += [("input_low", np.array(problem.input_low)), ("input_high", np.array(problem.input_high))]
+    arrays += [("rate_limit", np.array(problem.rate_limits)), ("output_map", policy.output_map)]
     arrays += [("lowest", inside.low), ("highest", inside.high), ("whitening", triangle)]
     if policy.correction is not None:
         arrays += [("nominal", policy.correction.nominal), ("spread", policy.correction.spread)]
     for prefix, layers in _networks(policy):
         for index, (matrix, bias) in enumerate(layers):
             arrays += [(f"{prefix}W{index}", matrix), (f"{prefix}b{index}", bias)]
-    return "\n".join(_array(name, values) for name, values in arrays)
+    tracked = f"static const int tracked[{len(policy.tracked)}] = {{{', '.join(map(str, policy.tracked))}}};\n"
+    return "\n".join([tracked, *(_array(name, values) for name, values in arrays)])
 
 
 def _networks(policy: Policy) -> Sequence[tuple[str, Layers]]:
@@ -116,12 +120,10 @@ def _network(function: str, layers: Layers, prefix: str) -> str:
 
 def _table(policy: Policy, vectors: Vectors) -> str:
     rows = []
-    for x, d, previous, preview, parameters, inputs, answered, inside in zip(
-        *parts(policy, vectors.questions), vectors.inputs, vectors.answered, vectors.inside, strict=True
-    ):
-        cells = [f"{{{_numbers(x)}}}", _numbers(d), _numbers(previous), f"{{{_numbers(preview)}}}"]
-        cells += [f"{{{_numbers(parameters)}}}"] if parameters.size else []
-        cells += [f"{{{_numbers(inputs)}}}", str(int(answered[0])), str(int(inside[0]))]
+    *given, parameters = parts(policy, vectors.instances)
+    given += [parameters] if parameters.size else []
+    for *numbers, answered, inside in zip(*given, vectors.inputs, vectors.answered, vectors.inside, strict=True):
+        cells = [f"{{{_numbers(values)}}}" for values in numbers] + [str(int(answered[0])), str(int(inside[0]))]
         row = "{" + ", ".join(cells) + "}"
         rows.append(textwrap.fill(row, WIDTH, initial_indent="    ", subsequent_indent="     ", break_on_hyphens=False))
     return ",\n".join(rows)

@@ -25,30 +25,34 @@ HEADER = Text("""\
 #define @{NAME}_H
 
 #define @{NAME}_STATES @states
-#define @{NAME}_HORIZON @horizon
+#define @{NAME}_INPUTS @inputs
 #define @{NAME}_OUTPUTS @outputs
+#define @{NAME}_HORIZON @horizon
+#define @{NAME}_STAGES @stages
 #define @{NAME}_PARAMETERS @parameters
 
 #ifdef __cplusplus
 extern "C" {
 #endif
 
-/* The inputs to apply from now on, one a period; inputs[0] is the one for now.
+/* The inputs to apply from now on, those of one period after another; the first @{NAME}_INPUTS are for now.
  *
- * state: the one that the input will meet, a delay ahead. disturbance: estimated offset of the input. previous_input:
- * the one applied last. preview: reference of the output, 1, 2, ... periods after the state's time.
+ * state: the one that the inputs will meet, a delay ahead. disturbance: estimated offset of each input. previous_input:
+ * the ones applied last. preview: reference of the outputs 1, 2, ... periods after the state's time, one period after
+ * another.
 @followed *
  * Returns 1 where the inputs are the network's. Returns 0 where something is not a finite number: the inputs are then
- * the previous one within its bounds, or zero. They are finite and within their bounds, always.
+ * the previous ones within their bounds, or zero. They are finite and within their bounds, always.
  */
 int @name(
-    const double state[@{NAME}_STATES], double disturbance, double previous_input,
-    const double preview[@{NAME}_HORIZON],@signature double inputs[@{NAME}_OUTPUTS]);
+    const double state[@{NAME}_STATES], const double disturbance[@{NAME}_INPUTS],
+    const double previous_input[@{NAME}_INPUTS], const double preview[@{NAME}_HORIZON * @{NAME}_OUTPUTS],@signature
+    double inputs[@{NAME}_STAGES * @{NAME}_INPUTS]);
 
 /* Whether a question is one like those of the training: 1 or 0. Beyond that the network knows nothing. */
 int @{name}_inside(
-    const double state[@{NAME}_STATES], double disturbance, double previous_input,
-    const double preview[@{NAME}_HORIZON]);
+    const double state[@{NAME}_STATES], const double disturbance[@{NAME}_INPUTS],
+    const double previous_input[@{NAME}_INPUTS], const double preview[@{NAME}_HORIZON * @{NAME}_OUTPUTS]);
 
 #ifdef __cplusplus
 }
@@ -74,18 +78,19 @@ SOURCE = Text("""\
 
 enum {
     STATES = @{NAME}_STATES,
-    HORIZON = @{NAME}_HORIZON,
+    INPUTS = @{NAME}_INPUTS,
     OUTPUTS = @{NAME}_OUTPUTS,
-    FEATURES = STATES + 2 + HORIZON,
-    PREVIEW = STATES + 2,
+    HORIZON = @{NAME}_HORIZON,
+    STAGES = @{NAME}_STAGES,
+    ANSWERS = STAGES * INPUTS,
     TRACKED = @tracked,
+    PREVIEW = STATES + 2 * INPUTS,
+    FEATURES = PREVIEW + HORIZON * TRACKED,
     WIDEST = @widest
 };
 
 enum activation { STRAIGHT, TANH };
 
-static const double input_limit = @input_limit;
-static const double rate_limit = @rate_limit;
 static const double reach = @reach;
 
 @weights
@@ -114,18 +119,27 @@ static void layer(
 @network@{corrected}
 /* The features, and z = (features - centre) / scale; 0 where one is not a finite number. */
 static int standardised(
-    const double *state, double disturbance, double previous_input, const double *preview, double features[FEATURES],
-    double z[FEATURES])
+    const double *state, const double *disturbance, const double *previous_input, const double *preview,
+    double features[FEATURES], double z[FEATURES])
 {
-    int j;
+    int i, j, k;
 
     for (j = 0; j < STATES; j++) {
         features[j] = state[j];
     }
-    features[STATES] = disturbance;
-    features[STATES + 1] = previous_input;
-    for (j = 0; j < HORIZON; j++) {
-        features[PREVIEW + j] = preview[j] - state[TRACKED];
+    for (j = 0; j < INPUTS; j++) {
+        features[STATES + j] = disturbance[j];
+        features[STATES + INPUTS + j] = previous_input[j];
+    }
+    for (k = 0; k < TRACKED; k++) {
+        double output = 0.0;
+
+        for (j = 0; j < STATES; j++) {
+            output += output_map[k * STATES + j] * state[j];
+        }
+        for (i = 0; i < HORIZON; i++) {
+            features[PREVIEW + i * TRACKED + k] = preview[i * OUTPUTS + tracked[k]] - output;
+        }
     }
     for (j = 0; j < FEATURES; j++) {
         z[j] = (features[j] - centre[j]) / scale[j];
@@ -137,33 +151,42 @@ static int standardised(
 }
 
 int @name(
-    const double state[@{NAME}_STATES], double disturbance, double previous_input,
-    const double preview[@{NAME}_HORIZON],@signature double inputs[@{NAME}_OUTPUTS])
+    const double state[@{NAME}_STATES], const double disturbance[@{NAME}_INPUTS],
+    const double previous_input[@{NAME}_INPUTS], const double preview[@{NAME}_HORIZON * @{NAME}_OUTPUTS],@signature
+    double inputs[@{NAME}_STAGES * @{NAME}_INPUTS])
 {
-    double features[FEATURES], z[FEATURES];
-    double last = isfinite(previous_input) ? within(previous_input, -input_limit, input_limit) : 0.0;
-    int k, finite = standardised(state, disturbance, previous_input, preview, features, z);
+    double features[FEATURES], z[FEATURES], answers[ANSWERS];
+    int j, k, finite = standardised(state, disturbance, previous_input, preview, features, z);
 
     if (finite) {
-        network(z, inputs);
+        network(z, answers);
 @{correct}\
-        for (k = 0; k < OUTPUTS; k++) {
-            inputs[k] *= input_limit;
-            finite = finite && isfinite(inputs[k]);
+        for (k = 0; k < ANSWERS; k++) {
+            double low = input_low[k % INPUTS], high = input_high[k % INPUTS];
+
+            answers[k] = 0.5 * (low + high) + 0.5 * (high - low) * answers[k];
+            finite = finite && isfinite(answers[k]);
         }
     }
-    for (k = 0; k < OUTPUTS; k++) {
-        if (finite) {
-            last = within(within(inputs[k], last - rate_limit, last + rate_limit), -input_limit, input_limit);
+    for (j = 0; j < INPUTS; j++) {
+        double low = input_low[j], high = input_high[j];
+        double last = within(isfinite(previous_input[j]) ? previous_input[j] : 0.0, low, high);
+
+        for (k = 0; k < STAGES; k++) {
+            if (finite) {
+                double u = answers[k * INPUTS + j];
+
+                last = within(within(u, last - rate_limit[j], last + rate_limit[j]), low, high);
+            }
+            inputs[k * INPUTS + j] = last;
         }
-        inputs[k] = last;
     }
     return finite;
 }
 
 int @{name}_inside(
-    const double state[@{NAME}_STATES], double disturbance, double previous_input,
-    const double preview[@{NAME}_HORIZON])
+    const double state[@{NAME}_STATES], const double disturbance[@{NAME}_INPUTS],
+    const double previous_input[@{NAME}_INPUTS], const double preview[@{NAME}_HORIZON * @{NAME}_OUTPUTS])
 {
     double features[FEATURES], z[FEATURES], total = 0.0;
     const double *row = whitening;
@@ -193,10 +216,10 @@ enum { PARAMETERS = @{NAME}_PARAMETERS };
 
 static const double farthest = @farthest;
 
-@sensitivity/* inputs + sum_p d inputs / d theta_p (theta_p - nominal_p) / spread_p, which is linear and so kept near */
-static void correct(const double z[FEATURES], const double *parameters, double *inputs)
+@sensitivity/* answers + sum_p d answers / d theta_p (theta_p - nominal_p) / spread_p; linear, so kept near */
+static void correct(const double z[FEATURES], const double *parameters, double *answers)
 {
-    double slopes[PARAMETERS * OUTPUTS];
+    double slopes[PARAMETERS * ANSWERS];
     int p, k;
 
     sensitivity(z, slopes);
@@ -204,8 +227,8 @@ static void correct(const double z[FEATURES], const double *parameters, double *
         double deviation = isfinite(parameters[p]) ? (parameters[p] - nominal[p]) / spread[p] : 0.0;
 
         deviation = within(deviation, -farthest, farthest);
-        for (k = 0; k < OUTPUTS; k++) {
-            inputs[k] += slopes[p * OUTPUTS + k] * deviation;
+        for (k = 0; k < ANSWERS; k++) {
+            answers[k] += slopes[p * ANSWERS + k] * deviation;
         }
     }
 }
@@ -224,9 +247,10 @@ TEST = Text("""\
 #include <stdio.h>
 
 static const struct {
-    double state[@{NAME}_STATES], disturbance, previous_input, preview[@{NAME}_HORIZON];
+    double state[@{NAME}_STATES], disturbance[@{NAME}_INPUTS], previous_input[@{NAME}_INPUTS];
+    double preview[@{NAME}_HORIZON * @{NAME}_OUTPUTS];
     @{field}\
-double inputs[@{NAME}_OUTPUTS];
+double inputs[@{NAME}_STAGES * @{NAME}_INPUTS];
     int answered, inside;
 } vectors[@vectors] = {
 @table
@@ -239,7 +263,7 @@ int main(void)
     int i, k, wrong = 0;
 
     for (i = 0; i < @vectors; i++) {
-        double inputs[@{NAME}_OUTPUTS];
+        double inputs[@{NAME}_STAGES * @{NAME}_INPUTS];
         int answered = @name(
             vectors[i].state, vectors[i].disturbance, vectors[i].previous_input, vectors[i].preview, @{asked}\
 inputs);
@@ -247,7 +271,7 @@ inputs);
             vectors[i].state, vectors[i].disturbance, vectors[i].previous_input, vectors[i].preview);
         int equal = answered == vectors[i].answered && inside == vectors[i].inside;
 
-        for (k = 0; k < @{NAME}_OUTPUTS; k++) {
+        for (k = 0; k < @{NAME}_STAGES * @{NAME}_INPUTS; k++) {
             double difference = fabs(inputs[k] - vectors[i].inputs[k]);
 
             equal = equal && difference <= tolerance;

@@ -23,7 +23,7 @@ def found() -> str | None:
 
 
 def run_test(compiler: str, folder: Path, name: str, scratch: Path) -> float:
-    """Compile NAME.c with NAME_test.c and run it; the largest difference that it tells [drive unit].
+    """Compile NAME.c with NAME_test.c and run it; the largest difference that it tells [unit of the input].
 
     scratch: a folder for the executable. Raises UserError where the compiler refuses, or the test fails.
     """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -16,15 +17,16 @@ from hybrid_sysid_ros.control.export.vectors import NAMES, Vectors, parts, vecto
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.policy import SELF_CHECK_TOLERANCE, Policy
 from hybrid_sysid_ros.control.safety.certificate import Certificate
+from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder, sha256, written_folder
 
 MANIFEST = "export.json"
-FORMAT = 1
+FORMAT = 2
 EXAMPLES = 2
-"""Questions with their answers in the manifest."""
+"""Instances with their answers in the manifest."""
 
 Format = Literal["onnx", "c", "both"]
 
@@ -32,7 +34,7 @@ Format = Literal["onnx", "c", "both"]
 @dataclass(frozen=True, kw_only=True)
 class Check:
     """by: what evaluated the exported form; empty where nothing did. largest_difference: of its inputs from the
-    policy's over all vectors [drive unit].
+    policy's over all vectors [unit of the input].
     """
 
     file: str
@@ -43,7 +45,7 @@ class Check:
 def export(folder: Path | str, out: Path | str, *, form: Format = "both") -> list[Check]:
     """Write a saved policy as ONNX, as C, or both, with a manifest; tell how each was checked.
 
-    Numbers are doubles, as the policy's own: it answers its self-check vectors to 1e-9 of the drive's unit and what is
+    Numbers are doubles, as the policy's own: it answers its self-check vectors to 1e-9 of the inputs' units and what is
     exported is held to the same, which single precision could not tell from a mistake. What deviates by more than
     :data:`~hybrid_sysid_ros.control.policy.policy.SELF_CHECK_TOLERANCE` is not written.
 
@@ -85,9 +87,12 @@ def identifier(text: str) -> str:
 def about(policy: Policy, seal: str) -> dict[str, str]:
     """What an exported policy tells of itself."""
     rig = load_rig(policy.rig)
-    drive, output = rig.system.inputs[0].unit, rig.system.states[rig.system.measured[0]].unit
-    states = [f"{state.name} [{state.unit}]" for state in rig.system.states]
-    problem = policy.problem
+    system, problem = rig.system, policy.problem
+    fits = (len(system.states), len(system.inputs), len(system.outputs)) == (
+        policy.states,
+        policy.inputs,
+        policy.outputs,
+    )
     told = {
         "made_by": f"hybrid_sysid_ros {version('hybrid_sysid_ros')}",
         "rig": policy.rig,
@@ -96,18 +101,24 @@ def about(policy: Policy, seal: str) -> dict[str, str]:
         "certificate": _certified(policy.certificate),
         "period": f"{problem.period:g} s",
         "horizon": str(problem.horizon),
-        "state": ", ".join(states) if len(states) == policy.states else f"{policy.states} states of the model",
-        "preview": f"output [{output}]",
-        "inputs": f"{policy.outputs} [{drive}], disturbance and previous input too",
-        "input_limit": f"{problem.input_high[0]:g} {drive}",
-        "rate_limit": f"{problem.rate_limits[0]:g} {drive} a period"
-        if math.isfinite(problem.rate_limits[0])
-        else "none",
+        "state": _listed(system.states) if fits else f"{policy.states} states of the model",
+        "preview": _listed(system.outputs) if fits else f"{policy.outputs} outputs of the model",
+        "inputs": f"{_listed(system.inputs)} over {policy.stages} periods; disturbance and previous input too",
+        "input_bounds": ", ".join(
+            f"{low:g} .. {high:g}" for low, high in zip(problem.input_low, problem.input_high, strict=True)
+        ),
+        "rate_limit": ", ".join(
+            f"{rate:g} a period" if math.isfinite(rate) else "none" for rate in problem.rate_limits
+        ),
     }
     if policy.correction is not None:
         units = {item.name: item.unit for item in rig.system.parameters}
         told["parameters"] = ", ".join(f"{key} [{units.get(key, '')}]" for key in policy.correction.names)
     return told
+
+
+def _listed(variables: Sequence[Variable]) -> str:
+    return ", ".join(f"{item.name} [{item.unit}]" for item in variables)
 
 
 def _certified(certificate: Certificate | None) -> str:
@@ -145,8 +156,8 @@ def _write_c(policy: Policy, known: Vectors, folder: Path, name: str, told: dict
 
 def _examples(policy: Policy, known: Vectors) -> list[dict[str, Any]]:
     """The first self-check vectors, which are all numbers."""
-    columns = [*zip(NAMES, parts(policy, known.questions), strict=True), ("inputs", known.inputs)]
+    columns = [*zip(NAMES, parts(policy, known.instances), strict=True), ("inputs", known.inputs)]
     return [
-        {key: values[index].tolist() for key, values in columns if values.shape[1]}
+        {key: values[index].tolist() for key, values in columns if values.size}
         for index in range(min(EXAMPLES, len(policy.check[1])))
     ]

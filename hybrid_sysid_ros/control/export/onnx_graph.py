@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.export.vectors import NAMES, Vectors, parts
 from hybrid_sysid_ros.control.policy.adaptation import FARTHEST
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.core.perceptron import Layers
+from hybrid_sysid_ros.core.networks import Layers
 from hybrid_sysid_ros.support.extras import extra
 
 OPERATORS, INTERMEDIATE = 13, 8
 """Versions of ONNX's operator set and file format: what runtimes of 2021 and later read."""
 
 LARGEST = float(np.finfo(float).max)
-BATCH = "questions"
+BATCH = "instances"
 
 
 class Graph:
     """Nodes and constants as they are added; each method returns the name of its result.
 
-    Values are (questions, size) or, where told, (questions, 1).
+    Values are (instances, size) or, where told, (instances, 1).
     """
 
     def __init__(self) -> None:
@@ -46,19 +46,23 @@ class Graph:
         self.nodes.append(helper.make_node(operator, list(inputs), [name], **attributes))
         return str(name)
 
-    def column(self, value: str, index: int) -> str:
-        """One column (questions, 1)."""
-        return self.add("Gather", value, self.constant([index], np.int64), axis=1)
+    def picked(self, value: str, indices: Sequence[int], axis: int) -> str:
+        """Some columns or rows."""
+        return self.add("Gather", value, self.constant(indices, np.int64), axis=axis)
+
+    def shaped(self, value: str, *sizes: int) -> str:
+        """Other sizes behind the instances."""
+        return self.add("Reshape", value, self.constant([-1, *sizes], np.int64))
 
     def clipped(self, value: str, low: str, high: str) -> str:
         return self.add("Min", self.add("Max", value, low), high)
 
     def finite(self, value: str) -> str:
-        """Truths (questions, size): comparisons with what is not a number are false."""
+        """Truths (instances, size): comparisons with what is not a number are false."""
         return self.add("LessOrEqual", self.add("Abs", value), self.constant(LARGEST))
 
     def all_of(self, truths: Sequence[str], **attributes: Any) -> str:
-        """Truth (questions, 1) of truths (questions, sizes)."""
+        """Truth (instances, 1) of truths (instances, sizes)."""
         joined = self.add("Concat", *truths, axis=1)
         least = self.add("ReduceMin", self.add("Cast", joined, to=_type("DOUBLE")), axes=[1], keepdims=1)
         return self.add("Greater", least, self.constant(0.5), **attributes)
@@ -74,33 +78,38 @@ class Graph:
 def model(policy: Policy, *, name: str, about: Mapping[str, str]) -> Any:
     """The graph, checked by ONNX.
 
-    Inputs, in SI units, over any number of questions: x (questions, states), d and u_previous (questions, 1), preview
-    (questions, horizon), and parameters (questions, followed parameters) where the policy has a correction. Outputs:
-    inputs (questions, outputs); answered and inside (questions, 1), as in C. Raises UserError where onnx is missing.
+    Inputs, in SI units, over any number of instances: x (instances, states), d and u_previous (instances, inputs),
+    preview (instances, horizon, outputs), and parameters (instances, followed parameters) where the policy has a
+    correction. Outputs: inputs (instances, stages, inputs); answered and inside (instances, 1), as in C. Raises
+    UserError where onnx is missing.
     """
     with extra("export"):
         import onnx
         from onnx import helper
     graph = Graph()
-    tracked = graph.column("x", policy.output)
-    features = graph.add("Concat", "x", "d", "u_previous", graph.add("Sub", "preview", tracked), axis=1)
+    problem, sizes = policy.problem, _sizes(policy)
+    features = _features(graph, policy)
     shifted = graph.add("Sub", features, graph.constant(policy.centre))
     z = graph.add("Div", shifted, graph.constant(policy.scale))
     answers = graph.network(z, policy.layers)
     if policy.correction is not None:
         answers = graph.add("Add", answers, _correction(graph, policy, z))
-    answers = graph.add("Mul", answers, graph.constant(policy.problem.input_high[0]))
-    answered = graph.all_of([graph.finite(z), graph.finite(answers)], name="answered")
-    low, high = (graph.constant(sign * policy.problem.input_high[0]) for sign in (-1.0, 1.0))
-    last = graph.clipped("u_previous", low, high)
-    held = graph.add("Where", graph.finite("u_previous"), last, graph.constant(0.0))
-    graph.add("Where", answered, _bounded(graph, policy, answers, last, (low, high)), held, name="inputs")
+    low, high = np.array(problem.input_low), np.array(problem.input_high)
+    answers = graph.shaped(answers, policy.stages, policy.inputs)
+    halves = graph.add("Mul", answers, graph.constant(0.5 * (high - low)))
+    answers = graph.add("Add", halves, graph.constant(0.5 * (low + high)))
+    flat = graph.shaped(answers, policy.stages * policy.inputs)
+    answered = graph.all_of([graph.finite(z), graph.finite(flat)], name="answered")
+    bounds = graph.constant(low), graph.constant(high)
+    last = graph.clipped("u_previous", *bounds)
+    nearest = graph.constant(np.clip(0.0, low, high))
+    held = graph.add("Where", graph.finite("u_previous"), last, nearest)
+    held = graph.add("Unsqueeze", held, graph.constant([1], np.int64))
+    known = graph.add("Unsqueeze", answered, graph.constant([2], np.int64))
+    graph.add("Where", known, _bounded(graph, policy, answers, last, bounds), held, name="inputs")
     _inside(graph, policy, features, z)
-    sizes = {"x": policy.states, "d": 1, "u_previous": 1, "preview": policy.horizon}
-    if policy.correction is not None:
-        sizes["parameters"] = len(policy.correction.names)
-    given = [helper.make_tensor_value_info(key, _type("DOUBLE"), [BATCH, size]) for key, size in sizes.items()]
-    made = [helper.make_tensor_value_info("inputs", _type("DOUBLE"), [BATCH, policy.outputs])]
+    given = [helper.make_tensor_value_info(key, _type("DOUBLE"), [BATCH, *size]) for key, size in sizes.items()]
+    made = [helper.make_tensor_value_info("inputs", _type("DOUBLE"), [BATCH, policy.stages, policy.inputs])]
     made += [helper.make_tensor_value_info(key, _type("BOOL"), [BATCH, 1]) for key in ("answered", "inside")]
     whole = helper.make_model(
         helper.make_graph(graph.nodes, name, given, made, initializer=graph.constants),
@@ -111,6 +120,23 @@ def model(policy: Policy, *, name: str, about: Mapping[str, str]) -> Any:
     helper.set_model_props(whole, dict(about))
     onnx.checker.check_model(whole, full_check=True)
     return whole
+
+
+def _sizes(policy: Policy) -> dict[str, tuple[int, ...]]:
+    """Of the graph's inputs, but for the number of instances."""
+    followed = () if policy.correction is None else policy.correction.names
+    inputs = (policy.inputs,)
+    sizes = {"x": (policy.states,), "d": inputs, "u_previous": inputs, "preview": (policy.horizon, policy.outputs)}
+    return {**sizes, "parameters": (len(followed),)} if followed else sizes
+
+
+def _features(graph: Graph, policy: Policy) -> str:
+    """[x, d, u_previous, q_1 - C x, .., q_N - C x] of the tracked outputs."""
+    outputs = graph.add("MatMul", "x", graph.constant(policy.output_map.T))
+    previews = graph.picked("preview", policy.tracked, 2)
+    errors = graph.add("Sub", previews, graph.add("Unsqueeze", outputs, graph.constant([1], np.int64)))
+    flat = graph.shaped(errors, policy.horizon * len(policy.tracked))
+    return graph.add("Concat", "x", "d", "u_previous", flat, axis=1)
 
 
 def evaluator() -> str:
@@ -124,19 +150,19 @@ def largest_difference(path: Path, policy: Policy, vectors: Vectors) -> float:
     """Of a written graph's answers from those expected [drive unit], by ONNX's own evaluator in numpy."""
     with extra("export"):
         from onnx.reference import ReferenceEvaluator
-    with np.errstate(all="ignore"):  # of the questions that are no numbers
-        inputs, answered, inside = ReferenceEvaluator(str(path)).run(None, feed(policy, vectors.questions))
+    with np.errstate(all="ignore"):  # of the instances that are no numbers
+        inputs, answered, inside = ReferenceEvaluator(str(path)).run(None, feed(policy, vectors.instances))
     return vectors.difference(inputs, answered, inside)
 
 
-def feed(policy: Policy, questions: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+def feed(policy: Policy, instances: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     """The graph's inputs by name."""
-    given = dict(zip(NAMES, parts(policy, questions), strict=True))
+    given = dict(zip(NAMES, parts(policy, instances), strict=True))
     return given if policy.correction is not None else {name: given[name] for name in NAMES[:-1]}
 
 
 def _correction(graph: Graph, policy: Policy, z: str) -> str:
-    """sum_p slope_pk (theta_p - theta_0p) / spread_p, (questions, outputs)."""
+    """sum_p slope_pk (theta_p - theta_0p) / spread_p, (instances, stages inputs)."""
     correction = policy.correction
     assert correction is not None
     count = len(correction.names)
@@ -144,23 +170,23 @@ def _correction(graph: Graph, policy: Policy, z: str) -> str:
     spreads = graph.add("Div", moved, graph.constant(correction.spread))
     near = graph.clipped(spreads, graph.constant(-FARTHEST), graph.constant(FARTHEST))
     deviation = graph.add("Where", graph.finite("parameters"), near, graph.constant(0.0))
-    slopes = graph.add(
-        "Reshape", graph.network(z, correction.layers), graph.constant([-1, count, policy.outputs], np.int64)
-    )
+    slopes = graph.shaped(graph.network(z, correction.layers), count, policy.stages * policy.inputs)
     factors = graph.add("Unsqueeze", deviation, graph.constant([2], np.int64))
     return graph.add("ReduceSum", graph.add("Mul", slopes, factors), graph.constant([1], np.int64), keepdims=0)
 
 
 def _bounded(graph: Graph, policy: Policy, answers: str, last: str, bounds: tuple[str, str]) -> str:
-    """Each input within its bounds, and within the rate's about the one before."""
-    if np.isinf(policy.problem.rate_limits[0]):
+    """Each stage (instances, inputs) within its bounds, and within the rate limits about the one before."""
+    rates = np.array(policy.problem.rate_limits)
+    if np.all(np.isinf(rates)):
         return graph.clipped(answers, *bounds)
-    rate = graph.constant(policy.problem.rate_limits[0])
+    rate = graph.constant(rates)
     inputs = []
-    for k in range(policy.outputs):
-        near = graph.clipped(graph.column(answers, k), graph.add("Sub", last, rate), graph.add("Add", last, rate))
+    for k in range(policy.stages):
+        stage = graph.shaped(graph.picked(answers, [k], 1), policy.inputs)
+        near = graph.clipped(stage, graph.add("Sub", last, rate), graph.add("Add", last, rate))
         last = graph.clipped(near, *bounds)
-        inputs.append(last)
+        inputs.append(graph.add("Unsqueeze", last, graph.constant([1], np.int64)))
     return graph.add("Concat", *inputs, axis=1)
 
 

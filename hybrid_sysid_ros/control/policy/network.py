@@ -61,10 +61,12 @@ def passed(network: torch.nn.Module, inputs: torch.Tensor) -> tuple[torch.Tensor
     return last(inputs), values
 
 
-def slope_errors(network: torch.nn.Module, hidden: list[torch.Tensor], slopes: torch.Tensor) -> torch.Tensor:
-    """Squared errors (samples,) of the first answer's derivatives by the features, ``hidden`` from :func:`passed`."""
+def slope_errors(
+    network: torch.nn.Module, hidden: list[torch.Tensor], slopes: torch.Tensor, answer: int = 0
+) -> torch.Tensor:
+    """Squared errors (samples,) of one answer's derivatives by the features, ``hidden`` from :func:`passed`."""
     *layers, last = _linear(network)
-    rows = last.weight[0] * (1 - hidden[-1] ** 2)
+    rows = last.weight[answer] * (1 - hidden[-1] ** 2)
     for layer, below in zip(layers[:0:-1], hidden[-2::-1], strict=True):
         rows = (rows @ layer.weight) * (1 - below**2)
     return torch.sum((rows @ layers[0].weight - slopes) ** 2, dim=1)

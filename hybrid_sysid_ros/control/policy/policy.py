@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,103 +11,122 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Plan, Status
-from hybrid_sysid_ros.control.policy import kernels as policy_kernels
+from hybrid_sysid_ros.control.policy import kernels
 from hybrid_sysid_ros.control.policy.adaptation import Correction
-from hybrid_sysid_ros.control.policy.kernels import Form, Kernels
+from hybrid_sysid_ros.control.policy.kernels import Packed, widths_of
 from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.safety import certificate as certificates
 from hybrid_sysid_ros.control.safety.certificate import Certificate
-from hybrid_sysid_ros.core.perceptron import Layers, Perceptron
+from hybrid_sysid_ros.core.networks import Layers
 from hybrid_sysid_ros.models import Model, storage
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 
-FORMAT = 2
+FORMAT = 3
 
 SELF_CHECK_TOLERANCE = 1e-9
-"""Largest difference [drive unit] of the self-check vectors on loading."""
+"""Largest difference [unit of the input] of the self-check vectors on loading."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Policy:
     """u_0..u_{K-1} = NN(x, d, u_previous, q_1..q_N), the imitation of an exact MPC, kept within its bounds.
 
-    The features are [x, d, u_previous, q_1 - y, ..., q_N - y], shifted by ``centre`` and divided by ``scale``
-    (features,); tanh layers with weights W and biases b follow and a straight output in units of the input limit.
-    K is 1, or the horizon: the whole sequence, which can be checked by simulating it (Hose, Köhler, Zeilinger,
-    Trimpe 2025, Approximate nonlinear MPC with safety-augmented neural networks, IEEE TCST 33(6)).
-
-    problem: the MPC it imitates. model: seal of that MPC's model. output: the state that is measured. layers: W (out,
-    in) and b (out,) in turn. training_range: of the features. correction: for parameters that are estimated online, if
-    any. training: how it was made and how near it comes. check: features (samples, features) and inputs (samples, K)
-    that the network must reproduce when it is loaded. certificate: what closed loops say about it, where it has one.
+    The features are [x, d, u_previous, q_1 - C x, ..., q_N - C x], of q the tracked outputs alone, less ``centre`` and
+    divided by ``scale``; tanh layers with weights W and biases b follow and a straight output: 0 is the middle of an
+    input's bounds, +-1 are the bounds. K is 1, or the horizon: the whole sequence, which can be checked by simulating
+    it (Hose, Köhler, Zeilinger, Trimpe 2025, Approximate nonlinear MPC with safety-augmented neural networks, IEEE TCST
+    33(6)).
     """
 
     problem: Problem
+    """The MPC it imitates, sized: n states, m inputs, p outputs."""
     model: str
+    """Seal of that MPC's model."""
     rig: str
-    states: int
-    output: int
+    output_map: Array
+    """C (tracked, n): how the tracked outputs go with the states near rest. Features are errors by it."""
     centre: Array
+    """(features,)."""
     scale: Array
+    """(features,), above 0."""
     layers: tuple[tuple[Array, Array], ...]
+    """W (out, in) and b (out,) in turn."""
     training_range: TrainingRange
+    """Of the features."""
     correction: Correction | None = None
+    """For parameters that are estimated online, if any."""
     training: Mapping[str, Any] = field(default_factory=dict)
-    check: tuple[Array, Array] = (np.zeros((0, 0)), np.zeros((0, 1)))
+    """How it was made and how near it comes."""
+    check: tuple[Array, Array] = (np.zeros((0, 0)), np.zeros((0, 1, 1)))
+    """Features (samples, features) and unbounded inputs (samples, K, m) that it must reproduce when it is loaded."""
     certificate: Certificate | None = None
-    # What an answer needs, made once.
-    kernels: Kernels = field(init=False, repr=False)
-    memory: Array = field(init=False, repr=False)
-    _range: Array = field(init=False, repr=False)
+    """What closed loops say about it, where it has one."""
+    packed: Packed = field(init=False, repr=False)
+    """As compiled functions take it."""
     _shape: tuple[int, int] = field(init=False, repr=False)
     _no_states: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        features = self.states + 2 + self.problem.horizon
-        network = _perceptron(self.layers, features)
-        if network.widths[-1] not in (1, self.problem.horizon):
-            raise UserError(f"policy: {network.widths[-1]} outputs are neither 1 nor the horizon")
-        if not 0 <= self.output < self.states:
-            raise UserError(f"policy: output {self.output} is none of its {self.states} states")
+        features, inputs = self._feature_count(), self.inputs
+        count = _answers(self.layers, features)
+        if count not in (inputs, inputs * self.horizon):
+            raise UserError(f"policy: {count} answers are neither {inputs} inputs nor a plan of {self.horizon}")
         if self.centre.shape != (features,) or self.scale.shape != (features,) or not np.all(self.scale > 0):
             raise UserError(f"policy: centre and scale need {features} numbers, the scale above 0")
         if self.training_range.low.shape != (features,):
             raise UserError(f"policy: the training range does not fit its {features} features")
-        corrector: Perceptron | None = None
-        names: tuple[str, ...] = ()
+        names = () if self.correction is None else self.correction.names
         if self.correction is not None:
-            corrector, names = _perceptron(self.correction.layers, features), self.correction.names
-            if corrector.widths[-1] != len(names) * network.widths[-1]:
-                raise UserError(
-                    f"policy: the correction has {corrector.widths[-1]} outputs for {len(names)} parameters"
-                )
-        form = Form(
-            network=network, states=self.states, output=self.output, correction=corrector, parameters=len(names)
+            found = _answers(self.correction.layers, features)
+            if found != len(names) * count:
+                raise UserError(f"policy: the correction has {found} answers for {len(names)} parameters")
+        problem = self.problem
+        packed = kernels.packed(
+            bounds=[np.array(problem.input_low), np.array(problem.input_high), np.array(problem.rate_limits)],
+            outputs=self.outputs,
+            tracked=self.tracked,
+            output_map=self.output_map,
+            horizon=self.horizon,
+            standard=(self.centre, self.scale),
+            training_range=self.training_range.packed,
+            layers=self.layers,
+            correction=() if self.correction is None else self.correction.layers,
+            followed=len(names),
         )
-        corrections = np.zeros(0)
-        if corrector is not None and self.correction is not None:
-            corrections = corrector.packed(self.correction.layers)
-        memory = policy_kernels.memory(
-            input_limit=self.problem.input_high[0],
-            rate_limit=self.problem.rate_limits[0],
-            centre=self.centre,
-            scale=self.scale,
-            weights=network.packed(self.layers),
-            correction=corrections,
-            deviation=np.zeros(len(names)),
-        )
-        made = {
-            "kernels": policy_kernels.kernels(form),
-            "memory": memory,
-            "_range": self.training_range.packed,
-            "_shape": (network.widths[-1], 1),
-            "_no_states": np.zeros((0, self.states)),
-        }
+        made = {"packed": packed, "_shape": (count // inputs, inputs), "_no_states": np.zeros((0, self.states))}
         for name, value in made.items():
             object.__setattr__(self, name, value)
+
+    def _feature_count(self) -> int:
+        """Raises UserError for a problem that is not sized, or an output map that does not fit it."""
+        problem = self.problem
+        sizes = {len(problem.input_low), len(problem.rate_limits), len(problem.rate_weights)}
+        if len(sizes) > 1 or len(problem.output_weights) != len(problem.output_scales):
+            raise UserError("policy: its problem needs a value for each input and output")
+        if self.output_map.ndim != 2 or self.output_map.shape != (len(self.tracked), len(problem.state_low)):
+            shape = f"{len(self.tracked)} tracked outputs and {len(problem.state_low)} states"
+            raise UserError(f"policy: an output map of shape {self.output_map.shape} does not fit {shape}")
+        return self.states + 2 * self.inputs + self.horizon * len(self.tracked)
+
+    @property
+    def states(self) -> int:
+        return self.output_map.shape[1]
+
+    @property
+    def inputs(self) -> int:
+        return len(self.problem.input_low)
+
+    @property
+    def outputs(self) -> int:
+        return len(self.problem.output_weights)
+
+    @property
+    def tracked(self) -> tuple[int, ...]:
+        """The outputs that the problem weighs; what the others should be is not read."""
+        return tuple(index for index, weight in enumerate(self.problem.output_weights) if weight > 0)
 
     @property
     def horizon(self) -> int:
@@ -119,9 +137,9 @@ class Policy:
         return self.problem.period
 
     @property
-    def outputs(self) -> int:
-        """How many inputs it answers with: 1 or the horizon."""
-        return len(self.layers[-1][1])
+    def stages(self) -> int:
+        """K: of how many intervals it gives the inputs, 1 or the horizon."""
+        return len(self.layers[-1][1]) // self.inputs
 
     def reset(self) -> None:
         """A policy remembers nothing but the parameters it is adapted to."""
@@ -134,44 +152,47 @@ class Policy:
         leaves them unread.
         """
         if self.correction is not None:
-            deviation = self.memory[len(self.memory) - len(self.correction.names) :]
+            numbers = self.packed.numbers
+            deviation = numbers[len(numbers) - len(self.correction.names) :]
             deviation[:] = self.correction.deviation(parameters, deviation)
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
-        """See :class:`~hybrid_sysid_ros.control.controller.Controller`. An input that is not a number gives HELD: the
-        previous input within its bounds, or zero. Raises ValueError for a state or a preview of another length.
+        """See :class:`~hybrid_sysid_ros.control.controller.Controller`. What is not a number gives HELD: the previous
+        input within its bounds, or the nearest to zero. Raises ValueError for a part of another size.
         """
-        inputs, preview = np.empty(self._shape), np.ravel(preview)
+        plan, (sizes, numbers) = np.empty(self._shape), self.packed
         try:
-            found = self.kernels.control(state, disturbance, previous_input, preview, self.memory, inputs)
+            found = kernels.answer_in_parts()(state, disturbance, previous_input, preview, sizes, numbers, plan)
         except TypeError:  # other kinds of arrays
             parts = (np.asarray(part, dtype=float) for part in (state, disturbance, previous_input, preview))
-            found = self.kernels.control(*parts, self.memory, inputs)
+            found = kernels.answer_in_parts()(*parts, sizes, numbers, plan)
         if found:
-            return Plan(inputs[0], inputs, self._no_states, Status.POLICY)
-        last, limit = float(previous_input[0]), self.problem.input_high[0]
-        inputs[:] = min(max(last, -limit), limit) if math.isfinite(last) else 0.0
-        return Plan(inputs[0], inputs, self._no_states, Status.HELD)
+            return Plan(plan[0], plan, self._no_states, Status.POLICY)
+        last = np.asarray(previous_input, dtype=float)
+        held = np.where(np.isfinite(last), last, 0.0)
+        plan[:] = np.clip(held, self.problem.input_low, self.problem.input_high)
+        return Plan(plan[0], plan, self._no_states, Status.HELD)
 
     def inside(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> bool:
-        """Whether a question is one like those of the training; never where something is not a number."""
-        question = np.concatenate([state, disturbance, previous_input, np.ravel(preview)])
-        return bool(self.kernels.contains(question, self.memory, self._range))
+        """Whether an instance is like those of the training; never where something is not a number."""
+        flat = np.concatenate([np.ravel(part) for part in (state, disturbance, previous_input, preview)])
+        return bool(kernels.contains(*self.packed, flat.astype(float)))
+
+    def features(self, instances: Array) -> Array:
+        """Raw features (samples, features) of flat instances (samples, n + 2 m + N p)."""
+        return features_of(instances, self.output_map, self.tracked, self.inputs, self.outputs)
 
     def evaluate(self, features: Array) -> Array:
-        """Unbounded answers (samples, K) to raw features (samples, features)."""
+        """Unbounded inputs (samples, K, m) to raw features (samples, features)."""
         rows = np.ascontiguousarray(features, dtype=float)
-        answers = np.empty((len(rows), self.outputs))
-        self.kernels.raw(rows, self.memory, answers)
-        return answers
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Compiled functions don't travel to other processes; they are made there."""
-        return _remade, ({item.name: getattr(self, item.name) for item in fields(self) if item.init},)
+        answers = np.empty((len(rows), len(self.layers[-1][1])))
+        kernels.rows(*self.packed, rows, answers)
+        return answers.reshape(len(rows), self.stages, self.inputs)
 
     def save(self, folder: Path | str) -> None:
         """Write the policy folder; see :mod:`~hybrid_sysid_ros.models.storage`."""
         arrays = {
+            "output_map": self.output_map,
             "centre": self.centre,
             "scale": self.scale,
             "range_low": self.training_range.low,
@@ -184,12 +205,8 @@ class Policy:
         content = {
             "rig": self.rig,
             "model": self.model,
-            "states": self.states,
-            "output": self.output,
             "layers": len(self.layers),
-            "problem": {
-                name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self.problem).items()
-            },
+            "problem": {name: _plain(value) for name, value in asdict(self.problem).items()},
             "range_reach": self.training_range.reach,
             "correction": None,
             "training": dict(self.training),
@@ -199,6 +216,15 @@ class Policy:
             arrays |= _named("S", self.correction.layers)
             content["correction"] = {"names": self.correction.names, "layers": len(self.correction.layers)}
         storage.save(folder, kind="policy", version=FORMAT, content=content, arrays=arrays)
+
+
+def features_of(instances: Array, output_map: Array, tracked: Sequence[int], inputs: int, outputs: int) -> Array:
+    """Raw features (samples, features) of flat instances [x, d, u_previous, q_1 (outputs,), ..] (samples, size)."""
+    states = output_map.shape[1]
+    first, count = states + 2 * inputs, len(instances)
+    previews = instances[:, first:].reshape(count, -1, outputs)[:, :, list(tracked)]
+    errors = previews - (instances[:, :states] @ output_map.T)[:, None, :]
+    return np.column_stack([instances[:, :first], errors.reshape(count, -1)])
 
 
 def load(folder: Path | str, *, model: Model | None = None, certified: bool = True) -> Policy:
@@ -218,8 +244,7 @@ def load(folder: Path | str, *, model: Model | None = None, certified: bool = Tr
             problem=Problem(**content["problem"]),
             model=content["model"],
             rig=content["rig"],
-            states=content["states"],
-            output=content["output"],
+            output_map=arrays["output_map"],
             centre=arrays["centre"],
             scale=arrays["scale"],
             layers=_layers("", content["layers"], arrays),
@@ -241,7 +266,7 @@ def load(folder: Path | str, *, model: Model | None = None, certified: bool = Tr
     if model is not None and policy.model != model.seal:
         raise UserError(f"{path}: was trained for another model; train it for this one (hybrid-sysid policy train)")
     features, inputs = policy.check
-    if not len(inputs) or features.shape != (len(inputs), len(policy.centre)) or inputs.ndim != 2:
+    if not len(inputs) or features.shape != (len(inputs), len(policy.centre)) or inputs.ndim != 3:
         raise UserError(f"{path}: has no self-check vectors that fit the network; train it again")
     answers = policy.evaluate(features)
     if answers.shape != inputs.shape or not np.allclose(answers, inputs, rtol=0.0, atol=SELF_CHECK_TOLERANCE):
@@ -249,15 +274,16 @@ def load(folder: Path | str, *, model: Model | None = None, certified: bool = Tr
     return policy
 
 
-def _remade(given: dict[str, Any]) -> Policy:
-    return Policy(**given)
+def _answers(layers: Layers, features: int) -> int:
+    """How many numbers a network answers with."""
+    widths = widths_of(layers)
+    if widths[0] != features:
+        raise UserError(f"policy: a network of {widths[0]} features does not fit the {features} of its problem")
+    return widths[-1]
 
 
-def _perceptron(layers: Layers, features: int) -> Perceptron:
-    network = Perceptron.of(layers)
-    if network.widths[0] != features:
-        raise UserError(f"policy: a network of {network.widths[0]} features does not fit the {features} of its problem")
-    return network
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
 
 
 def _named(prefix: str, layers: Layers) -> dict[str, Array]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import torch
@@ -23,18 +24,22 @@ from hybrid_sysid_ros.control.policy.network import (
     single,
     slope_errors,
 )
-from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.control.policy.sample_store import SampleStore
-from hybrid_sysid_ros.control.policy.sampling import Samples, Spread, sample
-from hybrid_sysid_ros.control.policy.sampling_pool import SamplingPool
+from hybrid_sysid_ros.control.policy.policy import Policy, features_of
+from hybrid_sysid_ros.control.policy.samples import Samples, sample
 from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.control.policy.training_settings import MOST_EPISODES, Settings
 from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.scenarios import Spread
+from hybrid_sysid_ros.control.steady_motion import steady_motion
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.parallel import Store
 from hybrid_sysid_ros.support.threads import one_torch_thread
 
 Array = NDArray[np.float64]
+Arrays = dict[str, NDArray[Any]]
 Progress = Callable[[str, int, int], None]
 """progress(stage, done, of)"""
 
@@ -58,56 +63,49 @@ def train(
     settings: Settings,
     *,
     seed: int,
-    store: SampleStore | None = None,
+    store: Store[Arrays] | None = None,
     progress: Progress | None = None,
 ) -> Policy:
     """Sample the exact MPC on a model and train a policy that imitates it.
 
     Each round adds closed loops to the data and trains on from the last network. Reports the mean squared error of
-    held-out loops in drive units squared, on inputs within the bounds. store: where finished loops are kept, so that an
-    interrupted training goes on. Raises UserError where the MPC finds no solution.
+    held-out loops in the inputs' units squared, on inputs within the bounds. store: where finished loops are kept, so
+    that an interrupted training goes on. Raises UserError where the MPC finds no solution.
     """
-    began = time.perf_counter()
+    began, sampling, progress = time.perf_counter(), 0.0, progress or _silent
     settings.adaptation.nominal(model.system)
+    problem, spread = problem.sized(model.system), spread.sized(model.system)
     parts: list[Samples] = []
     held: list[Samples] = []
     policy: Policy | None = None
     network: torch.nn.Module | None = None
-    sampling = 0.0
-    with one_torch_thread(torch), SamplingPool(settings.workers, store) as pool:
+    with one_torch_thread(torch):
         for number, episodes in enumerate(settings.episodes):
             started = time.perf_counter()
-            work = partial(
-                sample,
-                model.system,
-                problem,
-                spread,
-                driver=policy,
-                slope_share=settings.slope_share if settings.slope_weight else 0.0,
-                adaptation=settings.adaptation,
-            )
+            work = partial(_sampled, model.system, problem, spread, settings, policy)
             seeds = [seed * 1_000_003 + MOST_EPISODES * number + index for index in range(episodes)]
-            report = partial(progress or _silent, f"round {number + 1}: closed loops of the exact MPC")
-            new = pool.run(work, seeds, report)
+            report = partial(progress, f"round {number + 1}: closed loops of the exact MPC")
+            found = parallel.run(work, seeds, workers=settings.workers, store=store, progress=report)
+            new = [Samples.of(arrays) for arrays in found]
             sampling += time.perf_counter() - started
             validation = max(1, round(VALIDATION_SHARE * episodes))
             held += new[:validation]
             parts += new[validation:]
             last = number == len(settings.episodes) - 1
             epochs = settings.epochs if last else -(-settings.epochs // 3)
-            report = partial(progress or _silent, f"round {number + 1}: epochs of training")
-            samples, unseen = Samples.joined(parts), Samples.joined(held)
-            network, policy = _fit(model, problem, samples, unseen, settings, epochs, seed, network, report)
+            report = partial(progress, f"round {number + 1}: epochs of training")
+            data = _Data.of(model, problem, spread, Samples.joined(parts), Samples.joined(held))
+            network, policy = _fit(model, data, settings, epochs, seed, network, report)
     assert policy is not None
     if settings.adaptation.names:
-        policy = _corrected(policy, model, samples, settings, seed, progress or _silent)
+        policy = _corrected(policy, model, data, settings, seed, progress)
     measured = {
         **policy.training,
         "seed": seed,
         "rounds": list(settings.episodes),
-        "samples": len(samples.inputs),
-        "validation_samples": len(unseen.inputs),
-        "dropped": samples.dropped + unseen.dropped,
+        "samples": len(data.samples.plans),
+        "validation_samples": len(data.held.plans),
+        "dropped": data.samples.dropped + data.held.dropped,
         "sampling_seconds": round(sampling, 1),
         "seconds": round(time.perf_counter() - began, 1),
     }
@@ -118,75 +116,137 @@ def _silent(stage: str, done: int, of: int) -> None:
     pass
 
 
+def _sampled(
+    system: System, problem: Problem, spread: Spread, settings: Settings, driver: Policy | None, seed: int
+) -> Arrays:
+    share = settings.slope_share if settings.slope_weight else 0.0
+    found = sample(system, problem, spread, seed, driver=driver, slope_share=share, adaptation=settings.adaptation)
+    return found.arrays
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Data:
+    """What a network is trained on: features, and answers in units in which an input's bounds are -1 and 1."""
+
+    problem: Problem
+    output_map: Array
+    """(tracked, n)."""
+    tracked: tuple[int, ...]
+    samples: Samples
+    held: Samples
+    features: Array
+    """(samples, features), raw."""
+    centre: Array
+    """(features,)."""
+    scale: Array
+    middle: Array
+    """(m,) of the inputs' bounds."""
+    half: Array
+    """(m,), half the distance of the bounds."""
+
+    @classmethod
+    def of(cls, model: Model, problem: Problem, spread: Spread, samples: Samples, held: Samples) -> _Data:
+        """Raises UserError where one part is empty."""
+        if not len(samples.plans) or not len(held.plans):
+            raise UserError("policy: the exact MPC found no solution in its closed loops; allow it more iterations")
+        output_map = steady_motion(model.system, problem, np.array(spread.centre)).output_map
+        tracked = tuple(k for k, weight in enumerate(problem.output_weights) if weight > 0)
+        low, high = np.array(problem.input_low), np.array(problem.input_high)
+        features = features_of(samples.instances, output_map, tracked, len(low), len(problem.output_weights))
+        deviation = features.std(axis=0)
+        return cls(
+            problem=problem,
+            output_map=output_map,
+            tracked=tracked,
+            samples=samples,
+            held=held,
+            features=features,
+            centre=features.mean(axis=0),
+            scale=np.where(deviation > LEAST_DEVIATION, deviation, 1.0),
+            middle=0.5 * (low + high),
+            half=0.5 * (high - low),
+        )
+
+    def features_of(self, instances: Array) -> Array:
+        """Raw features (samples, features) of flat instances."""
+        return features_of(instances, self.output_map, self.tracked, len(self.half), len(self.problem.output_weights))
+
+    @property
+    def standardised(self) -> torch.Tensor:
+        return single((self.features - self.centre) / self.scale)
+
+    @property
+    def slopes(self) -> torch.Tensor:
+        """(samples, m, features) of the first inputs by the standardised features."""
+        raw = self.samples.feature_slopes(self.output_map, self.tracked, len(self.problem.output_weights))
+        return single(raw * self.scale / self.half[:, None])
+
+
 def _fit(
     model: Model,
-    problem: Problem,
-    samples: Samples,
-    held: Samples,
+    data: _Data,
     settings: Settings,
     epochs: int,
     seed: int,
     start: torch.nn.Module | None,
     progress: Callable[[int, int], None],
 ) -> tuple[torch.nn.Module, Policy]:
-    if not len(samples.inputs) or not len(held.inputs):
-        raise UserError("policy: the exact MPC found no solution in its closed loops; allow it more iterations")
-    output, limit = model.system.measured[0], problem.input_high[0]
-    raw = samples.features(output)
-    centre, deviation = raw.mean(axis=0), raw.std(axis=0)
-    scale = np.where(deviation > LEAST_DEVIATION, deviation, 1.0)
-    outputs = problem.horizon if settings.sequence else 1
-    inputs = single((raw - centre) / scale)
-    targets = single(samples.inputs[:, :outputs] / limit)
-    weights = torch.full((outputs,), settings.plan_weight / max(outputs - 1, 1))
-    weights[0] = 1.0
+    problem, samples = data.problem, data.samples
+    stages, count = problem.horizon if settings.sequence else 1, len(data.half)
+    inputs = data.standardised
+    plans = (samples.plans[:, :stages] - data.middle) / data.half
+    targets = single(plans.reshape(len(plans), -1))
+    weights = torch.full((stages, count), settings.plan_weight / max(stages - 1, 1) / count)
+    weights[0] = 1.0 / count
+    weights = weights.ravel()
     counts = (samples.costs + LEAST_COST * samples.costs.mean()) ** -settings.levelling
     shares = single(counts / counts.mean())
-    slopes = single(samples.feature_slopes(output) * scale / limit) if settings.slope_weight else None
+    slopes = data.slopes if settings.slope_weight else None
 
     def loss(network: torch.nn.Module, rows: torch.Tensor) -> torch.Tensor:
         answers, hidden = passed(network, inputs[rows])
         errors = (beyond_bounds(answers, targets[rows]) ** 2) @ weights
         if slopes is not None:
             # At a bound the answer is cut, and flat: a network made flat up to there would be wrong on the near side.
-            known = torch.isfinite(slopes[rows, 0]) & (targets[rows, 0].abs() < AT_BOUND)
-            off = slope_errors(network, [values[known] for values in hidden], slopes[rows[known]])
-            errors = errors.index_add(0, torch.nonzero(known)[:, 0], settings.slope_weight * off)
+            for j in range(count):
+                known = torch.isfinite(slopes[rows, j, 0]) & (targets[rows, j].abs() < AT_BOUND)
+                off = slope_errors(network, [values[known] for values in hidden], slopes[rows[known], j], j)
+                errors = errors.index_add(0, torch.nonzero(known)[:, 0], settings.slope_weight / count * off)
         return torch.mean(shares[rows] * errors)
 
-    network = new_network([raw.shape[1], *settings.hidden, outputs], seed)
+    network = new_network([inputs.shape[1], *settings.hidden, stages * count], seed)
     if start is not None:
         network.load_state_dict(start.state_dict())
     descend(network, loss, len(targets), settings, epochs, seed, progress)
-    check = held.features(output)[:: max(1, len(held.inputs) // CHECKS)][:CHECKS]
+    held = data.held.instances
+    check = data.features_of(held[:: max(1, len(held) // CHECKS)][:CHECKS])
+    answers = in_double(network, (check - data.centre) / data.scale).reshape(len(check), stages, count)
     policy = Policy(
         problem=problem,
         model=model.seal,
         rig=model.rig,
-        states=len(model.system.states),
-        output=output,
-        centre=centre,
-        scale=scale,
+        output_map=data.output_map,
+        centre=data.centre,
+        scale=data.scale,
         layers=layers_of(network),
-        training_range=TrainingRange.of(raw, centre, scale),
-        check=(check, in_double(network, (check - centre) / scale) * limit),
+        training_range=TrainingRange.of(data.features, data.centre, data.scale),
+        check=(check, data.middle + data.half * answers),
     )
-    return network, replace(policy, training=_errors(policy, samples, held))
+    return network, replace(policy, training=_errors(policy, data))
 
 
-def _corrected(
-    policy: Policy, model: Model, samples: Samples, settings: Settings, seed: int, progress: Progress
-) -> Policy:
+def _corrected(policy: Policy, model: Model, data: _Data, settings: Settings, seed: int, progress: Progress) -> Policy:
     """The policy with a second network for the derivatives of its answers by the followed parameters."""
-    adaptation, count = settings.adaptation, len(samples.inputs)
-    inputs = single((samples.features(policy.output) - policy.centre) / policy.scale)
-    targets = single(samples.shifts[:, :, : policy.outputs].reshape(count, -1) / policy.problem.input_high[0])
+    adaptation, inputs = settings.adaptation, data.standardised
+    shifts = data.samples.shifts[:, :, : policy.stages] / data.half
+    targets = single(shifts.reshape(len(shifts), -1))
 
     def loss(network: torch.nn.Module, rows: torch.Tensor) -> torch.Tensor:
         return torch.mean((network(inputs[rows]) - targets[rows]) ** 2)
 
     network = new_network([inputs.shape[1], *settings.hidden, targets.shape[1]], seed)
-    descend(network, loss, count, settings, settings.epochs, seed, partial(progress, "correction: epochs of training"))
+    report = partial(progress, "correction: epochs of training")
+    descend(network, loss, len(targets), settings, settings.epochs, seed, report)
     correction = Correction(
         names=adaptation.names,
         nominal=adaptation.nominal(model.system),
@@ -196,13 +256,14 @@ def _corrected(
     return replace(policy, correction=correction)
 
 
-def _errors(policy: Policy, samples: Samples, held: Samples) -> dict[str, float]:
-    """Mean squared errors of bounded first inputs [drive unit squared], and of those after them in the plan."""
-    limit, errors = policy.problem.input_high[0], {}
-    for name, part in (("train", samples), ("validation", held)):
-        answers = np.clip(policy.evaluate(part.features(policy.output)), -limit, limit)
-        squares = np.mean((answers - part.inputs[:, : policy.outputs]) ** 2, axis=0)
+def _errors(policy: Policy, data: _Data) -> dict[str, float]:
+    """Mean squared errors of bounded first inputs [their units squared], and of those after them in the plan."""
+    errors = {}
+    for name, part in (("train", data.samples), ("validation", data.held)):
+        answers = policy.evaluate(policy.features(part.instances))
+        bounded = np.clip(answers, policy.problem.input_low, policy.problem.input_high)
+        squares = np.mean((bounded - part.plans[:, : policy.stages]) ** 2, axis=(0, 2))
         errors[f"{name}_mse"] = float(squares[0])
-        if policy.outputs > 1:
+        if policy.stages > 1:
             errors[f"{name}_plan_mse"] = float(squares[1:].mean())
     return errors

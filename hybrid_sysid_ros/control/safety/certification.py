@@ -1,47 +1,51 @@
-"""Certification: many random closed loops of a policy beside the exact MPC, in compiled code on all cores."""
+"""Certification: many random closed loops of a policy beside the exact MPC, on all cores, and what they count."""
 
 from __future__ import annotations
 
-import hashlib
-import os
-import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError
-from safetensors.numpy import load_file
 
-from hybrid_sysid_ros.control.policy.sampling import CHANGES, KICKS
 from hybrid_sysid_ros.control.safety.certificate import Certificate, bounds, margin
-from hybrid_sysid_ros.control.safety.certified_loop import COST, DRIVERS, ERROR, EXACT, MEASURES, UNSOLVED, WORST_PERIOD
-from hybrid_sysid_ros.control.safety.certified_policy import JUDGED, KKT_TOLERANCE, Subject
+from hybrid_sysid_ros.control.safety.certified_loops import (
+    COST,
+    ERROR,
+    EXACT,
+    JUDGED,
+    KKT_TOLERANCE,
+    UNSOLVED,
+    WORST_PERIOD,
+    Certification,
+    Drivers,
+    measured,
+)
 from hybrid_sysid_ros.control.safety.online_check import REASONS
+from hybrid_sysid_ros.control.scenarios import DISTURBED, PUSHED
 from hybrid_sysid_ros.models.model import versions
-from hybrid_sysid_ros.models.storage import save_arrays
+from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import written_file
+from hybrid_sysid_ros.support.parallel import Store
 
 Array = NDArray[np.float64]
+Arrays = dict[str, NDArray[Any]]
 Progress = Callable[[str, int, int], None]
 """progress(stage, done, of)"""
 
 CHUNK = 32
-"""Loops that a thread runs between two looks."""
-
-KEPT_EVERY = 5.0
-"""Seconds between two copies of what is done."""
+"""Loops that a process runs between two looks."""
 
 WORST = 5
 """Worst loops named, of each driver."""
 
 
 def certify(
-    subject: Subject,
+    certification: Certification,
     *,
     loops: int,
     delta: float = 0.01,
@@ -51,42 +55,62 @@ def certify(
 ) -> Certificate:
     """Run the loops and count.
 
-    workers: threads, 0 for one per core. store: file where finished loops are kept until the end, so that an
-    interrupted certification goes on. Raises UserError for a number of loops or a delta that says nothing.
+    workers: processes, 0 for one per core. store: folder where finished loops are kept until the end, so that an
+    interrupted certification goes on; more loops go on from fewer. Raises UserError for a number of loops or a delta
+    that says nothing.
     """
     if not 0.0 < delta < 1.0 or loops < 1 or margin(loops, delta) >= 1.0:
         raise UserError(f"certificate: {loops} loops with delta {delta} say nothing: take more loops and 0 < delta < 1")
-    began = time.perf_counter()
-    work = _Work(subject, loops, store)
-    earlier = work.seconds
-    work.run(workers or os.cpu_count() or 1, progress or (lambda *_: None))
-    measures, reasons = work.measures, work.reasons
+    Drivers(certification)  # or say why not
+    began, told = time.perf_counter(), progress or (lambda *_: None)
+    pieces = [(first, min(first + CHUNK, loops)) for first in range(0, loops, CHUNK)]
+    kept: Store[Arrays] | None = Store(store, _purpose(certification)) if store is not None else None
+    told("closed loops", 0, loops)
+    found = parallel.run(
+        partial(measured, certification),
+        pieces,
+        workers=workers,
+        store=kept,
+        progress=lambda done, _: told("closed loops", min(done * CHUNK, loops), loops),
+    )
+    measures, reasons = (np.concatenate([each[name] for each in found]) for name in ("measures", "reasons"))
     rates = {
         driver: {name: float(np.mean(values)) for name, values in parts.items()}
-        for driver, parts in subject.kept(measures).items()
+        for driver, parts in certification.kept(measures).items()
     }
     certificate = Certificate(
-        policy=subject.seal,
-        model=subject.policy.model,
+        policy=certification.seal,
+        model=certification.policy.model,
         loops=loops,
-        seed=subject.seed,
+        seed=certification.seed,
         delta=delta,
         distribution={
-            **asdict(subject.distribution),
-            "periods": subject.periods,
-            "pushed": KICKS,
-            "disturbed": CHANGES,
+            **asdict(certification.distribution),
+            "periods": certification.periods,
+            "pushed": PUSHED,
+            "disturbed": DISTURBED,
         },
-        criteria={**asdict(subject.criteria), "check": subject.tolerances._asdict(), "kkt_tolerance": KKT_TOLERANCE},
+        criteria={
+            **asdict(certification.criteria),
+            "check": certification.tolerances._asdict(),
+            "kkt_tolerance": KKT_TOLERANCE,
+        },
         rates=rates,
         bounds=bounds(rates, loops, delta),
         check={reason: float(share) for reason, share in zip(REASONS, reasons.sum(0) / reasons.sum(), strict=True)},
-        exact={"not_converged": float(measures[:, EXACT, UNSOLVED].sum() / (loops * subject.periods))},
+        exact={"not_converged": float(measures[:, EXACT, UNSOLVED].sum() / (loops * certification.periods))},
         worst=list(_worst(measures)),
-        made={"seconds": round(earlier + time.perf_counter() - began, 1), "versions": versions()},
+        made={"seconds": round(time.perf_counter() - began, 1), "versions": versions()},
     )
-    work.remove()
+    if kept is not None:
+        kept.remove()
     return certificate
+
+
+def _purpose(certification: Certification) -> str:
+    """Everything that a loop depends on, but not how many there are."""
+    plain = replace(certification, policy=None)  # type: ignore[arg-type]
+    return f"{plain} {certification.plant.weights.tolist()} {certification.model.weights.tolist()}"
 
 
 def _worst(measures: Array) -> Iterator[dict[str, object]]:
@@ -105,85 +129,3 @@ def _worst(measures: Array) -> Iterator[dict[str, object]]:
                     "cost": float(rows[loop, COST]),
                     "exact_cost": float(measures[loop, EXACT, COST]),
                 }
-
-
-class _Work:
-    """The loops of a certification: which are done, and what came out. measures (loops, drivers, measures), reasons
-    (loops, reasons), done (loops,).
-    """
-
-    def __init__(self, subject: Subject, loops: int, store: Path | None) -> None:
-        self._subject = subject
-        self._store = store
-        # Everything that a loop depends on, but not how many there are: more loops go on from fewer.
-        purpose = f"{replace(subject, policy=None)} {subject.plant.weights.tolist()} {subject.model.weights.tolist()}"  # type: ignore[arg-type]
-        self._key = np.frombuffer(hashlib.sha256(purpose.encode()).digest(), np.uint8)
-        self.measures = np.zeros((loops, len(DRIVERS), len(MEASURES)))
-        self.reasons = np.zeros((loops, len(REASONS)), np.int64)
-        self.done = np.zeros(loops, dtype=bool)
-        self.seconds = 0.0
-        self._find()
-
-    def _find(self) -> None:
-        if self._store is None or not self._store.is_file():
-            return
-        try:
-            kept = load_file(self._store)
-            if not np.array_equal(kept["key"], self._key):
-                return
-            count = min(len(kept["done"]), len(self.done))
-            self.done[:count] = kept["done"][:count]
-            self.measures[:count], self.reasons[:count] = kept["measures"][:count], kept["reasons"][:count]
-            self.seconds = float(kept["seconds"][0])
-        except (SafetensorError, OSError, KeyError, ValueError):
-            self.done[:] = False
-
-    def _keep(self, seconds: float) -> None:
-        if self._store is not None:
-            arrays = {name: getattr(self, name) for name in ("measures", "reasons", "done")}
-            with written_file(self._store) as partial:
-                save_arrays(partial, {**arrays, "key": self._key, "seconds": np.array([seconds])})
-
-    def remove(self) -> None:
-        """Forget what was kept: the certification is finished."""
-        if self._store is not None:
-            self._store.unlink(missing_ok=True)
-
-    def run(self, workers: int, progress: Progress) -> None:
-        """Run what is left. Ctrl-C: finish the loops under way, keep them, and stop."""
-        left = np.flatnonzero(~self.done)
-        total, mine, stopped = len(self.done), threading.local(), threading.Event()
-        began, earlier = time.perf_counter(), self.seconds
-        progress("closed loops", int(self.done.sum()), total)
-        benches = iter([self._subject.bench() for _ in range(min(workers, len(left)))])  # compiled once, here
-
-        def prepare() -> None:
-            mine.bench = next(benches)
-
-        def chunk(numbers: NDArray[np.int64]) -> None:
-            for loop in numbers.tolist():
-                if stopped.is_set():
-                    return
-                self.measures[loop], self.reasons[loop] = 0.0, 0
-                self._subject.run(mine.bench, loop, self.measures[loop], self.reasons[loop])
-                self.done[loop] = True
-
-        pool = ThreadPoolExecutor(max(min(workers, len(left)), 1), initializer=prepare)
-        running: set[Future[None]] = {pool.submit(chunk, left[at : at + CHUNK]) for at in range(0, len(left), CHUNK)}
-        kept = time.perf_counter()
-        try:
-            while running:
-                finished, running = wait(running, timeout=1.0, return_when=FIRST_COMPLETED)
-                for each in finished:
-                    each.result()
-                progress("closed loops", int(self.done.sum()), total)
-                if time.perf_counter() - kept > KEPT_EVERY:
-                    kept = time.perf_counter()
-                    self._keep(earlier + kept - began)
-        except BaseException:
-            stopped.set()
-            pool.shutdown(wait=True, cancel_futures=True)
-            self._keep(earlier + time.perf_counter() - began)
-            progress("closed loops", int(self.done.sum()), total)
-            raise
-        pool.shutdown()

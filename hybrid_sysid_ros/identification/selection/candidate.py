@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, astuple, dataclass
+from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification.identify import evaluate, identify
 from hybrid_sysid_ros.identification.part import Part
-from hybrid_sysid_ros.identification.selection.blocks import Validation, cross_validate
-from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.identification.selection.cross_validation import Validation, cross_validate
+from hybrid_sysid_ros.models import Model, Sampling, load
+from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.parallel import Store
+
+CONTENT = "candidate.json"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,20 +34,36 @@ class Task:
     sampling: Sampling
     seeds: Sequence[int]
 
+    @property
+    def key(self) -> list[Any]:
+        """All that its results depend on, versions of the libraries included."""
+        return [
+            self.structure,
+            self.rig.source,
+            [int(seed) for seed in self.seeds],
+            list(astuple(self.sampling)),
+            [[record.fingerprint, *astuple(self.part)] for record in self.training],
+            [[record.name, record.fingerprint, *astuple(part)] for record, part in self.tests],
+            versions(),
+        ]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Candidate:
-    """One structure: models and r2 (test record -> R2), one for each seed; validation on the training data. error: why
-    it has none of them, "" where it has. kept: it is of an earlier run.
-    """
+    """What became of one structure."""
 
     structure: str
     models: Sequence[Model] = ()
+    """One for each seed."""
     r2: Sequence[dict[str, float]] = ()
+    """Test record -> R2, for each seed."""
     validation: Validation | None = None
+    """On the training data."""
     seconds: float = 0.0
     error: str = ""
+    """Why it has none of them, "" where it has."""
     kept: bool = False
+    """It is of an earlier run."""
 
     @property
     def parameters(self) -> int:
@@ -61,4 +83,35 @@ def work(task: Task) -> Candidate:
         return Candidate(structure=task.structure, error=str(error))
     return Candidate(
         structure=task.structure, models=models, r2=r2, validation=validation, seconds=time.perf_counter() - began
+    )
+
+
+def store_of(folder: Path) -> Store[Candidate]:
+    """Where finished candidates are kept: their models and their scores."""
+    return Store(folder, write=_write, read=_read)
+
+
+def _write(candidate: Candidate, folder: Path) -> None:
+    assert candidate.validation is not None
+    for number, model in enumerate(candidate.models):
+        model.save(folder / f"model_{number}")
+    content = {
+        "structure": candidate.structure,
+        "models": len(candidate.models),
+        "r2": candidate.r2,
+        "validation": asdict(candidate.validation),
+        "seconds": candidate.seconds,
+    }
+    (folder / CONTENT).write_text(json.dumps(content), encoding="utf-8")
+
+
+def _read(folder: Path) -> Candidate:
+    content = json.loads((folder / CONTENT).read_text(encoding="utf-8"))
+    return Candidate(
+        structure=content["structure"],
+        models=[load(folder / f"model_{number}") for number in range(content["models"])],
+        r2=content["r2"],
+        validation=Validation(**content["validation"]),
+        seconds=content["seconds"],
+        kept=True,
     )

@@ -30,71 +30,70 @@ EXACT = 1e-10
 def select_terms(
     experiments: Sequence[Experiment],
     *,
+    outputs: Sequence[Variable],
+    inputs: Sequence[Variable],
     output_lags: int,
     input_lags: int,
     degree: int,
     terms: int | None = None,
-    output: Variable = Variable(name="position", unit="rad"),
-    input: Variable = Variable(name="drive", unit="V"),
 ) -> Narx:
-    """The polynomial whose terms explain most of y(k + 1) in several records, with coefficients by least squares.
+    """The polynomials whose terms explain most of each y(t + 1) in several records, coefficients by least squares.
 
     Forward regression by orthogonal least squares (FROLS): of all products of at most ``degree`` lagged values, each
     next term is the one with the largest error reduction ratio. Its matrices come from every record by itself, so that
     no lag reaches from one record into another. Chen, Billings and Luo (1989), Orthogonal least squares methods and
     their application to non-linear system identification, Int. J. Control 50(5); here SysIdentPy's.
 
-    terms: their number; None takes the least Bayesian information criterion of one-step errors, which is right for data
-    that a polynomial of these lags made, and too many for others: those simulate badly. output, input: their names and
-    units. The coefficients are the best for one step, not for a simulation; refine them by
+    outputs, inputs: their names and units. terms: how many each output gets; None takes the least Bayesian information
+    criterion of one-step errors, which is right for data that a polynomial of these lags made, and too many for others:
+    those simulate badly. The coefficients are the best for one step, not for a simulation; refine them by
     :func:`~hybrid_sysid_ros.identification.fitting.fit`.
 
-    Raises UserError for lags, a degree or terms below 1, a record that is too short for the lags, several inputs or
-    outputs, a step that is not the period, more terms than candidates or samples, and where SysIdentPy is missing.
+    Raises UserError for lags, a degree or terms below 1, a record that is too short for the lags, a step that is not
+    the period, more terms than candidates or samples, and where SysIdentPy is missing.
     """
     if min(output_lags, input_lags, degree, 1 if terms is None else terms) < 1:
         raise UserError("NARX: lags, degree and terms must be 1 or more")
     _check(experiments, max(output_lags, input_lags))
-    scales = [
-        float(f"{np.sqrt(np.mean(np.concatenate(values) ** 2)):.4g}") or 1.0
-        for values in ([item.outputs for item in experiments], [item.inputs for item in experiments])
-    ]
+    signals = [np.concatenate([item.outputs for item in experiments]), np.concatenate([i.inputs for i in experiments])]
+    squares = np.concatenate([np.mean(values**2, axis=0) for values in signals])
+    scales = np.array([float(f"{value:.4g}") or 1.0 for value in np.sqrt(squares)])
+    p = len(outputs)
     parts = [
-        _regression(item.outputs[:, 0] / scales[0], item.inputs[:, 0] / scales[1], output_lags, input_lags)
+        _regression(item.outputs / scales[:p], item.inputs / scales[p:], output_lags, input_lags)
         for item in experiments
     ]
-    lagged, target = (np.concatenate(blocks) for blocks in zip(*parts, strict=True))
-    candidates = _exponents(output_lags + input_lags, degree)
+    lagged, targets = (np.concatenate(blocks) for blocks in zip(*parts, strict=True))
+    candidates = _exponents(lagged.shape[1], degree)
     values = np.stack([np.prod(lagged**term, axis=1) for term in candidates], axis=1)
-    most = min(len(candidates), len(target) - 1, MOST if terms is None else terms)
+    most = min(len(candidates), len(targets) - 1, MOST if terms is None else terms)
     if terms is not None and most < terms:
         raise UserError(
-            f"NARX: {terms} terms of {len(candidates)} candidates and {len(target)} samples; ask for {most} or fewer"
+            f"NARX: {terms} terms of {len(candidates)} candidates and {len(targets)} samples; ask for {most} or fewer"
         )
-    chosen = _forward(values, target, most)
-    if terms is None:
-        chosen = chosen[: _count(values[:, chosen], target)]
+    exponents, coefficients = [], []
+    for target in targets.T:
+        chosen = _forward(values, target, most)
+        if terms is None:
+            chosen = chosen[: _count(values[:, chosen], target)]
+        exponents.append(tuple(candidates[index] for index in chosen))
+        coefficients += np.linalg.lstsq(values[:, chosen], target, rcond=None)[0].tolist()
     return Narx(
-        exponents=tuple(candidates[index] for index in chosen),
-        coefficients=tuple(np.linalg.lstsq(values[:, chosen], target, rcond=None)[0].tolist()),
+        outputs=tuple(outputs),
+        inputs=tuple(inputs),
+        exponents=tuple(exponents),
+        coefficients=tuple(coefficients),
         output_lags=output_lags,
         input_lags=input_lags,
-        output_range=_range([item.outputs for item in experiments]),
-        input_range=_range([item.inputs for item in experiments]),
-        output_scale=scales[0],
-        input_scale=scales[1],
-        output_variable=output,
-        input_variable=input,
+        scales=tuple(scales.tolist()),
+        low=tuple(value for item in signals for value in item.min(axis=0).tolist()),
+        high=tuple(value for item in signals for value in item.max(axis=0).tolist()),
         period=experiments[0].sampling.period,
     )
 
 
 def _check(experiments: Sequence[Experiment], lags: int) -> None:
     for item in experiments:
-        if item.outputs.shape[1] != 1 or item.inputs.shape[1] != 1:
-            raise UserError(
-                f"{item.name}: {item.inputs.shape[1]} inputs and {item.outputs.shape[1]} outputs; a NARX has one each"
-            )
         if item.sampling.every != 1:
             raise UserError(
                 f"{item.name}: a NARX steps once a sample; the step of {item.sampling.step:g} s must be the period of "
@@ -105,11 +104,11 @@ def _check(experiments: Sequence[Experiment], lags: int) -> None:
 
 
 def _regression(outputs: Array, inputs: Array, output_lags: int, input_lags: int) -> tuple[Array, Array]:
-    """Lagged values (rows, output_lags + input_lags), latest first, and the next output (rows,) of one record."""
+    """Lagged values (rows, lags), for each signal latest first, and the next outputs (rows, outputs)."""
     first = max(output_lags, input_lags) - 1
-    past = sliding_window_view(outputs[:-1], output_lags)[first + 1 - output_lags :, ::-1]
-    drive = sliding_window_view(inputs, input_lags)[first + 1 - input_lags :, ::-1]
-    return np.concatenate([past, drive], axis=1), outputs[first + 1 :]
+    past = [sliding_window_view(y[:-1], output_lags)[first + 1 - output_lags :, ::-1] for y in outputs.T]
+    past += [sliding_window_view(u, input_lags)[first + 1 - input_lags :, ::-1] for u in inputs.T]
+    return np.concatenate(past, axis=1), outputs[first + 1 :]
 
 
 def _exponents(values: int, degree: int) -> list[tuple[int, ...]]:
@@ -145,7 +144,3 @@ def _count(values: Array, target: Array) -> int:
         return criteria(max(float(np.mean(errors**2)), exact), len(target), count).bic
 
     return min(range(1, values.shape[1] + 1), key=criterion)
-
-
-def _range(arrays: Sequence[Array]) -> tuple[float, float]:
-    return float(min(array.min() for array in arrays)), float(max(array.max() for array in arrays))

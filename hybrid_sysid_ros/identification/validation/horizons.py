@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import System, rollouts
+from hybrid_sysid_ros.core import Recurrence, System, rollouts
 from hybrid_sysid_ros.identification.experiment import Experiment
-from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, score
+from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states, score
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -20,31 +20,32 @@ LONGEST = 200
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HorizonErrors:
-    """Errors of the first output over the horizon.
-
-    horizons (k,): samples ahead; seconds (k,): the same in time. rmse (k,): in the output's unit. r2 (k,): 1 - rmse^2 /
-    variance of the record's output, so that all horizons, and the free run, are measured by one and the same variance.
-    rollouts: number of initial samples. free_run: scores of the free run over the whole record, which long horizons
-    approach.
-    """
+    """Errors of one output over the horizon."""
 
     name: str
     horizons: NDArray[np.int64]
+    """Samples ahead, (horizons,)."""
     seconds: Array
+    """The same in time."""
     rmse: Array
+    """In the output's unit."""
     r2: Array
+    """1 - rmse^2 / variance of the record's output: all horizons, and the free run, are measured by one variance."""
     rollouts: int
+    """Number of initial samples."""
     free_run: Scores
+    """Of the free run over the whole record, which long horizons approach."""
 
 
 def k_step_errors(
-    system: System, experiment: Experiment, horizons: Sequence[int] | None = None, *, stride: int = 1
+    system: System, experiment: Experiment, horizons: Sequence[int] | None = None, *, output: int = 0, stride: int = 1
 ) -> HorizonErrors:
     """Errors k samples ahead: simulations from every ``stride``-th sample, with the measured state as initial one.
 
     horizons: in samples, 1 to :data:`LONGEST` (or half of the record) by default. All horizons share the initial
     samples, those from which the longest one ends within the record. The measured state is raw: at short horizons its
-    noise is part of the error, and hidden states begin as in ``experiment.states``.
+    noise is part of the error; states that the record does not show are those of the free run.
+    output: which one.
     Ljung (1999), System Identification, 2nd ed., sections 3.2 and 16.5: k-step-ahead prediction without a noise model.
 
     Raises:
@@ -62,20 +63,25 @@ def k_step_errors(
     starts[:, 1] = begins * sampling.every
     starts[:, 2] = longest + 1
     starts[:, 3] = np.arange(len(begins)) * (longest + 1)
+    run, simulated_run = free_run_states(system, experiment)
+    initial = experiment.states.copy()
+    if not isinstance(system, Recurrence):
+        hidden = [i for i in range(len(system.declared_states)) if i not in system.shown]
+        initial[:, hidden] = run[:, hidden]
     _, outputs = rollouts(
         system,
         starts,
-        np.ascontiguousarray(experiment.states[begins]),
+        np.ascontiguousarray(initial[begins]),
         experiment.inputs,
         step=sampling.step,
         every=sampling.every,
     )
-    simulated = outputs[:, 0].reshape(len(begins), longest + 1)[:, ahead]
-    measured = experiment.outputs[:, 0]
+    simulated = outputs[:, output].reshape(len(begins), longest + 1)[:, ahead]
+    measured = experiment.outputs[:, output]
     with np.errstate(over="ignore", invalid="ignore"):
         squares = np.mean((simulated - measured[begins[:, None] + ahead]) ** 2, axis=0)
     squares[~np.isfinite(squares)] = np.inf
-    scores = score(measured, free_run(system, experiment)[:, 0])
+    scores = score(measured, simulated_run[:, output])
     return HorizonErrors(
         name=experiment.name,
         horizons=ahead,

@@ -30,19 +30,19 @@ DESCRIPTIONS = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ResidualTest:
-    """Correlation coefficients of residuals, and how likely they are if there is nothing left to explain.
-
-    lags (lags,): in samples. values (lags,): coefficients, -1 to 1. bound: a single coefficient is within +-bound with
-    probability `confidence`. statistic: of the tested lags together, chi-squared with `degrees` of freedom. p_value:
-    the probability of a statistic at least as large.
-    """
+    """Correlation coefficients of residuals, and how likely they are if there is nothing left to explain."""
 
     lags: NDArray[np.int64]
+    """In samples, (lags,)."""
     values: Array
+    """Coefficients, -1 to 1, (lags,)."""
     bound: float
+    """A single coefficient is within +-bound with probability ``confidence``."""
     statistic: float
+    """Of the tested lags together, chi-squared with ``degrees`` of freedom."""
     degrees: int
     p_value: float
+    """Probability of a statistic at least as large."""
     confidence: float
 
     @property
@@ -154,6 +154,19 @@ def correlation_tests(
         pairs |= {"phi_(u^2)'e": (e, u**2), "phi_(u^2)'e^2": (e**2, u**2)}
     tests = {name: independence(*pair, lags=lags, confidence=confidence) for name, pair in pairs.items()}
     return {"phi_ee": whiteness(residuals, lags=lags, confidence=confidence), **tests}
+
+
+def pair_tests(
+    residuals: Array, signals: Array, *, lags: int = LAGS, confidence: float = CONFIDENCE
+) -> dict[tuple[int, int], dict[str, ResidualTest]]:
+    """:func:`correlation_tests` of each output's residuals (samples, outputs) with each input or reference (samples,
+    signals), by the numbers of both.
+    """
+    return {
+        (output, signal): correlation_tests(e, u, lags=lags, confidence=confidence)
+        for output, e in enumerate(np.asarray(residuals).T)
+        for signal, u in enumerate(np.asarray(signals).T)
+    }
 
 
 def _covariances(first: Array, second: Array) -> Array:

@@ -2,25 +2,61 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import System, rollouts
+from hybrid_sysid_ros.core import Recurrence, Sensitivities, System, rollouts
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 
+FIRST_SAMPLES = 40
+"""Of a record, that tell the initial states which no sensor shows."""
+GAUSS_NEWTON = 10
+
 
 @dataclass(frozen=True, kw_only=True)
 class Scores:
-    """r2 = 1 - sum e^2 / sum (y - mean y)^2; rmse in the output's unit; fit = 100 (1 - |e| / |y - mean y|) percent."""
+    """How one output is met, or the mean over several."""
 
     r2: float
+    """1 - sum e^2 / sum (y - mean y)^2."""
     rmse: float
+    """In the output's unit; not a number for several outputs, which have several units."""
     fit_percent: float
+    """100 (1 - |e| / |y - mean y|)."""
+    outputs: Mapping[str, Scores] = field(default_factory=dict)
+    """Each of several outputs by its name; empty where there is one."""
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """As plain data: r2, rmse and fit_percent; of several outputs r2 and fit_percent, and ``outputs`` by name."""
+        if not self.outputs:
+            return {"r2": self.r2, "rmse": self.rmse, "fit_percent": self.fit_percent}
+        each = {name: item.content for name, item in self.outputs.items()}
+        return {"r2": self.r2, "fit_percent": self.fit_percent, "outputs": each}
+
+    @classmethod
+    def of(cls, names: Sequence[str], measured: Array, simulated: Array) -> Scores:
+        """Of outputs (samples, outputs) by their names. Raises UserError for a constant one."""
+        found = {name: score(measured[:, k], simulated[:, k]) for k, name in enumerate(names)}
+        if len(found) == 1:
+            return next(iter(found.values()))
+        return cls(
+            r2=float(np.mean([item.r2 for item in found.values()])),
+            rmse=float("nan"),
+            fit_percent=float(np.mean([item.fit_percent for item in found.values()])),
+            outputs=found,
+        )
+
+    def each(self, names: Sequence[str]) -> dict[str, Scores]:
+        """By output, whether there is one or several."""
+        return dict(self.outputs) or {names[0]: self}
 
 
 def score(measured: Array, simulated: Array) -> Scores:
@@ -40,10 +76,53 @@ def score(measured: Array, simulated: Array) -> Scores:
     return Scores(r2=1 - ratio, rmse=float(np.sqrt(squares / len(error))), fit_percent=100 * (1 - ratio**0.5))
 
 
+def score_free_run(system: System, experiment: Experiment) -> Scores:
+    """Scores of the strict free run on raw outputs. Raises UserError for a constant output, naming the record."""
+    try:
+        return Scores.of([item.name for item in system.outputs], experiment.outputs, free_run(system, experiment))
+    except UserError as error:
+        raise UserError(f"{experiment.name}: {error}; leave the record out") from None
+
+
 def free_run(system: System, experiment: Experiment) -> Array:
-    """Strict free run: simulated outputs (samples, outputs) from one measured initial state, never re-initialised."""
+    """Strict free run: simulated outputs (samples, outputs) from one initial state, never re-initialised."""
+    return free_run_states(system, experiment)[1]
+
+
+def free_run_states(system: System, experiment: Experiment) -> tuple[Array, Array]:
+    """States (samples, states) and outputs (samples, outputs) of the strict free run."""
     sampling = experiment.sampling
     starts = np.array([[0, 0, experiment.samples, 0]])
-    first, every = experiment.states[:1].copy(), sampling.every
-    _, outputs = rollouts(system, starts, first, experiment.inputs, step=sampling.step, every=every)
-    return outputs
+    first = initial_state(system, experiment)[None]
+    return rollouts(system, starts, first, experiment.inputs, step=sampling.step, every=sampling.every)
+
+
+def initial_state(system: System, experiment: Experiment) -> Array:
+    """Where a free run begins, (states,): as the record's first sample shows it. Declared states that it does not show
+    are those that meet the outputs of the first FIRST_SAMPLES samples best (Gauss-Newton, of least norm).
+    """
+    first = experiment.states[0].copy()
+    shown = system.shown
+    hidden = [i for i in range(len(system.declared_states)) if i not in shown]
+    if isinstance(system, Recurrence) or not hidden:
+        return first
+    samples, sampling = min(FIRST_SAMPLES, experiment.samples), experiment.sampling
+    starts = np.array([[0, 0, samples, 0]])
+    deviation = np.maximum(np.std(experiment.outputs, axis=0), 1e-12)
+    sensitivities = Sensitivities(system, parameters=(), states=hidden, inputs=())
+    slopes = np.empty((samples, len(system.outputs), sensitivities.count))
+    given: dict[str, Any] = {"step": sampling.step, "every": sampling.every}
+    best, least = first.copy(), np.inf
+    for _ in range(GAUSS_NEWTON):
+        _, outputs = rollouts(system, starts, first[None].copy(), experiment.inputs, **given)
+        errors = ((experiment.outputs[:samples] - outputs) / deviation).ravel()
+        cost = float(np.sum(errors**2))
+        if not np.isfinite(cost) or cost >= least:
+            break
+        best, least = first.copy(), cost
+        sensitivities.rollouts(system, starts, first[None].copy(), experiment.inputs, **given, out=slopes)
+        jacobian = (slopes[:, :, sensitivities.weights :] / deviation[:, None]).reshape(len(errors), len(hidden))
+        if not np.isfinite(jacobian).all():
+            break
+        first[hidden] += np.linalg.lstsq(jacobian, errors, rcond=1e-3)[0]
+    return best

@@ -1,0 +1,36 @@
+"""The command line: which commands there are. Each is a file of its own here, imported when it is called."""
+
+from __future__ import annotations
+
+from hybrid_sysid_ros.commands.program import Commands, LateCommand, run_program
+
+HERE = "hybrid_sysid_ros.commands"
+COMMANDS = [
+    LateCommand("simulate", f"{HERE}.simulate", "Simulate an experiment on a rig and write its bag."),
+    LateCommand("identify", f"{HERE}.identify", "Identify a model from bags."),
+    LateCommand("evaluate", f"{HERE}.evaluate", "Score a model on bags by free run and closed loop."),
+    LateCommand("search", f"{HERE}.search", "Search the options of a structure."),
+    LateCommand("run", f"{HERE}.run", "Run plant, estimator, controller and reference as ROS 2 processes."),
+    LateCommand("demo", f"{HERE}.demo", "From bags to a controlled beam: identify, run the loop, report."),
+]
+POLICY_COMMANDS = [
+    LateCommand("train", f"{HERE}.policy_train", "Train a network that imitates the exact MPC."),
+    LateCommand("certify", f"{HERE}.policy_certify", "State how a policy does beside the exact MPC, and how surely."),
+    LateCommand("export", f"{HERE}.policy_export", "Write a policy as ONNX and as C99."),
+]
+MODEL_COMMANDS = [
+    LateCommand("export", f"{HERE}.model_export", "Write a model as CasADi functions."),
+]
+RIG_COMMANDS = [
+    LateCommand("new", f"{HERE}.rig_new", "Write a small rig to begin with."),
+    LateCommand("check", f"{HERE}.rig_check", "Check a rig and show its step response."),
+    LateCommand("list", f"{HERE}.rig_list", "List the rigs that are known by name."),
+]
+
+
+def main() -> None:
+    """Run a command of the command line."""
+    policy = Commands("policy", POLICY_COMMANDS, help="Approximate MPC.")
+    rig = Commands("rig", RIG_COMMANDS, help="Rigs: a folder each.")
+    model = Commands("model", MODEL_COMMANDS, help="Models elsewhere.")
+    run_program(Commands("hybrid-sysid", [*COMMANDS, model, policy, rig]))

@@ -1,0 +1,90 @@
+"""hybrid-sysid identify: a model from bags."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from hybrid_sysid_ros.commands.terminal import (
+    STRUCTURES_HELP,
+    InputHandling,
+    PartText,
+    Period,
+    ReadPeriod,
+    Recover,
+    RigName,
+    Seed,
+    SignalsFile,
+    Step,
+    console,
+    print_table,
+    read_records,
+    sampling_of,
+    score_table,
+    status,
+)
+from hybrid_sysid_ros.identification import Part, identify
+from hybrid_sysid_ros.identification.validation.identifiability import doubts
+from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.models.options import parse
+from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.files import check_folder
+
+
+def command(
+    bag: Annotated[list[Path], typer.Argument(help="Bags to learn from.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the model.")],
+    rig: RigName = "",
+    structure: Annotated[str, typer.Option(help=STRUCTURES_HELP)] = "hybrid",
+    option: Annotated[
+        list[str] | None, typer.Option("--option", help="NAME=VALUE of the structure, such as units=8 or creep=1.")
+    ] = None,
+    input_handling: InputHandling = "averaged",
+    step: Step = 0.005,
+    period: Period = 0.05,
+    part: PartText = "0:1",
+    seed: Seed = 0,
+    signals: SignalsFile = None,
+    recover: Recover = False,
+    read_period: ReadPeriod = 0.0,
+) -> None:
+    """Identify a model from bags."""
+    check_folder(out, marker="model.yaml")
+    sampling = sampling_of(step, period, input_handling)
+    described = load_rig(rig)
+    records = read_records(bag, rig, signals, recover, read_period, sampling)
+    with status.status("compiling") as spinner:
+
+        def progress(stage: str, evaluations: int, error: float) -> None:
+            status.print(f"  {stage}: error {100 * error:.1f} % of the output's deviation, {evaluations} simulations")
+            spinner.update("fitting")
+
+        model = identify(
+            records,
+            described,
+            structure,
+            sampling=sampling,
+            part=Part.parse(part),
+            options=parse(option or []),
+            seed=seed,
+            progress=progress,
+        )
+    model.save(out)
+    print_table(parameter_table(model))
+    for doubt in doubts(model):
+        console.print(f"doubt: {doubt}")
+    print_table(score_table({name: dict(scores) for name, scores in model.scores.items()}, described, "training"))
+    console.print(f"{out}: {structure} from {len(records)} records in {model.fit['seconds']:.1f} s")
+
+
+def parameter_table(model: Model) -> Table:
+    """Parameters with standard errors and units."""
+    table = Table("parameter", "value", "standard error", "unit", title=f"{model.structure} {model.rig}")
+    errors = model.standard_errors
+    for item, value in zip(model.system.parameters, model.system.values, strict=True):
+        error = errors.get(item.name)
+        table.add_row(item.name, f"{value:.4g}", "set" if error is None else f"{error:.2g}", item.unit)
+    return table

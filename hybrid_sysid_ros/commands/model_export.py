@@ -1,0 +1,33 @@
+"""hybrid-sysid model export: a model as CasADi functions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hybrid_sysid_ros.commands.terminal import console
+from hybrid_sysid_ros.models import load
+from hybrid_sysid_ros.models.export import STEP, export_casadi
+from hybrid_sysid_ros.support.files import check_folder
+
+
+def command(
+    model: Annotated[Path, typer.Argument(help="Model folder.")],
+    out: Annotated[Path, typer.Argument(help="Folder for step.casadi, output.casadi and model.json.")],
+    step: Annotated[float, typer.Option(help="Seconds that the step function covers; 0 is the model's own.")] = 0.0,
+    smoothing: Annotated[
+        float, typer.Option(help="Velocity over which stick-slip is rounded, for solvers; 0 is exact.", min=0.0)
+    ] = 0.0,
+    rig: Annotated[
+        str, typer.Option("--rig", help="Folder of the model's rig, where it is no rig known by name.")
+    ] = "",
+) -> None:
+    """Write a model as CasADi functions, for do-mpc, acados or a script."""
+    check_folder(out, marker=STEP)
+    loaded = load(model, rig=rig)
+    export_casadi(loaded, out, step=step, smoothing=smoothing)
+    console.print(
+        f"{out}: step(x, u) and output(x, u) of {loaded.structure} {loaded.rig}; casadi.Function.load reads them"
+    )

@@ -1,0 +1,91 @@
+"""hybrid-sysid policy train: a network that imitates the exact MPC."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from hybrid_sysid_ros.commands.terminal import OwnRig, Seed, print_table, status
+from hybrid_sysid_ros.control.policy.adaptation import Adaptation
+from hybrid_sysid_ros.control.policy.training_settings import Settings
+from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.models.options import parse
+from hybrid_sysid_ros.runtime.training import train_policy
+from hybrid_sysid_ros.support.errors import Interrupted, UserError
+from hybrid_sysid_ros.support.files import beside, check_folder
+from hybrid_sysid_ros.support.progress import progress_bars
+
+DEFAULT = Settings()
+
+
+def command(
+    model: Annotated[Path, typer.Argument(help="Model folder.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the policy.")],
+    seed: Seed = 0,
+    episodes: Annotated[int, typer.Option(help="Closed loops of 20 horizons in each round.", min=2)] = DEFAULT.episodes[
+        0
+    ],
+    rounds: Annotated[int, typer.Option(help="Rounds; from the second on the policy drives (DAgger).", min=1)] = len(
+        DEFAULT.episodes
+    ),
+    epochs: Annotated[
+        int, typer.Option(help="Epochs of training in the last round; a third in those before.", min=1)
+    ] = DEFAULT.epochs,
+    hidden: Annotated[str, typer.Option(help="Widths of the tanh layers.")] = ",".join(map(str, DEFAULT.hidden)),
+    plan: Annotated[
+        bool,
+        typer.Option(
+            "--plan/--first-input", help="Answer with the whole plan, which can be checked and certified, or not."
+        ),
+    ] = DEFAULT.sequence,
+    slopes: Annotated[
+        float, typer.Option(help="Weight of the answers' derivatives in the training (Sobolev).", min=0.0)
+    ] = DEFAULT.slope_weight,
+    follow: Annotated[
+        list[str] | None,
+        typer.Option("--follow", help="NAME=SPREAD: a parameter of the model that the policy adapts to, in its unit."),
+    ] = None,
+    rig: OwnRig = "",
+) -> None:
+    """Sample the exact MPC in closed loop and train a network that imitates it (needs the extra [train]).
+
+    An interrupted training goes on from the closed loops in OUT.samples when it is started again.
+    """
+    check_folder(out, marker="policy.yaml")
+    settings = Settings(
+        episodes=(episodes,) * rounds,
+        epochs=epochs,
+        hidden=_widths(hidden),
+        sequence=plan,
+        slope_weight=slopes,
+        adaptation=_adaptation(follow or []),
+    )
+    loaded = load_model(model)
+    samples = beside(out, ".samples")
+    try:
+        with progress_bars(status) as update:
+            policy = train_policy(loaded, settings, seed=seed, samples=samples, progress=update)
+    except KeyboardInterrupt:
+        kept = len(list(samples.glob("*.safetensors")))
+        text = f"{kept} closed loops are kept in {samples}; the same command goes on from there"
+        raise Interrupted(text if kept else "") from None
+    policy.save(out)
+    table = Table("quantity", "value", title=f"policy {out}")
+    for key, value in policy.training.items():
+        table.add_row(key.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))
+    print_table(table)
+
+
+def _widths(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(width) for width in text.split(","))
+    except ValueError as error:
+        raise UserError(f"--hidden {text}: widths are whole numbers with commas between, as in 64,64") from error
+
+
+def _adaptation(items: list[str]) -> Adaptation:
+    spreads = parse(items)
+    return Adaptation(names=tuple(spreads), spread=tuple(spreads.values()))

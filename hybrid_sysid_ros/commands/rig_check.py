@@ -1,0 +1,109 @@
+"""hybrid-sysid rig check: whether a rig makes sense."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from numpy.typing import NDArray
+from rich.table import Table
+
+from hybrid_sysid_ros.commands.terminal import console, print_table, status
+from hybrid_sysid_ros.rigs.check import check, step_responses
+from hybrid_sysid_ros.rigs.rig import Rig, load
+from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.runtime.parameters import declarations, defaults
+from hybrid_sysid_ros.support.errors import UserError
+
+BLOCKS = "▁▂▃▄▅▆▇█"
+SAMPLES = 24
+SHOWN = 6
+"""Numbers of each step response."""
+
+
+def command(
+    rig: Annotated[str, typer.Argument(help="Rig, by its name or by the path of its folder.")],
+    seconds: Annotated[float, typer.Option(help="Of the step responses.", min=1e-3)] = 2.0,
+) -> None:
+    """Check a rig's equations, sensors, limits, signals and node parameters, and show its step response."""
+    described = load(rig)
+    print_table(_facts(described))
+    findings = check(described)
+    problems = [*findings.problems, *_values(described)]
+    for remark in findings.remarks:
+        console.print(f"note: {remark}")
+    if not findings.problems:
+        print_table(_responses(described, seconds))
+    for problem in problems:
+        status.print(f"error: {' '.join(problem.split())}")
+    if problems:
+        raise typer.Exit(2)
+    console.print(f"{described.name}: no problems")
+
+
+def _facts(rig: Rig) -> Table:
+    """What the rig consists of."""
+    system = rig.system
+    table = Table("what", "name", "unit", "carried as", "", title=f"{rig.name}, {rig.folder}")
+    for item in system.states:
+        table.add_row("state", item.name, item.unit, "", "")
+    for item, actuator in zip(system.inputs, rig.actuators, strict=True):
+        joint, field = rig.joints.place(item.name)
+        table.add_row("input", item.name, item.unit, f"{field}[{joint}]", f"{actuator.low:g} to {actuator.high:g}")
+    for item, sensor in zip(system.outputs, rig.sensors, strict=True):
+        joint, field = rig.joints.place(item.name)
+        noise = f"noise {sensor.noise:.3g} {sensor.unit} rms" if sensor.noise else ""
+        table.add_row("output", item.name, item.unit, f"{field}[{joint}]", noise)
+    return table
+
+
+def _values(rig: Rig) -> Iterator[str]:
+    """What is wrong with the values of nodes, of the controller's problem, and of the policy's sections."""
+    try:
+        for node in declarations():
+            defaults(rig, node)
+    except UserError as error:
+        yield str(error)
+        return
+    controller, reference, estimator = (defaults(rig, node) for node in ("controller", "reference", "estimator"))
+    needed = controller["horizon"] * controller["period"] + controller["latency"] + rig.system.delay
+    if reference["preview_seconds"] < needed + reference["publish_period"]:
+        yield (
+            f"{rig.file}: nodes.reference.preview_seconds is {reference['preview_seconds']:g} s: the controller's "
+            f"horizon, the delays and a publish period take {needed + reference['publish_period']:g} s"
+        )
+    made: list[Any] = [
+        lambda: configuration.mpc_problem(controller, rig),
+        lambda: configuration.estimator_tuning(estimator, rig),
+    ]
+    if "policy_training" in rig.content:
+        made.append(lambda: configuration.spread_of(rig))
+    for make in made:
+        try:
+            make()
+        except UserError as error:
+            text = str(error)
+            yield text if text.startswith(str(rig.file)) else f"{rig.file}: nodes: {text}"
+
+
+def _responses(rig: Rig, seconds: float) -> Table:
+    """A row for each input and output: the curve and a few of its numbers."""
+    times, found = step_responses(rig, seconds=seconds, samples=SAMPLES)
+    chosen = np.linspace(0, SAMPLES - 1, SHOWN).round().astype(int)
+    headings = (f"{times[k]:.3g} s" for k in chosen)
+    table = Table("step of", "output", "", *headings, title="after a step of each input half way to its upper limit")
+    for name, outputs in found.items():
+        for column, (item, display) in enumerate(zip(rig.system.outputs, rig.display, strict=True)):
+            values = outputs[:, column]
+            unit = f"{item.name} [{display.unit}]"
+            table.add_row(name, unit, _curve(values), *(f"{values[k]:.4g}" for k in chosen))
+    return table
+
+
+def _curve(values: NDArray[np.float64]) -> str:
+    """A line of blocks."""
+    span = float(np.ptp(values)) or 1.0
+    levels = ((values - values.min()) / span * (len(BLOCKS) - 1)).round().astype(int)
+    return "".join(BLOCKS[level] for level in levels)

@@ -1,0 +1,39 @@
+"""hybrid-sysid rig new: a small rig to begin with."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hybrid_sysid_ros.commands.terminal import console
+from hybrid_sysid_ros.rigs.folder import HOME, SYSTEM, VALUES, names
+from hybrid_sysid_ros.support.errors import UserError
+
+TEMPLATE = HOME / "_template"
+
+
+def command(folder: Annotated[Path, typer.Argument(help="Folder to make; its name is the rig's.")]) -> None:
+    """Write a small working rig, a sled on a rail, to be made your own."""
+    name = folder.resolve().name
+    if not (name.isidentifier() and name.isascii()):
+        raise UserError(f"{folder}: the folder's name is the rig's, in topics too: use letters, digits and underscores")
+    if name in names():
+        raise UserError(f"{folder}: a rig is called {name} already, in {names()[name]}; take another name")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UserError(f"{folder}: is there already and not empty; give the name of a new folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for file in (SYSTEM, VALUES):
+            shutil.copyfile(TEMPLATE / file, folder / file)
+    except OSError as error:
+        raise UserError(f"{folder}: can't be written ({error.strerror}); give another folder") from error
+    console.print(f"{folder}: {SYSTEM} and {VALUES}; next: hybrid-sysid rig check {_path(folder)}")
+
+
+def _path(folder: Path) -> str:
+    """The folder so that it is taken for a path."""
+    text = str(folder)
+    return text if "/" in text or text.startswith(".") else f"./{text}"

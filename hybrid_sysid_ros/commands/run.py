@@ -1,0 +1,64 @@
+"""hybrid-sysid run: the whole loop as ROS 2 processes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from hybrid_sysid_ros.commands.terminal import RigName, console, print_table, status
+from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.support.errors import Interrupted
+from hybrid_sysid_ros.support.progress import progress_bars
+
+
+def command(
+    rig: RigName = "",
+    policy: Annotated[str, typer.Option(help="supervised, network or exact.")] = "supervised",
+    solver: Annotated[str, typer.Option(help="Of the exact MPC: sqp, or ipopt, the slow reference.")] = "sqp",
+    model: Annotated[Path | None, typer.Option(help="Model folder; the shipped one by default.")] = None,
+    policy_path: Annotated[Path | None, typer.Option(help="Policy folder; the shipped one by default.")] = None,
+    rate: Annotated[float | None, typer.Option(help="Measurements per second; the rig's by default.")] = None,
+    duration: Annotated[float, typer.Option(help="Seconds; 0 as long as the reference.")] = 0.0,
+    reference: Annotated[
+        str, typer.Option(help="One of the rig's references, constant, steps, sine or multisine; the rig's first.")
+    ] = "",
+    bag: Annotated[Path | None, typer.Option(help="Record into this bag.")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a bag that is there.")] = False,
+    lockstep: Annotated[bool, typer.Option("--lockstep", help="As fast as the nodes answer, repeatable.")] = False,
+) -> None:
+    """Run plant, estimator, controller and reference as ROS 2 processes."""
+    with progress_bars(status) as update:
+
+        def progress(seconds: float, expected: float) -> None:
+            if expected:
+                update(f"{reference or 'reference'}, seconds", int(seconds), int(expected))
+
+        outcome = session.run(
+            rig=rig,
+            policy=policy,
+            solver=solver,
+            model=model or "",
+            policy_path=policy_path or "",
+            rate=rate,
+            duration=duration,
+            reference=reference,
+            bag=bag,
+            overwrite=overwrite,
+            lockstep=lockstep,
+            tell=status.print,
+            progress=progress,
+        )
+    table = Table("node", "quantity", "value", title="last diagnostics")
+    for node, values in outcome.diagnostics.items():
+        for key, value in values.items():
+            table.add_row(node, key, f"{value:.4g}" if isinstance(value, float) else str(value))
+    if outcome.diagnostics:
+        print_table(table)
+    if outcome.interrupted:
+        kept = outcome.bag is not None and outcome.bag.exists()
+        raise Interrupted(f"{outcome.bag} holds what was recorded" if kept else "")
+    if outcome.bag is not None:
+        console.print(str(outcome.bag))

@@ -1,0 +1,24 @@
+"""hybrid-sysid simulate: an experiment on a simulated rig."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hybrid_sysid_ros.commands.terminal import RigName, Seed, console
+from hybrid_sysid_ros.rigs.experiments import simulate
+from hybrid_sysid_ros.rigs.rig import load as load_rig
+
+
+def command(
+    kind: Annotated[str, typer.Argument(help="One of the rig's experiments, such as multisine.")],
+    out: Annotated[Path, typer.Argument(help="Bag to write.")],
+    rig: RigName = "",
+    seed: Seed = 0,
+    duration: Annotated[float, typer.Option(help="Seconds.", min=1.0, max=3600.0)] = 40.0,
+    rate: Annotated[float, typer.Option(help="Samples per second.", min=1.0)] = 200.0,
+) -> None:
+    """Simulate an experiment on a rig, driven as the real one is, and write its bag."""
+    console.print(str(simulate(load_rig(rig), kind, out, seed=seed, duration=duration, rate=rate)))

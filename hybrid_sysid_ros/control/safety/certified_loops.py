@@ -1,0 +1,294 @@
+"""The closed loops of a certificate: who drives them, beside whom, what they are made of and what they must keep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.control import scenarios
+from hybrid_sysid_ros.control.controller import Status
+from hybrid_sysid_ros.control.mpc.horizon import Instance
+from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
+from hybrid_sysid_ros.control.mpc.shooting import rollout
+from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.control.safety.online_check import REASONS, Tolerances
+from hybrid_sysid_ros.control.safety.supervisor import Supervisor
+from hybrid_sysid_ros.control.scenarios import LENGTH, LoopRun, Scenario, Spread, expanded
+from hybrid_sysid_ros.control.steady_motion import SteadyMotion, steady_motion
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+Values = tuple[float, ...]
+
+DRIVERS = EXACT, NETWORK, SUPERVISED = range(3)
+JUDGED = {"network": NETWORK, "supervised": SUPERVISED}
+MEASURES = COST, ERROR, WORST_PERIOD, UNSOLVED, EXCESS = range(5)
+"""Of a driver's loop: its cost as it went; the largest difference of an input from the exact MPC's answer to the same
+instance, in shares of the input error that is allowed, and the period in which it was; periods in which that answer is
+none or not converged; and by how much a state was outside of its bounds. An input outside of its bounds or a state that
+is no number makes EXCESS infinite."""
+
+KKT_TOLERANCE = 1e-3
+"""Of the exact MPC, cost per unit of the input: on the beam its inputs are then those of the solution to some mV."""
+
+ROUNDING = 1e-9
+"""By how much an input may be outside of its bounds [its unit]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Distribution:
+    """What loops are made of."""
+
+    spread: Spread
+    """References, disturbances, pushes and plants, as in the training but for the jitter."""
+    seconds: float
+    """Length of a loop."""
+    state_error: Values
+    """(n,), deviations of the estimated states, new at every period."""
+    disturbance_error: Values
+    """(m,), deviations of the estimated input disturbance, one for a loop."""
+    plant: str
+    """What stands for the plant, in words."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Criteria:
+    """What a loop must keep."""
+
+    input_error: Values
+    """eta (m,): by how much an input may be off the exact MPC's [its unit]."""
+    cost_share: float
+    """By how much its cost may be above that of the exact MPC's own loop."""
+    cost_floor: float
+    """And by how much at any rate, for each period."""
+
+
+class Driven(NamedTuple):
+    """A loop of T periods, and who said what in it."""
+
+    loop: LoopRun
+    exact: Array
+    """(T, m), the answers of the exact MPC beside the driver."""
+    reasons: NDArray[np.int64]
+    """(T,), what the online check found, -1 where none was made."""
+    measures: Array
+    """(measures,)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certification:
+    """A policy that is certified, and by what; policy, model and spread are of the same n, m and p."""
+
+    policy: Policy
+    seal: str
+    """Of the policy's folder."""
+    plant: System
+    """Whose states, inputs and outputs are the model's."""
+    model: System
+    """Of the exact MPC."""
+    distribution: Distribution
+    criteria: Criteria
+    tolerances: Tolerances
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for kind in ("states", "inputs", "outputs"):
+            plant, model = ([item.name for item in getattr(each, kind)] for each in (self.plant, self.model))
+            if plant != model:
+                raise UserError(f"certificate: the plant's {kind} {plant} are not the model's {model}")
+        given, inputs = self.distribution, len(self.model.inputs)
+        states = len(self.model.states)
+        distribution = Distribution(
+            spread=given.spread.sized(self.model),
+            seconds=given.seconds,
+            state_error=expanded("certificate: state_error", given.state_error, states),
+            disturbance_error=expanded("certificate: disturbance_error", given.disturbance_error, inputs),
+            plant=given.plant,
+        )
+        eta = expanded("certificate: input_error", self.criteria.input_error, inputs)
+        object.__setattr__(self, "distribution", distribution)
+        object.__setattr__(self, "criteria", replace(self.criteria, input_error=eta))
+
+    @property
+    def periods(self) -> int:
+        """Of a loop."""
+        return round(self.distribution.seconds / self.policy.period)
+
+    @cached_property
+    def _motion(self) -> SteadyMotion:
+        return steady_motion(self.model, self.policy.problem, np.array(self.distribution.spread.centre))
+
+    def scenario(self, loop: int) -> Scenario:
+        """What a loop is made of; it depends on the seed and the number of the loop alone."""
+        random = np.random.default_rng([self.seed, loop])
+        problem, given, periods = self.policy.problem, self.distribution, self.periods
+        spread = given.spread
+        target = scenarios.references(random, spread, problem)
+        longest = LENGTH * problem.horizon * problem.period
+        start = random.uniform(0.0, max(longest - given.seconds, 0.0))
+        wanted = target(start + problem.period * np.arange(1, periods + problem.horizon))
+        begins = np.arange(periods) == 0
+        offsets = random.normal(size=len(given.disturbance_error)) * np.array(given.disturbance_error)
+        return Scenario(
+            plant=scenarios.plant_near(self.plant, spread.parameters, random),
+            begins=begins,
+            states=scenarios.beginnings(random, problem, spread, self._motion, wanted[:periods]),
+            inputs=scenarios.inputs_within(random, problem, periods),
+            references=wanted,
+            disturbances=scenarios.jumping(random, spread.disturbance, begins),
+            pushes=scenarios.pushes(random, spread, periods),
+            state_errors=random.normal(size=(periods, self.policy.states)) * np.array(given.state_error),
+            disturbance_errors=np.tile(offsets, (periods, 1)),
+        )
+
+    def run(self, scenario: Scenario, driver: int) -> Driven:
+        """One loop of a driver."""
+        return Drivers(self).run(scenario, driver)
+
+    def kept(self, measures: Array) -> dict[str, dict[str, NDArray[np.bool_]]]:
+        """Which loops keep each criterion, by driver: the input within eta of the exact MPC's at every period, bounds,
+        the cost of the loop, and all of these; measures (loops, drivers, measures).
+        """
+        criteria, periods = self.criteria, self.periods
+        exact = measures[:, EXACT]
+        allowed = (1.0 + criteria.cost_share) * exact[:, COST] + criteria.cost_floor * periods
+        found = {}
+        for name, driver in JUDGED.items():
+            rows = measures[:, driver]
+            parts = {
+                "input": rows[:, ERROR] <= 1.0,
+                "bounds": rows[:, EXCESS] <= exact[:, EXCESS] + self.tolerances.violation,
+                "cost": rows[:, COST] <= allowed,
+            }
+            found[name] = {**parts, "all": np.logical_and.reduce(list(parts.values()))}
+        return found
+
+
+class Drivers:
+    """The controllers of a certification, which run one loop after the other; nothing is left of the loop before."""
+
+    def __init__(self, certification: Certification) -> None:
+        """Raises UserError for a policy that can't be supervised."""
+        model, self._policy = certification.model, certification.policy
+        self._problem = self._policy.problem
+        self._beside = _Beside(model, self._policy, np.array(certification.criteria.input_error))
+        mpc = ExactMpc(model, self._problem, tolerance=KKT_TOLERANCE)
+        self._supervisor = Supervisor(self._policy, mpc, certification.tolerances)
+        names = "input_low", "input_high", "rate_limits"
+        self._low, self._high, self._rates = (np.array(getattr(self._problem, name)) for name in names)
+
+    def run(self, scenario: Scenario, driver: int) -> Driven:
+        """Let a driver go beside the exact MPC, which is asked the same at each period and begins at its own last plan,
+        as when it drives.
+        """
+        beside, own = self._beside, (None, self._policy, self._supervisor)[driver]
+        exact, reasons = np.empty_like(scenario.inputs), np.full(len(scenario.begins), -1, dtype=np.int64)
+        measures = np.zeros(len(MEASURES))
+        beside.reset()
+        if own is not None:
+            own.reset()
+
+        def control(k: int, asked: Instance) -> Array:
+            exact[k] = given = beside.answer(asked)
+            if own is not None:
+                given = own.control(*asked).input
+                own.prepare(self._problem.period)
+                exact[k] = beside.answer_near(asked, given)
+            if isinstance(own, Supervisor):
+                reasons[k] = own.reason
+            error = beside.error(given)
+            if not error <= measures[ERROR]:
+                measures[ERROR], measures[WORST_PERIOD] = error, k
+            measures[UNSOLVED] += not beside.solved
+            if not self._within(asked.previous, given):
+                measures[EXCESS] = np.inf
+            beside.prepare(self._problem.period)
+            return given
+
+        loop = scenarios.run(scenario, self._problem, control)
+        measures[COST], measures[EXCESS] = loop.costs.sum(), max(measures[EXCESS], loop.excess)
+        return Driven(loop, exact, reasons, measures)
+
+    def _within(self, previous: Array, given: Array) -> bool:
+        """Whether inputs and their changes are within their bounds."""
+        changes = np.abs(given - np.clip(previous, self._low, self._high))
+        inside = np.all((self._low <= given) & (given <= self._high))
+        return bool(inside and np.all(changes <= self._rates + ROUNDING))
+
+
+class _Beside:
+    """The exact MPC beside a driver.
+
+    Its problem may have several local solutions, so where the driver is off by more than it may be, it begins at the
+    network's plan once more, and the cheaper solution is the answer.
+    """
+
+    def __init__(self, model: System, policy: Policy, input_error: Array) -> None:
+        self._mpc = ExactMpc(model, policy.problem, tolerance=KKT_TOLERANCE)
+        self._policy = policy
+        self._error = input_error
+        self._answer = np.zeros(policy.inputs)
+        self._status = Status.FAILED
+        self.solved = False
+        """Whether the first answer converged."""
+
+    def reset(self) -> None:
+        self._mpc.reset()
+
+    def prepare(self, elapsed: float) -> None:
+        self._mpc.prepare(elapsed)
+
+    def error(self, given: Array) -> float:
+        """The largest difference of inputs from the answer, in those that are allowed; infinite where there is none."""
+        return np.inf if self._status is Status.FAILED else float(np.max(np.abs(given - self._answer) / self._error))
+
+    def answer(self, asked: Instance) -> Array:
+        """The first inputs (m,)."""
+        plan = self._mpc.control(*asked)
+        self._answer, self._status = plan.input, plan.status
+        self.solved = plan.status is Status.SOLVED
+        return self._answer
+
+    def answer_near(self, asked: Instance, given: Array) -> Array:
+        """The first inputs of the cheaper of two solutions, where those given are off."""
+        plan = self._policy.control(*asked)
+        if self.error(given) <= 1.0 or plan.status is not Status.POLICY:
+            return self._answer
+        horizon = self._mpc.shooting.horizon
+        first = horizon.inputs.copy(), horizon.states.copy()
+        cost = self._follow(asked, first[0])[0]
+        self._mpc.adopt(asked.disturbance, plan.inputs, self._follow(asked, plan.inputs)[1])
+        second = self._mpc.control(*asked)
+        if second.status is Status.SOLVED and self._follow(asked, horizon.inputs)[0] <= cost:
+            self._answer, self._status = second.input, second.status
+        else:
+            self._mpc.adopt(asked.disturbance, *first)
+        return self._answer
+
+    def _follow(self, asked: Instance, inputs: Array) -> tuple[float, Array]:
+        """Cost of a plan, and the states that it leads to."""
+        mpc = self._mpc.shooting
+        states = np.empty_like(mpc.horizon.states)
+        cost, _ = rollout(mpc.prediction, mpc.horizon.weights, asked, inputs.copy(), states)
+        return float(cost), states
+
+
+def measured(certification: Certification, loops: tuple[int, int]) -> dict[str, NDArray[Any]]:
+    """Measures (loops, drivers, measures) and reasons (loops, reasons) of the loops from .. to."""
+    numbers = range(*loops)
+    measures = np.zeros((len(numbers), len(DRIVERS), len(MEASURES)))
+    reasons = np.zeros((len(numbers), len(REASONS)), dtype=np.int64)
+    drivers = Drivers(certification)
+    for row, loop in enumerate(numbers):
+        scenario = certification.scenario(loop)
+        for driver in DRIVERS:
+            driven = drivers.run(scenario, driver)
+            measures[row, driver] = driven.measures
+            if driver == SUPERVISED:
+                reasons[row] = np.bincount(driven.reasons, minlength=len(REASONS))
+    return {"measures": measures, "reasons": reasons}

@@ -1,0 +1,227 @@
+"""Scenarios: random closed loops of a problem, for training and for certificates, and how they go."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hybrid_sysid_ros.control.mpc.horizon import Instance, prediction
+from hybrid_sysid_ros.control.mpc.shooting import rollout
+from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.steady_motion import SteadyMotion
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps, swept_sine
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+Values = tuple[float, ...]
+Controls = Callable[[int, Instance], Array]
+"""control(k, instance) -> inputs (m,) for period k: what a loop is driven by."""
+
+PUSHED, DISTURBED = 0.05, 0.02
+"""Shares of the periods that begin with a push of the state, and with another input disturbance."""
+
+LENGTH = 20
+"""Of a loop of the training, in horizons."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """What scenarios are drawn from, in SI units. A value for each output, input or state; one value stands for all."""
+
+    amplitude: Values
+    """(p,) of the references about their centre."""
+    disturbance: Values
+    """(m,), deviation of the input disturbance, which jumps now and then."""
+    push: Values
+    """(n,), deviation of each state's occasional push."""
+    input_jitter: Values = (0.0,)
+    """(m,), deviation by which the previous input is moved before the MPC is asked in the training, so that the policy
+    learns its effect apart from the state's."""
+    parameters: float = 0.0
+    """Relative deviation of each free physical parameter of the plant from the model that the MPC has."""
+    centre: Values = (0.0,)
+    """(p,) of the references."""
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "disturbance", "push", "input_jitter", "parameters", "centre"):
+            values = np.atleast_1d(np.asarray(getattr(self, name), dtype=float))
+            if values.ndim != 1 or not np.all(np.isfinite(values)) or (name != "centre" and np.any(values < 0)):
+                raise UserError(f"policy_training: {name} is {getattr(self, name)}; it needs numbers not below 0")
+            object.__setattr__(self, name, float(values[0]) if name == "parameters" else tuple(values.tolist()))
+
+    def sized(self, system: System) -> Spread:
+        """With a value for each output, input and state. Raises UserError where it has another number of values."""
+        counts = {
+            "amplitude": len(system.outputs),
+            "centre": len(system.outputs),
+            "disturbance": len(system.inputs),
+            "input_jitter": len(system.inputs),
+            "push": len(system.states),
+        }
+        found = {name: expanded(f"policy_training: {name}", getattr(self, name), n) for name, n in counts.items()}
+        return Spread(parameters=self.parameters, **found)
+
+
+def expanded(what: str, values: Values, count: int) -> Values:
+    """So many values, of one that stands for all. Raises UserError for another number of values."""
+    if len(values) not in (1, count):
+        raise UserError(f"{what} has {len(values)} values; it needs {count}, or one for all")
+    return values if len(values) == count else values * count
+
+
+class Scenario(NamedTuple):
+    """A random closed loop of T periods but for its controller: n states, m inputs, p outputs, horizon N."""
+
+    plant: System
+    begins: NDArray[np.bool_]
+    """(T,): periods in which the loop begins, or begins anew."""
+    states: Array
+    """(T, n) at which it then begins."""
+    inputs: Array
+    """(T, m) that are then the previous ones."""
+    references: Array
+    """(T + N - 1, p), from one period on."""
+    disturbances: Array
+    """(T, m) of the inputs."""
+    pushes: Array
+    """(T, n) of the state, at the beginning of a period."""
+    state_errors: Array
+    """(T, n) of the states that the controller is told."""
+    disturbance_errors: Array
+    """(T, m) of the disturbances that it is told."""
+
+
+class LoopRun(NamedTuple):
+    """How a loop went."""
+
+    states: Array
+    """(T + 1, n), before each period's push, and at the end."""
+    inputs: Array
+    """(T, m)."""
+    costs: Array
+    """(T,), the cost of each stage."""
+    excess: float
+    """By how much a state was outside of its bounds at most; infinite where one is no number."""
+
+
+def run(scenario: Scenario, problem: Problem, control: Controls) -> LoopRun:
+    """Let a loop go: the plant in the exact form, by the steps of the MPC's own prediction, under ``control``."""
+    plant, weights = prediction(scenario.plant, problem), problem.stage_weights
+    periods, horizon = len(scenario.begins), problem.horizon
+    states, inputs = np.empty((periods + 1, scenario.states.shape[1])), np.empty_like(scenario.inputs)
+    costs, most, path = np.empty(periods), 0.0, np.empty((2, scenario.states.shape[1]))
+    x, u = scenario.states[0], scenario.inputs[0]
+    for k in range(periods):
+        if scenario.begins[k]:
+            x, u = scenario.states[k], scenario.inputs[k]
+        states[k] = x
+        x = x + scenario.pushes[k]
+        asked = Instance(
+            x + scenario.state_errors[k],
+            scenario.disturbances[k] + scenario.disturbance_errors[k],
+            u,
+            scenario.references[k : k + horizon],
+        )
+        inputs[k] = control(k, asked)
+        stage = Instance(x, scenario.disturbances[k], u, scenario.references[k : k + 1])
+        costs[k], excess = rollout(plant, weights, stage, inputs[k : k + 1], path)
+        x, u = path[1].copy(), inputs[k]
+        most = max(most, excess if np.all(np.isfinite(x)) else np.inf)
+    states[periods] = x
+    return LoopRun(states, inputs, costs, most)
+
+
+# What scenarios are made of
+
+
+def references(random: np.random.Generator, spread: Spread, problem: Problem) -> Callable[[ArrayLike], Array]:
+    """References (times, p) of random kinds over the times [s], each output by itself."""
+    found = [
+        _reference(random, amplitude, problem.horizon * problem.period) if weight > 0 else _zero
+        for amplitude, weight in zip(spread.amplitude, problem.output_weights, strict=True)
+    ]
+    return lambda times: np.column_stack(
+        [centre + one(times) for centre, one in zip(spread.centre, found, strict=True)]
+    )
+
+
+def _zero(times: ArrayLike) -> Array:
+    return np.zeros_like(np.asarray(times, dtype=float))
+
+
+def _reference(random: np.random.Generator, amplitude: float, horizon: float) -> Reference:
+    """A reference of a random kind within +-amplitude, as fast as the length of the horizon [s] lets it be followed."""
+    kind, seed = random.integers(4), int(random.integers(2**31))
+    size, duration = amplitude * magnitude(random, 0.2), LENGTH * horizon
+    if kind == 0:
+        hold = random.uniform(0.75, 5.0) * horizon
+        return random_steps(seed, amplitude=size, hold=hold, duration=duration + 5.0 * horizon)
+    slowest = 0.04 / horizon
+    if kind == 1:
+        high = random.uniform(0.2, 1.2) / horizon
+        return multisine(seed, amplitude=size, low=slowest, high=high, lines=12, period=25.0 * horizon)
+    if kind == 2:
+        return swept_sine(amplitude=size, low=slowest, high=random.uniform(0.12, 0.8) / horizon, duration=duration)
+    offset, slope = random.uniform(-amplitude, amplitude), random.normal() * 0.2 * size / horizon
+
+    def ramp(t: ArrayLike) -> Array:
+        return np.clip(offset + slope * (np.asarray(t) - 0.5 * duration), -amplitude, amplitude)
+
+    return ramp
+
+
+def magnitude(random: np.random.Generator, least: float) -> float:
+    """A number within ``least`` and 1, all magnitudes alike."""
+    return float(least ** random.uniform())
+
+
+def plant_near(system: System, deviation: float, random: np.random.Generator) -> System:
+    """A plant near the model: each free physical parameter moved by a relative deviation, within its bounds."""
+    values = [
+        value if item.fixed else min(max(value * (1.0 + deviation * random.normal()), item.low), item.high)
+        for item, value in zip(system.parameters, system.values, strict=True)
+    ]
+    return system.with_values(np.array(values, dtype=float))
+
+
+def jumping(random: np.random.Generator, deviation: Values, begins: NDArray[np.bool_]) -> Array:
+    """Levels (T, count) that jump now and then, and where a loop begins."""
+    jumps = begins | (random.uniform(size=len(begins)) < DISTURBED)
+    levels = random.normal(size=(len(begins), len(deviation))) * np.array(deviation)
+    return levels[np.maximum.accumulate(np.where(jumps, np.arange(len(begins)), 0))]
+
+
+def beginnings(
+    random: np.random.Generator,
+    problem: Problem,
+    spread: Spread,
+    motion: SteadyMotion,
+    wanted: Array,
+    size: float = 1.0,
+) -> Array:
+    """States (T, n) to begin at: pushed by ``size`` from a steady motion, one half on the references ``wanted`` (T, p),
+    one half anywhere.
+    """
+    tracked, periods = [k for k, weight in enumerate(problem.output_weights) if weight > 0], len(wanted)
+    anywhere = random.uniform(-1.0, 1.0, wanted.shape) * np.array(spread.amplitude)
+    at_reference = random.uniform(size=(periods, 1)) < 0.5
+    outputs = np.where(at_reference, wanted - np.array(spread.centre), anywhere)[:, tracked]
+    pushed = size * random.normal(size=(periods, len(spread.push))) * np.array(spread.push)
+    return motion.state + np.array([motion.begun(*pair) for pair in zip(pushed, outputs, strict=True)])
+
+
+def pushes(random: np.random.Generator, spread: Spread, periods: int) -> Array:
+    """Pushes (T, n) of the state, in a share of the periods."""
+    pushed = random.uniform(size=(periods, 1)) < PUSHED
+    return np.where(pushed, random.normal(size=(periods, len(spread.push))) * np.array(spread.push), 0.0)
+
+
+def inputs_within(random: np.random.Generator, problem: Problem, periods: int) -> Array:
+    """Inputs (T, m) anywhere within their bounds."""
+    low, high = np.array(problem.input_low), np.array(problem.input_high)
+    return low + (high - low) * random.uniform(size=(periods, len(low)))

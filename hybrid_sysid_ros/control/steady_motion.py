@@ -1,0 +1,103 @@
+"""Steady motion: where a system settles for given outputs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.core import System, compiled
+from hybrid_sysid_ros.core.call import call_slopes
+from hybrid_sysid_ros.core.compilation import kernel
+
+Array = NDArray[np.float64]
+
+NEWTON_STEPS = 30
+STEADY = 1e-9
+"""Largest relative change of an iterate at which it is called steady."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SteadyMotion:
+    """States x = state + slope (q - q_0) in which the tracked outputs stay at q, near q_0.
+
+    Steady means rest, or a drift at a constant rate that no tracked output shows: a shaft that is to turn at a speed
+    turns on.
+    """
+
+    state: Array
+    """(n,)."""
+    slope: Array
+    """(n, tracked), derivative by what the tracked outputs are to be."""
+    output_map: Array
+    """C (tracked, n), derivative of the tracked outputs by the states."""
+
+    def begun(self, state: Array, outputs: Array) -> Array:
+        """A state (n,) moved along steady motions to where the tracked outputs are ``outputs``, both as deviations."""
+        moved: Array = state + self.slope @ (outputs - self.output_map @ state)
+        return moved
+
+
+def steady_motion(system: System, problem: Problem, outputs: Array) -> SteadyMotion:
+    """The steady motion of a system at outputs (p,), by Newton's method from rest; a problem that is sized.
+
+    The equations x + d = step(x, u), d = step(x + d, u) - step(x, u) linearised, y_t = output(x, u) and C d = 0 of
+    the tracked outputs are solved for states x, inputs u and drift d in the sense of least squares, so that a system that
+    has no steady motion there gives the nearest.
+    """
+    tracked = [k for k, weight in enumerate(problem.output_weights) if weight > 0]
+    states, inputs = len(system.states), len(system.inputs)
+    unknown, wanted = np.zeros(2 * states + inputs), np.asarray(outputs, dtype=float)[tracked]
+    for _ in range(NEWTON_STEPS):
+        following, a, b = _linear(system, problem, unknown[:states], unknown[states : states + inputs], output=False)
+        y, c, by_u = _linear(system, problem, unknown[:states], unknown[states : states + inputs], output=True)
+        c, by_u = c[tracked], by_u[tracked]
+        matrix = _equations(a, b, c, by_u)
+        drift = unknown[states + inputs :]
+        residual = np.concatenate(
+            [following - unknown[:states] - drift, (a - np.eye(states)) @ drift, y[tracked] - wanted, c @ drift]
+        )
+        change = np.linalg.lstsq(matrix, -residual, rcond=None)[0]
+        if not np.all(np.isfinite(change)):
+            break
+        unknown = unknown + change
+        if np.max(np.abs(change)) <= STEADY * (1.0 + np.max(np.abs(unknown))):
+            break
+    raised = np.zeros((len(matrix), len(tracked)))
+    raised[2 * states : 2 * states + len(tracked)] = np.eye(len(tracked))
+    slope = np.linalg.lstsq(matrix, raised, rcond=None)[0][:states]
+    return SteadyMotion(state=unknown[:states], slope=slope.astype(float), output_map=c)
+
+
+def _equations(a: Array, b: Array, c: Array, by_u: Array) -> Array:
+    """The matrix of the four equations by [x, u, d]."""
+    n, m, tracked = len(a), b.shape[1], len(c)
+    moving = a - np.eye(n)
+    none = np.zeros((n, m))
+    return np.block(
+        [
+            [moving, b, -np.eye(n)],
+            [np.zeros((n, n)), none, moving],
+            [c, by_u, np.zeros((tracked, n))],
+            [np.zeros((tracked, n)), np.zeros((tracked, m)), c],
+        ]
+    )
+
+
+def _linear(system: System, problem: Problem, x: Array, u: Array, *, output: bool) -> tuple[Array, Array, Array]:
+    """A step, or the outputs, and their derivatives by states and by inputs, stick-slip rounded."""
+    address, columns = compiled(system).slopes(output=output, smooth=problem.smoothing > 0.0)
+    rows = len(system.outputs if output else system.states)
+    value, slopes = np.empty(rows), np.empty((rows, columns.count))
+    step = problem.period / problem.substeps
+    _at(address, x.copy(), u.copy(), system.values, system.weights, step, problem.smoothing, value, slopes)
+    return value, slopes[:, : columns.states], slopes[:, columns.states :]
+
+
+@kernel
+def _at(
+    address: int, x: Array, u: Array, p: Array, w: Array, h: float, smoothing: float, value: Array, slopes: Array
+) -> None:
+    call_slopes(address, x, u, p, w, h, smoothing, value, slopes)

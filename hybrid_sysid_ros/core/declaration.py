@@ -1,0 +1,91 @@
+"""What a class of systems declares: named variables, contacts and delays, read and checked when the class is made."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from hybrid_sysid_ros.core.contacts import Contact
+from hybrid_sysid_ros.support.errors import UserError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variable:
+    """A state, an input or an output."""
+
+    name: str
+    unit: str
+
+    @classmethod
+    def of(cls, text: str | Variable) -> Variable:
+        """From "position [rad]"; without a unit it has none."""
+        if isinstance(text, Variable):
+            return text
+        name, _, rest = text.partition("[")
+        return cls(name=name.strip(), unit=rest.strip().removesuffix("]").strip())
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+def variables(kind: str, what: str, given: Iterable[str | Variable]) -> tuple[Variable, ...]:
+    """The states, inputs or outputs as a class writes them. Raises UserError for one name and for names twice."""
+    if isinstance(given, str):
+        raise UserError(f'{kind}: {what} are given as "{given}"; write ("{given}",)')
+    found = tuple(Variable.of(text) for text in given)
+    for name, count in Counter(item.name for item in found).items():
+        if count > 1 or not name:
+            raise UserError(f"{kind}: {count} {what} are called {name!r}; give each a name of its own")
+    return found
+
+
+def deflections(kind: str, contacts: Iterable[Contact], states: Iterable[Variable]) -> Iterator[Variable]:
+    """The hidden state of each contact that has one; without a unit of its own it is in that of v s."""
+    units = {item.name: item.unit for item in states}
+    for contact in contacts:
+        if contact.state is not None:
+            state = Variable.of(contact.state)
+            rate = units.get(contact.on, "")
+            unit = state.unit or (rate.removesuffix("/s") if rate.endswith("/s") else f"{rate} s".strip())
+            if state.name in units:
+                raise UserError(f"{kind}: two states are called {state.name!r}; name one by Bristles(deflection=...)")
+            units[state.name] = unit
+            yield Variable(name=state.name, unit=unit)
+
+
+def check(kind: Any) -> None:
+    """Raise UserError for contacts, delays and outputs of a class that its states, inputs and parameters don't fit."""
+    called = kind.__name__
+    states, inputs = ([item.name for item in group] for group in (kind.states, kind.inputs))
+    velocities = [contact.on for contact in kind.contacts]
+    for name in velocities:
+        if name not in states:
+            raise UserError(f"{called}: a contact is on {name!r}, which is no state; states are {', '.join(states)}")
+        if velocities.count(name) > 1:
+            raise UserError(f"{called}: two contacts are on {name}; join them into one")
+    if velocities and not kind.stepper.takes_contacts:
+        raise UserError(f"{called}: {type(kind.stepper).__name__} takes no contacts; use ImplicitFriction")
+    for contact in kind.contacts:
+        for field in contact.fields:
+            value = getattr(contact, field)
+            if isinstance(value, str) and not hasattr(kind, value):
+                raise UserError(
+                    f"{called}: the {field} of the contact on {contact.on} is {value!r}, which is neither a parameter "
+                    "nor a method"
+                )
+    parameters = _parameters(kind)
+    for name, delay in kind.delays.items():
+        if name not in inputs:
+            raise UserError(f"{called}: a delay is of {name!r}, which is no input; inputs are {', '.join(inputs)}")
+        if isinstance(delay, str) and delay not in parameters:
+            raise UserError(f"{called}: the delay of {name} is {delay!r}, which is no parameter")
+        if not isinstance(delay, str) and not 0.0 <= delay < float("inf"):
+            raise UserError(f"{called}: the delay of {name} is {delay} s; it must be 0 or more")
+
+
+def _parameters(kind: Any) -> set[str]:
+    """Names of the parameters of a class that is being made, and so is no dataclass yet."""
+    fields = {**getattr(kind, "__dataclass_fields__", {}), **vars(kind)}
+    return {name for name, item in fields.items() if "parameter" in getattr(item, "metadata", ())}

@@ -1,0 +1,298 @@
+"""Estimators: what they are told, what may be wrong with it, and what they answer."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core import Recurrence, System
+from hybrid_sysid_ros.estimation.beginning import Beginning
+from hybrid_sysid_ros.estimation.memory import GATED, LONGEST_GAP, LONGEST_STEP, USED, memory_of
+from hybrid_sysid_ros.estimation.observability import check_observable, offset_gains
+from hybrid_sysid_ros.estimation.recursion import FINE, LATE, LOST, look
+from hybrid_sysid_ros.estimation.tuning import Tuning
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimate:
+    """What is known after a measurement."""
+
+    time: float
+    """Of the newest measurement [s]."""
+    state: Array
+    """(states,) at that time."""
+    ahead: Array
+    """(states,) that the next command will meet: the longest input delay and the latency later."""
+    disturbance: Array
+    """(inputs,): the offset of each input [its unit] with which the system as it was given fits best."""
+    parameters: Array
+    """The followed ones (followed,), in the tuning's order."""
+    covariance: Array
+    """(size, size) of [states, disturbance, sine and cosine of each hum, parameters]."""
+    innovation: Array
+    """(outputs,) of the measurement just given; NaN where an output was not measured."""
+    normalised_innovation: float
+    """e' V^-1 e of it: in the mean as much as there are values. NaN where there are none."""
+
+
+@dataclass(kw_only=True)
+class Counters:
+    """What an estimator met; a measurement of two outputs has two values."""
+
+    updates: int = 0
+    """Values used."""
+    delayed: int = 0
+    """Those of them that were older than the newest measurement and were put in their place."""
+    late: int = 0
+    """Stamps too old for that, or repeated; ignored."""
+    missing: int = 0
+    """Measurements that a gap in the stamps swallowed."""
+    invalid: int = 0
+    """Values and inputs that are NaN or infinite; not used."""
+    gated: int = 0
+    """Outliers by the innovation test; not used."""
+    resets: int = 0
+    """Returns to the measurement after a run of outliers or a long gap."""
+
+
+class Estimator(ABC):
+    """States z = [x, d, hums, theta]: the system's states, an offset of each input, a hum of each output that has one,
+    as a sine of known frequency, and the followed parameters.
+
+        z+ = [step(x, u + d; theta), d, rotation(2 pi f dt) (s, c), theta] + noise,   y = h(x, u + d; theta) + s + r
+
+    Outputs and the tuning's further channels may come out of order, within the tuning's window: the estimator goes back
+    to the moment before and plays the rest again, so that the answer is that of the right order. Older ones are
+    ignored, missing ones and NaN predicted over, outliers gated; each is counted. After a run of outliers a sensor
+    wins, unless another one that was believed meanwhile contradicts it. All state stays in preallocated arrays.
+    """
+
+    windowed: ClassVar[bool] = False
+    """Whether the method optimises over a window of moments."""
+    _absorb: ClassVar[Callable[..., int]]
+    """The kernel that takes a measurement: (*memory, time, since, first, given, applied, out, P)."""
+    _resume: ClassVar[Callable[..., None]]
+    """The kernel that brings beliefs up to date after the first one: (*memory)."""
+
+    def __init__(
+        self, system: System, tuning: Tuning, *, period: float, latency: float = 0.0, step: float = LONGEST_STEP
+    ) -> None:
+        """period: of the measurements [s]. latency: from a measurement to its command at the rig [s]. step: longest one
+        of a prediction [s].
+
+        Raises UserError where no estimator can be made of these.
+        """
+        tuning = tuning.checked(system)
+        if isinstance(system, Recurrence):
+            if abs(period - system.period) > 1e-9 or tuning.channels:
+                raise UserError(
+                    f"{type(system).__name__} steps by {system.period:g} s: give it one measurement for each step"
+                )
+            self._window, step = 0.0, system.period
+        else:
+            self._window = self._window_of(tuning, period)
+        check_observable(system, tuning, step=step)
+        self._offsets = offset_gains(system, tuning, step=step)
+        self.system = system
+        self.tuning = tuning
+        self.period = period
+        self.counters = Counters()
+        lead = system.delay + latency
+        self._memory, self._arrays = memory_of(
+            system, tuning, period=period, step=step, span=self._window, lead=lead, windowed=self.windowed
+        )
+        n, m, p = len(system.states), len(system.inputs), len(system.outputs)
+        self._beginning = Beginning(system=system, tuning=tuning, memory=self._memory, arrays=self._arrays)
+        named = system.named
+        self._as_given = np.array([named[name] for name in tuning.followed])
+        self._channels = {name: p + k for k, name in enumerate(tuning.channels)}
+        self._size = len(self._arrays["start"])
+        self._parts = np.cumsum([n, n, m, len(tuning.followed), p]).tolist()
+        self._outputs, self._applied, self._value = np.empty(p), np.empty(m), np.empty(1)
+        self.reset()
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Of the rows of the covariance, with units, (size,)."""
+        system, channels = self.system, self._memory.channels
+        hums = [item for item, hum in zip(system.outputs, channels["hum"], strict=False) if hum >= 0]
+        units = {item.name: item.unit for item in system.parameters}
+        return (
+            *(str(item) for item in system.states),
+            *(f"offset of {item}" for item in system.inputs),
+            *(f"{part} of hum of {item}" for item in hums for part in ("sine", "cosine")),
+            *(f"{name} [{units[name]}]" for name in self.tuning.followed),
+        )
+
+    def _window_of(self, tuning: Tuning, period: float) -> float:
+        """How far back [s] a measurement may lie that is still used."""
+        return tuning.window
+
+    def reset(self) -> None:
+        """Forget everything; the next valid measurement starts afresh."""
+        self._started = False
+        self._last = self._newest = math.nan
+        self._arrays["applied"][:] = 0.0
+
+    def update(self, time: float, outputs: Array, applied: Array) -> Estimate:
+        """Measured outputs (outputs,) at ``time`` [s], NaN where one is missing, and the mean inputs (inputs,) since
+        the measurement before.
+
+        Raises UserError where there is nothing to hold on to yet and no output is a number, for a stamp that is none,
+        and for another number of outputs or inputs.
+        """
+        if len(outputs) != len(self._outputs) or len(applied) != len(self._applied):
+            raise UserError(
+                f"estimator: {len(outputs)} outputs and {len(applied)} inputs were given: {type(self.system).__name__} "
+                f"has {len(self._outputs)} and {len(self._applied)}"
+            )
+        self._outputs[:], self._applied[:] = outputs, applied
+        elapsed = time - self._last
+        if 0.0 < elapsed < 1.5 * self.period:
+            since, self._last = self._last, time
+            return self._take(time, since, 0, self._outputs)
+        return self._update_oddly(time, elapsed)
+
+    def _update_oddly(self, time: float, elapsed: float) -> Estimate:
+        """The first measurement, one after a gap, or one that is late."""
+        valid = np.isfinite(self._outputs)
+        if not math.isfinite(time):
+            raise UserError(f"estimator: a measurement is stamped {time}; stamps are seconds")
+        if not self._started:
+            if not np.any(valid):
+                self.counters.invalid += len(valid)
+                raise UserError(f"estimator: the first measurement (t = {time:g} s) is not a number; check the sensor")
+            self.counters.updates += int(valid.sum())
+            self.counters.invalid += int((~valid).sum())
+            return self._start(time, 0, self._outputs)
+        if math.isnan(elapsed):  # only a further channel has told something
+            since, self._last = float(self._memory.inputs[-1, 0]), time
+            return self._take(time, min(since, time), 0, self._outputs)
+        if not elapsed > 0.0:
+            if not np.any(valid):
+                self.counters.invalid += len(valid)
+                return self._look()
+            return self._take(time, time, 0, self._outputs)
+        if elapsed > LONGEST_GAP and not np.any(valid):
+            # Nothing to start from and, a clock may have jumped, years to predict over: wait for a number.
+            self.counters.invalid += len(valid)
+            return self._look()
+        self.counters.missing += max(round(elapsed / self.period) - 1, 0)
+        if elapsed > LONGEST_GAP:
+            self.counters.resets += 1
+            return self._start(time, 0, self._outputs)
+        since, self._last = self._last, time
+        return self._take(time, since, 0, self._outputs)
+
+    def correct(self, time: float, value: float, channel: str) -> Estimate:
+        """A measurement of a further channel at ``time`` [s], the moment that it is of, in whatever order it comes.
+
+        Further than the window from the newest measurement it is ignored (late). The first one of all starts the
+        estimator.
+
+        Raises:
+            UserError: there is no such channel, or nothing to hold on to yet and no number.
+        """
+        if channel not in self._channels:
+            known = ", ".join(self._channels) or "none"
+            raise UserError(f"estimator: no channel {channel}: known are {known}")
+        first = self._channels[channel]
+        self._value[0] = value
+        valid = math.isfinite(value)
+        if not self._started:
+            if not (valid and math.isfinite(time)):
+                self.counters.invalid += 1
+                raise UserError(f"estimator: the first measurement, of channel {channel}, is not a number")
+            self.counters.updates += 1
+            self._applied[:] = 0.0
+            return self._start(time, first, self._value)
+        if not time <= self._newest + self._window:
+            self.counters.late += 1
+            return self._look()
+        if not valid and time <= self._newest:
+            self.counters.invalid += 1
+            return self._look()
+        return self._take(time, time, first, self._value)
+
+    def _take(self, time: float, since: float, first: int, given: Array) -> Estimate:
+        """Values of the channels from ``first`` on in their place; ``applied`` counts where ``since`` is before."""
+        out, P = np.empty(self._parts[-1] + 1), np.empty((self._size, self._size))
+        code = self._absorb(*self._memory, time, since, first, given, self._applied, out, P)
+        delayed = bool(time <= self._newest)
+        if not delayed:
+            self._newest = time
+        if code == FINE:
+            self.counters.updates += len(given)
+            if delayed:
+                self.counters.delayed += len(given)
+            return self._estimate(out, P)
+        if code == LATE:
+            self.counters.late += 1
+            return self._estimate(out, P)
+        if code == LOST:
+            # Numbers that no rig has were given, as an input of 1e300, and nothing is left but the last measurement.
+            self.counters.resets += 1
+            self._applied[:] = 0.0
+            return self._start(max(time, self._newest), 0, self._beginning.last_outputs())
+        return self._sort_out(first, given, delayed, out, P)
+
+    def _sort_out(self, first: int, given: Array, delayed: bool, out: Array, P: Array) -> Estimate:
+        """Count what was not used, and begin again where a sensor has been an outlier for too long."""
+        core, counters = self._memory.core[0], self.counters
+        index = int(core["at"])
+        readings = self._memory.readings[self._memory.moments["row"][index], first : first + len(given)]
+        fates, valid = readings["fate"], np.isfinite(given)
+        used = int((valid & (fates == USED)).sum())
+        counters.updates += used
+        counters.delayed += used * delayed
+        counters.invalid += int((~valid).sum()) + int(core["wrong"])
+        gated = valid & (fates == GATED)
+        counters.gated += int(gated.sum())
+        patience = self.tuning.patience
+        lost = [first + k for k in np.flatnonzero(gated & (readings["outliers"] > patience)).tolist()]
+        if not lost or not self._beginning.again(index, lost):
+            return self._estimate(out, P)
+        counters.resets += 1
+        self._resume(*self._memory)
+        shown = out[self._parts[3] :].copy()
+        look(*self._memory, out, P)
+        out[self._parts[3] :] = shown
+        return self._estimate(out, P)
+
+    def _look(self) -> Estimate:
+        """The estimate as it is."""
+        out, P = np.empty(self._parts[-1] + 1), np.empty((self._size, self._size))
+        look(*self._memory, out, P)
+        return self._estimate(out, P)
+
+    def _estimate(self, out: Array, P: Array) -> Estimate:
+        a, b, c, d, e = self._parts
+        disturbance, parameters = out[b:c], out[c:d]
+        if self._offsets is not None:
+            disturbance = disturbance + (parameters - self._as_given) @ self._offsets
+        return Estimate(
+            time=self._newest,
+            state=out[:a],
+            ahead=out[a:b],
+            disturbance=disturbance,
+            parameters=parameters,
+            covariance=P,
+            innovation=out[d:e],
+            normalised_innovation=float(out[e]),
+        )
+
+    def _start(self, time: float, first: int, values: Array) -> Estimate:
+        """Begin with values of the channels from ``first`` on, nothing else known."""
+        self._beginning.fresh(time, self._applied, first, values)
+        self._newest, self._started = time, True
+        self._last = time if first == 0 else math.nan
+        return self._look()

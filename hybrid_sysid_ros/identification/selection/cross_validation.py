@@ -1,0 +1,100 @@
+"""Blocked cross-validation: how well a structure predicts motion unlike the one it was fitted to."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.identification.experiment import prepare
+from hybrid_sysid_ros.identification.identify import check_record
+from hybrid_sysid_ros.identification.part import Part
+from hybrid_sysid_ros.identification.recipes import Recipe
+from hybrid_sysid_ros.identification.validation.scores import score_free_run
+from hybrid_sysid_ros.models import Options, Sampling
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.errors import UserError
+
+BLOCKS = 6
+"""Blocks of the training data, at least: records are split where there are fewer."""
+
+WORST = -1.0
+"""R2 below which one block is as bad as another: a diverged one must not decide about the rest."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Validation:
+    """How well blocks were predicted while they were held out."""
+
+    scores: Mapping[str, float]
+    """R2 of the free run over each block, mean over the outputs, by name."""
+    seconds: float
+    """Of all fits."""
+
+    @property
+    def value(self) -> float:
+        """Mean of the scores, what a comparison maximises."""
+        return float(np.mean([max(score, WORST) for score in self.scores.values()]))
+
+    @property
+    def standard_error(self) -> float:
+        """Of the mean."""
+        values = [max(score, WORST) for score in self.scores.values()]
+        return float(np.std(values, ddof=1) / np.sqrt(len(values)))
+
+
+def blocks_of(records: Sequence[Record], sampling: Sampling) -> list[Record]:
+    """Records, each cut at scored samples into as many equal parts as make BLOCKS in all; calmest first, by the
+    outputs' deviations, each as part of its largest.
+    """
+    each = max(1, -(-BLOCKS // len(records)))
+    blocks = []
+    for record in records:
+        for i in range(each):
+            block = Part(start=i / each, stop=(i + 1) / each).of(record, sampling)
+            name = f"{record.name} {i + 1}/{each}" if each > 1 else record.name
+            blocks.append(replace(block, name=name))
+    deviations = np.array([np.std(block.output, axis=0) for block in blocks])
+    widths = (deviations / np.maximum(deviations.max(axis=0), 1e-12)).mean(axis=1)
+    return [blocks[i] for i in np.argsort(widths, kind="stable")]
+
+
+def cross_validate(
+    records: Sequence[Record],
+    rig: Rig,
+    structure: str,
+    *,
+    sampling: Sampling,
+    part: Part = Part(),
+    options: Options | None = None,
+    seed: int = 0,
+    folds: int = 3,
+) -> Validation:
+    """Fit without one group of blocks, free-run over them, for each group in turn.
+
+    The groups are the calmest blocks, the next, ... the widest: each is predicted from calmer and wider motion only, so
+    that a structure must carry over to an excitation that it has not seen. No block shares a sample with another.
+
+    Raises UserError for records that are too short or don't excite the rig, and for fewer than two folds.
+    """
+    if not records:
+        raise UserError("cross-validation: no record")
+    used = [part.of(record, sampling) for record in records]
+    for record in used:
+        check_record(record, rig, sampling)
+    # Against an output that stands still nothing can be scored.
+    blocks = [block for block in blocks_of(used, sampling) if np.all(np.ptp(block.output, axis=0) > 0.0)]
+    if not 2 <= folds <= len(blocks):
+        raise UserError(f"cross-validation: {folds} folds; choose 2 to {len(blocks)}, the number of blocks")
+    recipe = Recipe(rig=rig, structure=structure, sampling=sampling, options=options or {}, seed=seed)
+    began = time.perf_counter()
+    scores = {}
+    for held in np.array_split(np.arange(len(blocks)), folds):
+        fitted, holds = recipe.fit([block for i, block in enumerate(blocks) if i not in held])
+        for i in held:
+            experiment = prepare(blocks[i], fitted.system, holds)
+            scores[blocks[i].name] = score_free_run(fitted.system, experiment).r2
+    return Validation(scores=scores, seconds=time.perf_counter() - began)

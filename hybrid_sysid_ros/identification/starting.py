@@ -1,0 +1,105 @@
+"""Where a fit begins: magnitudes in the training data, and linear systems by regression."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core import System, simulate
+from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.models.hybrid import Hybrid
+from hybrid_sysid_ros.models.linear import Linear
+
+Array = NDArray[np.float64]
+
+FEATURE_SCALE = 1.5
+"""Scale of a network's feature, in root mean squares of the training data."""
+
+LEAST_TOLD = 0.3
+"""Share of a rate's variance that a regression must explain to be believed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Magnitudes:
+    """How large the declared states and the inputs are in training data, (states + inputs,)."""
+
+    scales: Array
+    """FEATURE_SCALE root mean squares: single large values must not set the scale of a network."""
+    centre: Array
+    """Means."""
+    unshown: tuple[str, ...]
+    """States that no record shows: their numbers are those of a simulation of the rig where a fit begins."""
+
+
+def magnitudes(system: System, experiments: Sequence[Experiment]) -> Magnitudes:
+    """Of experiments prepared for a rig's own system."""
+    declared = len(system.declared_states)
+    states = np.concatenate([item.states[:, :declared] for item in experiments])
+    inputs = np.concatenate([item.inputs for item in experiments])
+    hidden = [i for i in range(declared) if i not in system.shown]
+    if hidden:
+        begun = system.with_values([item.start for item in system.parameters])
+        runs = [
+            simulate(begun, item.states[0], item.inputs, step=item.sampling.step, every=item.sampling.every)
+            for item in experiments
+        ]
+        told = np.concatenate(runs)[:, hidden]
+        usable = np.isfinite(told).all(axis=0) & (np.abs(told).max(axis=0) < 1e6) & (np.ptp(told, axis=0) > 1e-9)
+        states[:, hidden] = np.where(usable, np.nan_to_num(told[: len(states)]), 1.0)
+    squares = np.concatenate([np.mean(states**2, axis=0), np.mean(inputs**2, axis=0)])
+    return Magnitudes(
+        scales=np.asarray(FEATURE_SCALE * np.sqrt(squares)),
+        centre=np.concatenate([states.mean(axis=0), inputs.mean(axis=0)]),
+        unshown=tuple(system.states[i].name for i in hidden),
+    )
+
+
+def begun(system: System, experiments: Sequence[Experiment]) -> System:
+    """A linear system, or one with a linear part, whose entries begin at what regression tells of them."""
+    if isinstance(system, Hybrid):
+        return replace(system, physics=begun(system.physics, experiments))
+    if not isinstance(system, Linear):
+        return system
+    system = system.begun(regression(system, experiments))
+    return system.with_values([item.start for item in system.parameters])
+
+
+def regression(system: System, experiments: Sequence[Experiment]) -> dict[str, float]:
+    """Entries of a linear system by least squares over one sample, by the trapezoidal rule.
+
+        (x(k + 1) - x(k)) / T = A (x(k) + x(k + 1)) / 2 + B u(k) + c - F sgn v
+
+    for each rate whose state is shown and which none that is not shown acts on, as far as the rig's own law begins.
+    """
+    assert isinstance(system, Linear)
+    origin, known = system.origin, {item.name: item for item in system.parameters}
+    names = [item.name for item in origin.declared_states]
+    shown = [i for i in range(len(names)) if i in origin.shown]
+    drives = [item.name for item in origin.inputs]
+    period = experiments[0].sampling.period
+    middle = np.concatenate([0.5 * (item.states[1:] + item.states[:-1]) for item in experiments])
+    change = np.concatenate([np.diff(item.states, axis=0) / period for item in experiments])
+    means = [item.inputs.reshape(item.samples - 1, item.sampling.every, -1).mean(axis=1) for item in experiments]
+    inputs, found = np.concatenate(means), {}
+    for i in shown:
+        row = names[i]
+        if i in origin.kinematics or any(
+            abs(known[f"{row}_per_{name}"].start) > 0.0 for name in system.unshown if f"{row}_per_{name}" in known
+        ):
+            continue
+        signed = [(f"{row}_per_{names[j]}", 1.0, middle[:, j]) for j in shown]
+        signed += [(f"{row}_damping", -1.0, middle[:, i])]
+        signed += [(f"{row}_per_{name}", 1.0, inputs[:, j]) for j, name in enumerate(drives)]
+        signed += [(f"{row}_offset", 1.0, np.ones(len(middle))), (f"{row}_coulomb", -1.0, np.sign(middle[:, i]))]
+        used = [(name, sign, column) for name, sign, column in signed if name in known]
+        columns = np.stack([column for *_, column in used], axis=1)
+        sizes = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
+        solution = np.linalg.lstsq(columns / sizes, change[:, i], rcond=1e-6)[0] / sizes
+        left = change[:, i] - columns @ solution
+        if np.var(left) > (1.0 - LEAST_TOLD) * np.var(change[:, i]) or not np.isfinite(solution).all():
+            continue
+        found.update({name: sign * float(value) for (name, sign, _), value in zip(used, solution, strict=True)})
+    return {name: value for name, value in found.items() if not (name.endswith("_coulomb") and value <= 0.0)}

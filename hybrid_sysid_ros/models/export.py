@@ -1,0 +1,40 @@
+"""A model as CasADi functions, for do-mpc, acados and anyone's own script."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
+from hybrid_sysid_ros.models.model import Model, signals_of
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import written_folder
+
+STEP, OUTPUT, TOLD = "step.casadi", "output.casadi", "model.json"
+
+
+def export_casadi(model: Model, folder: Path | str, *, step: float = 0.0, smoothing: float = 0.0) -> None:
+    """Write ``step.casadi``, (x, u) -> following, and ``output.casadi``, (x, u) -> y, for ``casadi.Function.load``, and
+    what they take beside them in ``model.json``.
+
+    step: of the step function [s], a multiple of the model's, which is the default; a recurrence has one only.
+    smoothing: rounds stick-slip over so much velocity, 0 for the exact step, whose derivative jumps. u acts at once:
+    delays are told in model.json. Raises UserError where the place can't be written or the step is no multiple.
+    """
+    system, own = model.system, model.sampling.step
+    substeps = round(step / own) if step else 1
+    if substeps < 1 or abs(substeps * own - (step or own)) > 1e-9:
+        raise UserError(f"export: a step of {step:g} s is no multiple of the model's {own:g} s")
+    told = {
+        "rig": model.rig,
+        "structure": model.structure,
+        "step": substeps * own,
+        "states": [str(item) for item in system.states],
+        **signals_of(system),
+        "input_delays": system.input_delays.tolist(),
+        "model": model.seal,
+    }
+    with written_folder(folder, marker=STEP) as partial:
+        symbolic_step(system, step=own, substeps=substeps, smoothing=smoothing).save(str(partial / STEP))
+        symbolic_output(system).save(str(partial / OUTPUT))
+        (partial / TOLD).write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")

@@ -1,0 +1,36 @@
+"""An actuator: what becomes of a commanded input."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hybrid_sysid_ros.rigs.sensor import Quantiser
+from hybrid_sysid_ros.support.errors import UserError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Actuator:
+    """Limits of an input, which need not be symmetric [unit of the input]; its delay is the system's."""
+
+    low: float
+    high: float
+    quantiser: Quantiser | None = None
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
+            raise UserError(f"low is {self.low:g}, high {self.high:g}: two numbers are needed, low below high")
+
+    @property
+    def rest(self) -> float:
+        """The input where nothing is commanded: zero, or what is nearest to it."""
+        return min(max(0.0, self.low), self.high)
+
+    def bounded(self, value: float) -> float:
+        """What acts of a command: within the limits, and never NaN, which counts as ``rest``."""
+        if value != value:
+            return self.rest
+        value = min(max(value, self.low), self.high)
+        if self.quantiser is not None:
+            value = min(max(self.quantiser.read(value), self.low), self.high)
+        return value

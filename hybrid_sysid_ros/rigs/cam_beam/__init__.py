@@ -1,0 +1,1 @@
+"""The cam-driven beam."""

@@ -1,0 +1,244 @@
+"""Whether a rig makes sense: what is wrong with it, as lines for its author."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core import Sensitivities, System, compiled, rollouts, stepped
+from hybrid_sysid_ros.core.call import call_slopes, call_value
+from hybrid_sysid_ros.core.compilation import kernel
+from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
+from hybrid_sysid_ros.rigs.experiments import ExperimentController, excitation
+from hybrid_sysid_ros.rigs.plant import Plant
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.sensor import LowPassFilter
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+
+POINTS = 300
+"""Of the grid of states and inputs."""
+SECONDS = 4.0
+"""Of the experiment whose states the grid covers, twice."""
+WINDOWS = 8
+"""Of that experiment, in which outputs are to tell the states."""
+FORMS_AGREE = 1e-9
+"""Relative difference of the compiled and the CasADi form."""
+BLIND = 1e-9
+"""Ratio of the least to the greatest effect of a state (in its magnitude) on the outputs, below which it has none."""
+GROWTH = 1e-3
+"""Rate [1/s] from which on a linearised system counts as unstable."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Findings:
+    """What a check found."""
+
+    problems: tuple[str, ...]
+    """What must be changed, a line each."""
+    remarks: tuple[str, ...]
+    """What the author may want to know."""
+    states: Array
+    """Magnitude of each state in the experiment (states,)."""
+
+
+def check(rig: Rig) -> Findings:
+    """Check a rig's equations, sensors, actuators and experiments."""
+    where = f"{rig.folder}/system.py"
+    problems = list(_at_origin(rig.system, where))
+    for name, other in rig.structures.items():
+        problems += (f"{where}: structure {name}: {line.partition(': ')[2]}" for line in _at_origin(other, where))
+    if problems:
+        return Findings(problems=tuple(problems), remarks=(), states=np.zeros(0))
+    problems, remarks = list(_sensors(rig)), list[str]()
+    states, inputs = _experiment(rig)
+    steady = np.isfinite(states).all()
+    magnitudes = np.maximum(np.max(np.abs(states[np.isfinite(states).all(axis=1)]), axis=0), 1e-6)
+    growth, grown = _growth(rig.system, magnitudes, rig.step)
+    if growth > GROWTH and not rig.experiments.loops:
+        problems.append(
+            f"{where}: unstable at the origin: {grown} grow by e in {1 / growth:.3g} s; give the experiments in "
+            f"{rig.file.name} a loop that holds it"
+        )
+    elif not steady:
+        problems.append(f"{where}: the states grow beyond all numbers in the experiments of {rig.file.name}")
+    if steady:
+        problems += _on_grid(rig, magnitudes, where)
+        problems += _blind(rig, states, inputs, magnitudes, where)
+        remarks += _reached(rig, states)
+    return Findings(problems=tuple(problems), remarks=tuple(remarks), states=magnitudes)
+
+
+def _at_origin(system: System, where: str) -> Iterator[str]:
+    """Whether a step and the outputs can be made, and are finite at rest."""
+    try:
+        system.motion()
+        x, u = np.zeros(len(system.states)), np.zeros(len(system.inputs))
+        following, outputs = stepped(system, x, u, step=1e-3), _outputs(system, x, u)
+        system.check()
+    except UserError as error:
+        yield f"{where}: {error}"
+        return
+    for item, value in zip((*system.states, *system.outputs), (*following, *outputs), strict=True):
+        if not np.isfinite(value):
+            yield f"{where}: {item.name} is {value:g} a step from the origin; bound what it is divided or rooted by"
+
+
+def _outputs(system: System, x: Array, u: Array) -> Array:
+    y = np.empty(len(system.outputs))
+    _valued(compiled(system).output, x, u, system.values, system.weights, y)
+    return y
+
+
+@kernel
+def _valued(address: int, x: Array, u: Array, p: Array, w: Array, y: Array) -> None:
+    call_value(address, x, u, p, w, 0.0, 0.0, y)
+
+
+def _sensors(rig: Rig) -> Iterator[str]:
+    for item, sensor in zip(rig.system.outputs, rig.sensors, strict=True):
+        where = f"{rig.file}: sensors.{item.name}"
+        if sensor.low_pass is not None:
+            radius = np.max(np.abs(np.linalg.eigvals(LowPassFilter(sensor.low_pass, rig.step).transition)))
+            if radius >= 1.0:
+                yield f"{where}.low_pass: is unstable at a step of {rig.step:g} s; make the step or its hertz smaller"
+        if sensor.hum is not None and sensor.hum.hertz > 0.5 / rig.step:
+            yield f"{where}.hum: {sensor.hum.hertz:g} Hz can't be shown at a step of {rig.step:g} s; make it smaller"
+    for item, value, actuator in zip(rig.system.inputs, rig.bias, rig.actuators, strict=True):
+        if not actuator.low < value < actuator.high:
+            yield f"{rig.file}: nodes.plant.bias: {value:g} {item.unit} is beyond the limits of {item.name}"
+
+
+def _experiment(rig: Rig) -> tuple[Array, Array]:
+    """States (steps + 1, states) of the rig without noise in the first of its experiments, or in steps of its inputs
+    without one, and the inputs (steps, inputs) that acted.
+    """
+    steps = round(SECONDS / rig.step)
+    times = np.arange(steps, dtype=np.float64) * rig.step
+    name = next(iter(rig.experiments.excitations), "")
+    if name:
+        wanted = excitation(rig, name, seed=0, duration=SECONDS, times=times)
+    else:
+        levels = np.random.default_rng(0).uniform(0.0, 1.0, (8, len(rig.actuators))).repeat(-(-steps // 8), axis=0)
+        low, high = (np.array([getattr(actuator, end) for actuator in rig.actuators]) for end in ("low", "high"))
+        wanted = low + (high - low) * levels
+    for index, loop in rig.experiments.loops.items():
+        wanted[:, index] *= rig.sensors[loop.output].scale
+    plant, controller = Plant(rig, seed=0, noisy=False), ExperimentController(rig)
+    states, inputs = np.empty((steps + 1, len(rig.system.states))), np.empty((steps, len(rig.actuators)))
+    with np.errstate(all="ignore"):
+        for k in range(steps):
+            states[k] = plant.state
+            inputs[k] = controller.inputs(wanted[k], plant.measure())
+            plant.advance(inputs[k])
+        states[steps] = plant.state
+    return states, inputs
+
+
+def _growth(system: System, magnitudes: Array, step: float) -> tuple[float, str]:
+    """Fastest growth [1/s] of the system linearised at the origin, stick-slip rounded, and the states that grow."""
+    n, m = len(system.states), len(system.inputs)
+    address, _ = compiled(system).slopes(smooth=True)
+    slopes, following = np.zeros((n, n + m)), np.zeros(n)
+    smoothing = float(np.max(magnitudes))
+    _sloped(address, np.zeros(n), np.zeros(m), system.values, system.weights, step, smoothing, following, slopes)
+    values, vectors = np.linalg.eig(slopes[:, :n])
+    fastest = int(np.argmax(np.abs(values)))
+    share = np.abs(vectors[:, fastest]) / magnitudes
+    rate = np.log(max(float(np.abs(values[fastest])), 1e-300)) / step
+    grown = [item.name for item, part in zip(system.states, share, strict=True) if part > 0.3 * np.max(share)]
+    return float(rate), " and ".join(grown)
+
+
+@kernel
+def _sloped(
+    address: int, x: Array, u: Array, p: Array, w: Array, h: float, s: float, out: Array, slopes: Array
+) -> None:
+    call_slopes(address, x, u, p, w, h, s, out, slopes)
+
+
+def _on_grid(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
+    """Steps and outputs over twice the range of the experiment: finite, and alike in both forms."""
+    system, random = rig.system, np.random.default_rng(0)
+    low, high = (np.array([getattr(actuator, end) for actuator in rig.actuators]) for end in ("low", "high"))
+    points = 2.0 * magnitudes * random.uniform(-1.0, 1.0, (POINTS, len(magnitudes)))
+    inputs = low + (high - low) * random.uniform(size=(POINTS, len(low)))
+    told = {"step": symbolic_step(system, step=rig.step), "output": symbolic_output(system)}
+    for x, u in zip(points, inputs, strict=True):
+        made = {"step": stepped(system, x, u, step=rig.step), "output": _outputs(system, x, u)}
+        for kind, values in made.items():
+            named = system.states if kind == "step" else system.outputs
+            bad = np.flatnonzero(~np.isfinite(values))
+            if len(bad):
+                at = ", ".join(f"{item.name} {value:.3g}" for item, value in zip(system.states, x, strict=True))
+                yield f"{where}: {named[bad[0]].name} is not finite at {at}; bound what it is divided or rooted by"
+                return
+            other = np.array(told[kind](x, u)).ravel()
+            scale = np.maximum(np.abs(values), np.max(np.abs(values)) + 1e-12)
+            if np.max(np.abs(values - other) / scale) > FORMS_AGREE:
+                yield f"{where}: the compiled {kind} differs from the CasADi form; the law must be the same each time"
+                return
+
+
+def _blind(rig: Rig, states: Array, inputs: Array, magnitudes: Array, where: str) -> Iterator[str]:
+    """States that the outputs do not tell, anywhere in the experiment."""
+    system, sensitivities = rig.system, Sensitivities(rig.system)
+    length = len(inputs) // WINDOWS
+    starts = np.array([[0, k * length, length, k * length] for k in range(WINDOWS)])
+    x0 = np.ascontiguousarray(states[: WINDOWS * length : length])
+    out = np.empty((WINDOWS * length, len(system.outputs), sensitivities.count))
+    sensitivities.rollouts(system, starts, x0, inputs, step=rig.step, every=1, out=out)
+    begin = len(sensitivities.columns.parameters) + sensitivities.columns.weights
+    effects = out[:, :, begin : begin + len(magnitudes)] * magnitudes
+    _, outputs = rollouts(system, starts, x0, inputs, step=rig.step)
+    effects /= (np.max(np.abs(outputs), axis=0) + 1e-12)[:, None]
+    if not np.isfinite(effects).all():
+        yield f"{where}: slopes of the law are not finite in the experiment; smooth what has an infinite slope"
+        return
+    _, values, directions = np.linalg.svd(effects.reshape(-1, len(magnitudes)), full_matrices=False)
+    for value, direction in zip(values, directions, strict=True):
+        if value <= BLIND * values[0]:
+            names = [system.states[i].name for i in np.flatnonzero(np.abs(direction) > 0.3)]
+            yield (
+                f"{where}: the outputs do not tell {' and '.join(names)}: measure more, or leave out states that "
+                "nothing depends on"
+            )
+
+
+def _reached(rig: Rig, states: Array) -> Iterator[str]:
+    """Outputs beyond their sensors' ranges, and states that the inputs do not move."""
+    for state, item in enumerate(rig.system.states):
+        if np.ptp(states[:, state]) == 0.0:
+            yield f"{item.name} does not move in the experiment"
+    names = [item.name for item in rig.system.states]
+    for item, sensor in zip(rig.system.outputs, rig.sensors, strict=True):
+        if sensor.quantiser is None or item.name not in names:
+            continue
+        largest = np.max(np.abs(states[:, names.index(item.name)])) / abs(sensor.scale)
+        if largest > sensor.quantiser.range:
+            yield f"{item.name} reaches {largest:.3g} {sensor.unit}, beyond its sensor's {sensor.quantiser.range:g}"
+
+
+def step_responses(rig: Rig, *, seconds: float, samples: int) -> tuple[Array, dict[str, Array]]:
+    """Times (samples,) [s], and by input the outputs (samples, outputs), as shown, after its step from rest to half way
+    to its upper limit.
+    """
+    steps = max(round(seconds / rig.step / (samples - 1)), 1)
+    times = rig.step * steps * np.arange(samples, dtype=np.float64)
+    found: dict[str, Array] = {}
+    for index, item in enumerate(rig.system.inputs):
+        rest = np.array([actuator.rest for actuator in rig.actuators])
+        inputs = rest.copy()
+        inputs[index] += 0.5 * (rig.actuators[index].high - rest[index])
+        plant = Plant(rig, seed=0, noisy=False)
+        rows = []
+        for _ in range(samples):
+            rows.append([float(d.shown(y)) for d, y in zip(rig.display, plant.measure().outputs, strict=True)])
+            for _ in range(steps):
+                plant.advance(inputs)
+        found[item.name] = np.array(rows)
+    return times, found

@@ -1,0 +1,1 @@
+"""The flexible-joint manipulator."""

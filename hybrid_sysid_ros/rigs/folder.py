@@ -1,0 +1,162 @@
+"""A rig's folder: where it is found by name, path or entry point, and what its system.py holds.
+
+The Python of a folder runs when the rig is loaded, with the rights of whoever loads it. So a folder is only taken from
+the path that the user gave, from this package, or from a package that the user installed and named.
+"""
+
+from __future__ import annotations
+
+import importlib
+import traceback
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.rigs import outside
+from hybrid_sysid_ros.support.errors import UserError
+
+GROUP = "hybrid_sysid_ros.rigs"
+"""Of the entry points of other packages; the value is a module, in whose folder the two files are."""
+HOME = Path(__file__).parent
+SYSTEM, VALUES = "system.py", "rig.yaml"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigFolder:
+    """A folder that holds a rig, and the package that it is, if any."""
+
+    name: str
+    path: Path
+    package: str = ""
+
+
+def names() -> dict[str, str]:
+    """The rigs that are known by name in any process, each with the package that it comes from."""
+    found = {path.parent.name: "hybrid_sysid_ros" for path in sorted(HOME.glob(f"[!_]*/{VALUES}"))}
+    return found | {point.name: point.value for point in _points() if point.name not in found}
+
+
+def find(rig: str | Path) -> RigFolder:
+    """The folder of a rig. Text with a slash, "." or "~" in front, and any Path, is a path; other text a name.
+
+    Raises:
+        UserError: there is none, it lacks a file, or two rigs have the name.
+    """
+    text = str(rig)
+    if isinstance(rig, Path) or "/" in text or text.startswith((".", "~")):
+        return _by_path(Path(rig).expanduser())
+    points = [point for point in _points() if point.name == text]
+    own = (HOME / text / VALUES).is_file() and text.isidentifier()
+    if path := next((path for path in outside.told() if path.name == text), None):
+        return _by_path(path)
+    places = [*(["hybrid_sysid_ros"] if own else []), *(point.value for point in points)]
+    if len(places) > 1:
+        raise UserError(f"two rigs are called {text}: in {' and '.join(places)}; uninstall one, or give its path")
+    if own:
+        return RigFolder(name=text, path=HOME / text, package=f"{__package__}.{text}")
+    if not points:
+        near = f"; to run ./{text}, write ./{text}" if Path(text).is_dir() else ""
+        known = ", ".join(names()) or "none"
+        raise UserError(f"no rig {text!r}: known are {known}; give your own by its folder, as in ./my_rig{near}")
+    try:
+        module = importlib.import_module(points[0].value)
+        path = Path(str(module.__file__)).parent
+    except Exception as error:  # another package's code can raise anything
+        raise UserError(f"rig {text}: entry point {points[0].value} can't be imported: {error}") from error
+    return _checked(RigFolder(name=text, path=path, package=points[0].value))
+
+
+def systems_of(folder: RigFolder) -> tuple[System, dict[str, System]]:
+    """The system of a rig and its further structures by name: what system.py holds.
+
+    Raises:
+        UserError: its Python fails, or holds no system, or several of which none is called SYSTEM.
+    """
+    path = folder.path / SYSTEM
+    module = _imported(folder)
+    own = [item for item in vars(module).values() if _is_system(item) and item.__module__ == module.__name__]
+    bases = {base for item in own for base in item.__mro__[1:]}
+    final = [item for item in own if item not in bases]
+    chosen = getattr(module, "SYSTEM", final[0] if len(final) == 1 else None)
+    if chosen is None:
+        listed = ", ".join(item.__name__ for item in final) or "none"
+        raise UserError(f"{path}: needs one System (a class of hybrid_sysid_ros.core) or SYSTEM = ...; it has {listed}")
+    structures = getattr(module, "STRUCTURES", {})
+    if not isinstance(structures, dict):
+        raise UserError(f"{path}: STRUCTURES is {structures!r}: it needs a name and a System each")
+    made = {str(name): _made(item, f"{path}: STRUCTURES[{name!r}]") for name, item in structures.items()}
+    return _made(chosen, f"{path}: SYSTEM"), made
+
+
+def _points() -> list[importlib.metadata.EntryPoint]:
+    return sorted(entry_points(group=GROUP), key=lambda point: point.name)
+
+
+def _by_path(path: Path) -> RigFolder:
+    folder = path.resolve()
+    if folder.is_file():
+        raise UserError(f"{path}: is a file; a rig is a folder that holds {SYSTEM} and {VALUES}")
+    if not folder.is_dir():
+        raise UserError(f"{path}: no such folder; hybrid-sysid rig new {path} makes a small rig to begin with")
+    if folder.parent == HOME:
+        return _checked(RigFolder(name=folder.name, path=folder, package=f"{__package__}.{folder.name}"))
+    if not (folder.name.isidentifier() and folder.name.isascii()):
+        raise UserError(f"{path}: the folder's name is the rig's, in topics too: use letters, digits and underscores")
+    other = next((path for path in outside.told() if path.name == folder.name and path != folder), None)
+    if other or folder.name in names():
+        place = other or names()[folder.name]
+        raise UserError(f"{path}: a rig is called {folder.name} already, in {place}; rename the folder")
+    return _checked(RigFolder(name=folder.name, path=folder))
+
+
+def _checked(folder: RigFolder) -> RigFolder:
+    missing = [name for name in (SYSTEM, VALUES) if not (folder.path / name).is_file()]
+    if missing:
+        empty = "" if any(folder.path.iterdir()) else " (the folder is empty)"
+        raise UserError(
+            f"{folder.path}: has no {' and no '.join(missing)}{empty}; hybrid-sysid rig new shows what a rig needs"
+        )
+    return folder
+
+
+def _imported(folder: RigFolder) -> ModuleType:
+    """The module of system.py: of its package, or by a name of its own that goes with the path."""
+    path = folder.path / SYSTEM
+    try:
+        if folder.package and (folder.path / "__init__.py").is_file():
+            return importlib.import_module(f"{folder.package}.{path.stem}")
+        outside.tell(folder.path)
+        return importlib.import_module(outside.module_of(folder.path))
+    except Exception as error:  # a user's code can raise anything
+        kind = "" if isinstance(error, UserError) else f"{type(error).__name__}: "
+        raise UserError(f"{path}: {_place(error, path)}{kind}{_line(error)}") from error
+
+
+def _place(error: Exception, path: Path) -> str:
+    if isinstance(error, SyntaxError):
+        return f"line {error.lineno}: "
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+    return f"line {lines[-1]}: " if lines else ""
+
+
+def _line(error: Exception) -> str:
+    text = error.msg if isinstance(error, SyntaxError) else str(error)
+    return " ".join(text.split())[:200]
+
+
+def _is_system(item: object) -> bool:
+    return isinstance(item, type) and issubclass(item, System)
+
+
+def _made(item: object, where: str) -> System:
+    """A System from an instance or a class. Raises UserError for anything else, and for what can't be made."""
+    if isinstance(item, System):
+        return item
+    if not _is_system(item):
+        raise UserError(f"{where} is {item!r}: it needs a System, or a class of one")
+    try:
+        return item()  # type: ignore[operator,no-any-return]
+    except Exception as error:  # a user's code can raise anything
+        raise UserError(f"{where}: can't be made: {type(error).__name__}: {_line(error)}") from error

@@ -1,0 +1,115 @@
+"""Joints: how a rig's states, outputs and inputs travel in joint messages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hybrid_sysid_ros.bags.signals import Given, Signal
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.rigs.sensor import Sensor
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.structured import built
+
+MEASUREMENTS, COMMANDS, REFERENCES = "joint_states", "joint_command", "reference"
+"""The topics that carry outputs and inputs applied, inputs commanded, and what is to be followed."""
+FILTERED = "filtered"
+"""Ending of the name of a joint's second entry: its outputs behind the sensors' low-passes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joint:
+    """What a joint's entry carries: names of a state or output as position and velocity, of an input as effort."""
+
+    position: str = ""
+    velocity: str = ""
+    effort: str = ""
+
+    def field_of(self, name: str) -> str:
+        """The field that carries a state, output or input, "" for none."""
+        return next((key for key in ("position", "velocity", "effort") if getattr(self, key) == name), "")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joints:
+    """The joints of a rig by name, in their order in messages."""
+
+    joints: Mapping[str, Joint]
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any], system: System, where: str) -> Joints:
+        """From a section of rig.yaml. An output or an input of no joint gets one of its own name.
+
+        Raises:
+            UserError: a joint names what the system has not, or two joints carry the same.
+        """
+        joints = {name: built(Joint, value, f"{where}.{name}") for name, value in content.items()}
+        inputs = [item.name for item in system.inputs]
+        outputs = [item.name for item in system.outputs]
+        moving = list(dict.fromkeys([*(item.name for item in system.states), *outputs]))
+        carried: list[str] = []
+        for name, joint in joints.items():
+            for key in ("position", "velocity", "effort"):
+                value, known = getattr(joint, key), inputs if key == "effort" else moving
+                if value and value not in known:
+                    raise UserError(f"{where}.{name}.{key}: {value!r} is none of {', '.join(known)}")
+                if value and value in carried:
+                    raise UserError(f"{where}.{name}.{key}: {value} is carried by another joint already")
+                carried += [value] if value else []
+        for name in (*outputs, *inputs):
+            if name not in carried:
+                joint = Joint(effort=name) if name in inputs else Joint(position=name)
+                if name in joints:
+                    raise UserError(f"{where}.{name}: carries no {name}, as its name says; add it or rename the joint")
+                joints[name] = joint
+        return cls(joints=joints)
+
+    @property
+    def names(self) -> list[str]:
+        return list(self.joints)
+
+    def place(self, name: str) -> tuple[str, str]:
+        """Joint and field that carry an output or an input."""
+        found = ((joint, item.field_of(name)) for joint, item in self.joints.items())
+        return next(place for place in found if place[1])
+
+    def filtered(self, outputs: Sequence[str], sensors: Sequence[Sensor]) -> dict[str, str]:
+        """Joints that have an output behind a low-pass, and the names of the entries which carry those outputs."""
+        low_passed = [name for name, sensor in zip(outputs, sensors, strict=True) if sensor.low_pass]
+        places = dict.fromkeys(self.place(name)[0] for name in low_passed)
+        return {joint: f"{joint}_{FILTERED}" for joint in places}
+
+    def signals(self, system: System, sensors: Sequence[Sensor]) -> Given:
+        """Inputs, outputs and channels of records, as these topics carry them; see :meth:`.Rig.channel`."""
+
+        def signal(
+            topic: str, name: str, unit: str, form: str = "{field}[{joint}]", holds: str = "preceding"
+        ) -> Signal:
+            joint, field = self.place(name)
+            return Signal(topic=topic, field=form.format(joint=joint, field=field), unit=unit, holds=holds)
+
+        inputs = {item.name: signal(MEASUREMENTS, item.name, item.unit) for item in system.inputs}
+        outputs = {item.name: signal(MEASUREMENTS, item.name, item.unit) for item in system.outputs}
+        channels = {}
+        alone = len(outputs) == 1, len(inputs) == 1
+        for item, sensor in zip(system.outputs, sensors, strict=True):
+            if sensor.low_pass:
+                form = "{field}[{joint}_filtered]"
+                channels[FILTERED if alone[0] else f"{FILTERED}_{item.name}"] = signal(
+                    MEASUREMENTS, item.name, item.unit, form
+                )
+        for item in system.outputs:
+            form = (
+                "points[0].{field}s[{joint}]"
+                if self.place(item.name)[1] == "position"
+                else "points[0].velocities[{joint}]"
+            )
+            channels["reference" if alone[0] else f"reference_{item.name}"] = signal(
+                REFERENCES, item.name, item.unit, form
+            )
+        for item in system.inputs:
+            channels["command" if alone[1] else f"command_{item.name}"] = signal(
+                COMMANDS, item.name, item.unit, holds="following"
+            )
+        return inputs, outputs, channels

@@ -1,0 +1,166 @@
+"""Parameters of nodes: declared once for all rigs in msgs_config/nodes.yaml, with the values of each rig's rig.yaml."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from hybrid_sysid_ros.rigs.rig import Rig, load
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.structured import read_mapping, refuse_unknown, section
+
+DECLARATIONS = Path(__file__).parents[1] / "msgs_config" / "nodes.yaml"
+EACH = ("input", "output", "state")
+_KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A parameter of a node: its default, in its range or among its choices, and whether it may change while it runs.
+
+    Raises UserError when the default is not allowed.
+    """
+
+    name: str
+    default: Any
+    description: str
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    choices: tuple[str, ...] = ()
+    live: bool = False
+    each: str = ""
+    """input, output or state: a list with a number for each of the rig's; "": one value."""
+    count: int = 0
+    """Length of the list."""
+
+    def __post_init__(self) -> None:
+        items = self.default if self.each and isinstance(self.default, list) else [self.default]
+        if any(type(item) not in _KINDS or (self.each and type(item) not in (int, float)) for item in items):
+            raise UserError(f"parameter {self.name}: the default {self.default!r} is of no known kind")
+        if self.each not in ("", *EACH):
+            raise UserError(f"parameter {self.name}: each is {self.each!r}: choose one of {', '.join(EACH)}")
+        object.__setattr__(self, "default", self.checked(self.default))
+
+    @property
+    def kind(self) -> type:
+        """bool, int, float or str; of a list that of its entries."""
+        return float if self.each else type(self.default)
+
+    def checked(self, value: Any) -> Any:
+        """Return the value as the parameter's kind (an integer does for a number); a list at its full length.
+
+        Raises:
+            UserError: it is of another kind or length, out of range or none of the choices.
+        """
+        if not self.each:
+            return self._one(value)
+        if isinstance(value, str | bytes) or not isinstance(value, Sequence):
+            value = value.tolist() if hasattr(value, "tolist") else [value]
+        items = [self._one(item) for item in value]
+        if len(items) not in (1, self.count):
+            raise UserError(
+                f"parameter {self.name} has {len(items)} numbers: it needs one for each {self.each}, {self.count}"
+            )
+        return items * (self.count if len(items) == 1 else 1)
+
+    def _holds(self, value: Any) -> bool:
+        """Whether a value is of the parameter's kind; a truth value is no number."""
+        return type(value) is self.kind
+
+    def _one(self, value: Any) -> Any:
+        if self.kind is float and type(value) is int:
+            value = float(value)
+        if not self._holds(value):
+            raise UserError(f"parameter {self.name} is {value!r}: it needs {_KINDS[self.kind]}")
+        if self.kind in (int, float) and not (math.isfinite(value) and self.low <= value <= self.high):
+            unit = f" {self.unit}" if self.unit else ""
+            raise UserError(f"parameter {self.name} is {value}{unit}: it must be within [{self.low:g}, {self.high:g}]")
+        if self.choices and value not in self.choices:
+            raise UserError(f"parameter {self.name} is {value!r}: choose one of {', '.join(self.choices)}")
+        return value
+
+
+def parameters(rig: Rig | str, node: str) -> dict[str, Parameter]:
+    """Parameters of a node of a rig, by name; their defaults are the rig's values.
+
+    Raises:
+        UserError: there is no such rig or node, or one of the rig's values is not allowed.
+    """
+    rig = rig if isinstance(rig, Rig) else load(rig)
+    declared, where = declarations(), str(rig.file)
+    if node not in declared:
+        raise UserError(f"{DECLARATIONS}: no section nodes.{node}: known are {', '.join(declared)}")
+    told = section(rig.content, "nodes", where)
+    refuse_unknown(told, tuple(declared), f"{where}: nodes")
+    values = section(told, node, f"{where}: nodes")
+    refuse_unknown(values, tuple(declared[node]), f"{where}: nodes.{node}")
+    found = {}
+    for name, entry in declared[node].items():
+        fitted = {**entry, "unit": _unit(entry, rig), "count": _count(entry, rig)}
+        found[name] = _parameter(name, fitted, f"{DECLARATIONS}: nodes.{node}.{name}")
+        if name in values:
+            try:
+                found[name] = replace(found[name], default=found[name].checked(values[name]))
+            except UserError as error:
+                raise UserError(f"{where}: nodes.{node}: {error}") from error
+    return found
+
+
+def defaults(rig: Rig | str, node: str) -> dict[str, Any]:
+    """Value of each parameter of a node that nobody sets.
+
+    Raises:
+        UserError: see parameters().
+    """
+    return {name: parameter.default for name, parameter in parameters(rig, node).items()}
+
+
+@lru_cache(maxsize=1)
+def declarations() -> dict[str, dict[str, dict[str, Any]]]:
+    """What nodes.yaml declares: by node and parameter."""
+    where = str(DECLARATIONS)
+    nodes = section(read_mapping(DECLARATIONS), "nodes", where, needed=True)
+    found = {}
+    for node in nodes:
+        entries = section(nodes, node, where)
+        found[node] = {name: section(entries, name, f"{where}: nodes.{node}", needed=True) for name in entries}
+    return found
+
+
+def _count(entry: Mapping[str, Any], rig: Rig) -> int:
+    counts = {"input": rig.system.inputs, "output": rig.system.outputs, "state": rig.system.states}
+    return len(counts.get(entry.get("each", ""), ()))
+
+
+def _unit(entry: Mapping[str, Any], rig: Rig) -> str:
+    """The declared unit with those of the rig's inputs, states, or shown outputs in it."""
+    unit = str(entry.get("unit", ""))
+    units = {
+        "INPUT": [item.unit for item in rig.system.inputs],
+        "OUTPUT": [display.unit for display in rig.display],
+        "STATE": [item.unit for item in rig.system.states],
+    }
+    for word, names in units.items():
+        if word in unit:
+            names = names if entry.get("each") else names[:1]
+            return ", ".join(dict.fromkeys(unit.replace(word, name or "1") for name in names))
+    return unit
+
+
+def _parameter(name: str, entry: Mapping[str, Any], where: str) -> Parameter:
+    content = dict(entry)
+    try:
+        if "range" in content:
+            content["low"], content["high"] = content.pop("range")
+        content["choices"] = tuple(content.get("choices", ()))
+        return Parameter(name=name, **content)
+    except (TypeError, ValueError) as error:
+        known = "default, description, unit, range, choices, each and live"
+        raise UserError(f"{where}: has wrong keys: known are {known}") from error
+    except UserError as error:
+        raise UserError(f"{where}: {error}") from error

@@ -1,0 +1,366 @@
+"""Independent pieces of work side by side, in processes or threads, and results that the next run finds again.
+
+A lost process (killed, out of memory) costs the piece it was at, which runs again; an interruption costs what is under
+way; what is finished is in the store. Each process has one thread of linear algebra: more get into each other's way.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import signal
+import warnings
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save
+
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import written_folder
+from hybrid_sysid_ros.support.threads import ONE_THREAD, alone
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+Tell = Callable[[str], object]
+
+POLL = 1.0
+"""Seconds between two looks at the workers."""
+
+LOSSES = 3
+"""Work whose process was lost so many times is given up: it is probably what kills them."""
+
+IDLE = 60.0
+"""Seconds after which an idle process ends, also one whose parent was killed."""
+
+Arrays = dict[str, NDArray[Any]]
+ARRAYS = "arrays.safetensors"
+FINISHED = "finished.json"
+"""The file that shows that a result was written whole."""
+
+
+@dataclass(frozen=True)
+class Lost:
+    """In place of a result: the processes that worked on it were lost again and again."""
+
+    reason: str = f"its worker process was lost {LOSSES} times; perhaps it needs more memory"
+
+
+class Workers(ABC, Generic[Item, Result]):
+    """Workers for one kind of work, as a context. tell: gets a line when one is lost; name: of an item in that line."""
+
+    def __init__(
+        self, work: Callable[[Item], Result], *, tell: Tell = print, name: Callable[[Item], str] = str
+    ) -> None:
+        self.work = work
+        self.tell = tell
+        self.name = name
+        self._pending: dict[Future[Result], tuple[int, Item]] = {}
+
+    def run(self, items: Iterable[Item]) -> Iterator[tuple[Item, Result | Lost]]:
+        """Results in the order in which they end; an item is taken when a worker is free for it.
+
+        Raises what the work raises, and UserError where there are no workers any more.
+        """
+        waiting, losses = iter(items), Counter[int]()
+        pending, taken = self._pending, 0
+        while True:
+            while len(pending) < self.size:
+                try:
+                    item = next(waiting)
+                except StopIteration:
+                    break
+                pending[self.submit(item)] = taken, item
+                taken += 1
+            if not pending:
+                return
+            for future in wait(pending, timeout=POLL, return_when=FIRST_COMPLETED).done:
+                number, item = pending.pop(future)
+                try:
+                    found: Result | Lost = self.result(future)
+                except BrokenExecutor:
+                    losses[number] += 1
+                    if losses[number] < LOSSES:
+                        self.tell(f"a worker process was lost; {self.name(item)} runs again")
+                        pending[self.submit(item)] = number, item
+                        continue
+                    found = Lost()
+                yield item, found
+
+    def drained(self) -> Iterator[tuple[Item, Result | Lost]]:
+        """Wait for what is under way; what fails or is lost is left out."""
+        while self._pending:
+            for future in wait(self._pending, return_when=FIRST_COMPLETED).done:
+                _, item = self._pending.pop(future)
+                if future.exception() is None:
+                    yield item, self.result(future)
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Items that are worked on at once."""
+
+    @abstractmethod
+    def submit(self, item: Item) -> Future[Result]:
+        """Begin with an item."""
+
+    def result(self, future: Future[Result]) -> Result | Lost:
+        """What a finished future brought. Raises BrokenExecutor where its worker was lost."""
+        return future.result()
+
+    def close(self) -> None:
+        """End what was started, running work included."""
+
+    def __enter__(self) -> Workers[Item, Result]:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class Here(Workers[Item, Result]):
+    """This process, one item after the other; the work may use all of its threads."""
+
+    @property
+    def size(self) -> int:
+        return 1
+
+    def submit(self, item: Item) -> Future[Result]:
+        future: Future[Result] = Future()
+        try:
+            future.set_result(self.work(item))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Threads(Workers[Item, Result]):
+    """Threads of this process, for work in compiled code that lets them run side by side. jobs: see :func:`count`."""
+
+    def __init__(self, work: Callable[[Item], Result], *, jobs: int = 0, **more: Any) -> None:
+        super().__init__(work, **more)
+        self._size = count(jobs)
+        self._pool = ThreadPoolExecutor(self._size)
+
+    @property
+    def size(self) -> int:
+        return self._size
+
+    def submit(self, item: Item) -> Future[Result]:
+        return self._pool.submit(_alone, self.work, item)
+
+    def close(self) -> None:
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+class Processes(Workers[Item, Result]):
+    """Processes of this machine, by joblib's executor. Each is a pool of its own: it breaks alone when it is killed.
+
+    jobs: see :func:`count`. Work and items are pickled.
+    """
+
+    def __init__(self, work: Callable[[Item], Result], *, jobs: int = 0, **more: Any) -> None:
+        super().__init__(work, **more)
+        self._idle = [self._process() for _ in range(count(jobs))]
+        self._busy: dict[Future[Result], Executor] = {}
+
+    @staticmethod
+    def _process() -> Executor:
+        from joblib.externals.loky import ProcessPoolExecutor
+
+        # A worker that compiled much code is replaced between two items: nothing that a user could act on.
+        warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
+        # Ctrl-C goes to the whole group of processes, and the parent is the one that answers it.
+        ignore = {"initializer": signal.signal, "initargs": (signal.SIGINT, signal.SIG_IGN)}
+        executor: Executor = ProcessPoolExecutor(1, timeout=IDLE, env=ONE_THREAD, **ignore)
+        return executor
+
+    @property
+    def size(self) -> int:
+        return len(self._idle) + len(self._busy)
+
+    def submit(self, item: Item) -> Future[Result]:
+        process = self._idle.pop()
+        future = process.submit(_alone, self.work, item)
+        self._busy[future] = process
+        return future
+
+    def result(self, future: Future[Result]) -> Result:
+        process = self._busy.pop(future)
+        try:
+            found = future.result()
+        except BrokenExecutor:
+            process.shutdown()
+            self._idle.append(self._process())
+            raise
+        self._idle.append(process)
+        return found
+
+    def close(self) -> None:
+        for process in (*self._idle, *self._busy.values()):
+            process.shutdown(kill_workers=True)  # type: ignore[call-arg]  # loky's
+
+
+def workers_for(
+    work: Callable[[Item], Result], *, jobs: int = 0, threads: bool = False, **more: Any
+) -> Workers[Item, Result]:
+    """Processes or threads; for one job this process itself."""
+    if count(jobs) == 1:
+        return Here(work, **more)
+    return Threads(work, jobs=jobs, **more) if threads else Processes(work, jobs=jobs, **more)
+
+
+def write_arrays(arrays: Any, folder: Path) -> None:
+    """Named arrays as one file."""
+    (folder / ARRAYS).write_bytes(save({name: np.ascontiguousarray(value) for name, value in arrays.items()}))
+
+
+def read_arrays(folder: Path) -> Any:
+    """What :func:`write_arrays` wrote."""
+    try:
+        return dict(load_file(folder / ARRAYS))
+    except SafetensorError as error:
+        raise ValueError(f"{folder}: can't be read") from error
+
+
+class Store(Generic[Result]):
+    """Finished results in a folder. Each is found again by all that it depends on, and was written whole or not at all.
+
+    purpose: what all of them depend on; results of another purpose are not found again. write(result, folder),
+    read(folder): how a result is kept, named arrays by default; what can't be read is not there.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        purpose: str = "",
+        *,
+        write: Callable[[Result, Path], object] = write_arrays,
+        read: Callable[[Path], Result] = read_arrays,
+    ) -> None:
+        self.folder = folder
+        self.purpose = purpose
+        self._write, self._read = write, read
+
+    def find(self, key: Any) -> Result | None:
+        """The result of a key, None where it is not there or can't be read. key: plain data, or told by its repr()."""
+        place = self._place(key)
+        if not (place / FINISHED).is_file():
+            return None
+        try:
+            return self._read(place)
+        except (OSError, ValueError, KeyError, TypeError, UserError):
+            return None
+
+    def keep(self, key: Any, result: Result) -> None:
+        """Write a result. Raises UserError where the place can't be written."""
+        with written_folder(self._place(key), marker=FINISHED, force=True) as partial:
+            self._write(result, partial)
+            (partial / FINISHED).write_text(_text(key), encoding="utf-8")
+
+    def remove(self) -> None:
+        """Remove the folder: the work as a whole is finished."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _place(self, key: Any) -> Path:
+        return self.folder / hashlib.sha256(f"{self.purpose}\n{_text(key)}".encode()).hexdigest()[:24]
+
+
+def _text(key: Any) -> str:
+    return json.dumps(key, sort_keys=True, default=repr)
+
+
+def run(
+    work: Callable[[Item], Result],
+    pieces: Sequence[Item],
+    *,
+    workers: int = 0,
+    threads: bool = False,
+    store: Store[Result] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Result]:
+    """What ``work`` gives for each piece, in their order.
+
+    workers: see :func:`count`. store: where finished pieces are kept, so that an interrupted run goes on. progress:
+    gets how many pieces are done, and of how many. After Ctrl-C no more work is handed out; what is under way is still
+    kept. Raises UserError where a piece loses its processes again and again.
+    """
+    found: dict[int, Result] = {}
+    jobs = min(count(workers), max(len(pieces), 1))
+    crew: Workers[tuple[int, Item], Result] = workers_for(partial(_numbered, work), jobs=jobs, threads=threads)
+    with crew:
+        for (number, _), result, _ in resumed(
+            crew, list(enumerate(pieces)), store=store, key=lambda item: item[1], finish=True
+        ):
+            if isinstance(result, Lost):
+                raise UserError(f"piece {number + 1} of {len(pieces)}: {result.reason}")
+            found[number] = result
+            if progress is not None:
+                progress(len(found), len(pieces))
+    return [found[number] for number in range(len(pieces))]
+
+
+def _numbered(work: Callable[[Item], Result], item: tuple[int, Item]) -> Result:
+    return work(item[1])
+
+
+def resumed(
+    found: Workers[Item, Result],
+    items: Iterable[Item],
+    *,
+    store: Store[Result] | None = None,
+    key: Callable[[Item], Any] = lambda item: item,
+    keep: Callable[[Result], bool] = lambda result: True,
+    finish: bool = False,
+) -> Generator[tuple[Item, Result | Lost, bool], None, None]:
+    """(item, result, whether an earlier run left it) of all items: stored ones first, then others as they are done.
+
+    Each new result for which ``keep`` holds is in the store before it is given out. finish: after Ctrl-C, what is under
+    way is waited for and kept.
+    """
+    left = []
+    for item in items:
+        kept = store.find(key(item)) if store is not None else None
+        if kept is None:
+            left.append(item)
+        else:
+            yield item, kept, True
+    try:
+        for item, result in found.run(left):
+            if store is not None and not isinstance(result, Lost) and keep(result):
+                store.keep(key(item), result)
+            yield item, result, False
+    except KeyboardInterrupt:
+        if finish and store is not None:
+            for item, result in found.drained():
+                if not isinstance(result, Lost) and keep(result):
+                    store.keep(key(item), result)
+        raise
+
+
+def count(jobs: int) -> int:
+    """A number of jobs: 0 or -1 is one for each processor. Raises UserError for less."""
+    if jobs in (0, -1):
+        return len(os.sched_getaffinity(0))
+    if jobs < 1:
+        raise UserError(f"--jobs {jobs}: write how many processes, or 0 for one on each processor")
+    return jobs
+
+
+def _alone(work: Callable[[Item], Result], item: Item) -> Result:
+    """As one beside others does it."""
+    with alone():
+        return work(item)

@@ -1,0 +1,106 @@
+"""Plain data from YAML files, made into dataclasses; what is wrong is told by file and key."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import yaml
+
+from hybrid_sysid_ros.support.errors import UserError
+
+T = TypeVar("T")
+_KINDS = {float: "a number", int: "a whole number", str: "text", bool: "true or false"}
+
+
+def read_mapping(path: Path | str) -> dict[str, Any]:
+    """Read a YAML file that holds a mapping.
+
+    Raises:
+        UserError: no such file, not readable, no YAML or no mapping.
+    """
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise UserError(f"{path}: is no text file, so no YAML") from error
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" in line {mark.line + 1}" if mark else ""
+        raise UserError(
+            f"{path}: is no valid YAML{where} ({getattr(error, 'problem', None) or 'unreadable'})"
+        ) from error
+    if not isinstance(content, dict):
+        raise UserError(f"{path}: holds no keys: it needs sections with a name each, such as 'signals:'")
+    return content
+
+
+def section(content: Mapping[str, Any], key: str, where: str, *, needed: bool = False) -> dict[str, Any]:
+    """A mapping within a mapping, empty where it is not there; its keys are text.
+
+    Raises:
+        UserError: it is something else, or ``needed`` and not there.
+    """
+    value = content.get(key)
+    if value is None and not needed:
+        return {}
+    if not isinstance(value, dict):
+        raise UserError(f"{where}: {key} " + ("is missing" if value is None else f"needs keys, not {value!r}"))
+    return {str(name): item for name, item in value.items()}
+
+
+def built(kind: type[T], value: Any, where: str) -> T:
+    """A dataclass from a mapping of its fields: numbers, text, truth values, and dataclasses again.
+
+    Raises:
+        UserError: a key is unknown, missing or of the wrong kind, or the dataclass itself refuses.
+    """
+    fields = {item.name: item for item in dataclasses.fields(kind) if item.init}  # type: ignore[arg-type]
+    if not isinstance(value, Mapping):
+        raise UserError(f"{where}: needs {', '.join(fields)}, not {value!r}")
+    refuse_unknown(value, tuple(fields), where)
+    hints, given = get_type_hints(kind), {}
+    for name, item in fields.items():
+        if name in value:
+            given[name] = _checked(hints[name], value[name], f"{where}.{name}")
+        elif item.default is dataclasses.MISSING and item.default_factory is dataclasses.MISSING:
+            raise UserError(f"{where}: {name} is missing")
+    try:
+        return kind(**given)
+    except UserError as error:
+        raise UserError(f"{where}: {error}") from error
+
+
+def refuse_unknown(content: Mapping[Any, Any], known: tuple[str, ...], where: str) -> None:
+    """Raise UserError for a key that is none of the known ones."""
+    unknown = [str(key) for key in content if key not in known]
+    if unknown:
+        raise UserError(f"{where}: unknown key {unknown[0]!r}: known are {', '.join(known)}")
+
+
+def numbers(value: Any, where: str, *, count: int) -> tuple[float, ...]:
+    """As many numbers; one alone stands for all. Raises UserError where they are others."""
+    items = value if isinstance(value, list | tuple) else [value]
+    if any(isinstance(item, bool) or not isinstance(item, int | float) for item in items):
+        raise UserError(f"{where} is {value!r}: it needs {'a number' if count == 1 else f'{count} numbers'}")
+    if len(items) not in (1, count):
+        raise UserError(f"{where} has {len(items)} numbers: it needs {count}, or one for all")
+    return tuple(float(item) for item in items) * (count if len(items) == 1 else 1)
+
+
+def _checked(hint: Any, value: Any, where: str) -> Any:
+    choices = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+    if value is None and NoneType in choices:
+        return None
+    wanted = next(choice for choice in choices if choice is not NoneType)
+    if dataclasses.is_dataclass(wanted) and isinstance(wanted, type):
+        return built(wanted, value, where)
+    if wanted is float and type(value) is int:
+        return float(value)
+    if wanted in _KINDS and type(value) is not wanted:
+        raise UserError(f"{where} is {value!r}: it needs {_KINDS[wanted]}")
+    return value

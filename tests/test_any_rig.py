@@ -1,0 +1,176 @@
+"""A rig of three states, two inputs and two outputs, of which one is no state, and a pressure that no sensor shows."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros import models
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import rollouts, stepped
+from hybrid_sysid_ros.core.symbolic import symbolic_step
+from hybrid_sysid_ros.identification import evaluate, identify, prepare
+from hybrid_sysid_ros.identification.fitting import fit
+from hybrid_sysid_ros.identification.validation.horizons import k_step_errors
+from hybrid_sysid_ros.identification.validation.residual_tests import pair_tests
+from hybrid_sysid_ros.identification.validation.scores import free_run, initial_state
+from hybrid_sysid_ros.models import STRUCTURES, Sampling, build
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.support.errors import UserError
+from tests.conftest import FlexibleJoint
+
+SAMPLING = Sampling(step=0.005, period=0.05)
+PRESSURES = (2.0, -1.5, 0.5)  # bar, where the records begin
+
+
+@pytest.fixture(scope="module")
+def press():
+    return rigs.load(Path(__file__).parent / "press")
+
+
+def simulated(system, x0, inputs, *, noise, seed, name, step=0.005):
+    starts = np.array([[0, 0, len(inputs), 0]])
+    _, outputs = rollouts(system, starts, np.array([x0]), inputs, step=step)
+    deviation = noise * outputs.std(axis=0)
+    outputs = outputs + deviation * np.random.default_rng(seed).normal(size=outputs.shape)
+    return Record(name=name, time=np.arange(len(inputs)) * step, input=inputs, output=outputs)
+
+
+def held(seed, sizes, *, samples=4001, hold=80):
+    levels = np.random.default_rng(seed).uniform(-1.0, 1.0, (samples // hold + 1, len(sizes)))
+    return np.ascontiguousarray((levels * sizes).repeat(hold, axis=0)[:samples])
+
+
+@pytest.fixture(scope="module")
+def records(press):
+    return [
+        simulated(press.system, [0.0, 0.0, p], held(seed, [5.0, 4.0]), noise=0.01, seed=seed, name=f"press {seed}")
+        for seed, p in enumerate(PRESSURES)
+    ]
+
+
+@pytest.fixture(scope="module")
+def gray(press, records):
+    return identify(records, press, "gray", sampling=SAMPLING)
+
+
+def test_its_parameters_come_back_within_three_standard_errors(press, gray):
+    for name, error in gray.standard_errors.items():
+        assert abs(gray.system.named[name] - press.system.named[name]) < 3 * error, name
+        assert error < 0.3 * press.system.named[name], name
+    assert gray.system.input_delays == pytest.approx([0.012, 0.0], abs=0.004)
+
+
+def test_where_the_pressure_began_is_found(press, records, gray):
+    experiments = [prepare(record, press.system, SAMPLING) for record in records]
+    begun = press.system.with_values([item.start for item in press.system.parameters])
+    fitted = fit(begun, experiments)
+    names = [item.name for item in press.system.states]
+    pressures = fitted.nuisances[names.index("pressure")]  # shown states first, which are position and speed
+    np.testing.assert_allclose(pressures, PRESSURES, atol=0.1)
+    for experiment, pressure in zip(experiments, PRESSURES, strict=True):
+        assert initial_state(gray.system, experiment)[2] == pytest.approx(pressure, abs=0.15)
+
+
+def test_scores_are_told_for_each_output(press, records, gray):
+    scores = evaluate(gray, records[0])
+    assert set(scores.outputs) == {"position", "leakage"}
+    assert scores.r2 == pytest.approx(np.mean([item.r2 for item in scores.outputs.values()]))
+    assert all(item.r2 > 0.99 for item in scores.outputs.values())
+    # The noise is a hundredth of each output's deviation.
+    for k, item in enumerate(scores.outputs.values()):
+        assert item.rmse == pytest.approx(0.01 * records[0].output[:, k].std(), rel=0.35)
+    assert set(gray.scores["press 0"]) == {"r2", "fit_percent", "outputs"}
+
+
+def test_errors_and_residuals_are_judged_for_each_output(press, records, gray):
+    experiment = prepare(records[1], gray.system, SAMPLING)
+    for output in (0, 1):
+        curve = k_step_errors(gray.system, experiment, (1, 20, 100), output=output)
+        assert np.all(curve.r2 > 0.95)
+    residuals = (experiment.outputs - free_run(gray.system, experiment))[:-1]
+    inputs = experiment.inputs.reshape(len(residuals), SAMPLING.every, -1).mean(axis=1)
+    tests = pair_tests(residuals, inputs)
+    assert set(tests) == {(0, 0), (0, 1), (1, 0), (1, 1)}
+
+
+@pytest.mark.parametrize("structure", [*STRUCTURES, "hybrid_stribeck"])
+def test_every_structure_learns_it(press, records, structure):
+    """From two records; the third was never seen. A linear system lacks the friction, others may have it."""
+    pytest.importorskip("sysidentpy" if structure == "narx" else "torch" if structure == "recurrent" else "numpy")
+    options = {"degree": 1, "terms": 0, "output_lags": 3} if structure == "narx" else {}
+    model = identify(records[:2], press, structure, sampling=SAMPLING, options=options)
+    scores = evaluate(model, records[2])
+    assert scores.r2 > (0.8 if structure == "recurrent" else 0.9), scores
+    assert [item.name for item in model.system.outputs] == ["position", "leakage"]
+
+
+def test_a_bias_of_each_input_is_found(press, records):
+    biases = np.array([[0.5, -0.3], [-0.2, 0.6]])
+    moved = [
+        dataclasses.replace(record, input=record.input - bias) for record, bias in zip(records, biases, strict=False)
+    ]
+    experiments = [prepare(record, press.system, SAMPLING) for record in moved]
+    fitted = fit(press.system, experiments, bias=1.0, hold=[item.name for item in press.system.parameters][1:])
+    np.testing.assert_allclose(fitted.nuisances[-2:].T, biases, atol=0.1)
+
+
+def test_a_model_of_a_rig_by_its_path_is_loaded_with_it_and_refused_without(press, gray, tmp_path, monkeypatch):
+    gray.save(tmp_path / "model")
+    back = models.load(tmp_path / "model")
+    np.testing.assert_array_equal(back.system.values, gray.system.values)
+    monkeypatch.setattr(rigs, "_NAMED", {})  # as in another process
+    with pytest.raises(UserError, match="--rig"):
+        models.load(tmp_path / "model")
+    assert models.load(tmp_path / "model", rig=press.folder).rig == "press"
+    with pytest.raises(UserError, match="not of cam_beam"):
+        models.load(tmp_path / "model", rig="cam_beam")
+
+
+# ---------------------------------------------------------------------------- the flexible joint
+
+
+@pytest.fixture(scope="module")
+def joint(press):
+    return dataclasses.replace(press, system=FlexibleJoint(), structures={}, name="joint")
+
+
+@pytest.fixture(scope="module")
+def swings():
+    """The link of a flexible joint, driven by steps of torque."""
+    return [
+        simulated(
+            FlexibleJoint(), np.zeros(4), held(seed, [1.5], hold=40), noise=0.002, seed=seed, name=f"joint {seed}"
+        )
+        for seed in (0, 1)
+    ]
+
+
+@pytest.mark.parametrize("structure", ["linear", "stribeck", "dahl", "lugre", "hybrid_lugre"])
+def test_the_flexible_joint_is_learnt_with_every_friction(joint, swings, structure):
+    """The motor is not measured. Friction that the rig has on its motor is in the model's motor, too."""
+    model = identify(swings[:1], joint, structure, sampling=Sampling(step=0.005, period=0.05))
+    carriers = {contact.on for contact in model.system.contacts}
+    assert carriers == {"motor_speed", "link_speed"}
+    least = {"linear": 0.3}.get(structure, 0.9)
+    assert evaluate(model, swings[1]).r2 > least
+
+
+@pytest.mark.parametrize("structure", [name for name in STRUCTURES if name not in ("narx", "recurrent")])
+def test_compiled_steps_of_four_states_are_the_traced_ones(structure):
+    """Features beyond the second state are the states', and inputs follow the last of them."""
+    random = np.random.default_rng(0)
+    system, _ = build(structure, FlexibleJoint(), scales=random.uniform(0.1, 1.0, 5), seed=0)
+    if len(system.weights):
+        system = system.with_weights(random.normal(size=len(system.weights)))
+    step = symbolic_step(system, step=0.005)
+    for _ in range(20):
+        x, u = random.normal(size=len(system.states)), random.normal(size=1)
+        np.testing.assert_allclose(stepped(system, x, u, step=0.005), np.array(step(x, u)).ravel(), rtol=1e-9)
+
+
+def test_friction_on_a_rig_without_contacts_is_refused(motor):
+    for structure in ("stribeck", "dahl", "lugre"):
+        with pytest.raises(UserError, match="no contact"):
+            build(structure, motor, scales=np.ones(4), seed=0)

@@ -1,0 +1,172 @@
+"""The nodes on other rigs than the beam: several inputs, states that nothing measures, outputs that are no states."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
+
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from hybrid_sysid_ros.nodes.controller import ControllerNode
+from hybrid_sysid_ros.nodes.estimator import EstimatorNode
+from hybrid_sysid_ros.nodes.layout import Place, Slots
+from hybrid_sysid_ros.nodes.messages import joint_state, lists
+from hybrid_sysid_ros.nodes.plant import PlantNode
+from hybrid_sysid_ros.nodes.reference import ReferenceNode
+from hybrid_sysid_ros.rigs import rig as rigs
+from tests import two_carts
+from tests.node_bench import Bench, stamp_of
+
+SECOND = 1_000_000_000
+
+
+@pytest.fixture(scope="module")
+def carts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return two_carts.write(tmp_path_factory.mktemp("rigs") / "two_carts")
+
+
+class Lockstep:
+    """Plant, estimator, exact MPC and reference of a rig, and what they say."""
+
+    def __init__(self, bench: Bench, rig: Path | str, model: Path, **controller: Any) -> None:
+        self.measurements = bench.listen("joint_states")
+        self.estimates = bench.listen("state_estimate")
+        self.commands = bench.listen("joint_command")
+        self.references = bench.listen("reference", JointTrajectory)
+        given = {"rig": str(rig), "model": str(model)}
+        bench.start(ReferenceNode, rig=str(rig), lockstep=True)
+        self.estimator: EstimatorNode = bench.start(EstimatorNode, **given, latency=0.0)
+        self.controller: ControllerNode = bench.start(
+            ControllerNode, **given, lockstep=True, latency=0.0, **{"policy": "exact", **controller}
+        )
+        self.plant: PlantNode = bench.start(PlantNode, rig=str(rig), lockstep=True, wait_for_readers=3)
+        self.bench = bench
+
+    def run(self, turns: int) -> None:
+        self.bench.until(lambda: len(self.commands) >= turns and len(self.measurements) >= turns)
+
+    def column(self, messages: list[Any], field: str, entry: str) -> np.ndarray:
+        return np.array([getattr(item, field)[list(item.name).index(entry)] for item in messages])
+
+
+def test_two_inputs_drive_two_outputs_to_their_references(domain: int, carts: Path, tmp_path: Path) -> None:
+    model = two_carts.exact_model(carts, tmp_path / "model")
+    bench = Bench(domain, namespace="two_carts")
+    try:
+        loop = Lockstep(bench, carts, model)
+        loop.run(500)
+    finally:
+        bench.close()
+    first = loop.measurements[0]
+    assert list(first.name) == ["cart", "gap", "right_push"]
+    left, gap = (loop.column(loop.measurements, "position", name) for name in ("cart", "gap"))
+    seconds = np.array([stamp_of(item) for item in loop.measurements]) / SECOND - 1.0
+    late, later = (seconds > 1.2) & (seconds < 1.4), seconds > 2.2
+    np.testing.assert_allclose(left[late], 0.2, atol=0.003)
+    np.testing.assert_allclose(gap[late], 0.0, atol=0.003)
+    np.testing.assert_allclose(left[later], 0.2, atol=0.003)
+    np.testing.assert_allclose(gap[later], 0.05, atol=0.003)
+    pushes = np.stack([loop.column(loop.commands, "effort", name) for name in ("cart", "right_push")])
+    assert np.isfinite(pushes).all()
+    assert (pushes.min(axis=1) >= [-3.0, -4.0]).all()
+    assert (pushes.max(axis=1) <= [5.0, 4.0]).all()
+    # The state that nothing measures, and what the model does not know: the inputs' offsets.
+    estimate = loop.estimates[-1]
+    names = list(estimate.name)
+    assert {"cart", "right", "right_speed", "gap", "right_push"} <= set(names)
+    assert {f"{name}_ahead" for name in ("cart", "right", "right_speed", "right_push")} <= set(names)
+    assert estimate.position[names.index("right")] == pytest.approx(0.25, abs=0.005)
+    assert estimate.position[names.index("gap")] == pytest.approx(0.05, abs=0.003)
+    assert estimate.effort[names.index("right_push_ahead")] == pytest.approx(-0.2, abs=0.05)
+    points = loop.references[0].points
+    assert loop.references[0].joint_names == ["cart", "gap"]
+    assert all(len(point.positions) == 2 and not point.velocities for point in points)
+
+
+def test_the_flexible_joint_s_link_follows_speeds_in_lockstep(domain: int, tmp_path: Path) -> None:
+    """Two outputs, a place and a speed; of five states one is a deflection that belongs to no joint."""
+    model = two_carts.exact_model("flexible_joint", tmp_path / "model")
+    bench = Bench(domain, namespace="flexible_joint")
+    try:
+        loop = Lockstep(bench, "flexible_joint", model)
+        loop.run(800)
+    finally:
+        bench.close()
+    rig = rigs.load("flexible_joint")
+    assert list(loop.measurements[0].name) == ["motor", "link"]
+    seconds = np.array([stamp_of(item) for item in loop.measurements]) / SECOND - 1.0
+    wanted = rig.schedule()(seconds)[:, 1]
+    speed = rig.display[1].shown(loop.column(loop.measurements, "velocity", "link"))
+    settled = (seconds % 1.0 > 0.6) & (seconds > 1.0)
+    assert np.abs(speed - wanted)[settled].mean() < 1.5  # rpm, of steps up to 30; the sensor's noise is .2
+    torque = loop.column(loop.commands, "effort", "motor")
+    assert np.abs(torque).max() <= 2.0
+    names = list(loop.estimates[-1].name)
+    hidden = [item.name for item in rig.system.states if item.name not in ("motor_angle", "link_angle")][2:]
+    assert names == ["motor", "link", *hidden, "motor_ahead", "link_ahead", *(f"{name}_ahead" for name in hidden)]
+    point = loop.references[0].points[0]
+    assert loop.references[0].joint_names == ["link"]
+    assert (len(point.positions), len(point.velocities)) == (0, 1)
+
+
+def test_a_command_that_lacks_an_input_is_rejected(domain: int, carts: Path) -> None:
+    bench = Bench(domain, namespace="two_carts")
+    try:
+        measurements, commands = bench.listen("joint_states"), bench.speak("joint_command")
+        plant = bench.start(PlantNode, rig=str(carts), lockstep=True)
+        bench.until(lambda: measurements)
+
+        def say(**effort: float) -> None:
+            message = JointState(name=list(effort), effort=list(effort.values()))
+            message.header.stamp = measurements[-1].header.stamp
+            commands.publish(message)
+
+        say(cart=1.0)
+        say(right_push=1.0)
+        say(cart=1.0, right_push=math.nan)
+        bench.until(lambda: plant.rejected == 3)
+        say(right_push=-9.0, other=3.0, cart=9.0)  # in any order, among others
+        bench.until(lambda: len(measurements) == 2)
+        assert list(measurements[1].effort) == [5.0, pytest.approx(math.nan, nan_ok=True), -4.0]
+    finally:
+        bench.close()
+
+
+def test_numbers_stand_where_their_names_say() -> None:
+    slots = Slots([Place("a", "position"), Place("b", "effort"), Place("a", "effort")])
+    message = joint_state(slots)
+    assert (list(message.name), len(message.velocity)) == (["a", "b"], 0)
+    slots.write(lists(message), [1.0, 2.0, 3.0])
+    assert list(message.effort) == [3.0, 2.0]
+    found = [0.0] * 3
+    assert slots.read(message.name, lists(message), found)
+    assert found == [1.0, 2.0, 3.0]
+    other = JointState(name=["c", "b", "a"], position=[9.0, 9.0, 4.0], effort=[7.0, 5.0])
+    assert slots.read(other.name, lists(other), found)
+    assert found[:2] == [4.0, 5.0]
+    assert math.isnan(found[2])  # the list is too short
+    assert not slots.read(["b"], lists(JointState(name=["b"], effort=[6.0])), found)
+    assert found[1] == 6.0
+
+
+def test_a_rig_given_by_its_path_names_topics_and_nodes(domain: int, carts: Path) -> None:
+    bench = Bench(domain)
+    try:
+        node = bench.add(ReferenceNode(context=bench.context, parameter_overrides=[_path(carts)]))
+        assert node.previews.topic_name == f"/{rigs.load(carts).namespace}/reference"
+        assert list(node.settings["amplitude"]) == [1.0, 1.0]
+    finally:
+        bench.close()
+
+
+def _path(carts: Path) -> Any:
+    from rclpy.parameter import Parameter
+
+    return Parameter("rig", value=str(carts))
