@@ -163,7 +163,10 @@ def _gains(rest: Rest, problem: Problem) -> tuple[Array, Array, Array]:
     try:
         value = solve_discrete_are(through, change, weights, price, s=crossed)
     except (LinAlgError, ValueError) as error:
-        raise UserError(f"regulator: no linear feedback stabilises the model under these weights ({error})") from error
+        raise UserError(
+            f"regulator: no linear feedback stabilises the model under these weights ({error}); where fewer outputs are "
+            "tracked than there are inputs, the inputs need weights"
+        ) from error
     curvature = price + change.T @ value @ change
     feedback = np.linalg.solve(curvature, change.T @ value @ through + crossed.T)
     closed, ahead = through - change @ feedback, change

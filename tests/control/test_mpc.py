@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
+from hybrid_sysid_ros.control.closed_loop import simulate_loop
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, Tuning
@@ -123,7 +124,7 @@ def test_a_disturbance_is_answered_by_its_opposite(bounded):
 
 @pytest.fixture(scope="module")
 def beam_mpc(rig):
-    return ExactMpc(rig.system, dataclasses.replace(PROBLEM, output_scale=rig.display[0].scale))
+    return ExactMpc(rig.system, dataclasses.replace(PROBLEM, output_scales=(rig.display[0].scale,)))
 
 
 ABSURD = [1e3, -1e6, 1e12, 1e300, np.inf, -np.inf, np.nan]
@@ -162,7 +163,7 @@ def test_after_an_absurd_question_it_solves_sensible_ones(beam_mpc):
 @pytest.mark.parametrize("place", ["state", "disturbance", "preview"])
 def test_a_huge_but_finite_number_is_forgotten_with_its_failure(rig, real_time, place):
     """A disturbance of 1e300 V makes the model infinite; nothing of it may stay in the memory."""
-    problem = dataclasses.replace(PROBLEM, output_scales=(rig.sensor.radians_per_volt,))
+    problem = dataclasses.replace(PROBLEM, output_scales=(rig.display[0].scale,))
     controller = ExactMpc(rig.system, problem, real_time=real_time)
     for begun in (False, True):
         controller.reset()
@@ -253,21 +254,19 @@ def test_there_is_no_offset_at_rest_under_a_constant_disturbance():
 
 
 def test_the_noisy_beam_comes_to_rest_on_its_reference_despite_a_bias(rig):
-    settings = configuration.defaults("cam_beam", "estimator")
-    tuning = configuration.estimator_tuning(settings, rig)
-    estimator = ExtendedKalmanFilter(rig.system, tuning, period=0.02)
-    problem = dataclasses.replace(PROBLEM, output_scale=rig.display[0].scale)
-    controller = ExactMpc(rig.system, problem)
-    loop = run_loop(
+    scale = rig.display[0].scale
+    tuning = configuration.estimator_tuning(configuration.defaults("cam_beam", "estimator"), rig)
+    loop = simulate_loop(
         Plant(rig, seed=0, bias=0.4),
-        estimator,
-        controller,
-        lambda t: np.where(np.asarray(t) < 2.0, 2.5, -1.0),
+        ExtendedKalmanFilter(rig.system, tuning, period=0.02),
+        ExactMpc(rig.system, dataclasses.replace(PROBLEM, output_scales=(scale,))),
+        lambda t: scale * np.where(np.asarray(t) < 2.0, 2.5, -1.0)[:, None],
+        inputs=1,
         duration=4.0,
         period=0.02,
         lead=rig.system.delay,
     )
-    volts = rig.display[0].shown(loop.position)
+    volts = loop.outputs[:, 0] / scale
     assert np.mean(volts[75:95]) == pytest.approx(2.5, abs=0.06)
     assert np.mean(volts[-20:]) == pytest.approx(-1.0, abs=0.06)
     assert np.all(np.abs(loop.inputs) <= 10.0)
@@ -370,7 +369,7 @@ def cost_by_hand(problem, plan, previous, preview):
 
 @pytest.mark.parametrize("option", OPTIONS)
 def test_on_the_beam_it_finds_what_an_interior_point_solver_finds(rig, option):
-    problem = dataclasses.replace(PROBLEM, output_scale=rig.display[0].scale, **OPTIONS[option])
+    problem = dataclasses.replace(PROBLEM, output_scales=(rig.display[0].scale,), **OPTIONS[option]).sized(rig.system)
     exact = ExactMpc(rig.system, problem, tolerance=1e-7)
     yardstick = InteriorPointMpc(rig.system, dataclasses.replace(problem, max_iterations=500), tolerance=1e-9)
     solved, ratios = 0, []
@@ -391,7 +390,7 @@ def test_on_the_beam_it_finds_what_an_interior_point_solver_finds(rig, option):
 
 
 def test_changes_of_the_input_stay_within_their_limit(rig):
-    problem = dataclasses.replace(PROBLEM, output_scale=rig.display[0].scale, rate_limit=0.7)
+    problem = dataclasses.replace(PROBLEM, output_scales=(rig.display[0].scale,), rate_limits=(0.7,))
     controller = ExactMpc(rig.system, problem)
     for seed in range(5):
         state, d, previous, preview = instance(seed, size=2.0)
