@@ -1,4 +1,5 @@
 # make demo | test | bench | lint | clean: each sets up what it needs in .venv, with nothing but python3 and make.
+#   make demo RIG=NAME     of another rig, by its name or path, into out/demo_NAME
 #   make demo TRAIN=1      trains the shipped policy afresh (adds torch)
 #   make PYTHON=python3.12 another interpreter, where python3 is too old or too new
 PYTHON ?= python3
@@ -6,7 +7,8 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 PACKAGE := pyproject.toml setup.py setup.cfg package.xml
 TRAINED := $(filter-out 0,$(TRAIN))
-DEMO := $(if $(HYBRID_SYSID_DATA),$(BIN)/python -m studies.beam_lecture demo $(HYBRID_SYSID_DATA),$(BIN)/hybrid-sysid demo)
+OUT := out/demo$(if $(RIG),_$(notdir $(RIG:/=)))
+DEMO := $(if $(RIG),$(BIN)/hybrid-sysid demo --rig $(RIG),$(if $(HYBRID_SYSID_DATA),$(BIN)/python -m studies.beam_lecture demo $(HYBRID_SYSID_DATA),$(BIN)/hybrid-sysid demo))
 
 # A sourced ROS, or the wheels of another environment, must not leak into .venv.
 ifneq ($(ROS_DISTRO)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
@@ -17,7 +19,7 @@ endif
 .NOTPARALLEL:
 
 demo: .venv/ros $(if $(TRAINED),.venv/train)
-	$(DEMO) --out out/demo $(if $(TRAINED),--train)
+	$(DEMO) --out $(OUT) $(if $(TRAINED),--train)
 
 test: .venv/ros .venv/dev .venv/train
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks import picture, result
-from hybrid_sysid_ros.commands.demo import RIG, simulated_loop
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Status
 from hybrid_sysid_ros.control.closed_loop import Loop
@@ -40,7 +39,9 @@ from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.checking import check_tolerances
+from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 
+RIG = "cam_beam"
 NAME = "closed_loop"
 SEEDS = (0, 1, 2)
 REPEATS = 2

@@ -30,13 +30,16 @@ from rich.table import Table
 from benchmarks import result
 from benchmarks.mpc_speed import Case, cases, loop
 from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.control import Controller, ExactMpc, Problem
+from hybrid_sysid_ros.control import Controller, ExactMpc, Problem, scenarios
+from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.control.policy import policy
+from hybrid_sysid_ros.control.policy.kernels import answer
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.control.policy.sampling import Spread, drawn, reference
 from hybrid_sysid_ros.control.policy.training_settings import Settings
-from hybrid_sysid_ros.core import System, stepped
+from hybrid_sysid_ros.control.scenarios import Scenario, Spread
+from hybrid_sysid_ros.control.steady_motion import steady_motion
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import OPTIONS
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
@@ -51,7 +54,9 @@ RIG = "cam_beam"
 LECTURE = {"validation_mse": 0.0664, "milliseconds": 0.11, "ipopt_milliseconds": 2.32, "samples": 6000}
 """What the lecture states of its network."""
 
-LECTURE_SPREAD = Spread(amplitude=5.0, disturbance=0.0, input_jitter=1.0, kick=(0.1, 0.1, 0.1, 0.3, 0.3))
+LECTURE_AMPLITUDE = 5.0
+"""Of the references [V]."""
+LECTURE_PUSH = (0.1, 0.1, 0.1, 0.3, 0.3)
 LECTURE_SETTINGS = Settings(episodes=(200, 200, 200), hidden=(64, 64), epochs=60, levelling=0.0, sequence=False)
 LOOPS, SECONDS = 100, 4.0
 """Closed loops of the beam for each seed, and their length [s]."""
@@ -102,7 +107,9 @@ def lecture() -> dict[str, Any]:
     )
     with extra("train"):
         from hybrid_sysid_ros.control.policy.training import train
-    policies = [train(model, case.problem, LECTURE_SPREAD, LECTURE_SETTINGS, seed=seed) for seed in SEEDS]
+    amplitude = LECTURE_AMPLITUDE * case.problem.output_scales[0]
+    spread = Spread(amplitude=(amplitude,), disturbance=(0.0,), input_jitter=(1.0,), push=LECTURE_PUSH)
+    policies = [train(model, case.problem, spread, LECTURE_SETTINGS, seed=seed) for seed in SEEDS]
     runs = [loop(case, seed, InteriorPointMpc(case.system, case.problem)) for seed in SEEDS]
     ipopt = result.percentiles(1e3 * np.concatenate([run["times"]["call"] for run in runs]))
     questions, answers = hardware_run(case)
@@ -172,14 +179,14 @@ def call_times(imitation: Policy, questions: list[tuple[Array, ...]]) -> list[fl
 
 def network_times(imitation: Policy, questions: list[tuple[Array, ...]]) -> list[float]:
     """Seconds of each call of the network alone, bounds included: its question stands in memory."""
-    rows = [np.concatenate(question) for question in questions]
-    answer = numba.njit("b1(f8[::1], f8[::1], f8[:, ::1])", **OPTIONS)(imitation.kernels.answer)
-    memory, inputs = imitation.memory, np.empty((imitation.outputs, 1))
+    rows = [np.concatenate([np.ravel(part) for part in question]) for question in questions]
+    alone = numba.njit("b1(i8[::1], f8[::1], f8[::1], f8[:, ::1])", **OPTIONS)(answer)
+    plan = np.empty((imitation.stages, imitation.inputs))
     times = []
     for index in range(CALLS):
         row = rows[index % len(rows)]
         began = perf_counter()
-        answer(row, memory, inputs)
+        alone(*imitation.packed, row, plan)
         times.append(perf_counter() - began)
     return times
 
@@ -188,7 +195,7 @@ def beam(train: bool) -> dict[str, Any]:
     """The shipped policy against the exact MPC on plants and references that it never saw."""
     rig, model = load_rig(RIG), load_model(configuration.shipped(RIG, "model"))
     shipped = policy.load(configuration.shipped(RIG, "policy"), model=model)
-    spread = configuration.sampling_spread(rig)
+    spread = configuration.spread_of(rig, model.system)
     exact = costs(ExactMpc(model.system, shipped.problem), shipped.problem, rig.system, spread)
     questions: list[tuple[Array, ...]] = []
     own = costs(shipped, shipped.problem, rig.system, spread, questions)
@@ -229,7 +236,7 @@ def costs(
 ) -> Array:
     """Cost (seeds, loops) of loops from a random state along a random reference; ``questions`` receives what was asked.
 
-    equation: of the plants, whose parameters and input offset are spread. The state is known without noise.
+    system: of the plants, whose parameters and input offset are spread. The state is known without noise.
     """
     found = np.empty((len(SEEDS), LOOPS))
     for row, seed in enumerate(SEEDS):
@@ -248,25 +255,32 @@ def cost(
     questions: list[tuple[Array, ...]] | None,
 ) -> float:
     """Cost of one loop, by the weights of the problem."""
-    target, plant = reference(random, spread.amplitude), drawn(system, spread.parameters, random)
-    offset = np.array([random.normal() * spread.disturbance])
-    scale, periods = problem.output_scales[0], round(SECONDS / problem.period)
-    wanted = scale * target(problem.period * np.arange(1, periods + problem.horizon + 1))
-    x = np.array([scale * random.uniform(-spread.amplitude, spread.amplitude), random.normal() * spread.kick[1]])
-    u, total = np.zeros(1), 0.0
+    periods = round(SECONDS / problem.period)
+    wanted = scenarios.references(random, spread, problem)(problem.period * np.arange(1, periods + problem.horizon))
+    begins = np.arange(periods) == 0
+    motion = steady_motion(system, problem, np.array(spread.centre))
+    none = np.zeros((periods, len(system.states)))
+    scenario = Scenario(
+        plant=scenarios.plant_near(system, spread.parameters, random),
+        begins=begins,
+        states=scenarios.beginnings(random, problem, spread, motion, wanted[:periods]),
+        inputs=np.zeros((periods, len(system.inputs))),
+        references=wanted,
+        disturbances=np.tile(random.normal(size=len(system.inputs)) * np.array(spread.disturbance), (periods, 1)),
+        pushes=none,
+        state_errors=none,
+        disturbance_errors=np.zeros((periods, len(system.inputs))),
+    )
     controller.reset()
-    for k in range(periods):
-        question = (x, offset, u, wanted[k : k + problem.horizon, None])
+
+    def control(k: int, asked: Instance) -> Array:
         if questions is not None:
-            questions.append(tuple(part.copy() for part in question))
-        given = controller.control(*question).input
+            questions.append(tuple(part.copy() for part in asked))
+        given = controller.control(*asked).input
         controller.prepare(problem.period)
-        for _ in range(problem.substeps):
-            x = stepped(plant, x, given + offset, step=problem.period / problem.substeps)
-        total += problem.output_weights[0] * float((x[0] - wanted[k]) / scale) ** 2
-        total += problem.rate_weights[0] * float(given[0] - u[0]) ** 2 + problem.input_weights[0] * float(given[0]) ** 2
-        u = given
-    return total
+        return given
+
+    return float(scenarios.run(scenario, problem, control).costs.sum())
 
 
 def _told() -> Callable[[str, int, int], None]:

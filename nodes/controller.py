@@ -105,8 +105,11 @@ class ControllerNode(RigNode):
         """The controller that the parameters name."""
         settings = self.settings
         self.problem = asked = mpc_problem(settings, self.rig, model.system)
+        interior = settings["solver"] == "ipopt"
         if settings["policy"] == "exact":
-            return self.exact(model, asked)
+            return self.reference_solver(model, asked) if interior else self.exact(model, asked)
+        if interior:
+            raise UserError(f"parameter solver is ipopt, policy {settings['policy']}: ipopt works alone, policy:=exact")
         path = Path(settings["policy_path"] or shipped(self.rig.name, "policy"))
         self.network = network = policy.load(path, model=model)
         self.look_at(network, path, asked)
@@ -115,6 +118,14 @@ class ControllerNode(RigNode):
             return network
         tolerances = check_tolerances(settings, self.rig, network.problem)
         return Supervisor(network, self.exact(model, network.problem), tolerances)
+
+    def reference_solver(self, model: Model, problem: Problem) -> Controller:
+        """IPOPT on the exact MPC's problem: slow, so it is for lockstep, and loaded only where it is asked for."""
+        from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
+
+        if not self.lockstep:
+            self.get_logger().warning("solver ipopt takes longer than a measurement's period: it is for lockstep")
+        return InteriorPointMpc(model.system, problem)
 
     def exact(self, model: Model, problem: Problem) -> ExactMpc:
         """The exact MPC. In lockstep it takes its time, so that a run repeats."""

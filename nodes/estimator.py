@@ -166,7 +166,7 @@ class EstimatorNode(RigNode):
 
     def health(self) -> tuple[bytes, str, Mapping[str, object]]:
         counters = self.filter.counters
-        low, high = band(max(len(self.innovations), 1))
+        low, high = band(max(len(self.innovations), 1), len(self.outputs))
         values = {
             "updates": counters.updates,
             "delayed_measurements": counters.delayed,

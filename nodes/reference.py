@@ -25,13 +25,12 @@ MULTISINE_PERIOD = 20.0  # s
 LINES = 20  # of the multisine
 
 
-def signal_of(settings: Mapping[str, Any], rig: Rig) -> Reference:
-    """The reference that the parameters describe: seconds in (any shape), the outputs as they are shown out (..., p).
+def signal_of(kind: str, settings: Mapping[str, Any], rig: Rig) -> Reference:
+    """The reference of a kind that the parameters describe: seconds in (any shape), the outputs as they are shown out (..., p).
 
     Raises:
         UserError: there is no such kind, or the multisine has no room between its lowest and highest frequency.
     """
-    kind = settings["kind"] or rig.reference
     if kind in rig.references:
         return rig.references[kind]
     if kind not in KINDS:
@@ -67,7 +66,8 @@ class ReferenceNode(RigNode):
     def __init__(self, **options: Any) -> None:
         super().__init__("reference", **options)
         settings = self.settings
-        self.signal = signal_of(settings, self.rig)
+        self.kind: str = settings["kind"] or self.rig.reference
+        self.signal = signal_of(self.kind, settings, self.rig)
         self.spacing = round(settings["point_spacing"] * SECOND)
         self.period = round(settings["publish_period"] * SECOND)
         if self.period % self.spacing:
@@ -80,7 +80,7 @@ class ReferenceNode(RigNode):
                 f"parameter preview_seconds is {settings['preview_seconds']:g} s: "
                 f"it must be more than publish_period, {settings['publish_period']:g} s"
             )
-        schedule = self.rig.references.get(settings["kind"] or self.rig.reference)
+        schedule = self.rig.references.get(self.kind)
         own = schedule.duration if schedule else 0.0
         self.duration = round((settings["duration"] or own) * SECOND)
         self.offsets = np.arange(round(settings["preview_seconds"] * SECOND) // self.spacing + 1) * self.spacing
@@ -145,7 +145,7 @@ class ReferenceNode(RigNode):
         super().close()
 
     def health(self) -> tuple[bytes, str, Mapping[str, object]]:
-        values = {"kind": self.settings["kind"], "messages": self.sent, "seconds": self.sent * self.period / SECOND}
+        values = {"kind": self.kind, "messages": self.sent, "seconds": self.sent * self.period / SECOND}
         if not self.zero:
             return OK, "waiting for the first measurement", values
         return OK, "done" if self.finished.done() else "running", values

@@ -1,14 +1,15 @@
-"""Policies and a problem small enough to be worked out by hand, for the tests."""
+"""Policies of random weights, small enough to be worked out by hand, for the tests."""
 
 import dataclasses
 from itertools import pairwise
 
 import numpy as np
-from hybrid_sysid_ros.control.policy.sampling import Spread
 
 from hybrid_sysid_ros.control import Problem
+from hybrid_sysid_ros.control.policy.adaptation import Correction
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_range import TrainingRange
+from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.models import Model, Sampling
 from tests.one_joint import Linear
 
@@ -16,14 +17,36 @@ PROBLEM = Problem(
     horizon=4,
     period=0.05,
     substeps=10,
-    output_weight=100.0,
-    rate_weight=1.0,
-    input_limit=10.0,
-    output_scale=0.0227,
+    output_weights=(100.0,),
+    rate_weights=(1.0,),
+    input_low=(-10.0,),
+    input_high=(10.0,),
+    output_scales=(0.0227,),
     smoothing=0.005,
     max_iterations=50,
+    state_low=(-np.inf,) * 2,
+    state_high=(np.inf,) * 2,
+    soft_linear=(0.0,) * 2,
+    soft_quadratic=(1e4,) * 2,
 )
-SPREAD = Spread(amplitude=4.0, disturbance=0.3, input_jitter=1.0, kick=(0.01, 0.2))
+TWO = dataclasses.replace(
+    PROBLEM,
+    horizon=3,
+    output_weights=(4.0, 0.0, 100.0),
+    output_scales=(1.0, 1.0, 0.1),
+    rate_weights=(1.0, 0.1),
+    input_weights=(0.0, 0.0),
+    rate_limits=(np.inf, np.inf),
+    input_low=(-10.0, 0.0),
+    input_high=(10.0, 3.0),
+    state_low=(-np.inf,) * 4,
+    state_high=(np.inf,) * 4,
+    soft_linear=(0.0,) * 4,
+    soft_quadratic=(1e4,) * 4,
+)
+"""Four states, two inputs, of which one is never negative, and three outputs, of which one is not tracked."""
+MAPS = {1: np.array([[1.0, 0.0]]), 2: np.array([[1.0, 0.0, 0.5, 0.0], [0.0, -1.0, 0.0, 0.0]])}
+SPREAD = Spread(amplitude=(4.0 * 0.0227,), disturbance=(0.3,), input_jitter=(1.0,), push=(0.01, 0.2))
 SEAL = "5ea1"
 
 
@@ -34,30 +57,48 @@ def layers_of(random, widths):
     )
 
 
-def policy_of(seed=0, widths=(8, 5, 3, 1), problem=PROBLEM, correction=None):
+def policy_of(seed=0, hidden=(5, 3), problem=PROBLEM, *, plan=False, correction=None):
     """A network of random weights with self-check vectors that are its own answers."""
     random = np.random.default_rng(seed)
-    layers = layers_of(random, widths)
+    inputs = len(problem.input_low)
+    features = features_count(problem)
     bare = Policy(
         problem=problem,
         model=SEAL,
         rig="cam_beam",
-        states=2,
-        output=0,
-        centre=random.normal(size=8) / 7,
-        scale=random.uniform(0.1, 3.0, 8),
-        layers=layers,
-        training_range=TrainingRange.of(random.normal(size=(500, 8)), np.zeros(8), np.ones(8)),
+        output_map=MAPS[inputs],
+        centre=random.normal(size=features) / 7,
+        scale=random.uniform(0.1, 3.0, features),
+        layers=layers_of(random, (features, *hidden, inputs * (problem.horizon if plan else 1))),
+        training_range=TrainingRange.of(random.normal(size=(500, features)), np.zeros(features), np.ones(features)),
         correction=correction,
         training={"seed": seed},
     )
-    features = random.normal(size=(20, 8))
-    return dataclasses.replace(bare, check=(features, by_hand(bare, features)))
+    check = random.normal(size=(20, features))
+    return dataclasses.replace(bare, check=(check, by_hand(bare, check)))
+
+
+def features_count(problem):
+    tracked = sum(weight > 0 for weight in problem.output_weights)
+    return MAPS[len(problem.input_low)].shape[1] + 2 * len(problem.input_low) + problem.horizon * tracked
+
+
+def correction_of(problem, *, plan=True, hidden=(8,)):
+    """Of two parameters."""
+    answers = len(problem.input_low) * (problem.horizon if plan else 1)
+    return Correction(
+        names=("gain", "coulomb"),
+        nominal=np.array([5.0, 2.0]),
+        spread=np.array([0.5, 0.4]),
+        layers=layers_of(np.random.default_rng(9), (features_count(problem), *hidden, 2 * answers)),
+    )
 
 
 def by_hand(policy, features):
-    """The network in matrices: standardised features, tanh layers, a straight output in units of the limit."""
-    return policy.problem.input_limit * in_matrices(policy.layers, (features - policy.centre) / policy.scale)
+    """The network in matrices: standardised features, tanh layers, a straight output that is +-1 at the bounds."""
+    answers = in_matrices(policy.layers, (features - policy.centre) / policy.scale)
+    low, high = np.array(policy.problem.input_low), np.array(policy.problem.input_high)
+    return 0.5 * (low + high) + 0.5 * (high - low) * answers.reshape(len(features), -1, len(low))
 
 
 def in_matrices(layers, signal):
@@ -67,15 +108,20 @@ def in_matrices(layers, signal):
     return signal @ matrix.T + bias
 
 
-def features_of(state, d, previous, preview):
-    return np.concatenate([state, d, previous, preview - state[0]])[None]
+def features_of(policy, state, d, previous, preview):
+    errors = preview[:, list(policy.tracked)] - policy.output_map @ state
+    return np.concatenate([state, d, previous, errors.ravel()])[None]
 
 
-def questions(count, seed=0):
+def instances(count, problem=PROBLEM, seed=0):
+    """(state, disturbance, previous input, preview), one after another."""
     random = np.random.default_rng(seed)
+    inputs, outputs = len(problem.input_low), len(problem.output_weights)
+    states = MAPS[inputs].shape[1]
     for _ in range(count):
-        state, preview = random.normal(size=2) * [0.05, 0.3], 0.08 * random.normal(size=4)
-        yield state, random.normal(size=1), 5 * random.normal(size=1), preview
+        state = random.normal(size=states) * 0.1
+        preview = 0.08 * random.normal(size=(problem.horizon, outputs))
+        yield state, random.normal(size=inputs), 5 * random.normal(size=inputs), preview
 
 
 def model_of(seal=""):
@@ -83,7 +129,7 @@ def model_of(seal=""):
     names = tuple(item.name for item in system.parameters)
     return Model(
         rig="cam_beam",
-        structure="linear",
+        structure="viscous",
         system=system,
         sampling=Sampling(),
         names=names,

@@ -5,10 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hybrid_sysid_ros.control.policy.sampling import Spread
-from hybrid_sysid_ros.control.safety.certified_loop import COST, ERROR, EXACT, EXCESS, NETWORK, SUPERVISED, UNSOLVED
-from hybrid_sysid_ros.control.safety.certified_policy import KKT_TOLERANCE, Criteria, Distribution, Subject
-from linear_policies import FEATURES, LINEAR, broken_policy, exact_policy  # type: ignore[import-not-found]
+from linear_policies import BEAM, CARTS, broken_policy, checked, exact_policy  # type: ignore[import-not-found]
 from scipy.stats import binom
 
 from hybrid_sysid_ros.control import ExactMpc
@@ -16,47 +13,69 @@ from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.safety import certificate as certificates
 from hybrid_sysid_ros.control.safety.certificate import FILE, LEAST_LOOPS, binomial_bound, margin
 from hybrid_sysid_ros.control.safety.certification import certify
+from hybrid_sysid_ros.control.safety.certified_loops import (
+    COST,
+    ERROR,
+    EXACT,
+    EXCESS,
+    KKT_TOLERANCE,
+    NETWORK,
+    SUPERVISED,
+    Certification,
+    Criteria,
+    Distribution,
+)
 from hybrid_sysid_ros.control.safety.online_check import REASONS, Tolerances
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
+from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.core import stepped
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.support.errors import UserError
 from tests.straight_beam import straight
 
-STRAIGHT = straight(LINEAR)
+STRAIGHT = straight(BEAM.system)
+VOLT = 0.0227
 DISTRIBUTION = Distribution(
-    spread=Spread(amplitude=2.0, disturbance=0.4, input_jitter=0.0, kick=(0.01, 0.1), parameters=0.1),
+    spread=Spread(amplitude=(2.0 * VOLT,), disturbance=(0.4,), push=(0.01, 0.1), parameters=0.1),
     seconds=0.3,
     state_error=(2e-4, 0.01),
-    disturbance_error=0.05,
+    disturbance_error=(0.05,),
     plant="the model",
 )
-CRITERIA = Criteria(input_error=0.05, cost_share=0.05, cost_floor=0.01)
-TOLERANCES = Tolerances(cost=0.05, floor=1.0, violation=1e-3, disturbance=math.inf, patience=3)
+CRITERIA = Criteria(input_error=(0.05,), cost_share=0.05, cost_floor=0.01)
+TOLERANCES = Tolerances(cost=0.05, floor=1.0, violation=1e-3, disturbance=(math.inf,), patience=3)
+TWO = Distribution(
+    spread=Spread(amplitude=(0.4, 0.0, 0.2), disturbance=(0.4, 0.2), push=(0.02, 0.02, 0.1, 0.1), parameters=0.1),
+    seconds=1.0,
+    state_error=(1e-3,),
+    disturbance_error=(0.05,),
+    plant="the model",
+)
 
 
-def subject_of(policy, *, seed=0, plant=STRAIGHT, **changes):
-    return Subject(
+def certification_of(policy, *, seed=0, plant=STRAIGHT):
+    """A policy of the beam on a beam with nothing bent, or one of the carts on carts."""
+    carts = policy.inputs == 2
+    return Certification(
         policy=policy,
         seal="a policy",
-        plant=plant,
-        model=LINEAR,
-        distribution=DISTRIBUTION,
+        plant=CARTS.system if carts else plant,
+        model=CARTS.system if carts else BEAM.system,
+        distribution=TWO if carts else DISTRIBUTION,
         criteria=CRITERIA,
         tolerances=TOLERANCES,
         seed=seed,
-        **changes,
     )
 
 
 @pytest.fixture(scope="module")
 def law():
-    return exact_policy()
+    return exact_policy(BEAM)
 
 
 @pytest.fixture(scope="module")
 def broken():
-    return broken_policy()
+    return broken_policy(BEAM)
 
 
 # The statement
@@ -67,29 +86,32 @@ def test_the_margin_is_hoeffding_s():
     assert margin(LEAST_LOOPS, 0.01) <= 0.01 < margin(LEAST_LOOPS - 1, 0.01)  # Hertneck et al. (2018)
 
 
-def test_the_exact_law_of_a_linear_problem_passes_every_loop(law):
-    found = certify(subject_of(law), loops=300, workers=1)
+@pytest.mark.parametrize("case", [BEAM, CARTS], ids=["one input", "two inputs"])
+def test_the_exact_law_of_a_linear_problem_passes_every_loop(case):
+    loops = 120
+    found = certify(certification_of(exact_policy(case)), loops=loops, workers=1)
     for driver in ("network", "supervised"):
         assert found.rates[driver] == {"input": 1.0, "bounds": 1.0, "cost": 1.0, "all": 1.0}
-        assert found.bounds["hoeffding"][driver]["all"] == 1.0 - margin(300, 0.01)
-        assert found.mu(driver) == pytest.approx(0.01 ** (1 / 300))
-    first = 1.0 / 15.0  # of the periods: there the exact MPC makes the first plan
+        assert found.bounds["hoeffding"][driver]["all"] == 1.0 - margin(loops, 0.01)
+        assert found.mu(driver) == pytest.approx(0.01 ** (1 / loops))
+    first = 1.0 / found.distribution["periods"]  # of the periods: there the exact MPC makes the first plan
     assert found.check["accepted"] + found.check["waiting for good answers"] == 1.0
     assert found.check["waiting for good answers"] == pytest.approx(first)
     assert found.exact["not_converged"] == 0.0
-    assert max(case["input_error"] for case in found.worst) < 0.01
+    assert max(worst["input_error"] for worst in found.worst) < 0.2
 
 
-def test_a_law_that_is_broken_on_a_share_of_the_loops_passes_the_others(broken):
+@pytest.mark.parametrize("case", [BEAM, CARTS], ids=["one input", "two inputs"])
+def test_a_law_that_is_broken_on_a_share_of_the_loops_passes_the_others(case):
     """Which loops those are follows from what they are made of, not from how they went."""
-    subject = subject_of(broken)
-    draws = [subject.draw(loop) for loop in range(400)]
-    sound = [np.all(draw.disturbances + draw.errors[:, 2] <= 0.0) for draw in draws]
-    found = certify(subject, loops=400, workers=1)
+    certification, loops = certification_of(broken_policy(case)), 160
+    scenarios = [certification.scenario(loop) for loop in range(loops)]
+    sound = [np.all(each.disturbances[:, 0] + each.disturbance_errors[:, 0] <= 0.0) for each in scenarios]
+    found = certify(certification, loops=loops, workers=1)
     assert 0.2 < np.mean(sound) < 0.8
     assert found.rates["network"]["input"] == np.mean(sound)
     assert found.rates["network"]["all"] == np.mean(sound)
-    assert found.bounds["hoeffding"]["network"]["all"] == np.mean(sound) - margin(400, 0.01)
+    assert found.bounds["hoeffding"]["network"]["all"] == np.mean(sound) - margin(loops, 0.01)
 
 
 def test_the_exact_bound_is_that_of_the_binomial_distribution():
@@ -103,18 +125,18 @@ def test_the_exact_bound_is_that_of_the_binomial_distribution():
 
 def test_the_supervisor_catches_what_is_broken(broken):
     """Plans that are 5 V off are costlier than what is left of the last one, so the exact MPC drives."""
-    found = certify(subject_of(broken), loops=200, workers=1)
+    found = certify(certification_of(broken), loops=100, workers=1)
     assert found.rates["supervised"]["all"] > found.rates["network"]["all"] + 0.2
     assert found.check["costlier than the shifted plan"] > 0.1
     assert sum(found.check.values()) == pytest.approx(1.0)
 
 
 def test_a_worst_case_can_be_run_again(broken):
-    subject = subject_of(broken)
-    found = certify(subject, loops=100, workers=1)
+    certification = certification_of(broken)
+    found = certify(certification, loops=60, workers=1)
     worst = next(case for case in found.worst if case["driver"] == "network" and case["by"] == "input")
-    _, track = subject.again(worst["loop"], "network")
-    errors = np.abs(track.inputs - track.exact)
+    driven = certification.run(certification.scenario(worst["loop"]), NETWORK)
+    errors = np.abs(driven.loop.inputs - driven.exact)[:, 0] / CRITERIA.input_error[0]
     assert int(np.argmax(errors)) == worst["period"]
     assert errors.max() == worst["input_error"]
 
@@ -123,30 +145,27 @@ def test_a_worst_case_can_be_run_again(broken):
 
 
 def test_a_seed_decides_a_certificate(broken):
-    subject = subject_of(broken)
+    subject = certification_of(broken)
     one, two = (certify(subject, loops=130, workers=workers) for workers in (1, 2))
-    other = certify(subject_of(broken, seed=1), loops=130, workers=1)
+    other = certify(certification_of(broken, seed=1), loops=130, workers=1)
     for field in ("rates", "check", "exact", "worst", "distribution", "criteria"):
         assert getattr(one, field) == getattr(two, field)
     assert one.worst != other.worst
 
 
 def test_an_interrupted_certification_goes_on(broken, tmp_path):
-    subject, store, told = subject_of(broken), tmp_path / "half", []
+    certification, store = certification_of(broken), tmp_path / "half"
 
     def interrupt(stage, done, of):
-        told.append(done)
         if done >= 64:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        certify(subject, loops=300, workers=1, store=store, progress=interrupt)
-    begun = []
-    found = certify(subject, loops=300, workers=1, store=store, progress=lambda stage, done, of: begun.append(done))
-    assert begun[0] == told[-1] >= 64  # the last word is what is kept
-    assert begun[-1] == 300
+        certify(certification, loops=100, workers=1, store=store, progress=interrupt)
+    assert len(list(store.iterdir())) == 2
+    found = certify(certification, loops=100, workers=1, store=store)
     assert not store.exists()
-    whole = certify(subject, loops=300, workers=1)
+    whole = certify(certification, loops=100, workers=1)
     assert (found.rates, found.worst) == (whole.rates, whole.worst)
 
 
@@ -158,67 +177,63 @@ def test_loops_of_another_seed_are_not_taken_for_these(broken, tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        certify(subject_of(broken, seed=3), loops=100, workers=1, store=store, progress=interrupt)
-    begun = []
-    certify(subject_of(broken), loops=100, workers=1, store=store, progress=lambda stage, done, of: begun.append(done))
-    assert begun[0] == 0
+        certify(certification_of(broken, seed=3), loops=64, workers=1, store=store, progress=interrupt)
+    found = certify(certification_of(broken), loops=64, workers=1, store=store)
+    assert found.worst == certify(certification_of(broken), loops=64, workers=1).worst
 
 
-# The compiled loop
+# A loop
 
 
-def by_hand(subject, draw, driver):
+def by_hand(certification, scenario, driver):
     """A loop of ordinary objects: inputs, the exact MPC's answers beside them, states, cost, what the check found."""
-    problem, policy = subject.policy.problem, subject.policy
-    judge, own = (ExactMpc(subject.model, problem, tolerance=KKT_TOLERANCE) for _ in range(2))
-    drives = {EXACT: judge, NETWORK: policy, SUPERVISED: Supervisor(policy, own, subject.tolerances)}[driver]
-    plant, step = subject.plant.with_values(draw.parameters), problem.period / problem.substeps
-    plant = plant.with_weights(draw.network)
-    x, u, cost = draw.state.copy(), draw.input.copy(), 0.0
+    problem, policy = certification.policy.problem, certification.policy
+    judge, own = (ExactMpc(certification.model, problem, tolerance=KKT_TOLERANCE) for _ in range(2))
+    drives = {EXACT: judge, NETWORK: policy, SUPERVISED: Supervisor(policy, own, TOLERANCES)}[driver]
+    x, u, cost = scenario.states[0].copy(), scenario.inputs[0].copy(), 0.0
     inputs, exact, states = [], [], [x.copy()]
-    for k, disturbance in enumerate(draw.disturbances):
-        x = x + draw.pushes[k]
-        question = (x + draw.errors[k, :2], np.array([disturbance + draw.errors[k, 2]]), u, draw.wanted[k : k + 8])
-        answer = judge.control(*question)
+    for k, disturbance in enumerate(scenario.disturbances):
+        x = x + scenario.pushes[k]
+        told = disturbance + scenario.disturbance_errors[k]
+        asked = (x + scenario.state_errors[k], told, u, scenario.references[k : k + problem.horizon])
+        answer = judge.control(*asked)
         judge.prepare(problem.period)
-        given = answer if drives is judge else drives.control(*question)
+        given = answer if drives is judge else drives.control(*asked)
         if drives is not judge:
             drives.prepare(problem.period)
-        cost += problem.rate_weight * (given.input[0] - u[0]) ** 2
+        cost += problem.rate_weights[0] * (given.input[0] - u[0]) ** 2
         u = given.input.copy()
         for _ in range(problem.substeps):
-            x = stepped(plant, x, u + disturbance, step=step)
-        cost += problem.output_weight * ((x[0] - draw.wanted[k]) / problem.output_scale) ** 2
-        inputs.append(u[0])
-        exact.append(answer.input[0])
+            x = stepped(scenario.plant, x, u + disturbance, step=problem.period / problem.substeps)
+        cost += problem.output_weights[0] * ((x[0] - scenario.references[k, 0]) / problem.output_scales[0]) ** 2
+        inputs.append(u)
+        exact.append(answer.input)
         states.append(x.copy())
     return np.array(inputs), np.array(exact), np.array(states), cost, getattr(drives, "reasons", {})
 
 
 @pytest.mark.parametrize("driver", [EXACT, NETWORK, SUPERVISED])
-def test_the_compiled_loop_is_the_loop_of_ordinary_objects(broken, rig, driver):
+def test_a_loop_is_that_of_ordinary_objects(broken, rig, driver):
     """On a plant that is not the model: the beam with its friction, under the MPC of a linear one."""
-    subject = dataclasses.replace(
-        subject_of(broken, plant=rig.system), criteria=dataclasses.replace(CRITERIA, input_error=math.inf)
-    )
-    bench = subject.bench()
-    for loop in range(12):
-        draw = subject.draw(loop)
-        measures, reasons = np.zeros(5), np.zeros(len(REASONS), np.int64)
-        track = bench.run(draw, driver, measures, reasons)
-        inputs, exact, states, cost, counted = by_hand(subject, draw, driver)
-        np.testing.assert_allclose(track.inputs, inputs, atol=1e-9)
-        np.testing.assert_allclose(track.exact, exact, atol=1e-9)
-        np.testing.assert_allclose(track.states, states, atol=1e-11)
-        assert measures[COST] == pytest.approx(cost, rel=1e-9)
-        assert measures[ERROR] == pytest.approx(np.max(np.abs(inputs - exact)), abs=1e-9)
-        assert measures[EXCESS] == measures[UNSOLVED] == 0.0
-        assert {REASONS[k]: n for k, n in enumerate(reasons) if n} == counted
+    criteria = dataclasses.replace(CRITERIA, input_error=(1e9,))
+    certification = dataclasses.replace(certification_of(broken, plant=rig.system), criteria=criteria)
+    for loop in range(6):
+        scenario = certification.scenario(loop)
+        driven = certification.run(scenario, driver)
+        inputs, exact, states, cost, counted = by_hand(certification, scenario, driver)
+        np.testing.assert_allclose(driven.loop.inputs, inputs, atol=1e-9)
+        np.testing.assert_allclose(driven.exact, exact, atol=1e-9)
+        np.testing.assert_allclose(driven.loop.states, states, atol=1e-11)
+        assert driven.measures[COST] == pytest.approx(cost, rel=1e-9)
+        assert driven.measures[ERROR] == pytest.approx(np.max(np.abs(inputs - exact)) / 1e9, abs=1e-18)
+        assert driven.measures[EXCESS] == 0.0
+        found = np.bincount(driven.reasons, minlength=len(REASONS)) if driver == SUPERVISED else []
+        assert {REASONS[k]: n for k, n in enumerate(found) if n} == counted
 
 
 def test_a_network_that_gives_no_numbers_keeps_its_bounds_and_no_loop(law):
     weights = [tuple(np.full_like(part, np.nan) for part in layer) for layer in law.layers]
-    found = certify(subject_of(dataclasses.replace(law, layers=tuple(weights))), loops=40, workers=1)
+    found = certify(certification_of(dataclasses.replace(law, layers=tuple(weights))), loops=40, workers=1)
     assert found.rates["network"]["bounds"] == 1.0
     assert found.rates["network"]["cost"] < 0.5
     assert found.rates["supervised"]["all"] == 1.0  # the exact MPC drives
@@ -228,11 +243,10 @@ def test_a_network_that_gives_no_numbers_keeps_its_bounds_and_no_loop(law):
 
 def test_the_exact_mpc_is_asked_again_from_the_network_s_plan_where_they_differ(law):
     """Where it finds nothing cheaper there, the difference stands."""
-    subject = subject_of(law)
     shifted = dataclasses.replace(law, layers=(law.layers[0], (law.layers[1][0], law.layers[1][1] + 0.01)))  # 1 V
-    found = certify(dataclasses.replace(subject, policy=shifted), loops=20, workers=1)
+    found = certify(certification_of(shifted), loops=20, workers=1)
     assert found.rates["network"]["input"] == 0.0
-    assert found.worst[0]["input_error"] == pytest.approx(1.0, abs=0.02)
+    assert found.worst[0]["input_error"] * CRITERIA.input_error[0] == pytest.approx(1.0, abs=0.02)
 
 
 # The file
@@ -240,12 +254,11 @@ def test_the_exact_mpc_is_asked_again_from_the_network_s_plan_where_they_differ(
 
 @pytest.fixture
 def certified(law, tmp_path):
-    features = np.random.default_rng(0).normal(scale=0.01, size=(3, FEATURES))
-    policy = dataclasses.replace(law, check=(features, law.evaluate(features)))
+    policy = checked(law)
     folder = tmp_path / "policy"
     policy.save(folder)
     seal = storage.digest(folder, kind="policy")
-    found = certify(dataclasses.replace(subject_of(policy), seal=seal), loops=40, workers=1)
+    found = certify(dataclasses.replace(certification_of(policy), seal=seal), loops=40, workers=1)
     found.save(folder)
     return folder, seal, found
 
@@ -270,35 +283,32 @@ def test_a_policy_is_loaded_with_its_certificate_or_without_one(certified):
 
 def test_a_certificate_that_was_altered_or_is_another_s_is_refused(certified):
     folder, seal, _ = certified
-    with pytest.raises(UserError, match=r"certificate\.yaml: belongs to another policy"):
+    with pytest.raises(UserError, match="another policy"):
         certificates.find(folder, policy="another", model="5ea1")
-    with pytest.raises(UserError, match=r"certificate\.yaml: belongs to another model"):
+    with pytest.raises(UserError, match="another model"):
         certificates.find(folder, policy=seal, model="another")
     path = folder / FILE
     path.write_text(path.read_text().replace("loops: 40", "loops: 40000"))
-    again = r"restore it or make the certificate again \(hybrid-sysid policy certify\)"
-    with pytest.raises(UserError, match=rf"certificate\.yaml: was altered since it was saved; {again}"):
+    with pytest.raises(UserError, match=r"certificate\.yaml: was altered"):
         policies.load(folder)
     path.write_text("loops: [")
-    with pytest.raises(UserError, match="can't be read as YAML"):
+    with pytest.raises(UserError, match="YAML"):
         certificates.find(folder, policy=seal, model="5ea1")
 
 
 def test_a_policy_that_changed_meanwhile_is_not_certified(certified, law):
     folder, _, found = certified
-    features = np.random.default_rng(1).normal(scale=0.01, size=(3, FEATURES))
-    dataclasses.replace(law, check=(features, law.evaluate(features))).save(folder)
+    checked(law, seed=1).save(folder)
     assert not (folder / FILE).exists()  # a new policy has none
-    with pytest.raises(UserError, match="another policy than the one that was certified"):
+    with pytest.raises(UserError, match="another policy"):
         found.save(folder)
 
 
 def test_a_certificate_of_another_policy_is_refused_when_that_is_loaded(certified, law, tmp_path):
     folder, _, _ = certified
-    features = np.random.default_rng(1).normal(scale=0.01, size=(3, FEATURES))
-    dataclasses.replace(law, check=(features, law.evaluate(features))).save(tmp_path / "other")
+    checked(law, seed=1).save(tmp_path / "other")
     (tmp_path / "other" / FILE).write_bytes((folder / FILE).read_bytes())
-    with pytest.raises(UserError, match="belongs to another policy; certify it again") as refusal:
+    with pytest.raises(UserError, match="another policy") as refusal:
         policies.load(tmp_path / "other")
     assert "\n" not in str(refusal.value)
 
@@ -308,13 +318,13 @@ def test_a_certificate_of_another_policy_is_refused_when_that_is_loaded(certifie
 
 def test_a_policy_of_first_inputs_and_strange_numbers_are_refused(law):
     first = dataclasses.replace(law, layers=(law.layers[0], tuple(part[:1] for part in law.layers[1])))
-    with pytest.raises(UserError, match="gives 1 of the 8 inputs of a plan"):
-        certify(subject_of(first), loops=10)
+    with pytest.raises(UserError, match="1 of 8 intervals"):
+        certify(certification_of(first), loops=10)
     for loops, delta in ((0, 0.01), (10, 0.0), (10, 1.0), (10, math.nan)):
         with pytest.raises(UserError, match="say nothing"):
-            certify(subject_of(law), loops=loops, delta=delta)
+            certify(certification_of(law), loops=loops, delta=delta)
 
 
 def test_a_plant_of_other_states_is_refused(law, flexible_joint):
     with pytest.raises(UserError, match="the plant's states"):
-        subject_of(law, plant=flexible_joint)
+        certification_of(law, plant=flexible_joint)

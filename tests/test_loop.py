@@ -5,10 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros import bags
+from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.support.errors import UserError
+from tests import two_carts
 
 RIG = rigs.load("cam_beam")
 PERIOD = 5_000_000  # ns
@@ -75,7 +76,7 @@ def test_time_zero_is_the_stamp_of_the_first_reference(tmp_path):
 def test_the_reference_at_a_stamp_is_the_preview_s(tmp_path):
     loop = LoopRecord.from_bag(write(tmp_path / "run"), RIG)
     assert np.isnan(loop.reference[:BEFORE]).all()
-    np.testing.assert_allclose(RIG.display[0].shown(loop.reference[BEFORE:]), wanted(loop.time[BEFORE:]), atol=1e-12)
+    np.testing.assert_allclose(RIG.display[0].shown(loop.reference[BEFORE:, 0]), wanted(loop.time[BEFORE:]), atol=1e-12)
 
 
 def test_of_one_time_the_newest_preview_tells(tmp_path):
@@ -91,7 +92,9 @@ def test_of_one_time_the_newest_preview_tells(tmp_path):
         ),
     ]
     loop = LoopRecord.from_bag(bags.write(tmp_path / "run", topics), RIG)
-    np.testing.assert_allclose(loop.reference, np.where(np.arange(SAMPLES) < 100, 0.1, 0.2))  # and the last one is held
+    np.testing.assert_allclose(
+        loop.reference[:, 0], np.where(np.arange(SAMPLES) < 100, 0.1, 0.2)
+    )  # and the last one is held
 
 
 def test_tracking_is_judged_in_volts_and_within_its_window(tmp_path):
@@ -104,8 +107,8 @@ def test_tracking_is_judged_in_volts_and_within_its_window(tmp_path):
 
 def test_the_input_is_the_one_applied_from_a_stamp_on(tmp_path):
     loop = LoopRecord.from_bag(write(tmp_path / "run"), RIG)
-    np.testing.assert_allclose(loop.input[:-1], 0.01 * np.arange(SAMPLES - 1))
-    np.testing.assert_allclose(loop.command, 0.01 * np.arange(SAMPLES))
+    np.testing.assert_allclose(loop.inputs[:-1, 0], 0.01 * np.arange(SAMPLES - 1))
+    np.testing.assert_allclose(loop.command[:, 0], 0.01 * np.arange(SAMPLES))
 
 
 def test_delays_are_those_of_the_commands(tmp_path):
@@ -200,3 +203,40 @@ def test_two_runs_in_one_bag_are_refused(tmp_path):
     ]
     with pytest.raises(UserError, match="reversed stamp at message 100"):
         LoopRecord.from_bag(bags.write(tmp_path / "run", topics), RIG)
+
+
+def test_a_loop_of_two_inputs_and_two_outputs_stands_in_a_report(tmp_path):
+    """200 mm and 50 mm wanted, 1 mm and 2 mm missed, of which one output is no joint's motion."""
+    rig = rigs.load(two_carts.write(tmp_path / "looped_carts"))
+    stamps = START + np.arange(SAMPLES) * PERIOD
+    seconds = 0.005 * np.arange(SAMPLES)
+    wanted = 1e-3 * rig.schedule()(seconds)
+    measured = wanted - [1e-3, 2e-3]
+    pushes = np.stack([np.full(SAMPLES, 5.0), np.linspace(-4.0, 4.0, SAMPLES)], axis=1)
+    none = np.full(SAMPLES, np.nan)
+    names = ["cart", "gap", "right_push"]
+    joints = bags.joint_states(
+        "/looped_carts/joint_states",
+        stamps,
+        names,
+        position=np.stack([measured[:, 0], measured[:, 1], none], axis=1),
+        effort=np.stack([pushes[:, 0], none, pushes[:, 1]], axis=1),
+    )
+    commands = bags.joint_states("/looped_carts/joint_command", stamps, ["cart", "right_push"], effort=pushes)
+    reference = bags.joint_trajectories(
+        "/looped_carts/reference", stamps, ["gap", "cart"], positions=wanted[:, None, ::-1], times=[0.0]
+    )
+    loop = LoopRecord.from_bag(bags.write(tmp_path / "run", [joints, commands, reference]), rig)
+    assert loop.tracked == [0, 1]
+    np.testing.assert_allclose(loop.outputs, measured)
+    np.testing.assert_allclose(loop.reference, wanted, atol=1e-12)
+    np.testing.assert_allclose(loop.inputs[:-1], pushes[1:])
+    np.testing.assert_allclose(loop.command, pushes)
+    assert loop.tracking_rmse(output=1) == pytest.approx(2.0)  # mm
+    section = report.closed_loop_section(loop)
+    loop_figures = pytest.importorskip("hybrid_sysid_ros.report.loop_figures")
+    assert section.rmse == pytest.approx({"out": 1.0, "apart": 2.0})
+    assert section.units == {"out": "mm", "apart": "mm"}
+    for figure in (loop_figures.tracking(section), loop_figures.zoom(section, "apart")):
+        titles = {axis.title.text for axis in figure.select_yaxes() if axis.title.text}
+        assert {"gap [mm]", "left_push [N]", "right_push [N]"} <= titles

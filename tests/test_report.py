@@ -109,10 +109,10 @@ def loop_of(duration=51.0, delay=0.0015):
         rig=RIG,
         stamps=(1e9 * (time + 10)).astype(np.int64),
         time=time,
-        position=np.nan_to_num(reference) - RIG.display[0].si(np.float64(0.1)),
-        reference=reference,
-        input=np.clip(3 * np.sin(time), -10, 10),
-        command=np.clip(3 * np.sin(time), -10, 10),
+        outputs=np.nan_to_num(reference)[:, None] - RIG.display[0].si(np.float64(0.1)),
+        reference=reference[:, None],
+        inputs=np.clip(3 * np.sin(time), -10, 10)[:, None],
+        command=np.clip(3 * np.sin(time), -10, 10)[:, None],
         delay=delays,
         turnaround=delays,
         late=delays > PERIOD,
@@ -262,7 +262,7 @@ def test_a_model_that_diverges_makes_a_report(model, first, tmp_path):
             again=None,
             skipped="it diverges",
         )
-        broken = report.IdentificationSection(model=model, sensor=RIG.sensor, runs=(wild,))
+        broken = report.IdentificationSection(model=model, runs=(wild,))
         path = report.write(tmp_path / "report.html", broken, None, report.provenance(model, "evaluate"))
     assert first.name in Page(path.read_text(encoding="utf-8")).text
 
@@ -284,9 +284,9 @@ def test_another_reference_is_judged_as_a_whole():
 
 
 def test_the_zoom_shows_the_largest_step():
-    start, stop = report.closed_loop_section(loop_of()).zooms["largest step"]
+    zoom = report.closed_loop_section(loop_of()).zooms["steps"]
     levels = RIG.schedule().of(0)(np.arange(29) + 0.5)
-    assert start < 1 + np.argmax(np.abs(np.diff(levels))) < stop
+    assert zoom.start < 1 + np.argmax(np.abs(np.diff(levels))) < zoom.stop
 
 
 def structure(name, *r2, **more):

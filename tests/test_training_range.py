@@ -19,7 +19,7 @@ def test_the_training_data_are_inside_their_range_and_what_is_far_from_them_is_n
     policy = dataclasses.replace(policy, centre=centre, scale=scale)
 
     def inside(row):
-        return policy.inside(row[:2], row[2:3], row[3:4], row[4:] + row[0])
+        return policy.inside(row[:2], row[2:3], row[3:4], row[4:, None] + row[0])
 
     assert all(inside(row) for row in features)
     low, high = features.min(axis=0), features.max(axis=0)

@@ -9,36 +9,34 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.commands.terminal import console, print_table
-from hybrid_sysid_ros.control import Controller, ExactMpc
-from hybrid_sysid_ros.control.closed_loop import ClosedLoop, simulate_loop
+from hybrid_sysid_ros.commands.terminal import RigName, console, print_table
+from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy import policy
-from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
 from hybrid_sysid_ros.identification import Part, evaluate, identify
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.rigs.excitation import Reference
-from hybrid_sysid_ros.rigs.plant import Plant
-from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, session
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
+from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.runtime.training import train_policy
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import beside, check_file, check_folder, written_file
 from hybrid_sysid_ros.support.progress import progress_bars
+from hybrid_sysid_ros.support.structured import numbers, refuse_unknown
 
-Out = Annotated[Path, typer.Option("--out", help="Folder for the results.")]
+Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; out/demo, or out/demo_RIG.")]
 Train = Annotated[bool, typer.Option("--train", help="Train model and policy afresh.")]
 OUT = Path("out/demo")
-RIG = "cam_beam"
 SHIPPED_BAGS = Path(__file__).resolve().parents[2] / "bags"
+KEYS = ("learn", "part", "test", "structure", "step", "period", "reference", "scored")
+"""Of the section demo of rig.yaml."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,21 +53,73 @@ class Records:
     """simulated or real."""
 
 
-def command(out: Out = OUT, train: Train = False) -> None:
-    """From bags to a controlled beam: identify, run the loop, report."""
-    demo(out, train=train)
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """The section demo of a rig's file."""
+
+    learn: tuple[str, ...]
+    """Bags to learn from."""
+    part: Part
+    """Of each; it is scored on the rest."""
+    test: tuple[str, ...]
+    """Bags that it is scored on as a whole."""
+    structure: str
+    sampling: Sampling
+    reference: str
+    """Which one of the rig's the loop follows."""
+    scored: tuple[str, ...]
+    """Its parts where tracking is judged."""
+
+    @classmethod
+    def of(cls, rig: Rig) -> Plan:
+        """Raises UserError where the section is missing or names what is not there."""
+        told, where = rig.section("demo"), f"{rig.file}: demo"
+        refuse_unknown(told, KEYS, where)
+        usual = Sampling()
+        step, period = (numbers(told.get(key, getattr(usual, key)), where, count=1)[0] for key in ("step", "period"))
+        schedule = rig.schedule(str(told.get("reference") or rig.reference))
+        scored = _names(told, "scored", where) or tuple(schedule.windows)
+        for name in scored:
+            if name not in schedule.windows:
+                raise UserError(f"{where}.scored: {schedule.name} has no part {name}: {', '.join(schedule.windows)}")
+        return cls(
+            learn=_names(told, "learn", where),
+            part=Part.parse(str(told.get("part", "0:0.5"))),
+            test=_names(told, "test", where),
+            structure=str(told.get("structure", "hybrid")),
+            sampling=Sampling(step=step, period=period),
+            reference=schedule.name,
+            scored=scored,
+        )
+
+    def records(self, rig: Rig) -> Records:
+        """The bags, from the rig's folder or those that ship. Raises UserError where one is missing."""
+        learnt, kept = (
+            [bags.read(_bag(rig, name), rig.signals) for name in names] for names in (self.learn, self.test)
+        )
+        rest = Part(start=self.part.stop) if self.part.stop < 1.0 else Part(stop=self.part.start)
+        halves = [(record, rest) for record in learnt if (self.part.start, self.part.stop) != (0.0, 1.0)]
+        return Records(training=learnt, part=self.part, tests=[*halves, *((record, Part()) for record in kept)])
 
 
-def demo(out: Path, records: Records | None = None, *, train: bool = False) -> dict[str, Any]:
-    """Identify the beam from bags, run it under the approximate MPC as ROS 2 processes, and report.
+def command(rig: RigName = "", out: Out = None, train: Train = False) -> None:
+    """From bags to a controlled rig: identify, run the loop, report."""
+    chosen = load_rig(rig or default())
+    place = out or (OUT if chosen.name == default() else OUT.with_name(f"demo_{chosen.name}"))
+    demo(place, rig=chosen.source, train=train)
 
-    Leaves report.html, summary.json, the model and the bag of the loop in ``out``. records: those that
-    ship by default, the first halves of which are learnt from. train: the loop uses the
+
+def demo(out: Path, records: Records | None = None, *, rig: str = "", train: bool = False) -> dict[str, Any]:
+    """Identify a rig from bags, run it under the approximate MPC as ROS 2 processes, and report.
+
+    Leaves report.html, summary.json, the model and the bag of the loop in ``out``. records: by default those that the
+    rig's file names. rig: name or path, by default the one that is meant where none is named. train: the loop uses the
     model identified here and a policy trained for it, instead of the shipped ones.
 
     Raises UserError for missing records or extras, and where a node fails.
     """
-    rig = load_rig(RIG)
+    described = load_rig(rig or default())
+    plan = Plan.of(described)
     report.check_available()
     make_folder(out)
     for file in ("report.html", "summary.json"):
@@ -77,51 +127,88 @@ def demo(out: Path, records: Records | None = None, *, train: bool = False) -> d
     folders = {"model": "model.yaml", "loop": bags.METADATA, **({"policy": "policy.yaml"} if train else {})}
     for folder, marker in folders.items():
         check_folder(out / folder, marker=marker)
-    records = records or shipped_records()
-    console.print(f"1 identifying the beam from {len(records.training)} bags")
-    model = identify(records.training, rig, "hybrid", sampling=Sampling(), part=records.part)
+    records = records or plan.records(described)
+    console.print(f"1 identifying {described.name} from {len(records.training)} bags")
+    model = identify(records.training, described, plan.structure, sampling=plan.sampling, part=records.part)
     model.save(out / "model")
     model = load_model(out / "model")
-    scores = {
-        records.names.get(record.name, record.name): evaluate(model, record, part=part)
-        for record, part in records.tests
-    }
-    model_folder, policy_folder = configuration.shipped(RIG, "model"), configuration.shipped(RIG, "policy")
+    model_folder, policy_folder = configuration.shipped(described.name, "model"), out / "policy"
     if train:
-        model_folder, policy_folder = out / "model", out / "policy"
+        model_folder = out / "model"
         _train(model, policy_folder)
+    else:
+        policy_folder = configuration.shipped(described.name, "policy")
     used = load_model(model_folder)
     imitation = policy.load(policy_folder, model=used)
     console.print("2 running plant, estimator, controller and reference as ROS 2 processes")
-    bag, plant = _run(out / "loop", model_folder, policy_folder)
-    loop = LoopRecord.from_bag(bag, rig)
+    bag, plant = _run(out / "loop", described, plan.reference, model_folder, policy_folder)
+    loop = LoopRecord.from_bag(bag, described)
     console.print("3 comparing with the exact MPC on the same plant")
-    approximate = simulated_loop(rig, used, imitation)
-    exact = simulated_loop(rig, used, ExactMpc(used.system, imitation.problem))
+    schedule = described.schedule(plan.reference)
+    costs = [
+        simulated_loop(described, used, controller, reference=schedule, duration=schedule.duration).cost(
+            imitation.problem
+        )
+        for controller in (imitation, ExactMpc(used.system, imitation.problem))
+    ]
+    section = report.closed_loop_section(loop, described)
     summary = {
-        "identification": {
-            "records": records.source,
-            "free_run_r2": {name: round(value.r2, 4) for name, value in scores.items()},
-            "fit_seconds": model.fit["seconds"],
-        },
-        "closed_loop": {
-            "tracking_rmse_volts": {
-                name: round(loop.tracking_rmse(*window), 4) for name, window in rig.schedule().windows.items()
-            },
-            "cost_ratio_to_exact": round(approximate.cost(imitation.problem) / exact.cost(imitation.problem), 4),
-        },
+        "identification": _identified(model, records),
+        "closed_loop": _closed_loop(section, plan, costs[0] / costs[1]),
         "timing": {  # as the plant saw it; the report shows what the recorder saw, its own delays included
             "delay_ms": {key: round(plant[f"delay_ms_{key}"], 4) for key in ("p50", "p99", "max")},
             "missed_commands": plant["missed_commands"],
         },
     }
     _write(out / "summary.json", json.dumps(summary, indent=2) + "\n")
-    command = "make demo TRAIN=1" if train else "make demo"
-    sections = report.identification_section(model, records.tests), report.closed_loop_section(loop, rig)
-    report.write(out / "report.html", *sections, report.provenance(model, command))
+    called = f"make demo{'' if described.name == default() else f' RIG={rig}'}{' TRAIN=1' if train else ''}"
+    sections = report.identification_section(model, records.tests), section
+    report.write(out / "report.html", *sections, report.provenance(model, called))
     print_table(_table(summary))
     console.print(f"report: {out / 'report.html'}   numbers: {out / 'summary.json'}   bag: {bag}")
     return summary
+
+
+def _identified(model: Model, records: Records) -> dict[str, Any]:
+    """What the summary says of the model; of several outputs R2 is the mean."""
+    scores = {
+        records.names.get(record.name, record.name): evaluate(model, record, part=part)
+        for record, part in records.tests
+    }
+    return {
+        "records": records.source,
+        "free_run_r2": {name: round(value.r2, 4) for name, value in scores.items()},
+        "fit_seconds": model.fit["seconds"],
+    }
+
+
+def _closed_loop(section: report.ClosedLoopSection, plan: Plan, ratio: float) -> dict[str, Any]:
+    """What it says of the loop; the unit is one where all parts have the same, else one for each."""
+    rmse, units = section.rmse, section.units
+    scored = [name for name in plan.scored if name in rmse]
+    named = {name: units[name] for name in scored}
+    return {
+        "unit": next(iter(named.values())) if len(set(named.values())) == 1 else named,
+        "tracking_rmse": {name: round(rmse[name], 4) for name in scored},
+        "cost_ratio_to_exact": round(ratio, 4),
+    }
+
+
+def _names(told: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:
+    """A list of names. Raises UserError for anything else."""
+    found = told.get(key, [])
+    if not isinstance(found, list) or not all(isinstance(item, str) for item in found):
+        raise UserError(f"{where}.{key} is {found!r}: it needs a list of names")
+    return tuple(found)
+
+
+def _bag(rig: Rig, name: str) -> Path:
+    """A bag by its name."""
+    places = [folder / name for folder in (rig.folder / "bags", SHIPPED_BAGS)]
+    for place in places:
+        if place.is_dir():
+            return place
+    raise UserError(f"{rig.file}: demo names the bag {name}, which is in none of {', '.join(map(str, places))}")
 
 
 def make_folder(path: Path) -> None:
@@ -132,65 +219,19 @@ def make_folder(path: Path) -> None:
         raise UserError(f"{path}: can't be made a folder ({error.strerror}); choose another --out") from error
 
 
-def shipped_records() -> Records:
-    """The bags that ship: the first halves of all but the swept sine are learnt from, the rest is kept for scores."""
-    paths = sorted(path for path in SHIPPED_BAGS.glob("beam_*") if path.is_dir())
-    if not paths:
-        raise UserError(f"{SHIPPED_BAGS}: no bags there; run the demo from a checkout")
-    signals = load_rig(RIG).signals
-    read = [bags.read(path, signals) for path in paths]
-    halved = [record for record in read if "swept" not in record.name]
-    whole = [record for record in read if "swept" in record.name]
-    tests = [*((record, Part(start=0.5)) for record in halved), *((record, Part()) for record in whole)]
-    return Records(training=halved, part=Part(stop=0.5), tests=tests)
-
-
-def simulated_loop(
-    rig: Rig,
-    model: Model,
-    controller: Controller,
-    *,
-    seed: int = 0,
-    reference: Reference | None = None,
-    duration: float = 0.0,
-) -> ClosedLoop:
-    """A loop under a controller at its own period, in one process, without delays of computation.
-
-    reference: times (samples,) [s] in, the outputs as they are shown (samples, p) out; by default the rig's first.
-    """
-    schedule = rig.schedule()
-    followed, duration = reference or schedule, duration or schedule.duration
-    values = configuration.defaults(rig.name, "estimator")
-    estimator = ExtendedKalmanFilter(
-        model.system, configuration.estimator_tuning(values, rig, model.system), period=controller.period, latency=0.0
-    )
-    plant = Plant(rig, seed=seed, bias=configuration.defaults(rig.name, "plant")["bias"])
-    controller.reset()
-    scales = np.array([display.scale for display in rig.display])
-    return simulate_loop(
-        plant,
-        estimator,
-        controller,
-        lambda t: scales * followed(t),
-        inputs=len(rig.system.inputs),
-        duration=duration,
-        period=controller.period,
-        lead=model.system.delay,
-    )
-
-
 def _train(model: Model, folder: Path) -> None:
     with progress_bars(console) as update:
         train_policy(model, samples=beside(folder, ".samples"), progress=update).save(folder)
 
 
-def _run(bag: Path, model: Path, policy_folder: Path) -> tuple[Path, Mapping[str, Any]]:
+def _run(bag: Path, rig: Rig, reference: str, model: Path, policy_folder: Path) -> tuple[Path, Mapping[str, Any]]:
     """The bag of the loop, and the last diagnostics of its plant."""
     with progress_bars(console) as update:
         outcome = session.run(
-            rig=RIG,
+            rig=rig.source,
             model=model,
             policy_path=policy_folder,
+            reference=reference,
             bag=bag,
             overwrite=True,
             domain=None if "ROS_DOMAIN_ID" in os.environ else 1 + os.getpid() % 100,  # beside no rig that may be on
@@ -212,8 +253,9 @@ def _table(summary: dict[str, Any]) -> Table:
     for record, r2 in summary["identification"]["free_run_r2"].items():
         table.add_row(f"free run R2 {record}", f"{r2:.3f}")
     table.add_row("fit", f"{summary['identification']['fit_seconds']:.1f} s")
-    for segment, rmse in summary["closed_loop"]["tracking_rmse_volts"].items():
-        table.add_row(f"tracking RMSE {segment}", f"{rmse:.3f} V")
+    unit = summary["closed_loop"]["unit"]
+    for part, rmse in summary["closed_loop"]["tracking_rmse"].items():
+        table.add_row(f"tracking RMSE {part}", f"{rmse:.3f} {unit if isinstance(unit, str) else unit[part]}")
     table.add_row("cost, approximate to exact MPC", f"{summary['closed_loop']['cost_ratio_to_exact']:.3f}")
     delay = summary["timing"]["delay_ms"]
     table.add_row("loop delay p50 / p99 / max", f"{delay['p50']:.2f} / {delay['p99']:.2f} / {delay['max']:.2f} ms")

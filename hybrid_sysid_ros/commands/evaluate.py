@@ -35,7 +35,6 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     part: PartText = "0:1",
     report: Annotated[Path | None, typer.Option(help="Write an HTML report with plots.")] = None,
-    rig: Annotated[str, typer.Option("--rig", help="Folder of the model's rig, if it is not known by name.")] = "",
     signals: SignalsFile = None,
     recover: Recover = False,
     read_period: ReadPeriod = 0.0,

@@ -61,6 +61,8 @@ def command(
         return
     store = beside(policy, ".certificate.part")
     check_file(policy / FILE)
+    if store.exists() and not store.is_dir():
+        raise UserError(f"{store}: is a file, and finished loops are to be kept there: remove it")
     there = _loops(policy, certification)
     if there > loops:
         raise UserError(f"{policy / FILE}: is of {there} loops; give as many with --loops, or remove it first")
@@ -138,7 +140,7 @@ def summary(certificate: Certificate) -> str:
 def loop_table(certification: Certification, loop: int, driver: str) -> Table:
     """One loop, period by period."""
     scenario = certification.scenario(loop)
-    driven = certification.run(loop, {"exact": EXACT, **JUDGED}[driver])
+    driven = certification.run(scenario, {"exact": EXACT, **JUDGED}[driver])
     policy, system = certification.policy, certification.model
     table = Table("time [s]")
     for k in policy.tracked:

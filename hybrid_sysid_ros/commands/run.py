@@ -17,13 +17,13 @@ from hybrid_sysid_ros.support.progress import progress_bars
 def command(
     rig: RigName = "",
     policy: Annotated[str, typer.Option(help="supervised, network or exact.")] = "supervised",
+    solver: Annotated[str, typer.Option(help="Of the exact MPC: sqp, or ipopt, the slow reference.")] = "sqp",
     model: Annotated[Path | None, typer.Option(help="Model folder; the shipped one by default.")] = None,
     policy_path: Annotated[Path | None, typer.Option(help="Policy folder; the shipped one by default.")] = None,
-    rate: Annotated[float, typer.Option(help="Measurements per second.")] = 200.0,
+    rate: Annotated[float | None, typer.Option(help="Measurements per second; the rig's by default.")] = None,
     duration: Annotated[float, typer.Option(help="Seconds; 0 as long as the reference.")] = 0.0,
     reference: Annotated[
-        str,
-        typer.Option(help="One of the rig's references (its first by default), constant, steps, sine or multisine."),
+        str, typer.Option(help="One of the rig's references, constant, steps, sine or multisine; the rig's first.")
     ] = "",
     bag: Annotated[Path | None, typer.Option(help="Record into this bag.")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a bag that is there.")] = False,
@@ -34,11 +34,12 @@ def command(
 
         def progress(seconds: float, expected: float) -> None:
             if expected:
-                update(f"reference {reference}, seconds", int(seconds), int(expected))
+                update(f"{reference or 'reference'}, seconds", int(seconds), int(expected))
 
         outcome = session.run(
             rig=rig,
             policy=policy,
+            solver=solver,
             model=model or "",
             policy_path=policy_path or "",
             rate=rate,

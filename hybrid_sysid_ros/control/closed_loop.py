@@ -29,7 +29,7 @@ class Plant(Protocol):
 
     @property
     def time(self) -> float:
-        """[s]"""
+        """Now [s]."""
         ...
 
     def outputs(self) -> Array:

@@ -10,7 +10,8 @@ from scipy.linalg import LinAlgError, null_space, solve_discrete_are
 
 from hybrid_sysid_ros.control.controller import Plan, Status
 from hybrid_sysid_ros.control.mpc.horizon import new_horizon, prediction
-from hybrid_sysid_ros.control.mpc.shooting import bounded, linearised
+from hybrid_sysid_ros.control.mpc.linearisation import linearised
+from hybrid_sysid_ros.control.mpc.shooting import bounded
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.errors import UserError
@@ -42,8 +43,8 @@ class LinearQuadraticRegulator:
     """u = u_- + K (z_s - z) + sum_i g_i (q_i - q_N), within the bounds; z = [x, u_-].
 
     It minimises sum_{i>=1} (y_i - q_i)' W (y_i - q_i) + sum_{i>=0} of the weights of changes and of (u_i - u_s)
-    over the linear model x+ = A x + B (u + d) about a rest, where the reference stays at q_N and the disturbance at d for
-    ever: the MPC's own weights, without end and without bounds.
+    over the linear model x+ = A x + B (u + d) about a rest, where the reference stays at q_N and the disturbance at d
+    for ever: the MPC's own weights, without end and without bounds.
 
     z_s is the state of rest at q_N with the inputs that compensate d, so that tracking is offset-free without an
     integral (Pannocchia & Rawlings 2003, AIChE J. 49(2)); where there are fewer inputs than tracked outputs it is the
@@ -162,7 +163,10 @@ def _gains(rest: Rest, problem: Problem) -> tuple[Array, Array, Array]:
     try:
         value = solve_discrete_are(through, change, weights, price, s=crossed)
     except (LinAlgError, ValueError) as error:
-        raise UserError(f"regulator: no linear feedback stabilises the model under these weights ({error})") from error
+        raise UserError(
+            f"regulator: no linear feedback stabilises the model under these weights ({error}); where fewer outputs are "
+            "tracked than there are inputs, the inputs need weights"
+        ) from error
     curvature = price + change.T @ value @ change
     feedback = np.linalg.solve(curvature, change.T @ value @ through + crossed.T)
     closed, ahead = through - change @ feedback, change

@@ -86,7 +86,8 @@ class Problem:
             raise UserError("mpc: all output_weights are 0, so there is nothing to track; give one output a weight")
         for kind in ("input", "state"):
             low, high = getattr(self, f"{kind}_low"), getattr(self, f"{kind}_high")
-            if len(low) != len(high) or not all(a < b for a, b in zip(low, high, strict=True)):
+            alike = len(low) == len(high) or 1 in (len(low), len(high))
+            if not alike or not np.all(np.array(low) < np.array(high)):
                 raise UserError(f"mpc: {kind}_low {low} is not below {kind}_high {high} everywhere")
 
     def _check(self, *names: str, least: float = -math.inf, strictly: bool = False) -> None:

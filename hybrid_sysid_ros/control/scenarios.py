@@ -96,7 +96,7 @@ class Scenario(NamedTuple):
     """(T, m) of the disturbances that it is told."""
 
 
-class ClosedLoop(NamedTuple):
+class LoopRun(NamedTuple):
     """How a loop went."""
 
     states: Array
@@ -109,7 +109,7 @@ class ClosedLoop(NamedTuple):
     """By how much a state was outside of its bounds at most; infinite where one is no number."""
 
 
-def run(scenario: Scenario, problem: Problem, control: Controls) -> ClosedLoop:
+def run(scenario: Scenario, problem: Problem, control: Controls) -> LoopRun:
     """Let a loop go: the plant in the exact form, by the steps of the MPC's own prediction, under ``control``."""
     plant, weights = prediction(scenario.plant, problem), problem.stage_weights
     periods, horizon = len(scenario.begins), problem.horizon
@@ -133,7 +133,7 @@ def run(scenario: Scenario, problem: Problem, control: Controls) -> ClosedLoop:
         x, u = path[1].copy(), inputs[k]
         most = max(most, excess if np.all(np.isfinite(x)) else np.inf)
     states[periods] = x
-    return ClosedLoop(states, inputs, costs, most)
+    return LoopRun(states, inputs, costs, most)
 
 
 # What scenarios are made of

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 import casadi
@@ -18,13 +20,37 @@ hypot, sign, absolute = casadi.hypot, casadi.sign, casadi.fabs
 minimum, maximum = casadi.fmin, casadi.fmax
 
 
+_ROUNDED = ContextVar("_ROUNDED", default=False)
+
+
+@contextmanager
+def rounded(yes: bool = True) -> Iterator[None]:
+    """Within it, corners that a law gives a width ``over`` are rounded over it, for solvers that need derivatives."""
+    token = _ROUNDED.set(yes)
+    try:
+        yield
+    finally:
+        _ROUNDED.reset(token)
+
+
+def _magnitude(x: Scalar, over: float) -> Scalar:
+    return casadi.sqrt(x * x + over**2) if over and _ROUNDED.get() else casadi.fabs(x)
+
+
+def sided(x: Scalar, above: Scalar, below: Scalar, *, over: float = 0.0) -> Scalar:
+    """Return x above where x > 0 and x below where x < 0; over: width of the corner where it is rounded [unit of x]."""
+    return 0.5 * ((above + below) * x + (above - below) * _magnitude(x, over))
+
+
 def select(condition: Scalar, if_true: Scalar, if_false: Scalar) -> Scalar:
     """The one or the other; both are evaluated, and where one is not finite the other still counts."""
     return casadi.if_else(condition, if_true, if_false)
 
 
-def clip(x: Scalar, low: Scalar, high: Scalar) -> Scalar:
-    """The value within low and high."""
+def clip(x: Scalar, low: Scalar, high: Scalar, *, over: float = 0.0) -> Scalar:
+    """The value within low and high; over: width of the corners where they are rounded [unit of x]."""
+    if over and _ROUNDED.get():
+        return 0.5 * (low + high + _magnitude(x - low, over) - _magnitude(x - high, over))
     return casadi.fmin(casadi.fmax(x, low), high)
 
 

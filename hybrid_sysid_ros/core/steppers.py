@@ -1,4 +1,4 @@
-"""Steppers: how a law becomes a step of time. A system names one; it is chosen beside the equations."""
+"""Steppers: how a law becomes a step of time. A system names one; it is chosen beside the law."""
 
 from __future__ import annotations
 

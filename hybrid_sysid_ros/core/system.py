@@ -261,4 +261,8 @@ def _key(value: Any) -> Any:
     """What tells one option of a system from another."""
     if isinstance(value, System):
         return value.form
-    return (value.shape, value.tobytes()) if isinstance(value, np.ndarray) else value
+    if isinstance(value, np.ndarray):
+        return value.shape, value.tobytes()
+    if isinstance(value, Mapping):
+        return tuple((name, _key(item)) for name, item in value.items())
+    return tuple(map(_key, value)) if isinstance(value, (list, tuple)) else value

@@ -10,7 +10,7 @@ import casadi
 import numpy as np
 
 from hybrid_sysid_ros.core.blocks import Call, Calls, tracing
-from hybrid_sysid_ros.core.mathematics import Scalar, rows
+from hybrid_sysid_ros.core.mathematics import Scalar, rounded, rows
 from hybrid_sysid_ros.support.errors import UserError
 
 if TYPE_CHECKING:
@@ -38,7 +38,8 @@ def step_of(system: System, *, smooth: bool = False, weights: casadi.SX | None =
 
     def advance(bound: System, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
         motion = replace(bound.motion(), kinematics=kinematics)
-        return bound.stepper.advance(motion, x, u, h, s if smooth else None)
+        with rounded(smooth):
+            return bound.stepper.advance(motion, x, u, h, s if smooth else None)
 
     return _traced(system, "the step", advance, weights)
 

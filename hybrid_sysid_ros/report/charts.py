@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.identification.validation.residual_tests import ResidualTest
 from hybrid_sysid_ros.rigs.sensor import Display
 
@@ -82,10 +84,22 @@ def line(
     figure.add_trace(trace, row=row, col=1, secondary_y=False)
 
 
-def volts_and_degrees(
-    figure: go.Figure, row: int, values: Sequence[Array], name: str, display: Display, *, symmetric: bool = False
-) -> None:
-    """One range for both axes of a panel: sensor volts at the left, degrees at the right."""
+def second_scale(output: Variable, display: Display) -> tuple[str, float] | None:
+    """Another unit to show an output in beside its display's, and how many of it one of those is; angles in degrees.
+
+    None where there is no other one.
+    """
+    angle = output.unit.startswith("rad")
+    unit = output.unit.replace("rad", "°", 1) if angle else output.unit
+    scale = math.degrees(display.scale) if angle else display.scale
+    return None if unit == display.unit or not unit else (unit, scale)
+
+
+def scaled(
+    figure: go.Figure, row: int, values: Sequence[Array], name: str, output: Variable, display: Display,
+    *, symmetric: bool = False,
+) -> None:  # fmt: skip
+    """One range for both axes of a panel: the output as it is shown at the left, its second scale at the right."""
     known = np.concatenate(values)
     known = known[np.isfinite(known)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (-1.0, 1.0)
@@ -93,13 +107,17 @@ def volts_and_degrees(
         low, high = -max(-low, high), max(-low, high)
     margin = max(0.06 * (high - low), 1e-6)
     low, high = low - margin, high + margin
-    scale = float(np.degrees(display.scale))
+    axis = {"fixedrange": True, "row": row, "col": 1, "nticks": 6}  # two axes can only be zoomed apart
+    figure.update_yaxes(title=f"{name} [{display.unit or '1'}]", range=[low, high], secondary_y=False, **axis)
+    second = second_scale(output, display)
+    if second is None:
+        figure.update_yaxes(visible=False, row=row, col=1, secondary_y=True)
+        return
     hidden = go.Scatter(x=[None], y=[None], showlegend=False, hoverinfo="skip")
     figure.add_trace(hidden, row=row, col=1, secondary_y=True)  # an axis without a line is not drawn
-    axis = {"fixedrange": True, "row": row, "col": 1, "nticks": 6}  # two axes can only be zoomed apart
-    figure.update_yaxes(title=f"{name} [V]", range=[low, high], secondary_y=False, **axis)
-    degrees = {"range": [scale * low, scale * high], "showgrid": False, "zeroline": False}
-    figure.update_yaxes(title="[°]", secondary_y=True, **axis, **degrees)
+    unit, scale = second
+    other = {"range": [scale * low, scale * high], "showgrid": False, "zeroline": False}
+    figure.update_yaxes(title=f"[{unit}]", secondary_y=True, **axis, **other)
 
 
 def stems(figure: go.Figure, row: int, column: int, test: ResidualTest, period: float) -> None:

@@ -19,9 +19,9 @@ from hybrid_sysid_ros.report.charts import (
     dress,
     line,
     panels,
+    scaled,
     stems,
     timed,
-    volts_and_degrees,
 )
 from hybrid_sysid_ros.report.sections import FreeRun, IdentificationSection
 from hybrid_sysid_ros.rigs.sensor import Display
@@ -30,16 +30,16 @@ FREE_RUN_AT = 2.2
 """Where the free run's value is drawn, in longest horizons."""
 
 
-def free_run(run: FreeRun, display: Display) -> go.Figure:
-    """Measured and simulated output above, their difference below; volts at the left, degrees at the right."""
-    figure = panels(heights=[0.67, 0.33], height=330)
+def free_run(run: FreeRun) -> go.Figure:
+    """Measured and simulated output above, their difference below."""
+    figure, display = panels(heights=[0.67, 0.33], height=330), run.display
     measured, simulated = display.shown(run.measured), display.shown(run.simulated)
     line(figure, 1, run.time, measured, "measured", MEASURED)
     line(figure, 1, run.simulated_time, simulated, "free run", MODEL)
     residuals = display.shown(run.residuals)
     line(figure, 2, run.residual_time, residuals, f"measured {MINUS} free run", ERROR, legend=False)
-    volts_and_degrees(figure, 1, [measured, simulated], "output", display)
-    volts_and_degrees(figure, 2, [residuals], "residual", display, symmetric=True)
+    scaled(figure, 1, [measured, simulated], run.output.name, run.output, display)
+    scaled(figure, 2, [residuals], "residual", run.output, display, symmetric=True)
     return timed(figure, 2)
 
 
@@ -102,7 +102,7 @@ def horizons(lines: Sequence[HorizonErrors], display: Display) -> go.Figure:
             title="horizon [s]", row=1, col=column,
         )  # fmt: skip
     decades = {"type": "log", "dtick": "D2", "tickfont": {"size": 11}}
-    figure.update_yaxes(title="RMSE [V]", row=1, col=1, **decades)
+    figure.update_yaxes(title=f"RMSE [{display.unit}]", row=1, col=1, **decades)
     figure.update_yaxes(title=f"1 {MINUS} R²", row=1, col=2, **decades)
     figure.update_layout(legend={"y": 1.02}, margin={"t": 70}, hovermode="closest")
     return figure

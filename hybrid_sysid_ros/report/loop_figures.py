@@ -19,8 +19,8 @@ from hybrid_sysid_ros.report.charts import (
     dress,
     line,
     panels,
+    scaled,
     timed,
-    volts_and_degrees,
 )
 from hybrid_sysid_ros.report.sections import ClosedLoopSection
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
@@ -29,38 +29,49 @@ TAIL_POINTS = 600  # of a distribution at most
 
 
 def tracking(section: ClosedLoopSection) -> go.Figure:
-    """Position and reference, tracking error, input with its bounds."""
-    loop, display = section.loop, section.rig.display[0]
-    figure = panels(heights=[0.46, 0.24, 0.3], height=540)
-    reference, position = display.shown(loop.reference), display.shown(loop.position)
-    line(figure, 1, loop.time, position, "measured", MEASURED)
-    line(figure, 1, loop.time, reference, "reference", REFERENCE, width=1.4)
-    error = display.shown(loop.error)
-    line(figure, 2, loop.time, error, f"reference {MINUS} measured", ERROR, legend=False)
-    _input(figure, 3, loop, section.rig.actuators[0].high)
-    volts_and_degrees(figure, 1, [reference, position], "position", display)
-    volts_and_degrees(figure, 2, [error], "error", display, symmetric=True)
-    for name, (start, stop) in section.windows.items():
+    """Each tracked output with its reference, its tracking error, and the inputs with their bounds."""
+    loop, rig = section.loop, section.rig
+    tracked, inputs = loop.tracked, len(rig.actuators)
+    weights = [0.46, 0.24] * len(tracked) + [0.3] * inputs
+    figure = panels(heights=[weight / sum(weights) for weight in weights], height=round(540 * sum(weights)))
+    for number, k in enumerate(tracked):
+        row, output, display = 1 + 2 * number, rig.system.outputs[k], rig.display[k]
+        reference, measured = display.shown(loop.reference[:, k]), display.shown(loop.outputs[:, k])
+        line(figure, row, loop.time, measured, "measured", MEASURED, legend=number == 0)
+        line(figure, row, loop.time, reference, "reference", REFERENCE, width=1.4, legend=number == 0)
+        error = display.shown(loop.error[:, k])
+        line(figure, row + 1, loop.time, error, f"reference {MINUS} measured", ERROR, legend=False)
+        scaled(figure, row, [reference, measured], output.name, output, display)
+        scaled(figure, row + 1, [error], "error", output, display, symmetric=True)
+    for j in range(inputs):
+        _input(figure, 1 + 2 * len(tracked) + j, loop, j)
+    for name, value in section.rmse.items():
+        window = section.windows[name]
+        axis = 1 + 4 * tracked.index(window.output)  # of the output's panel: a row has two axes
         figure.add_annotation(
-            x=(start + min(stop, loop.time[-1])) / 2, y=1.0, xref="x", yref="y domain", yanchor="bottom",
-            text=f"{name}: RMSE {loop.tracking_rmse(start, stop):.3f} V", showarrow=False, font={"size": 12},
+            x=(window.start + min(window.stop, loop.time[-1])) / 2, y=1.0, xref="x",
+            yref=f"y{axis if axis > 1 else ''} domain", yanchor="bottom",
+            text=f"{name}: RMSE {value:.3f} {section.units[name]}", showarrow=False, font={"size": 12},
         )  # fmt: skip
     figure.update_layout(margin={"t": 48}, legend={"y": 1.05})
-    return timed(figure, 3)
+    return timed(figure, len(weights))
 
 
 def zoom(section: ClosedLoopSection, name: str) -> go.Figure:
-    """Reference, position and input from one moment to another."""
-    loop, display = section.loop, section.rig.display[0]
-    start, stop = section.zooms[name]
-    inside = loop.within(start, stop)
-    figure = panels(heights=[0.62, 0.38], height=380)
-    reference, position = display.shown(loop.reference)[inside], display.shown(loop.position)[inside]
-    line(figure, 1, loop.time[inside], position, "measured", MEASURED)
+    """An output with its reference, and the inputs, from one moment to another."""
+    loop, rig, window = section.loop, section.rig, section.zooms[name]
+    output, display = rig.system.outputs[window.output], rig.display[window.output]
+    inside, inputs = loop.within(window.start, window.stop), len(rig.actuators)
+    weights = [0.62] + [0.38] * inputs
+    figure = panels(heights=[weight / sum(weights) for weight in weights], height=round(380 * sum(weights)))
+    reference = display.shown(loop.reference[inside, window.output])
+    measured = display.shown(loop.outputs[inside, window.output])
+    line(figure, 1, loop.time[inside], measured, "measured", MEASURED)
     line(figure, 1, loop.time[inside], reference, "reference", REFERENCE, width=1.6)
-    _input(figure, 2, loop, section.rig.actuators[0].high, inside)
-    volts_and_degrees(figure, 1, [reference, position], "position", display)
-    return timed(figure, 2)
+    for j in range(inputs):
+        _input(figure, 2 + j, loop, j, inside)
+    scaled(figure, 1, [reference, measured], output.name, output, display)
+    return timed(figure, 1 + inputs)
 
 
 def delays(section: ClosedLoopSection) -> go.Figure:
@@ -106,13 +117,14 @@ def delays(section: ClosedLoopSection) -> go.Figure:
     return figure
 
 
-def _input(
-    figure: go.Figure, row: int, loop: LoopRecord, limit: float, inside: NDArray[np.bool_] | None = None
-) -> None:
+def _input(figure: go.Figure, row: int, loop: LoopRecord, index: int, inside: NDArray[np.bool_] | None = None) -> None:
+    """An input with its bounds."""
     chosen = np.ones(len(loop.time), dtype=bool) if inside is None else inside
-    line(figure, row, loop.time[chosen], loop.input[chosen], "input", INPUT, shape="hv", legend=False)
-    for bound in (-limit, limit):
+    actuator, item = loop.rig.actuators[index], loop.rig.system.inputs[index]
+    line(figure, row, loop.time[chosen], loop.inputs[chosen, index], item.name, INPUT, shape="hv", legend=False)
+    for bound in (actuator.low, actuator.high):
         figure.add_hline(y=bound, line={"color": BOUND, "width": 1, "dash": "dot"}, row=row, col=1)
-    unit = loop.rig.system.inputs[0].unit
-    figure.update_yaxes(title=f"input [{unit}]", range=[-1.12 * limit, 1.12 * limit], row=row, col=1, secondary_y=False)
+    margin = 0.06 * (actuator.high - actuator.low)
+    ends = [actuator.low - margin, actuator.high + margin]
+    figure.update_yaxes(title=f"{item.name} [{item.unit}]", range=ends, row=row, col=1, secondary_y=False)
     figure.update_yaxes(visible=False, row=row, col=1, secondary_y=True)

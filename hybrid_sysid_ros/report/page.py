@@ -37,7 +37,8 @@ def _closed(section: ClosedLoopSection) -> dict[str, Any]:
     loop = section.loop
     return {
         "section": section,
-        "rmse": {name: loop.tracking_rmse(*window) for name, window in section.windows.items()},
+        "rmse": section.rmse,
+        "units": section.units,
         "tracking": drawn(loop_figures.tracking(section), "tracking"),
         "zooms": {
             name: drawn(loop_figures.zoom(section, name), f"zoom-{number}") for number, name in enumerate(section.zooms)
@@ -52,7 +53,7 @@ def _hashes(
 ) -> dict[str, str]:
     """SHA-256 of everything that the report rests on, by name."""
     found = dict(provenance.hashes)
-    found.update({f"record, {run.name}": run.digest for run in identification.runs})
+    found.update({f"record, {run.record}": run.digest for run in identification.runs})
     if closed_loop is not None:
         found[f"loop, {closed_loop.loop.name}"] = closed_loop.loop.digest
     return {name: digest for name, digest in found.items() if digest}

@@ -75,18 +75,25 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
     """What the blocks of a page show of a model and its free runs; prefix: of the ids of its figures."""
     from hybrid_sysid_ros.report import figures
 
-    runs, display = section.runs, section.display
-    curves = [run.horizons for run in runs if np.isfinite(run.horizons.rmse).any()]
+    runs = section.runs
+    curves: dict[str, list[FreeRun]] = {}  # of each output, for each has its own unit
+    for run in runs:
+        if np.isfinite(run.horizons.rmse).any():
+            curves.setdefault(run.output.name, []).append(run)
     return {
         "prefix": prefix,
         "model": section.model,
         "runs": [_run(run, section) for run in runs],
-        "free_runs": [
-            drawn(figures.free_run(run, display), f"{prefix}free-run-{number}") for number, run in enumerate(runs)
-        ],
+        "free_runs": [drawn(figures.free_run(run), f"{prefix}free-run-{number}") for number, run in enumerate(runs)],
         "tests": section.tests,
         "residual_tests": drawn(figures.residual_tests(section), f"{prefix}residual-tests") if section.tests else "",
-        "horizons": drawn(figures.horizons(curves, display), f"{prefix}horizon-curves") if curves else "",
+        "horizons": [
+            drawn(
+                figures.horizons([run.horizons for run in found], found[0].display),
+                f"{prefix}horizon-curves" + (f"-{number}" if number else ""),
+            )
+            for number, found in enumerate(curves.values())
+        ],
         "parameters": list(_parameters(section)),
         "correlated": section.correlated,
         "doubts": section.doubts,
@@ -129,19 +136,30 @@ def part_text(part: Part) -> str:
     return "whole" if (part.start, part.stop) == (0.0, 1.0) else f"{part.start:g} to {part.stop:g}"
 
 
+def amount(value: float, unit: str) -> str:
+    """A number with its unit."""
+    text = f"{value:.3f}" if abs(value) >= 0.01 or value == 0.0 else f"{value:.3g}"
+    return f"{text}{'' if unit.startswith('°') else ' '}{unit}".replace("-", "\N{MINUS SIGN}")
+
+
 def _run(run: FreeRun, section: IdentificationSection) -> dict[str, Any]:
     """A row of the tables of free runs."""
-    display = section.display
+    from hybrid_sysid_ros.report.charts import second_scale
+
+    display, actuated = run.display, section.model.system.inputs[0]
+    shown = float(display.shown(run.scores.rmse))
+    second = second_scale(run.output, display)
     return {
         "run": run,
         "seconds": float(run.time[-1]),
         "r2": run.scores.r2,
         "fit": run.scores.fit_percent,
-        "volts": float(display.shown(np.float64(run.scores.rmse))),
-        "degrees": math.degrees(run.scores.rmse),
+        "rmse": amount(shown, display.unit),
+        "second": "" if second is None else amount(second[1] * shown, second[0]),
         "tests": [run.tests.get(key) for key in section.tests],
         "again": run.again,
-        "again_volts": None if run.again is None else float(display.shown(np.float64(run.again.output.rmse))),
+        "again_rmse": "" if run.again is None else amount(float(display.shown(run.again.output.rmse)), display.unit),
+        "again_input": "" if run.again is None else amount(run.again.input.rmse, actuated.unit),
     }
 
 

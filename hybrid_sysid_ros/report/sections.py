@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import rollouts
+from hybrid_sysid_ros.core import System, Variable, rollouts
 from hybrid_sysid_ros.identification import Part, Scores, score
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, k_step_errors
@@ -23,9 +23,11 @@ from hybrid_sysid_ros.identification.validation.residual_tests import (
     independence,
 )
 from hybrid_sysid_ros.identification.validation.resimulation import Resimulation, resimulations
+from hybrid_sysid_ros.identification.validation.scores import initial_state
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.rigs.excitation import Schedule
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import Display
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
@@ -41,44 +43,59 @@ TESTS = {
     "phi_(s^2)'e^2": "e² · s²",
 }
 """Titles of the residual tests: residual e, input u, reference r, and s, the reference where there is one, else u."""
-SAME_REFERENCE = 1e-3  # V, median distance of a loop's reference from the hardware run's
-Window = tuple[float, float]
+SAME_REFERENCE = 1e-3
+"""Largest median distance of a loop's reference from one of the rig's, by that one's peak."""
+SMOOTH = ("sine", "multisine", "swept_sine")
+"""Kinds of references without jumps."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FreeRun:
-    """A model's free run over a record, or a part of it.
+    """One output of a model's free run over a record, or a part of it; SI units."""
 
-    seen: this part overlaps with the model's training data; None where hashes are missing to tell. scores: of the
-    scored samples [rad]. time [s], measured [rad] (samples,): the record. simulated_time, simulated (steps,): the free
-    run at its integration step. residual_time, residuals (scored samples,) [rad]: measured minus simulated. tests:
-    residual tests by the keys of TESTS, none where there is nothing to test. horizons: errors over the horizon [rad].
-    again: the experiment done again in closed loop, or else skipped: why not.
-    """
-
-    name: str
+    record: str
+    output: Variable
+    alone: bool
+    """Whether the model has no other output."""
+    display: Display
     digest: str
     part: Part
     seen: bool | None
+    """Whether this part overlaps with the model's training data; None where hashes are missing to tell."""
     scores: Scores
+    """Of the scored samples."""
     time: Array
+    """Of the record, (samples,) [s]."""
     measured: Array
+    """(samples,)."""
     simulated_time: Array
+    """Of the free run at its integration step, (steps,) [s]."""
     simulated: Array
+    """(steps,)."""
     residual_time: Array
+    """(scored samples,) [s]."""
     residuals: Array
+    """Measured minus simulated, (scored samples,)."""
     tests: Mapping[str, ResidualTest]
+    """Residual tests by the keys of the section's tests, none where there is nothing to test."""
     horizons: HorizonErrors
+    """Errors over the horizon."""
     again: Resimulation | None
+    """The experiment done again in closed loop."""
     skipped: str
+    """Why it was not."""
+
+    @property
+    def name(self) -> str:
+        """What tables and figures call it."""
+        return self.record if self.alone else f"{self.record}, {self.output.name}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class IdentificationSection:
-    """A model and its free runs."""
+    """A model and its free runs, a run for each output of each record."""
 
     model: Model
-    display: Display
     runs: Sequence[FreeRun]
 
     @property
@@ -96,21 +113,46 @@ class IdentificationSection:
     @property
     def tests(self) -> dict[str, str]:
         """Titles of the residual tests that some run has, by their keys."""
-        return {key: title for key, title in TESTS.items() if any(key in run.tests for run in self.runs)}
+        known = {**TESTS, **{_further(item.name): f"e · {item.name}" for item in self.model.system.inputs[1:]}}
+        return {key: title for key, title in known.items() if any(key in run.tests for run in self.runs)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Window:
+    """Where tracking of an output is judged or shown, from and to [s]."""
+
+    output: int
+    start: float
+    stop: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClosedLoopSection:
-    """A recorded loop; windows: where tracking is judged, zooms: what is shown larger, by name, from and to [s]."""
+    """A recorded loop."""
 
     loop: LoopRecord
     windows: Mapping[str, Window] = field(default_factory=dict)
+    """Where tracking is judged, by name."""
     zooms: Mapping[str, Window] = field(default_factory=dict)
+    """What is shown larger, by name."""
 
     @property
     def rig(self) -> Rig:
         """The rig in the loop."""
         return self.loop.rig
+
+    @property
+    def rmse(self) -> dict[str, float]:
+        """Tracking errors of the windows, as the outputs are shown."""
+        return {
+            name: self.loop.tracking_rmse(item.start, item.stop, output=item.output)
+            for name, item in self.windows.items()
+        }
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Their units."""
+        return {name: self.rig.display[item.output].unit for name, item in self.windows.items()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,43 +170,52 @@ def identification_section(model: Model, records: Iterable[tuple[Record, Part]])
     Raises:
         UserError: a record does not fit the model's sampling.
     """
-    runs = tuple(free_run_of(model, record, part) for record, part in records)
-    return IdentificationSection(model=model, display=rigs.load(model.rig).display[0], runs=runs)
+    runs = tuple(run for record, part in records for run in free_runs_of(model, record, part))
+    return IdentificationSection(model=model, runs=runs)
 
 
-def free_run_of(model: Model, record: Record, part: Part) -> FreeRun:
-    """Free run of a model over a part of a record, scored and tested.
+def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRun]:
+    """The outputs of a model's free run over a part of a record, scored and tested.
 
     Raises:
         UserError: the record does not fit the model's sampling.
     """
-    experiment = experiment_of(model, record, part=part)
-    sampling, used = model.sampling, part.of(record, model.sampling)
+    system, sampling, rig = model.system, model.sampling, rigs.load(model.rig)
+    experiment, used = experiment_of(model, record, part=part), part.of(record, model.sampling)
     starts = np.array([[0, 0, 1 + len(experiment.inputs), 0]])
-    _, outputs = rollouts(model.system, starts, experiment.states[:1].copy(), experiment.inputs, step=sampling.step)
-    simulated = outputs[:, 0]
-    residuals = experiment.outputs[:, 0] - simulated[:: sampling.every]
-    inputs = experiment.inputs[:, 0].reshape(-1, sampling.every).mean(axis=1)
-    reference = used.channels.get("reference")
+    first = initial_state(system, experiment)[None]
+    _, simulated = rollouts(system, starts, first, experiment.inputs, step=sampling.step)
+    residuals = experiment.outputs - simulated[:: sampling.every]
+    inputs = experiment.inputs.reshape(-1, sampling.every, len(system.inputs)).mean(axis=1)
     stride = round(sampling.period / used.sampling_time)
-    again, skipped = resimulations(model.system, [(record, part)], rigs.load(model.rig), sampling=sampling)
-    return FreeRun(
-        name=record.name,
-        digest=record.digest,
-        part=part,
-        seen=_seen(model, record, part),
-        scores=score(experiment.outputs[:, 0], simulated[:: sampling.every]),
-        time=used.time,
-        measured=used.output[:, 0],
-        simulated_time=np.asarray(sampling.step * np.arange(len(simulated))),
-        simulated=simulated,
-        residual_time=np.asarray(sampling.period * np.arange(experiment.samples)),
-        residuals=residuals,
-        tests=_tests(residuals[:-1], inputs, None if reference is None else reference[::stride]),
-        horizons=k_step_errors(model.system, experiment),
-        again=again.get(record.name),
-        skipped=skipped.get(record.name, ""),
-    )
+    again, skipped = resimulations(system, [(record, part)], rig, sampling=sampling)
+    names = [item.name for item in system.inputs]
+    found = []
+    for k, output in enumerate(system.outputs):
+        reference = used.channels.get(rig.channel("reference", output.name))
+        found.append(
+            FreeRun(
+                record=record.name,
+                output=output,
+                alone=len(system.outputs) == 1,
+                display=rig.display[k],
+                digest=record.digest,
+                part=part,
+                seen=_seen(model, record, part),
+                scores=score(experiment.outputs[:, k], simulated[:: sampling.every, k]),
+                time=used.time,
+                measured=used.output[:, k],
+                simulated_time=np.asarray(sampling.step * np.arange(len(simulated))),
+                simulated=simulated[:, k],
+                residual_time=np.asarray(sampling.period * np.arange(experiment.samples)),
+                residuals=residuals[:, k],
+                tests=_tests(residuals[:-1, k], inputs, names, None if reference is None else reference[::stride]),
+                horizons=replace(k_step_errors(system, experiment, output=k), name=_label(record, output, system)),
+                again=again.get(record.name) if k == 0 else None,
+                skipped=skipped.get(record.name, ""),
+            )
+        )
+    return found
 
 
 def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopSection:
@@ -172,24 +223,58 @@ def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopS
 
     rig: by default the one that the loop was read with.
     """
-    display = (rig or loop.rig).display[0]
-    volts, time = display.shown(loop.reference), loop.time
-    begun = np.isfinite(volts) & (time >= 0.0)
-    windows: dict[str, Window] = {"whole": (0.0, float(time[-1]))}
-    for schedule in (rig or loop.rig).references.values():
-        if begun.any() and np.median(np.abs(volts - schedule.of(0)(time))[begun]) < SAME_REFERENCE:
-            windows = schedule.windows
-    windows = {name: window for name, window in windows.items() if (begun & loop.within(*window)).any()}
-    zooms: dict[str, Window] = {}
-    for name, (start, stop) in windows.items():
-        if name == "sine":
-            zooms[name] = (start + 2.0, min(start + 6.0, stop))
-            continue
-        inside = begun & loop.within(start + 0.5, stop)
-        jump = np.abs(np.diff(volts)) * (inside[1:] & inside[:-1])
-        middle = float(time[int(np.nanargmax(jump))]) if inside.sum() > 1 else start
-        zooms["largest step"] = (max(middle - 0.4, 0.0), middle + 0.9)
+    rig, time = rig or loop.rig, loop.time
+    windows: dict[str, Window] = {}
+    smooth: set[str] = set()
+    for schedule in rig.references.values():
+        if _followed(loop, schedule):
+            for piece in schedule.segments:
+                windows[piece.name] = Window(output=piece.output, start=piece.start, stop=piece.stop)
+                smooth |= {piece.name} if piece.excitation.kind in SMOOTH else set()
+    if not windows:
+        windows = {
+            _whole(rig, k, loop.tracked): Window(output=k, start=0.0, stop=float(time[-1])) for k in loop.tracked
+        }
+    known = np.isfinite(loop.reference) & (time >= 0.0)[:, None]
+    windows = {
+        name: item
+        for name, item in windows.items()
+        if (known[:, item.output] & loop.within(item.start, item.stop)).any()
+    }
+    zooms = {}
+    for name, item in windows.items():
+        begin, end = item.start + 2.0, min(item.start + 6.0, item.stop)
+        if name not in smooth:
+            begin, end = _largest_step(loop, item)
+        zooms[name] = Window(output=item.output, start=begin, stop=end)
     return ClosedLoopSection(loop=loop, windows=windows, zooms=zooms)
+
+
+def _followed(loop: LoopRecord, schedule: Schedule) -> bool:
+    """Whether a loop followed a schedule of its rig."""
+    wanted = schedule(loop.time)
+    begun = loop.time >= 0.0
+    for k in loop.tracked:
+        shown = loop.rig.display[k].shown(loop.reference[:, k])
+        inside = begun & np.isfinite(shown)
+        peak = max(float(np.max(np.abs(wanted[:, k]))), 1e-12)
+        if not inside.any() or np.median(np.abs(shown - wanted[:, k])[inside]) > SAME_REFERENCE * peak:
+            return False
+    return bool(loop.tracked)
+
+
+def _whole(rig: Rig, output: int, tracked: Sequence[int]) -> str:
+    """Name of a window that is the whole loop."""
+    return "whole" if len(tracked) == 1 else f"whole, {rig.system.outputs[output].name}"
+
+
+def _largest_step(loop: LoopRecord, window: Window) -> tuple[float, float]:
+    """Around the reference's largest jump in a window."""
+    reference = loop.reference[:, window.output]
+    inside = np.isfinite(reference) & loop.within(window.start + 0.5, window.stop)
+    jump = np.abs(np.diff(np.nan_to_num(reference))) * (inside[1:] & inside[:-1])
+    middle = float(loop.time[int(np.argmax(jump))]) if inside.sum() > 1 else window.start
+    return max(middle - 0.4, 0.0), middle + 0.9
 
 
 def provenance(model: Model, command: str, *, hashes: Mapping[str, str] | None = None) -> Provenance:
@@ -217,10 +302,22 @@ def _seen(model: Model, record: Record, part: Part) -> bool | None:
     return any(overlaps(entry) for entry in model.records)
 
 
-def _tests(residuals: Array, inputs: Array, reference: Array | None) -> dict[str, ResidualTest]:
-    """Residual tests, each array (samples,) or longer, without those of signals that are constant or not known."""
+def _label(record: Record, output: Variable, system: System) -> str:
+    """Name of a curve."""
+    return record.name if len(system.outputs) == 1 else f"{record.name}, {output.name}"
+
+
+def _further(name: str) -> str:
+    """Key of the test against an input that is not the first."""
+    return f"phi_ue {name}"
+
+
+def _tests(residuals: Array, inputs: Array, names: Sequence[str], reference: Array | None) -> dict[str, ResidualTest]:
+    """Residual tests of residuals (samples,) against inputs (samples, m) by their names and a reference (samples,), each
+    at least as long, without those of signals that are constant or not known. The first input is u.
+    """
     length = len(residuals)
-    signals = {"phi_ue": inputs[:length], "phi_re": np.zeros(0) if reference is None else reference[:length]}
+    signals = {"phi_ue": inputs[:length, 0], "phi_re": np.zeros(0) if reference is None else reference[:length]}
     signals = {key: signal for key, signal in signals.items() if len(signal) == length and _varies(signal)}
     if not signals or not _varies(residuals):
         return {}
@@ -230,6 +327,9 @@ def _tests(residuals: Array, inputs: Array, reference: Array | None) -> dict[str
     tests[last] = tests.pop("phi_se")
     if last != "phi_ue" and "phi_ue" in signals:
         tests["phi_ue"] = independence(residuals, signals["phi_ue"], lags=lags)
+    for k, name in enumerate(names[1:], start=1):
+        if _varies(inputs[:length, k]):
+            tests[_further(name)] = independence(residuals, inputs[:length, k], lags=lags)
     return tests
 
 

@@ -6,10 +6,7 @@ the path that the user gave, from this package, or from a package that the user 
 
 from __future__ import annotations
 
-import hashlib
 import importlib
-import importlib.util
-import sys
 import traceback
 from dataclasses import dataclass
 from importlib.metadata import entry_points
@@ -17,6 +14,7 @@ from pathlib import Path
 from types import ModuleType
 
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.rigs import outside
 from hybrid_sysid_ros.support.errors import UserError
 
 GROUP = "hybrid_sysid_ros.rigs"
@@ -35,7 +33,7 @@ class RigFolder:
 
 
 def names() -> dict[str, str]:
-    """The rigs that are known by name, each with where it comes from."""
+    """The rigs that are known by name in any process, each with the package that it comes from."""
     found = {path.parent.name: "hybrid_sysid_ros" for path in sorted(HOME.glob(f"[!_]*/{VALUES}"))}
     return found | {point.name: point.value for point in _points() if point.name not in found}
 
@@ -51,6 +49,8 @@ def find(rig: str | Path) -> RigFolder:
         return _by_path(Path(rig).expanduser())
     points = [point for point in _points() if point.name == text]
     own = (HOME / text / VALUES).is_file() and text.isidentifier()
+    if path := next((path for path in outside.told() if path.name == text), None):
+        return _by_path(path)
     places = [*(["hybrid_sysid_ros"] if own else []), *(point.value for point in points)]
     if len(places) > 1:
         raise UserError(f"two rigs are called {text}: in {' and '.join(places)}; uninstall one, or give its path")
@@ -104,6 +104,10 @@ def _by_path(path: Path) -> RigFolder:
         return _checked(RigFolder(name=folder.name, path=folder, package=f"{__package__}.{folder.name}"))
     if not (folder.name.isidentifier() and folder.name.isascii()):
         raise UserError(f"{path}: the folder's name is the rig's, in topics too: use letters, digits and underscores")
+    other = next((path for path in outside.told() if path.name == folder.name and path != folder), None)
+    if other or folder.name in names():
+        place = other or names()[folder.name]
+        raise UserError(f"{path}: a rig is called {folder.name} already, in {place}; rename the folder")
     return _checked(RigFolder(name=folder.name, path=folder))
 
 
@@ -123,27 +127,11 @@ def _imported(folder: RigFolder) -> ModuleType:
     try:
         if folder.package and (folder.path / "__init__.py").is_file():
             return importlib.import_module(f"{folder.package}.{path.stem}")
-        name = f"{OUTSIDE}_{hashlib.sha256(str(folder.path).encode()).hexdigest()[:12]}_{folder.name}"
-        if name in sys.modules:
-            return sys.modules[name]
-        specification = importlib.util.spec_from_file_location(name, path)
-        assert specification is not None
-        assert specification.loader is not None
-        module = importlib.util.module_from_spec(specification)
-        sys.modules[name] = module
-        try:
-            specification.loader.exec_module(module)
-        except BaseException:
-            del sys.modules[name]
-            raise
-        return module
+        outside.tell(folder.path)
+        return importlib.import_module(outside.module_of(folder.path))
     except Exception as error:  # a user's code can raise anything
         kind = "" if isinstance(error, UserError) else f"{type(error).__name__}: "
         raise UserError(f"{path}: {_place(error, path)}{kind}{_line(error)}") from error
-
-
-OUTSIDE = "hybrid_sysid_rig"
-"""How the modules of rigs outside of packages begin."""
 
 
 def _place(error: Exception, path: Path) -> str:

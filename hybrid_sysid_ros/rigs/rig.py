@@ -120,27 +120,18 @@ class Rig:
 
 
 _LOADED: dict[Path, Rig] = {}
-_NAMED: dict[str, Rig] = {}
-"""Rigs that were loaded by their paths: from then on their names say in this process which are meant."""
 
 
 def load(rig: str | Path) -> Rig:
     """A rig by its name, or by the path of its folder; the same one whenever it is asked for again. "": the default.
 
+    Once a process was given a path, the rig's name will do, also in the processes that it starts.
+
     Raises UserError for a rig that is not known, and for whatever is wrong with its files.
     """
-    text = str(rig or default())
-    if text in _NAMED:
-        return _NAMED[text]
-    found = folders.find(rig or text)
+    found = folders.find(rig or default())
     if found.path not in _LOADED:
-        other = _NAMED.get(found.name)
-        if not found.package and (other is not None or found.name in folders.names()):
-            where = other.folder if other is not None else folders.names()[found.name]
-            raise UserError(f"{found.path}: a rig is called {found.name} already, in {where}; rename the folder")
         _LOADED[found.path] = _read(found)
-        if not found.package:
-            _NAMED[found.name] = _LOADED[found.path]
     return _LOADED[found.path]
 
 

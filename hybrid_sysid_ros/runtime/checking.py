@@ -14,12 +14,13 @@ from hybrid_sysid_ros.control import Problem
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.safety.certified_loops import Certification, Criteria, Distribution
 from hybrid_sysid_ros.control.safety.online_check import Tolerances
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.configuration import listed
+from hybrid_sysid_ros.runtime.configuration import by_state, listed
 
 
 def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: Problem) -> Tolerances:
@@ -50,7 +51,7 @@ def certification_of(folder: Path, model: Path | None, *, seed: int = 0, seconds
     imitation = policy.load(folder, model=loaded, certified=False)
     alike = [item.name for item in rig.system.states] == [item.name for item in loaded.system.states]
     plant, words = (rig.system, f"the rig {rig.name}") if alike else (loaded.system, "the model")
-    distribution, criteria = _certified(rig, imitation.problem, plant=f"{words}, its parameters spread")
+    distribution, criteria = _certified(rig, loaded.system, imitation.problem, plant=f"{words}, its parameters spread")
     return Certification(
         policy=imitation,
         seal=seal,
@@ -63,7 +64,7 @@ def certification_of(folder: Path, model: Path | None, *, seed: int = 0, seconds
     )
 
 
-def _certified(rig: Rig, problem: Problem, *, plant: str) -> tuple[Distribution, Criteria]:
+def _certified(rig: Rig, model: System, problem: Problem, *, plant: str) -> tuple[Distribution, Criteria]:
     """What the loops of a certificate are made of, and what they must keep; plant: what stands for it, in words.
 
     Raises UserError where the section policy_certificate lacks a number.
@@ -71,9 +72,9 @@ def _certified(rig: Rig, problem: Problem, *, plant: str) -> tuple[Distribution,
     section, where = rig.section("policy_certificate"), f"{rig.file}: policy_certificate"
     states, inputs = len(rig.system.states), len(rig.system.inputs)
     distribution = Distribution(
-        spread=configuration.spread_of(rig),
+        spread=configuration.spread_of(rig, model),
         seconds=listed(section, "seconds", where, 1)[0],
-        state_error=listed(section, "state_error", where, states),
+        state_error=by_state(listed(section, "state_error", where, states), rig, model),
         disturbance_error=listed(section, "disturbance_error", where, inputs),
         plant=plant,
     )

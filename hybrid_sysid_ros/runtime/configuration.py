@@ -178,8 +178,16 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
     ).sized(system)
 
 
-def spread_of(rig: Rig) -> Spread:
-    """What the closed loops are made of that a policy of the rig learns from, from the section policy_training.
+def by_state(values: Sequence[float], rig: Rig, model: System) -> tuple[float, ...]:
+    """Numbers of the rig's states for those of a model of it, by their names; 0 for states that it has alone."""
+    known = dict(zip((item.name for item in rig.system.states), values, strict=True))
+    return tuple(known.get(item.name, 0.0) for item in model.states)
+
+
+def spread_of(rig: Rig, model: System | None = None) -> Spread:
+    """What the closed loops are made of that a policy learns from, from the section policy_training of its rig.
+
+    model: whose states are pushed, by default the rig's own system.
 
     Raises:
         UserError: it lacks a number.
@@ -190,7 +198,7 @@ def spread_of(rig: Rig) -> Spread:
         amplitude=in_si(listed(told, "amplitude", where, len(system.outputs)), rig),
         disturbance=listed(told, "disturbance", where, len(system.inputs)),
         input_jitter=listed(told, "input_jitter", where, len(system.inputs)),
-        push=listed(told, "push", where, len(system.states)),
+        push=by_state(listed(told, "push", where, len(system.states)), rig, model or system),
         parameters=numbers(told.get("parameters", 0.0), f"{where}.parameters", count=1)[0],
     )
 

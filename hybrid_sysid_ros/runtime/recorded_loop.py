@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,28 +41,36 @@ class Delays:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopRecord:
-    """What happened at each measurement, by its stamp. Arrays are (samples,).
-
-    stamps: [ns]. time [s]: stamps since time zero, which is the stamp of the first reference message. position [rad]:
-    measured. reference [rad]: the newest previews, straight lines between their points; NaN before the first. input:
-    applied from this stamp to the next [drive unit]; command: what answered this measurement, NaN where nothing did.
-    delay [s]: from the stamp to the logging of the command with that stamp; NaN without one, and everywhere where
-    stamps and log are not of one clock (lockstep). turnaround [s]: from the logging of the measurement to that of the
-    command; both are the recorder's times, so what keeps the recorder waiting is in there. late: no command had come
-    when the next measurement did (in lockstep: none came at all); of the last measurement nobody knows, so it is not.
-    """
+    """What happened at each measurement, by its stamp: p outputs, m inputs, SI units."""
 
     name: str
     rig: Rig
     stamps: NDArray[np.int64]
+    """(samples,) [ns]."""
     time: Array
-    position: Array
+    """Stamps since time zero, which is the stamp of the first reference message, (samples,) [s]."""
+    outputs: Array
+    """Measured ones (samples, p)."""
     reference: Array
-    input: Array
+    """The newest previews, straight lines between their points, (samples, p); NaN before the first, and for an output
+    that is not tracked.
+    """
+    inputs: Array
+    """Applied from this stamp to the next, (samples, m)."""
     command: Array
+    """What answered this measurement, (samples, m); NaN where nothing did."""
     delay: Array
+    """From the stamp to the logging of the command with that stamp, (samples,) [s]; NaN without one, and everywhere
+    where stamps and log are not of one clock (lockstep).
+    """
     turnaround: Array
+    """From the logging of the measurement to that of the command, (samples,) [s]; both are the recorder's times, so
+    what keeps the recorder waiting is in there.
+    """
     late: NDArray[np.bool_]
+    """No command had come when the next measurement did (in lockstep: none came at all), (samples,); of the last
+    measurement nobody knows, so it is not.
+    """
     source: str = ""
     digest: str = ""
 
@@ -82,28 +91,36 @@ class LoopRecord:
         return bool(np.isfinite(self.delay).any())
 
     @property
+    def tracked(self) -> list[int]:
+        """The outputs that have a reference."""
+        return np.flatnonzero(np.isfinite(self.reference).any(axis=0)).tolist()
+
+    @property
     def error(self) -> Array:
-        """Reference minus position, (samples,) [rad]."""
-        return self.reference - self.position
+        """Reference minus measured outputs, (samples, p)."""
+        return self.reference - self.outputs
 
     def within(self, start: float, stop: float) -> NDArray[np.bool_]:
         """Samples from `start` up to, but without, `stop` [s]."""
         return (self.time >= start) & (self.time < stop)
 
-    def tracking_rmse(self, start: float = 0.0, stop: float = np.inf) -> float:
-        """Root mean square of reference minus measured position from `start` to `stop` [s], in volts of the sensor.
+    def tracking_rmse(self, start: float = 0.0, stop: float = np.inf, *, output: int | None = None) -> float:
+        """Root mean square of reference minus measured output from `start` to `stop` [s], as the output is shown.
+
+        output: which one, by default the first that is tracked.
 
         Raises:
             UserError: the bag has no sample with a reference there.
         """
-        error = self.error[self.within(start, stop)]
+        chosen = next(iter(self.tracked), 0) if output is None else output
+        error = self.error[self.within(start, stop), chosen]
         error = error[np.isfinite(error)]
         if not len(error):
             raise UserError(
                 f"{self.source}: no measurement with a reference from {start:g} to {stop:g} s: "
                 f"the bag holds {self.time[0]:g} to {self.time[-1]:g} s"
             )
-        return float(np.sqrt(np.mean(self.rig.display[0].shown(error) ** 2)))
+        return float(np.sqrt(np.mean(self.rig.display[chosen].shown(error) ** 2)))
 
     def missed_commands(self, start: float = 0.0, stop: float = np.inf) -> int:
         """Measurements from `start` to `stop` [s] that were not answered before the next one was logged."""
@@ -151,28 +168,31 @@ class _Reading:
         return self.columns[topic].stamps(field)
 
     def loop(self) -> LoopRecord:
-        joint = self.rig.joints.names[0]
-        stamps, first = self.measurements(f"position[{joint}]")
+        joints, system = self.rig.joints, self.rig.system
+        places = [joints.place(item.name) for item in system.outputs]
+        inputs = [_field(*joints.place(item.name)) for item in system.inputs]
+        stamps, first = self.measurements(_field(*places[0]))
         logged = self.columns[MEASUREMENT].messages.logged[first]
-        position = self.finite(MEASUREMENT, f"position[{joint}]")[first]
-        applied = self.values(MEASUREMENT, f"effort[{joint}]")[first]
-        answers, answered = self.answers(stamps, f"effort[{joint}]")
-        command = np.where(answered >= 0, self.finite(COMMAND, f"effort[{joint}]")[answers], np.nan)
+        outputs = np.stack([self.finite(MEASUREMENT, _field(*place))[first] for place in places], axis=1)
+        applied = np.stack([self.values(MEASUREMENT, field)[first] for field in inputs], axis=1)
+        answers, answered = self.answers(stamps, inputs[0])
+        given = np.stack([self.finite(COMMAND, field)[answers] for field in inputs], axis=1)
+        command = np.where(answered[:, None] >= 0, given, np.nan)
         replies = self.columns[COMMAND].messages.logged[answers]
         turnaround = np.where(answered >= 0, (replies - logged) * 1e-9, np.nan)
         one_clock = abs(np.median(logged - stamps)) <= ONE_CLOCK
         delay = np.where((answered >= 0) & one_clock, (replies - stamps) * 1e-9, np.nan)
         late = np.zeros(len(stamps), dtype=bool)
         late[:-1] = (answered[:-1] < 0) | (one_clock & (replies[:-1] >= logged[1:]))
-        zero, reference = self.reference(stamps)
+        zero, reference = self.reference(stamps, places)
         return LoopRecord(
             name=name_of(self.path),
             rig=self.rig,
             stamps=stamps,
             time=np.asarray((stamps - zero) * 1e-9),
-            position=position,
+            outputs=outputs,
             reference=reference,
-            input=np.append(applied[1:], applied[-1]),
+            inputs=np.concatenate([applied[1:], applied[-1:]]),
             command=command,
             delay=delay,
             turnaround=turnaround,
@@ -201,24 +221,37 @@ class _Reading:
         answered = np.where(known[place] == stamps, first[place], -1)
         return np.maximum(answered, 0), answered
 
-    def reference(self, stamps: NDArray[np.int64]) -> tuple[int, Array]:
-        """Time zero [ns], and the reference at each stamp (samples,) [rad]."""
+    def reference(self, stamps: NDArray[np.int64], places: Sequence[tuple[str, str]]) -> tuple[int, Array]:
+        """Time zero [ns], and the references of outputs in their places at each stamp (samples, p)."""
         try:
             count = self.columns[REFERENCE].entries("points")
         except MissingInMessageError as error:
             raise UserError(f"{self.path}: topic {self.names[REFERENCE]}: {error}") from error
         if not count:
             raise UserError(f"{self.path}: topic {self.names[REFERENCE]}: message 0 has no points")
-        fields = [f"points[{point}].positions[{self.rig.joints.names[0]}]" for point in range(count)]
-        times = np.stack([self.stamps(REFERENCE, field) for field in fields], axis=1)
-        positions = np.stack([self.finite(REFERENCE, field) for field in fields], axis=1)
-        begins = self.stamps(REFERENCE, "header.stamp.sec")
-        order = np.argsort(begins, kind="stable")[::-1]  # of one time the newest message tells
-        known, newest = np.unique(times[order].ravel(), return_index=True)
-        zero = int(begins.min())
-        seconds = (known - zero) * 1e-9
-        reference = np.interp((stamps - zero) * 1e-9, seconds, positions[order].ravel()[newest], left=np.nan)
-        return zero, np.asarray(reference)
+        begins = [_points(place, 1)[0] for place in places]
+        found = {k: _points(places[k], count) for k, field in enumerate(begins) if self.has(REFERENCE, field)}
+        if not found:
+            wanted = ", ".join(begins)
+            raise UserError(f"{self.path}: topic {self.names[REFERENCE]}: has none of {wanted}: is it of this rig?")
+        sent = self.stamps(REFERENCE, "header.stamp.sec")
+        order = np.argsort(sent, kind="stable")[::-1]  # of one time the newest message tells
+        zero = int(sent.min())
+        references = np.full((len(stamps), len(places)), np.nan)
+        for k, fields in found.items():
+            times = np.stack([self.stamps(REFERENCE, field) for field in fields], axis=1)
+            values = np.stack([self.finite(REFERENCE, field) for field in fields], axis=1)
+            known, newest = np.unique(times[order].ravel(), return_index=True)
+            seconds = (known - zero) * 1e-9
+            references[:, k] = np.interp((stamps - zero) * 1e-9, seconds, values[order].ravel()[newest], left=np.nan)
+        return zero, references
+
+    def has(self, topic: str, field: str) -> bool:
+        """Whether the messages have a field, with a number in the first."""
+        try:
+            return bool(np.isfinite(self.columns[topic].values(field)[0]))
+        except MissingInMessageError:
+            return False
 
     def finite(self, topic: str, field: str) -> Array:
         """A field of all messages, all of them numbers."""
@@ -227,3 +260,15 @@ class _Reading:
             k = int(np.argmax(~np.isfinite(values)))
             raise UserError(f"{self.path}: topic {self.names[topic]}: {field} is {values[k]:g} in message {k}")
         return values
+
+
+def _field(joint: str, field: str) -> str:
+    """Path to a joint's entry of a list."""
+    return f"{field}[{joint}]"
+
+
+def _points(place: tuple[str, str], count: int) -> list[str]:
+    """Paths to a joint's entry in each point of a trajectory."""
+    joint, field = place
+    plural = {"position": "positions", "velocity": "velocities", "effort": "effort"}[field]
+    return [f"points[{point}].{plural}[{joint}]" for point in range(count)]

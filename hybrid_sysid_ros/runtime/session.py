@@ -25,7 +25,7 @@ from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
 
-READY_TIMEOUT = 120.0  # s, until a node has imported and compiled everything
+READY_TIMEOUT = 300.0  # s, until a node has imported and compiled everything
 START_TIMEOUT = 30.0  # s, until the loop is complete
 STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # s
 STOP_ORDER = (("plant", "reference"), ("estimator", "controller"), ("recorder",))
@@ -66,7 +66,10 @@ class Session:
     """Processes of nodes, as a context that leaves none behind. `tell` gets what they log, line by line."""
 
     def __init__(self, rig: str, *, domain: int | None = None, tell: Tell = print) -> None:
-        """domain: ROS_DOMAIN_ID; by default the environment's. Raises UserError without ROS for this Python."""
+        """rig: name or path. domain: ROS_DOMAIN_ID; by default the environment's.
+
+        Raises UserError without ROS for this Python.
+        """
         if importlib.util.find_spec("rclpy") is None:
             raise UserError("no rclpy for this Python: install hybrid_sysid_ros[ros], or source a ROS 2 Jazzy")
         if domain is not None and not 0 <= domain <= 232:
@@ -94,7 +97,7 @@ class Session:
         """
         known = configuration.parameters(self.rig, node)
         command = [sys.executable, "-m", f"hybrid_sysid_ros.nodes.{node}", "--ros-args"]
-        command += ["-r", f"__ns:=/{self._namespace}", "-p", f"rig:={self.rig}"]
+        command += ["-r", f"__ns:=/{self._namespace}", "-p", f"rig:={json.dumps(self.rig)}"]
         for name, value in values.items():
             if name not in known:
                 raise UserError(f"{node}: unknown parameter {name}: known are {', '.join(known)}")
@@ -219,8 +222,9 @@ def run(
     rig: str = "",
     policy: str = "supervised",
     policy_path: Path | str = "",
+    solver: str = "sqp",
     model: Path | str = "",
-    rate: float = 200.0,
+    rate: float | None = None,
     duration: float = 0.0,
     lockstep: bool = False,
     reference: str = "",
@@ -234,23 +238,26 @@ def run(
 ) -> Outcome:
     """Run plant, estimator, controller and reference of a rig, each in a process, until the reference has ended.
 
-    priority: of plant, estimator and controller as real-time processes; None: a modest one where the system permits it.
-    rig: name or path, the default one by default. reference: a kind, or one of the rig's by name, its first by default.
-    duration: of the reference [s]; 0: its own, or until Ctrl-C. lockstep: as fast as the nodes
-    are, in simulated time. bag: folder to record all topics into. parameters: more of them, by node and name.
-    tell: gets lines for the user. progress: gets the seconds since the start, and how many there will be (0: unknown).
+    rig: name or path, the default one by default. rate: of measurements [Hz], the rig's by default. reference: a kind,
+    or one of the rig's by name, its first by default. duration: of the reference [s]; 0: its own, or until Ctrl-C.
+    lockstep: as fast as the nodes are, in simulated time. bag: folder to record all topics into. priority: of plant,
+    estimator and controller as real-time processes; None: a modest one where the system permits it. parameters: more
+    of them, by node and name. tell: gets lines for the user. progress: gets the seconds since the start, and how many
+    there will be (0: unknown).
 
     Raises:
         UserError: no ROS, a parameter is wrong, the bag can't be written, or a node could not start or ended too early.
     """
-    rig = rig or rigs.default()
+    described = rigs.load(rig or rigs.default())
     if bag is not None:
         check_folder(bag, marker=METADATA, replace=overwrite)
     lock, latency = {"lockstep": lockstep}, {"latency": 0.0} if lockstep else {}
+    rate = configuration.defaults(described, "plant")["rate"] if rate is None else rate
+    driven = {"policy": policy, "policy_path": str(policy_path), "solver": solver}
     values: dict[str, dict[str, Any]] = {
         "reference": {"kind": reference, "duration": duration, **lock},
         "estimator": {"model": str(model), "rate": rate, **latency},
-        "controller": {"model": str(model), "policy": policy, "policy_path": str(policy_path), **lock, **latency},
+        "controller": {"model": str(model), **driven, **lock, **latency},
         "plant": {"rate": rate, **lock, "wait_for_readers": 2 if bag is None else 3},
     }
     values |= {} if bag is None else {"recorder": {"path": str(bag), "overwrite": overwrite}}
@@ -261,12 +268,11 @@ def run(
         if node not in values:
             raise UserError(f"parameters of {node}: no such node runs here: known are {', '.join(values)}")
         values[node].update(more)
-    described = rigs.load(rig)
     schedule = described.references.get(values["reference"]["kind"] or described.reference)
     own = schedule.duration if schedule else 0.0
     expected = 0.0 if lockstep else values["reference"]["duration"] or own
     interrupted = False
-    with _interruptible(), Session(rig, domain=domain, tell=tell) as session:
+    with _interruptible(), Session(described.source, domain=domain, tell=tell) as session:
         try:
             commands = {node: session.command(node, given) for node, given in values.items()}
             for node, command in commands.items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_settings import Settings
@@ -12,7 +13,7 @@ from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
-from hybrid_sysid_ros.support.parallel import Arrays, Store
+from hybrid_sysid_ros.support.parallel import Store
 
 
 def train_policy(
@@ -33,10 +34,11 @@ def train_policy(
     if not model.seal:
         raise UserError("policy: the model was never saved; save it first, for the policy belongs to what is on disk")
     rig = load(model.rig)
-    problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig).sized(model.system)
+    problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig, model.system)
     settings = settings or Settings()
-    spread = configuration.spread_of(rig)
-    store: Store[Arrays] | None = Store(samples, f"{model.seal} {problem} {spread} {settings}") if samples is not None else None
+    spread = configuration.spread_of(rig, model.system)
+    purpose = f"{model.seal} {problem} {spread} {settings}"
+    store: Store[Any] | None = Store(samples, purpose) if samples is not None else None
     policy = train(model, problem, spread, settings, seed=seed, store=store, progress=progress)
     if store is not None:
         store.remove()

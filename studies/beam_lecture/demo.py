@@ -8,16 +8,16 @@ from typing import Annotated
 import typer
 
 from hybrid_sysid_ros.commands.demo import OUT, Out, Records, Train, demo
-from studies.beam_lecture.lecture import arrange, read_folder, table_name
+from studies.beam_lecture.lecture import RIG, arrange, read_folder, table_name
 
 
 def command(
     folder: Annotated[Path, typer.Argument(help="Folder with the author's .mat files, or with the folder bab.")],
-    out: Out = OUT,
+    out: Out = None,
     train: Train = False,
 ) -> None:
     """The demo on the author's records: protocol 2, then the loop."""
     protocol = arrange(read_folder(folder), 2)
     names = {record.name: table_name(record.name) for record, _ in protocol.tests}
     records = Records(training=protocol.training, part=protocol.part, tests=protocol.tests, names=names, source="real")
-    demo(out, records, train=train)
+    demo(out or OUT, records, rig=RIG, train=train)

@@ -75,7 +75,7 @@ class ProtocolSection:
     @property
     def display(self) -> Display:
         """The volts in which errors are shown."""
-        return next(iter(self.details.values())).display
+        return next(iter(self.details.values())).runs[0].display
 
     @property
     def horizons(self) -> list[HorizonErrors]:

@@ -1,15 +1,20 @@
 """A rig is a folder, found by name, path or entry point; what is wrong with one is told in one line with its file."""
 
+import dataclasses
 import importlib.metadata
+import pickle
 import re
+import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hybrid_sysid_ros.core import compiled, simulate, stepped
 from hybrid_sysid_ros.rigs import folder as folders
 from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.rigs.check import _sloped
 from hybrid_sysid_ros.rigs.folder import HOME
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -59,10 +64,8 @@ experiments:
 
 
 @pytest.fixture
-def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def make(tmp_path: Path):
     """Write a rig's folder."""
-    monkeypatch.setattr(rigs, "_LOADED", {})
-    monkeypatch.setattr(rigs, "_NAMED", {})
 
     def made(name: str = "tanks", system: str | None = TANK, values: str | None = TANK_VALUES) -> Path:
         folder = tmp_path / name
@@ -109,6 +112,19 @@ def test_each_folder_has_its_own_python(make):
     two = rigs.load(make("two", TANK.replace("0.1, 0.01, 1.0", "0.2, 0.01, 1.0")))
     assert type(one.system) is not type(two.system)
     assert (one.system.named["area"], two.system.named["area"]) == (0.1, 0.2)
+
+
+def test_a_process_that_is_started_knows_the_rig_and_its_classes(make):
+    """As workers do: a system travels as it is, and a model's rig is found by its name."""
+    rig = rigs.load(make())
+    code = (
+        "import pickle, sys; from hybrid_sysid_ros.rigs.rig import load;"
+        "system = pickle.loads(bytes.fromhex(sys.argv[1])); assert type(system) is type(load('tanks').system);"
+        "print(system.named['area'])"
+    )
+    sent = pickle.dumps(dataclasses.replace(rig.system, area=0.3)).hex()
+    found = subprocess.run([sys.executable, "-c", code, sent], capture_output=True, text=True, check=False)
+    assert (found.stdout, found.stderr) == ("0.3\n", "")
 
 
 def test_a_package_offers_a_rig_by_an_entry_point(make, monkeypatch):
@@ -296,9 +312,20 @@ def test_the_flexible_joint_rings_at_the_frequency_of_its_spring():
     named = structures["linear"].named
     joint = type(structures["linear"])(viscous_friction=0.0)
     expected = np.sqrt(named["spring"] * (1 / named["motor_inertia"] + 1 / named["link_inertia"])) / (2 * np.pi)
-    from hybrid_sysid_ros.core import simulate
-
     states = simulate(joint, np.array([0.01, 0.0, 0.0, 0.0]), np.zeros((20_000, 1)), step=1e-4)
     twist = states[:, 0] - states[:, 1]
     crossings = np.flatnonzero((twist[:-1] < 0) & (twist[1:] >= 0)) * 1e-4
     assert 1 / np.mean(np.diff(crossings)) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("structure", ["dahl", "lugre"])
+def test_bristles_at_rest_give_way_to_a_small_torque(structure):
+    """The slope of the motor's speed by the torque is that of a small step, not zero: optimisers begin there."""
+    system = rigs.load("flexible_joint").structures[structure]
+    address, _ = compiled(system).slopes(smooth=True)
+    n, small = len(system.states), 1e-6
+    slopes, following = np.zeros((n, n + 1)), np.zeros(n)
+    _sloped(address, np.zeros(n), np.zeros(1), system.values, system.weights, 1e-3, 0.01, following, slopes)
+    moved = stepped(system, np.zeros(n), np.array([small]), step=1e-3) / small
+    np.testing.assert_allclose(slopes[:, n], moved, rtol=1e-4)
+    assert moved[2] > 0.0

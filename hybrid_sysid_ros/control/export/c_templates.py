@@ -216,7 +216,7 @@ enum { PARAMETERS = @{NAME}_PARAMETERS };
 
 static const double farthest = @farthest;
 
-@sensitivity/* answers + sum_p d answers / d theta_p (theta_p - nominal_p) / spread_p, which is linear and so kept near */
+@sensitivity/* answers + sum_p d answers / d theta_p (theta_p - nominal_p) / spread_p; linear, so kept near */
 static void correct(const double z[FEATURES], const double *parameters, double *answers)
 {
     double slopes[PARAMETERS * ANSWERS];

@@ -5,14 +5,12 @@ Bock & Plitt (1984), IFAC World Congress.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
-from hybrid_sysid_ros.control.stage_cost import excess, stage_cost
+from hybrid_sysid_ros.control.stage_cost import stage_cost
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
 
@@ -22,13 +20,6 @@ LEAST_CURVATURE = 1e-9
 """Added to the Hessian's diagonal, in shares of its largest entry: inputs without weight must not make it singular."""
 
 NO_BOUND = 1e30
-
-
-@inner
-def assign(target: Any, values: Any) -> None:
-    """target[:] = values; the compiler takes some seconds over that notation, for the message of its error."""
-    for i in range(target.shape[0]):
-        target[i] = values[i]
 
 
 @inner
@@ -118,21 +109,33 @@ def _weigh_inputs(horizon: Horizon, program: Program) -> None:
 
 
 @inner
-def evaluate(horizon: Horizon, program: Program, instance: Instance) -> tuple[float, float]:
-    """Gradient and bounds of the program for an instance; the cost of the trajectory and the sum of its gaps."""
+def cost_of(horizon: Horizon, instance: Instance) -> float:
+    """Cost of the trajectory."""
+    cost = 0.0
+    for i in range(horizon.inputs.shape[0]):
+        before = instance.previous if i == 0 else horizon.inputs[i - 1]
+        cost += stage_cost(
+            horizon.weights,
+            i,
+            horizon.outputs[i],
+            instance.preview[i],
+            horizon.inputs[i],
+            before,
+            horizon.states[i + 1],
+        )
+    return cost
+
+
+@inner
+def evaluate(horizon: Horizon, program: Program, instance: Instance) -> None:
+    """Gradient and bounds of the program for an instance."""
     count, n = horizon.reached.shape
     m, p, v = horizon.inputs.shape[1], horizon.outputs.shape[1], program.gradient.shape[0]
     weights, inputs, gradient, seen = horizon.weights, horizon.inputs, pointer(program.gradient), pointer(horizon.seen)
     program.gradient[:] = 0.0
-    cost = gap = 0.0
     off = np.empty(n)
-    for a in range(n):
-        gap += abs(instance.state[a] - horizon.states[0, a])
     for i in range(count):
         before = instance.previous if i == 0 else inputs[i - 1]
-        cost += stage_cost(
-            weights, i, horizon.outputs[i], instance.preview[i], inputs[i], before, horizon.states[i + 1]
-        )
         _off(horizon, instance, i, off)
         for k in range(p):
             error = horizon.outputs[i, k] - instance.preview[i, k]
@@ -144,8 +147,6 @@ def evaluate(horizon: Horizon, program: Program, instance: Instance) -> tuple[fl
             if slope != 0.0:
                 for c in range((i + 1) * m):
                     gradient[c] += slope * seen[row + c]
-        for a in range(n):
-            gap += abs(horizon.reached[i, a] - horizon.states[i + 1, a])
         for j in range(m):
             _bound_input(horizon, program, i, j, inputs[i, j] - before[j])
         for r in range(horizon.bounded.shape[0]):
@@ -154,7 +155,6 @@ def evaluate(horizon: Horizon, program: Program, instance: Instance) -> tuple[fl
             row = v + (horizon.rated.shape[0] + r) * count + i
             program.lower[row] = max(weights.low[a] - expected, -NO_BOUND)
             program.upper[row] = min(weights.high[a] - expected, NO_BOUND)
-    return cost, gap
 
 
 @inner
@@ -192,15 +192,10 @@ def _off(horizon: Horizon, instance: Instance, i: int, off: Array) -> None:
 
 
 @inner
-def residual(horizon: Horizon, program: Program, instance: Instance) -> float:
-    """KKT residual of the trajectory with the last multipliers: the gradient of the Lagrangian and the gaps."""
-    count, n = horizon.reached.shape
+def residual(program: Program) -> float:
+    """KKT residual with the last multipliers: the largest entry of the gradient of the Lagrangian."""
     v = program.gradient.shape[0]
     largest = 0.0
-    for a in range(n):
-        largest = max(largest, abs(instance.state[a] - horizon.states[0, a]))
-        for i in range(count):
-            largest = max(largest, abs(horizon.reached[i, a] - horizon.states[i + 1, a]))
     for c in range(v):
         total = program.gradient[c] + program.multipliers[c]
         for r in range(program.rows.shape[0]):
@@ -210,11 +205,10 @@ def residual(horizon: Horizon, program: Program, instance: Instance) -> float:
 
 
 @inner
-def find_adjoint(horizon: Horizon, program: Program, instance: Instance) -> float:
-    """The multipliers of the dynamics, and the largest of them: how fast the cost can fall by opening a gap."""
+def find_adjoint(horizon: Horizon, program: Program, instance: Instance) -> None:
+    """How the Lagrangian changes with each state of the trajectory, all after it following."""
     count, n = horizon.reached.shape
     v = program.gradient.shape[0]
-    largest = 0.0
     for a in range(n):
         horizon.adjoint[count, a] = 0.0
     for i in range(count - 1, -1, -1):
@@ -230,20 +224,20 @@ def find_adjoint(horizon: Horizon, program: Program, instance: Instance) -> floa
             for a in range(n):
                 total += horizon.A[i, a, b] * after[a]
             horizon.adjoint[i, b] = total
-            largest = max(largest, abs(after[b]))
-    return largest
 
 
 @inner
-def expand(horizon: Horizon, program: Program, instance: Instance) -> None:
-    """The step of inputs and states that a solution of the program means."""
-    count, n = horizon.reached.shape
-    m = horizon.inputs.shape[1]
+def expand(horizon: Horizon, program: Program, instance: Instance) -> float:
+    """The step of inputs and states that a solution of the program means, and the cost that it predicts."""
+    (count, n), m, p = horizon.reached.shape, horizon.inputs.shape[1], horizon.outputs.shape[1]
+    y, u, before, x = np.empty(p), np.empty(m), instance.previous.copy(), np.empty(n)
+    cost = 0.0
     for a in range(n):
         horizon.moved[0, a] = instance.state[a] - horizon.states[0, a]
     for i in range(count):
         for j in range(m):
             horizon.step[i, j] = program.solution[i * m + j]
+            u[j] = horizon.inputs[i, j] + horizon.step[i, j]
         for a in range(n):
             total = horizon.reached[i, a] - horizon.states[i + 1, a]
             for j in range(m):
@@ -252,6 +246,17 @@ def expand(horizon: Horizon, program: Program, instance: Instance) -> None:
             for b in range(n):
                 total += horizon.A[i, a, b] * horizon.moved[i, b]
             horizon.moved[i + 1, a] = total
+            x[a] = horizon.states[i + 1, a] + total
+        for k in range(p):
+            y[k] = horizon.outputs[i, k]
+            for a in range(n):
+                y[k] += horizon.C[i, k, a] * horizon.moved[i + 1, a]
+            for j in range(m):
+                y[k] += horizon.D[i, k, j] * (horizon.step[i, j] + instance.disturbance[j] - horizon.disturbance[j])
+        cost += stage_cost(horizon.weights, i, y, instance.preview[i], u, before, x)
+        for j in range(m):
+            before[j] = u[j]
+    return cost
 
 
 @inner
@@ -279,12 +284,3 @@ def cut(horizon: Horizon, previous: Array, inputs: Array) -> None:
                 u = min(max(u, before - horizon.rate[j]), before + horizon.rate[j])
             before = min(max(u, horizon.low[j]), horizon.high[j])
             inputs[i, j] = before
-
-
-@inner
-def outside(horizon: Horizon, i: int) -> float:
-    """By how much a state at the end of an interval is outside of its bounds at most."""
-    largest = 0.0
-    for a in range(horizon.states.shape[1]):
-        largest = max(largest, excess(horizon.weights, a, horizon.states[i + 1, a]))
-    return largest

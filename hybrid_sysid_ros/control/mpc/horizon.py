@@ -106,11 +106,14 @@ class Horizon(NamedTuple):
     """(N, m), the last step of the inputs."""
     moved: Array
     """(N + 1, n), of the states."""
+    simulated: Array
+    """(N + 1, n), where a plan leads in the exact form."""
     adjoint: Array
-    """(N + 1, n), multipliers of the dynamics; of the initial state first."""
-    bend: Array
-    """(N, n + m, n + m), curvature of the Lagrangian that the dynamics add, by the state and inputs of each
-    interval."""
+    """(N + 1, n), how the Lagrangian changes with each state; of the initial state first."""
+    curvature: Array
+    """(N, n + m, n + m), of each interval's end, weighed by its adjoint, by its state and inputs."""
+    progress: Array
+    """(3,) of a solution: steps made, the residual before the last one, and whether the curvature is taken in."""
     work: Array
     """(6, n + p, n + m), of linearisations."""
 
@@ -164,7 +167,9 @@ def new_horizon(system: System, problem: Problem) -> Horizon:
         bounded=np.flatnonzero(np.isfinite(weights.low) | np.isfinite(weights.high)),
         step=np.zeros((count, m)),
         moved=np.zeros((count + 1, n)),
+        simulated=np.zeros((count + 1, n)),
         adjoint=np.zeros((count + 1, n)),
-        bend=np.zeros((count, n + m, n + m)),
+        curvature=np.zeros((count, n + m, n + m)),
+        progress=np.zeros(3),
         work=np.zeros((6, n + p, n + m)),
     )

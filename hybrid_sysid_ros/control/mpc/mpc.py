@@ -73,7 +73,7 @@ class ExactMpc:
 
     def reset(self) -> None:
         """Forget the last plan."""
-        forget(self._shooting.horizon, self._shooting.program)
+        forget(self._shooting.program)
         self._cold = True
         self._prepared = False
 
@@ -127,14 +127,16 @@ class ExactMpc:
             kept[:] = part
         if self.real_time and self._prepared and not cold:
             self._prepared = False
-            status = Status.ITERATED if feedback(mpc.horizon, mpc.program, instance) else Status.FAILED
+            found = feedback(mpc.prediction, mpc.horizon, mpc.program, instance, self._tolerance)
+            self.iterations, self.residual = found.iterations, found.residual
+            status = Status.ITERATED if found.iterations else Status.FAILED
         else:
             status = self._solve()
         sound = np.isfinite(mpc.horizon.inputs).all() and np.isfinite(mpc.horizon.states).all()
         if status is Status.FAILED or status is Status.LATE or not sound:
             for kept, part in zip(self._kept, plan, strict=True):
                 part[:] = kept
-            forget(mpc.horizon, mpc.program)
+            forget(mpc.program)
             return self._rest(status if status is Status.LATE else Status.FAILED)
         self._cold = False
         return self._planned(status)

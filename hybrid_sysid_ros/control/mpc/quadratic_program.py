@@ -71,7 +71,7 @@ def _address(name: str) -> int:
 
 @intrinsic
 def _update(typingctx, function, changed, workspace, problem):  # type: ignore[no-untyped-def]
-    """Int daqp_update_ldp(int, workspace *, problem *), by its address."""
+    """Call int daqp_update_ldp(int, workspace *, problem *) by its address."""
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         number, place = ir.IntType(32), ir.IntType(64)
@@ -83,7 +83,7 @@ def _update(typingctx, function, changed, workspace, problem):  # type: ignore[n
 
 @intrinsic
 def _solve(typingctx, function, result, workspace):  # type: ignore[no-untyped-def]
-    """Void daqp_solve(result *, workspace *), by its address."""
+    """Call void daqp_solve(result *, workspace *) by its address."""
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         place = ir.IntType(64)
@@ -204,12 +204,7 @@ def solve(program: Program, changed: int) -> bool:
     if _update(update, changed, workspace, problem) < 0:
         return False
     _solve(search, result, workspace)
-    if not program.result[8] > 0:
-        return False
-    for i in range(program.solution.shape[0]):
-        if not np.isfinite(program.solution[i]):
-            return False
-    return True
+    return bool(program.result[8] > 0 and np.isfinite(program.solution).all())
 
 
 @kernel

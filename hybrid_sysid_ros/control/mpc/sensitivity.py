@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.mpc.condensing import assign, condense, evaluate
+from hybrid_sysid_ros.control.mpc.condensing import condense, evaluate
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction, instance_of
+from hybrid_sysid_ros.control.mpc.linearisation import assign, linearise
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
-from hybrid_sysid_ros.control.mpc.shooting import Shooting, linearise
+from hybrid_sysid_ros.control.mpc.shooting import Shooting
 from hybrid_sysid_ros.core.compilation import inner, kernel
 
 Array = NDArray[np.float64]
@@ -118,7 +119,7 @@ def _gradient(prediction: Prediction, horizon: Horizon, program: Program, instan
     weights = horizon.weights
     assign(horizon.states[0], instance.state)
     assign(horizon.disturbance, instance.disturbance)
-    linearise(prediction, horizon, True)
+    linearise(prediction, horizon, prediction.smoothing, True)
     condense(horizon, program)
     evaluate(horizon, program, instance)
     assign(out, program.gradient)

@@ -10,10 +10,11 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.core.compilation import OPTIONS, inner, kernel
 from hybrid_sysid_ros.core.networks import Layers, Perceptron
 from hybrid_sysid_ros.core.registers import added, load, plus_scaled, scratch, store, tanh, zero
 from hybrid_sysid_ros.support.errors import UserError
@@ -145,7 +146,7 @@ def _forward(sizes: Any, shape: int, w: Any, at: int, features: Any, answers: An
 
 @inner
 def _features(sizes: Any, numbers: Any, flat: Any, out: Any) -> None:
-    """Features of a flat instance [x, d, u_previous, q_1 (outputs,), ..]: of q the tracked ones, less the output map."""
+    """Features of a flat instance [x, d, u_previous, q_1 (outputs,), ..]: of q the tracked ones less the output map."""
     states, tracked = sizes[STATES], sizes[TRACKED]
     first = states + 2 * sizes[INPUTS]
     for j in range(first):
@@ -282,5 +283,5 @@ def answer_in_parts() -> Callable[..., bool]:
     numbers and the plan. Raises ValueError for parts of other sizes and TypeError for other arrays.
     """
     signature = "b1(f8[:], f8[:], f8[:], f8[:, :], i8[::1], f8[::1], f8[:, ::1])"
-    made: Callable[..., bool] = kernel(_answer_in_parts, signature)
+    made: Callable[..., bool] = numba.njit(signature, cache=True, fastmath={"contract"}, **OPTIONS)(_answer_in_parts)
     return made

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import torch
@@ -34,10 +35,11 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.parallel import Arrays, Store
+from hybrid_sysid_ros.support.parallel import Store
 from hybrid_sysid_ros.support.threads import one_torch_thread
 
 Array = NDArray[np.float64]
+Arrays = dict[str, NDArray[Any]]
 Progress = Callable[[str, int, int], None]
 """progress(stage, done, of)"""
 
@@ -255,7 +257,7 @@ def _corrected(policy: Policy, model: Model, data: _Data, settings: Settings, se
 
 
 def _errors(policy: Policy, data: _Data) -> dict[str, float]:
-    """Mean squared errors of bounded first inputs [unit of the inputs, squared], and of those after them in the plan."""
+    """Mean squared errors of bounded first inputs [their units squared], and of those after them in the plan."""
     errors = {}
     for name, part in (("train", data.samples), ("validation", data.held)):
         answers = policy.evaluate(policy.features(part.instances))

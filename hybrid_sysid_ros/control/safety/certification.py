@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +19,10 @@ from hybrid_sysid_ros.control.safety.certified_loops import (
     EXACT,
     JUDGED,
     KKT_TOLERANCE,
-    SUPERVISED,
     UNSOLVED,
     WORST_PERIOD,
     Certification,
+    Drivers,
     measured,
 )
 from hybrid_sysid_ros.control.safety.online_check import REASONS
@@ -29,9 +30,10 @@ from hybrid_sysid_ros.control.scenarios import DISTURBED, PUSHED
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.parallel import Arrays, Store
+from hybrid_sysid_ros.support.parallel import Store
 
 Array = NDArray[np.float64]
+Arrays = dict[str, NDArray[Any]]
 Progress = Callable[[str, int, int], None]
 """progress(stage, done, of)"""
 
@@ -59,7 +61,7 @@ def certify(
     """
     if not 0.0 < delta < 1.0 or loops < 1 or margin(loops, delta) >= 1.0:
         raise UserError(f"certificate: {loops} loops with delta {delta} say nothing: take more loops and 0 < delta < 1")
-    certification.controller(SUPERVISED)  # or say why not
+    Drivers(certification)  # or say why not
     began, told = time.perf_counter(), progress or (lambda *_: None)
     pieces = [(first, min(first + CHUNK, loops)) for first in range(0, loops, CHUNK)]
     kept: Store[Arrays] | None = Store(store, _purpose(certification)) if store is not None else None
@@ -69,7 +71,7 @@ def certify(
         pieces,
         workers=workers,
         store=kept,
-        progress=lambda done, _: told("closed loops", pieces[done - 1][1], loops),
+        progress=lambda done, _: told("closed loops", min(done * CHUNK, loops), loops),
     )
     measures, reasons = (np.concatenate([each[name] for each in found]) for name in ("measures", "reasons"))
     rates = {

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control import scenarios
-from hybrid_sysid_ros.control.controller import Controller, Status
+from hybrid_sysid_ros.control.controller import Status
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.shooting import rollout
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.online_check import REASONS, Tolerances
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
-from hybrid_sysid_ros.control.scenarios import LENGTH, ClosedLoop, Scenario, Spread, expanded
-from hybrid_sysid_ros.control.steady_motion import steady_motion
+from hybrid_sysid_ros.control.scenarios import LENGTH, LoopRun, Scenario, Spread, expanded
+from hybrid_sysid_ros.control.steady_motion import SteadyMotion, steady_motion
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -70,7 +71,7 @@ class Criteria:
 class Driven(NamedTuple):
     """A loop of T periods, and who said what in it."""
 
-    loop: ClosedLoop
+    loop: LoopRun
     exact: Array
     """(T, m), the answers of the exact MPC beside the driver."""
     reasons: NDArray[np.int64]
@@ -118,6 +119,10 @@ class Certification:
         """Of a loop."""
         return round(self.distribution.seconds / self.policy.period)
 
+    @cached_property
+    def _motion(self) -> SteadyMotion:
+        return steady_motion(self.model, self.policy.problem, np.array(self.distribution.spread.centre))
+
     def scenario(self, loop: int) -> Scenario:
         """What a loop is made of; it depends on the seed and the number of the loop alone."""
         random = np.random.default_rng([self.seed, loop])
@@ -128,12 +133,11 @@ class Certification:
         start = random.uniform(0.0, max(longest - given.seconds, 0.0))
         wanted = target(start + problem.period * np.arange(1, periods + problem.horizon))
         begins = np.arange(periods) == 0
-        motion = steady_motion(self.model, problem, np.array(spread.centre))
         offsets = random.normal(size=len(given.disturbance_error)) * np.array(given.disturbance_error)
         return Scenario(
             plant=scenarios.plant_near(self.plant, spread.parameters, random),
             begins=begins,
-            states=scenarios.beginnings(random, problem, spread, motion, wanted[:periods]),
+            states=scenarios.beginnings(random, problem, spread, self._motion, wanted[:periods]),
             inputs=scenarios.inputs_within(random, problem, periods),
             references=wanted,
             disturbances=scenarios.jumping(random, spread.disturbance, begins),
@@ -142,21 +146,9 @@ class Certification:
             disturbance_errors=np.tile(offsets, (periods, 1)),
         )
 
-    def controller(self, driver: int) -> Controller | None:
-        """Who drives; None for the exact MPC, whose answers are there anyway.
-
-        Raises UserError for a policy that can't be supervised.
-        """
-        if driver == EXACT:
-            return None
-        if driver == NETWORK:
-            return self.policy
-        mpc = ExactMpc(self.model, self.policy.problem, tolerance=KKT_TOLERANCE)
-        return Supervisor(self.policy, mpc, self.tolerances)
-
-    def run(self, loop: int, driver: int) -> Driven:
+    def run(self, scenario: Scenario, driver: int) -> Driven:
         """One loop of a driver."""
-        return _drive(self, self.scenario(loop), driver)
+        return Drivers(self).run(scenario, driver)
 
     def kept(self, measures: Array) -> dict[str, dict[str, NDArray[np.bool_]]]:
         """Which loops keep each criterion, by driver: the input within eta of the exact MPC's at every period, bounds,
@@ -177,40 +169,56 @@ class Certification:
         return found
 
 
-def _drive(certification: Certification, scenario: Scenario, driver: int) -> Driven:
-    """Let a driver go beside the exact MPC, which is asked the same at each period and begins at its own last plan, as
-    when it drives.
-    """
-    policy, problem = certification.policy, certification.policy.problem
-    beside = _Beside(certification.model, policy, np.array(certification.criteria.input_error))
-    own = certification.controller(driver)
-    exact, reasons = np.empty_like(scenario.inputs), np.full(len(scenario.begins), -1, dtype=np.int64)
-    measures = np.zeros(len(MEASURES))
-    low, high, rates = (np.array(getattr(problem, name)) for name in ("input_low", "input_high", "rate_limits"))
+class Drivers:
+    """The controllers of a certification, which run one loop after the other; nothing is left of the loop before."""
 
-    def control(k: int, asked: Instance) -> Array:
-        answer = beside.answer(asked)
-        given = answer
+    def __init__(self, certification: Certification) -> None:
+        """Raises UserError for a policy that can't be supervised."""
+        model, self._policy = certification.model, certification.policy
+        self._problem = self._policy.problem
+        self._beside = _Beside(model, self._policy, np.array(certification.criteria.input_error))
+        mpc = ExactMpc(model, self._problem, tolerance=KKT_TOLERANCE)
+        self._supervisor = Supervisor(self._policy, mpc, certification.tolerances)
+        names = "input_low", "input_high", "rate_limits"
+        self._low, self._high, self._rates = (np.array(getattr(self._problem, name)) for name in names)
+
+    def run(self, scenario: Scenario, driver: int) -> Driven:
+        """Let a driver go beside the exact MPC, which is asked the same at each period and begins at its own last plan,
+        as when it drives.
+        """
+        beside, own = self._beside, (None, self._policy, self._supervisor)[driver]
+        exact, reasons = np.empty_like(scenario.inputs), np.full(len(scenario.begins), -1, dtype=np.int64)
+        measures = np.zeros(len(MEASURES))
+        beside.reset()
         if own is not None:
-            given = own.control(*asked).input
-            own.prepare(problem.period)
-            answer = beside.answer_near(asked, given)
-        if isinstance(own, Supervisor):
-            reasons[k] = own.reason
-        error = beside.error(given)
-        if not error <= measures[ERROR]:
-            measures[ERROR], measures[WORST_PERIOD] = error, k
-        measures[UNSOLVED] += not beside.solved
-        changes = np.abs(given - np.clip(asked.previous, low, high))
-        if not (np.all((low <= given) & (given <= high)) and np.all(changes <= rates + ROUNDING)):
-            measures[EXCESS] = np.inf
-        exact[k] = answer
-        beside.prepare(problem.period)
-        return given
+            own.reset()
 
-    loop = scenarios.run(scenario, problem, control)
-    measures[COST], measures[EXCESS] = loop.costs.sum(), max(measures[EXCESS], loop.excess)
-    return Driven(loop, exact, reasons, measures)
+        def control(k: int, asked: Instance) -> Array:
+            exact[k] = given = beside.answer(asked)
+            if own is not None:
+                given = own.control(*asked).input
+                own.prepare(self._problem.period)
+                exact[k] = beside.answer_near(asked, given)
+            if isinstance(own, Supervisor):
+                reasons[k] = own.reason
+            error = beside.error(given)
+            if not error <= measures[ERROR]:
+                measures[ERROR], measures[WORST_PERIOD] = error, k
+            measures[UNSOLVED] += not beside.solved
+            if not self._within(asked.previous, given):
+                measures[EXCESS] = np.inf
+            beside.prepare(self._problem.period)
+            return given
+
+        loop = scenarios.run(scenario, self._problem, control)
+        measures[COST], measures[EXCESS] = loop.costs.sum(), max(measures[EXCESS], loop.excess)
+        return Driven(loop, exact, reasons, measures)
+
+    def _within(self, previous: Array, given: Array) -> bool:
+        """Whether inputs and their changes are within their bounds."""
+        changes = np.abs(given - np.clip(previous, self._low, self._high))
+        inside = np.all((self._low <= given) & (given <= self._high))
+        return bool(inside and np.all(changes <= self._rates + ROUNDING))
 
 
 class _Beside:
@@ -228,6 +236,9 @@ class _Beside:
         self._status = Status.FAILED
         self.solved = False
         """Whether the first answer converged."""
+
+    def reset(self) -> None:
+        self._mpc.reset()
 
     def prepare(self, elapsed: float) -> None:
         self._mpc.prepare(elapsed)
@@ -272,9 +283,11 @@ def measured(certification: Certification, loops: tuple[int, int]) -> dict[str, 
     numbers = range(*loops)
     measures = np.zeros((len(numbers), len(DRIVERS), len(MEASURES)))
     reasons = np.zeros((len(numbers), len(REASONS)), dtype=np.int64)
+    drivers = Drivers(certification)
     for row, loop in enumerate(numbers):
+        scenario = certification.scenario(loop)
         for driver in DRIVERS:
-            driven = certification.run(loop, driver)
+            driven = drivers.run(scenario, driver)
             measures[row, driver] = driven.measures
             if driver == SUPERVISED:
                 reasons[row] = np.bincount(driven.reasons, minlength=len(REASONS))

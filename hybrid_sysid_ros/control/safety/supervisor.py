@@ -26,6 +26,9 @@ LAYERS = {
 }
 """What stands behind an answer, by its status."""
 
+ROUNDING = 1e-6
+"""Of times, in periods."""
+
 
 class Supervisor:
     """Layers: the network -> the exact MPC with its time limit -> the rest of the last plan -> the last inputs.
@@ -84,7 +87,7 @@ class Supervisor:
         if plan.status not in (Status.LATE, Status.FAILED):
             self._age = 0.0
             return plan
-        if self.mpc.cold or self._age >= self.horizon * self.period:
+        if self.mpc.cold or self._age > (self.horizon - ROUNDING) * self.period:
             problem = self.mpc.problem
             last = np.where(np.isfinite(previous_input), previous_input, 0.0)
             inputs = np.tile(np.clip(last, problem.input_low, problem.input_high), (self.horizon, 1))

@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Dry, System, bounded
 from hybrid_sysid_ros.core.friction import rational_stribeck
-from hybrid_sysid_ros.core.mathematics import Scalar, clip, maximum, select, sqrt
+from hybrid_sysid_ros.core.mathematics import Scalar, clip, maximum, select, sided, sqrt
 
 SMALLEST_SQUARED_COSINE = 0.1
 """Of the crank's angle: no record comes that near to a dead centre, and beyond it the law must stay finite."""
+
+DRIVE_CORNER = 0.02
+"""Width over which the corner of the asymmetric drive is rounded where a solver needs derivatives [V]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +97,7 @@ class CamBeam(System):
         speed = clip(v, -self.range_speed, self.range_speed)
         squared_cosine = maximum(1.0 - self.cam_curvature * s * s, SMALLEST_SQUARED_COSINE)
         e = u[0] - self.centre
-        e = e * select(e > 0.0, 1.0 + self.asymmetry, 1.0 - self.asymmetry)
+        e = sided(e, 1.0 + self.asymmetry, 1.0 - self.asymmetry, over=DRIVE_CORNER)
         drive = self.gain * e * sqrt(squared_cosine) - self.cam_curvature * s * speed * speed / squared_cosine
         return v, drive - self.stiffness * q - self.quadratic_stiffness * s * s
 

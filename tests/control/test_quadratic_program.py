@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, quadratic_program
 
-solve, remember = numba.njit(quadratic.solve), numba.njit(quadratic.remember)
+solve, keep_working_set = numba.njit(quadratic.solve), numba.njit(quadratic.keep_working_set)
 ALL = MATRICES | GRADIENT | BOUNDS | STATES
 
 
@@ -51,7 +51,7 @@ def test_with_rows_the_optimality_conditions_hold_from_any_start(warm):
         if not warm:
             program.states[:] = 0
         solved += solve(program, ALL)
-        remember(program)
+        keep_working_set(program)
         values = np.concatenate([program.solution, program.rows @ program.solution])
         np.testing.assert_allclose(stationarity(program), 0.0, atol=1e-9)
         assert np.all(values <= program.upper + 1e-7)
@@ -67,7 +67,9 @@ def test_with_rows_the_optimality_conditions_hold_from_any_start(warm):
 
 def test_a_soft_row_is_violated_at_its_price():
     """min x^2 / 2 - 3 x, x <= 1 softly at 0.5 s + 2 s^2: 1 + s - 3 + 0.5 + 4 s = 0, so s = 0.3."""
-    memory = quadratic_program(1, 1, soft_rows=np.array([True]), soft_weight=(0.5, 2.0))
+    memory = quadratic_program(
+        1, 1, soft_rows=np.array([True]), soft_linear=np.array([0.5]), soft_quadratic=np.array([2.0])
+    )
     program = memory.program
     program.hessian[:], program.gradient[:], program.rows[:] = 1.0, -3.0, 1.0
     program.lower[:], program.upper[:] = [-10.0, -1.0], [10.0, 1.0]

@@ -12,10 +12,11 @@ PROBLEM = Problem(
     horizon=10,
     period=0.02,
     substeps=4,
-    output_weight=100.0,
-    rate_weight=1.0,
-    input_limit=10.0,
-    output_scale=0.0227,
+    output_weights=(100.0,),
+    rate_weights=(1.0,),
+    input_low=(-10.0,),
+    input_high=(10.0,),
+    output_scales=(0.0227,),
     smoothing=0.005,
     max_iterations=100,
 )
@@ -26,7 +27,7 @@ def test_a_real_time_iteration_follows_the_optimum(rig):
     converged, iterated = ExactMpc(rig.system, PROBLEM), ExactMpc(rig.system, PROBLEM, real_time=True)
     x, u, apart = np.zeros(2), np.array([rig.system.centre]), []
     for k in range(150):
-        preview = 0.05 * np.sin(2 * np.pi * 0.5 * PROBLEM.period * (k + np.arange(1, 11)))
+        preview = 0.05 * np.sin(2 * np.pi * 0.5 * PROBLEM.period * (k + np.arange(1, 11)))[:, None]
         exact, quick = (each.control(x, np.zeros(1), u, preview) for each in (converged, iterated))
         apart.append(abs(exact.input[0] - quick.input[0]))
         assert quick.status is (Status.ITERATED if k else Status.SOLVED)
@@ -48,7 +49,7 @@ def test_out_of_time_the_rest_of_the_last_plan_stands_in(rig):
     seconds = iter(np.arange(0.0, 1e6, 1.0))  # every look at this clock is a second later
     controller = ExactMpc(rig.system, PROBLEM, tolerance=0.0, time_limit=0.5, clock=lambda: next(seconds))
     state, d, previous = np.array([0.03, -0.1]), np.array([0.2]), np.array([2.0])
-    preview = 0.05 * np.linspace(-1.0, 1.0, 10)
+    preview = 0.05 * np.linspace(-1.0, 1.0, 10)[:, None]
     assert controller.control(state, d, previous, preview).status is Status.LATE  # no plan yet: the input before
     assert controller.control(state, d, previous, preview).input[0] == previous[0]
     patient = ExactMpc(rig.system, PROBLEM, time_limit=1e9, clock=lambda: 0.0)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
+from tests.control import two_inputs
 from tests.one_joint import Linear
 
 LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
@@ -14,10 +15,11 @@ PROBLEM = Problem(
     horizon=6,
     period=0.05,
     substeps=8,
-    output_weight=100.0,
-    rate_weight=1.0,
-    input_limit=10.0,
-    output_scale=0.0227,
+    output_weights=(100.0,),
+    rate_weights=(1.0,),
+    input_low=(-10.0,),
+    input_high=(10.0,),
+    output_scales=(0.0227,),
     smoothing=0.005,
     max_iterations=200,
 )
@@ -30,7 +32,7 @@ def asked(random, size=1.0):
 
 
 def answered(mpc, p):
-    return mpc.control(p[:2], p[2:3], p[3:4], p[4:])
+    return mpc.control(p[:2], p[2:3], p[3:4], p[4:, None])
 
 
 def differences(mpc, p, step):
@@ -54,21 +56,30 @@ STEPS = np.array([1e-4, 1e-3, 1e-2, 1e-2, *[1e-4] * PROBLEM.horizon])
 
 def test_of_a_linear_problem_they_are_its_feedback():
     """The answer is linear where no bound is active, so differences of any size are its derivatives."""
-    mpc = ExactMpc(LINEAR, dataclasses.replace(PROBLEM, input_limit=1e3), tolerance=1e-10)
+    mpc = ExactMpc(LINEAR, dataclasses.replace(PROBLEM, input_low=(-1e3,), input_high=(1e3,)), tolerance=1e-10)
     random = np.random.default_rng(0)
     for _ in range(5):
         p = asked(random)
         assert answered(mpc, p).status is Status.SOLVED
-        found = mpc.sensitivity()
+        (found,) = mpc.sensitivity()
         np.testing.assert_allclose(found, differences(mpc, p, STEPS), rtol=1e-4, atol=1e-5 * np.max(np.abs(found)))
 
 
 OPTIONS: dict[str, dict[str, Any]] = {
-    "bounds": {"input_limit": 4.0},
-    "rate limit": {"rate_limit": 1.5},
-    "soft state bounds": {"state_bounds": ((-0.05, 0.05), (-0.6, 0.6))},
-    "priced state bounds": {"state_bounds": ((-0.05, 0.05), (-0.6, 0.6)), "soft_linear": 50.0},
-    "literal": {"literal": True, "input_weight": 0.1},
+    "bounds": {"input_low": (-4.0,), "input_high": (3.0,)},
+    "rate limit": {"rate_limits": (1.5,)},
+    "soft state bounds": {
+        "state_low": (-0.05, -0.6),
+        "state_high": (0.05, 0.6),
+        "soft_quadratic": (1e4 / 0.0227**2,),
+    },
+    "priced state bounds": {
+        "state_low": (-0.05, -0.6),
+        "state_high": (0.05, 0.6),
+        "soft_linear": (50.0 / 0.0227,),
+        "soft_quadratic": (1e4 / 0.0227**2,),
+    },
+    "input weight": {"input_weights": (0.1,)},
 }
 
 
@@ -84,12 +95,12 @@ def test_on_the_beam_they_are_what_solutions_differ_by(rig, option):
         plan = answered(mpc, p)
         if plan.status is not Status.SOLVED:
             continue
-        found = mpc.sensitivity()
+        (found,) = mpc.sensitivity()
         coarse, fine = differences(mpc, p, STEPS * 1e-2), differences(mpc, p, STEPS * 1e-3)
         if coarse is None or fine is None or not np.allclose(coarse, fine, rtol=0.02, atol=0.01 * np.max(np.abs(fine))):
             continue
         compared += 1
-        bounded += bool(np.any(np.abs(np.abs(plan.inputs) - problem.input_limit) < 1e-9))
+        bounded += bool(np.any((plan.inputs == problem.input_low) | (plan.inputs == problem.input_high)))
         alike += bool(np.allclose(found, fine, rtol=0.03, atol=0.01 * np.max(np.abs(fine)) + 1e-6))
     assert compared > 15
     assert alike >= 0.9 * compared
@@ -114,3 +125,34 @@ def test_taking_them_changes_no_later_answer(rig):
         other.sensitivity()
         plain.prepare(PROBLEM.period)
         other.prepare(PROBLEM.period)
+
+
+@pytest.mark.parametrize("option", [{}, {"rate_limits": (0.3, np.inf)}])
+def test_of_two_inputs_they_are_what_solutions_differ_by(option):
+    """On arms with friction and outputs that are no states, every column of [x, d, u_previous, q_1, ..., q_N]."""
+    problem = dataclasses.replace(two_inputs.PROBLEM, **option)
+    mpc = ExactMpc(two_inputs.Arms(), problem, tolerance=1e-10)
+
+    def solved(p):
+        plan = mpc.control(p[:4], p[4:6], p[6:8], p[8:].reshape(-1, 2))
+        return plan.input if plan.status is Status.SOLVED else np.full(2, np.nan)
+
+    alike = compared = 0
+    for seed in range(12):
+        state, d, previous, preview = two_inputs.instance(seed)
+        previous = np.clip(previous, -1.4, 0.9)
+        p = np.concatenate([state, d, previous, preview.ravel()])
+        first = solved(p)
+        found = mpc.sensitivity()
+        assert found.shape == (2, 4 + 2 + 2 + 24)
+        apart = []
+        for step in (1e-4, 1e-5):
+            sides = [(solved(p + step * row) - solved(p - step * row)) / (2 * step) for row in np.eye(len(p))]
+            apart.append(np.array(sides).T)
+        scale = np.max(np.abs(apart[1]))
+        if not np.all(np.isfinite(first)) or not np.allclose(*apart, rtol=0.02, atol=0.01 * scale):
+            continue
+        compared += 1
+        alike += bool(np.allclose(found, apart[1], rtol=0.03, atol=0.01 * scale + 1e-6))
+    assert compared > 4
+    assert alike >= 0.9 * compared

@@ -1,0 +1,118 @@
+"""The Hessian of the Lagrangian where Gauss-Newton's is not enough: curvature of the dynamics, kept positive."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.control.mpc.horizon import Horizon
+from hybrid_sysid_ros.control.mpc.quadratic_program import Program
+from hybrid_sysid_ros.core.call import pointer
+from hybrid_sysid_ros.core.compilation import inner
+
+Array = NDArray[np.float64]
+
+LEAST_SHIFT = 1e-4
+"""Added to the diagonal of a Hessian that is not positive, in shares of Gauss-Newton's largest entry; doubled until it
+is. More than it takes makes steps short, and much less long ones.
+"""
+
+HOLD = 10.0
+"""Curvature across active constraints, in Gauss-Newton's largest entry."""
+
+
+@inner
+def add_curvature(horizon: Horizon, program: Program) -> None:
+    """Add E' curvature_i E of all intervals to the Hessian, E (n + m, v) being the derivative of an interval's state
+    and inputs by all inputs, and make it positive definite.
+    """
+    (count, n), m, v = horizon.reached.shape, horizon.inputs.shape[1], program.gradient.shape[0]
+    largest = 0.0
+    for c in range(v):
+        largest = max(largest, program.hessian[c, c])
+    moved, bent = np.zeros((n + m, v)), np.zeros((n + m, v))
+    hessian, e, t, driven = pointer(program.hessian), pointer(moved), pointer(bent), pointer(horizon.driven)
+    for i in range(count):
+        wide = (i + 1) * m
+        for a in range(n):
+            for c in range(i * m):
+                e[a * v + c] = driven[((i - 1) * n + a) * v + c]
+            for c in range(i * m, wide):
+                e[a * v + c] = 0.0
+        for j in range(m):
+            for c in range(wide):
+                e[(n + j) * v + c] = 1.0 if c == i * m + j else 0.0
+        for a in range(n + m):
+            for c in range(wide):
+                t[a * v + c] = 0.0
+            for b in range(n + m):
+                slope = horizon.curvature[i, a, b]
+                for c in range(wide):
+                    t[a * v + c] += slope * e[b * v + c]
+        for a in range(n + m):
+            for c in range(wide):
+                slope, to = e[a * v + c], c * v
+                if slope != 0.0:
+                    for d in range(wide):
+                        hessian[to + d] += slope * t[a * v + d]
+    _make_positive(horizon, program, largest)
+
+
+@inner
+def _make_positive(horizon: Horizon, program: Program, largest: float) -> None:
+    """Make the Hessian positive definite, if it is not, without changing it where inputs are free: first by curvature
+    across the active constraints (Nocedal & Wright 2006, section 17.3), else by a shift of its diagonal.
+    """
+    hessian, factor = program.hessian, np.empty_like(program.hessian)
+    if _factorise(hessian, factor):
+        return
+    _hold_active(horizon, program, HOLD * largest)
+    if _factorise(hessian, factor):
+        return
+    _hold_active(horizon, program, -HOLD * largest)
+    shift = LEAST_SHIFT * largest
+    for _ in range(60):  # one that is no number stays as it is
+        for c in range(hessian.shape[0]):
+            hessian[c, c] += shift
+        if _factorise(hessian, factor):
+            return
+        shift *= 2.0
+
+
+@inner
+def _hold_active(horizon: Horizon, program: Program, hold: float) -> None:
+    """Add curvature across the bounds and rate limits that the last solution met."""
+    (count, m), v = horizon.inputs.shape, program.gradient.shape[0]
+    for c in range(v):
+        if program.multipliers[c] != 0.0:
+            program.hessian[c, c] += hold
+    for r in range(horizon.rated.shape[0]):
+        for i in range(count):
+            if program.multipliers[v + r * count + i] != 0.0:
+                c = i * m + horizon.rated[r]
+                program.hessian[c, c] += hold
+                if i > 0:
+                    program.hessian[c - m, c - m] += hold
+                    program.hessian[c, c - m] -= hold
+                    program.hessian[c - m, c] -= hold
+
+
+@inner
+def _factorise(hessian: Array, factor: Array) -> bool:
+    """Cholesky's factor; False where a matrix is not positive definite."""
+    v = hessian.shape[0]
+    h, f = pointer(hessian), pointer(factor)
+    for c in range(v):
+        for d in range(c + 1):
+            total = h[c * v + d]
+            for k in range(d):
+                total -= f[c * v + k] * f[d * v + k]
+            if c == d:
+                if not total > 0.0:
+                    return False
+                f[c * v + c] = math.sqrt(total)
+            else:
+                f[c * v + d] = total / f[d * v + d]
+    return True
