@@ -24,7 +24,7 @@ from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.control.stage_cost import stage_costs
-from hybrid_sysid_ros.core import System, simulate
+from hybrid_sysid_ros.core import System, Variable, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.rigs.rig import load
@@ -92,12 +92,15 @@ def lecture_model() -> Narx:
         (0, 1, 0, 0, 2, 0): -0.0019,
     }
     return Narx(
-        exponents=tuple(terms),
+        outputs=(Variable(name="position", unit="V"),),
+        inputs=(Variable(name="drive", unit="V"),),
+        exponents=(tuple(terms),),
         coefficients=tuple(terms.values()),
         output_lags=3,
         input_lags=3,
-        output_range=(-20.0, 20.0),
-        input_range=(-10.0, 10.0),
+        scales=(1.0, 1.0),
+        low=(-20.0, -10.0),
+        high=(20.0, 10.0),
     )
 
 
