@@ -60,7 +60,7 @@ def test_followed_parameters_travel_with_the_estimate(bench: Bench, model_folder
     desk = Desk(bench, model_folder, followed="coulomb=0.5 centre=0.1", disturbance_noise=0.0)
     for k in range(100):
         answer = desk.estimate(2e-4 * k)
-    known = rig.system.named["_asdict"]()
+    known = rig.system.named
     assert list(answer.name) == ["beam", "beam_ahead", "beam_coulomb", "beam_centre"]
     coulomb, centre = answer.position[2:]
     assert 0.0 <= coulomb == desk.estimator.parameters["coulomb"] < known["coulomb"]
