@@ -7,14 +7,13 @@ import os
 import signal
 import time
 from collections.abc import Mapping
-from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hybrid_sysid_ros.identification.selection.search.evaluation import evaluate
-
-from hybrid_sysid_ros.identification.selection.search import CrossValidation, Outcome, Workers, opened
+from hybrid_sysid_ros.identification.selection.search import Evaluate, Objective, named
+from hybrid_sysid_ros.identification.selection.study import opened
 from hybrid_sysid_ros.models import Option, Options
+from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError
 
 MINIMUM = 0.397887
@@ -81,7 +80,7 @@ def mistaken(options: Options) -> Answer:
     raise ZeroDivisionError
 
 
-class OfBranin(CrossValidation):
+class OfBranin(Objective):
     """Branin's function in the place of what the command maximises; FOLDER and SLOW are its files, see Watched."""
 
     space = SPACE
@@ -92,20 +91,13 @@ class OfBranin(CrossValidation):
         return Watched(Path(os.environ["FOLDER"]), os.environ.get("SLOW", ""))(options)
 
 
-class Here(Workers):
+def here(objective) -> parallel.Here:
     """Evaluates at once, in this process."""
+    return parallel.Here(Evaluate(objective=objective), name=named)
 
-    size = 1
 
-    def _submit(self, options: Options):
-        future: Future[Outcome] = Future()
-        future.set_result(evaluate(self.objective, options))
-        return future
-
-    def _outcome(self, future):
-        return future.result()
-
-    def close(self) -> None: ...
+def processes(objective, tell, jobs: int) -> parallel.Processes:
+    return parallel.Processes(Evaluate(objective=objective), jobs=jobs, tell=tell, name=named)
 
 
 def study_of(place: str, seed: int = 0, **problem: object):

@@ -1,23 +1,22 @@
 """The comparison of structures: the rule that chooses, and candidates that fail without stopping the others."""
 
-import multiprocessing
 import os
+import signal
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hybrid_sysid_ros.identification.selection.blocks import Validation
-from hybrid_sysid_ros.identification.selection.candidate_store import CandidateStore
-from hybrid_sysid_ros.models.black_box import BlackBox
-from hybrid_sysid_ros.models.network import Network
 
 from hybrid_sysid_ros.identification import Part, evaluate
 from hybrid_sysid_ros.identification.selection import comparison
-from hybrid_sysid_ros.identification.selection.candidate import Candidate
-from hybrid_sysid_ros.identification.selection.comparison import LOST, RULE, Comparison, choose, compare
-from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.identification.selection.candidate import Candidate, store_of
+from hybrid_sysid_ros.identification.selection.comparison import RULE, Comparison, choose, compare
+from hybrid_sysid_ros.identification.selection.cross_validation import Validation
+from hybrid_sysid_ros.models import Model, Sampling, build
+from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
+from hybrid_sysid_ros.support.parallel import Lost
 from tests.one_joint import Linear
 
 # Hand-made candidates
@@ -82,9 +81,8 @@ def test_failed_candidates_are_not_chosen():
 
 def test_weights_count_as_parameters_once():
     """A fit that names its weights, as a black box's does, and one that does not, as a recurrent network's."""
-    network = Network(units=2, feature_scales=(1.0, 1.0, 1.0), scale=1.0)
-    system = BlackBox(network=network, network_weights=network.initial(0))
-    weights = tuple(f"weight_{i}" for i in range(network.size))
+    system, _ = build("black_box", CamBeam(), scales=np.ones(3), seed=0, options={"units": 2})
+    weights = tuple(f"weight_{i}" for i in range(len(system.weights)))
     plain = candidate("black_box", [0.9, 0.9], parameters=0)
     for names, expected in ((("gain", "damping", *weights), 12), (("gain",), 11), ((), 10)):
         model = replace(plain.models[0], system=system, names=names)
@@ -246,7 +244,7 @@ def test_a_structure_that_kills_its_process_fails_alone(linear_records, rig):
         sampling=Sampling(),
         jobs=2,
     )
-    assert [item.error for item in found.candidates] == [LOST, ""]
+    assert [item.error for item in found.candidates] == [Lost().reason, ""]
     assert found.chosen == "linear"
 
 
@@ -267,6 +265,11 @@ class Slow(str):
         return unpacked_again, (str(self), self.begun)
 
 
+def workers_of_this_process():
+    listed = (path.read_text().split() for path in Path("/proc/self/task").glob("*/children"))
+    return [int(pid) for pids in listed for pid in pids if b"popen_loky" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+
 def test_a_structure_whose_process_is_killed_once_is_fitted_again(linear_records, rig, tmp_path):
     slow = Slow("stribeck")
     slow.begun = tmp_path / "begun"
@@ -276,8 +279,8 @@ def test_a_structure_whose_process_is_killed_once_is_fitted_again(linear_records
         if candidate.structure == "linear":
             while not slow.begun.exists():
                 time.sleep(0.01)
-            for child in multiprocessing.active_children():
-                child.kill()
+            for child in workers_of_this_process():
+                os.kill(child, signal.SIGKILL)
 
     arguments = (linear_records[1:], [(linear_records[0], Part())], rig, ["linear", slow])
     found = compare(*arguments, sampling=Sampling(), jobs=2, told=kill)
@@ -312,7 +315,7 @@ def test_an_interrupted_comparison_goes_on_with_what_it_kept(alone, linear_recor
             "part": Part(stop=0.8),
             "seeds": (0, 1),
             "jobs": 1,
-            "store": CandidateStore(tmp_path / "fits"),
+            "store": store_of(tmp_path / "fits"),
         }
         return compare(**{**arguments, **changes})
 

@@ -14,6 +14,10 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.core import Recurrence
+from hybrid_sysid_ros.identification import Part, identify
+from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.nodes.layout import Place, Slots
@@ -114,6 +118,50 @@ def test_the_flexible_joint_s_link_follows_speeds_in_lockstep(domain: int, tmp_p
     point = loop.references[0].points[0]
     assert loop.references[0].joint_names == ["link"]
     assert (len(point.positions), len(point.velocities)) == (0, 1)
+
+
+def test_ipopt_commands_what_the_compiled_solver_does(domain: int, carts: Path, tmp_path: Path) -> None:
+    model = two_carts.exact_model(carts, tmp_path / "model")
+    found = []
+    for solver in ("sqp", "ipopt"):
+        bench = Bench(domain, namespace="two_carts")
+        try:
+            loop = Lockstep(bench, carts, model, solver=solver)
+            loop.run(4)
+            found.append([list(message.effort) for message in loop.commands[:4]])
+        finally:
+            bench.close()
+    np.testing.assert_allclose(found[0], found[1], atol=1e-2)
+
+
+@pytest.mark.parametrize(("structure", "own"), [("lugre", "deflection"), ("narx", "drive_1")])
+def test_a_structure_with_states_of_its_own_drives_the_beam(
+    domain: int, tmp_path: Path, structure: str, own: str
+) -> None:
+    rig = rigs.load("cam_beam")
+    record = bags.read(Path(__file__).parents[1] / "bags" / "beam_multisine", rig.signals)
+    model = identify([record], rig, structure, sampling=Sampling(), part=Part(stop=0.3))
+    model.save(tmp_path / "model")
+    rate = 1.0 / model.system.period if isinstance(model.system, Recurrence) else 200.0
+    bench = Bench(domain)
+    try:
+        measurements, commands = bench.listen("joint_states"), bench.listen("joint_command")
+        estimates = bench.listen("state_estimate")
+        given = {"model": str(tmp_path / "model"), "latency": 0.0}
+        bench.start(ReferenceNode, lockstep=True, kind="constant", preview_seconds=2.0)
+        bench.start(EstimatorNode, **given, rate=rate)
+        problem = {"period": 0.05, "substeps": 1 if rate < 200.0 else 10}
+        bench.start(ControllerNode, **given, **problem, lockstep=True, policy="exact")
+        bench.start(PlantNode, lockstep=True, wait_for_readers=3, rate=rate)
+        turns = round(1.5 * rate)
+        bench.until(lambda: len(measurements) > turns and len(commands) > turns)
+    finally:
+        bench.close()
+    assert {own, f"{own}_ahead"} <= set(estimates[-1].name)
+    reached = rig.display[0].shown([message.position[0] for message in measurements[-round(0.2 * rate) :]])
+    if rate == 200.0:  # the sampled model is coarse
+        assert np.mean(reached) == pytest.approx(4.0, abs=0.3)  # V, of the sensor
+    assert max(abs(message.effort[0]) for message in commands) <= 10.0
 
 
 def test_a_command_that_lacks_an_input_is_rejected(domain: int, carts: Path) -> None:

@@ -69,14 +69,14 @@ def test_where_every_trial_fails_the_reason_is_told(command, tmp_path: Path) -> 
 
 
 def test_a_search_without_a_trial_says_so(monkeypatch, command, tmp_path: Path) -> None:
-    monkeypatch.setattr(search_command, "CrossValidation", OfBranin)
+    monkeypatch.setattr(search_command, "Objective", OfBranin)
     monkeypatch.setenv("FOLDER", str(tmp_path))
     with pytest.raises(UserError, match="no trial is finished; give a longer --timeout"):
         command(BAGS[0], "--study", tmp_path / "search.db", "--timeout", "1e-9", "--jobs", 1)
 
 
 def test_the_same_records_are_the_same_problem_wherever_they_lie(monkeypatch, command, tmp_path: Path) -> None:
-    monkeypatch.setattr(search_command, "CrossValidation", OfBranin)
+    monkeypatch.setattr(search_command, "Objective", OfBranin)
     monkeypatch.setenv("FOLDER", str(tmp_path))
     moved = tmp_path / "moved" / BAGS[0].name
     shutil.copytree(BAGS[0], moved)
@@ -91,7 +91,7 @@ INTERRUPTED = """
 from hybrid_sysid_ros import __main__
 from hybrid_sysid_ros.commands import search as search_command
 from tests.branin import OfBranin
-search_command.CrossValidation = OfBranin
+search_command.Objective = OfBranin
 __main__.main()
 """
 
@@ -125,7 +125,7 @@ def test_an_interrupted_command_keeps_its_trials_and_says_how_to_go_on(
     worker = int(next(tmp_path.glob("call 0 0")).read_text())
     with pytest.raises(ProcessLookupError):
         wait_for(lambda: os.kill(worker, 0))
-    monkeypatch.setattr(search_command, "CrossValidation", OfBranin)
+    monkeypatch.setattr(search_command, "Objective", OfBranin)
     status, out, error = command(*arguments)
     assert status == 0
     assert "6 trials" in out

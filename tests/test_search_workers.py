@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from hybrid_sysid_ros.identification.selection.search import Cluster, Processes, search
+from hybrid_sysid_ros.identification.selection.search import Evaluate, named, search
+from hybrid_sysid_ros.support.cluster import Cluster
 from hybrid_sysid_ros.support.errors import UserError
-from tests.branin import Deadly, Watched, branin, mistaken, study_of, wait_for
+from tests.branin import Deadly, Watched, branin, mistaken, processes, study_of, wait_for
 
 pytest.importorskip("optuna", reason="needs hybrid_sysid_ros[search]")
 pytest.importorskip("joblib", reason="needs hybrid_sysid_ros[search]")
@@ -21,6 +22,10 @@ pytest.importorskip("joblib", reason="needs hybrid_sysid_ros[search]")
 @pytest.fixture
 def lines() -> list[str]:
     return []
+
+
+def cluster(objective, address: str, **more) -> Cluster:
+    return Cluster(Evaluate(objective=objective), address, name=named, **more)
 
 
 def test_processes_work_at_the_same_time(place: str, tmp_path: Path, lines: list[str]) -> None:
@@ -32,7 +37,7 @@ def test_processes_work_at_the_same_time(place: str, tmp_path: Path, lines: list
 
     thread = threading.Thread(target=release)
     thread.start()
-    with study_of(place) as study, Processes(objective, lines.append, jobs=2) as workers:
+    with study_of(place) as study, processes(objective, lines.append, jobs=2) as workers:
         search(study, workers, trials=4)
         assert len(study.finished) == 4
     thread.join()
@@ -54,7 +59,7 @@ def kill_the_first(folder: Path) -> threading.Thread:
 
 def test_a_killed_process_loses_no_trial(place: str, tmp_path: Path, lines: list[str]) -> None:
     killer = kill_the_first(tmp_path)
-    with study_of(place) as study, Processes(Watched(tmp_path, slow="0"), lines.append, jobs=2) as workers:
+    with study_of(place) as study, processes(Watched(tmp_path, slow="0"), lines.append, jobs=2) as workers:
         search(study, workers, trials=8)
         assert [trial.number for trial in study.finished] == list(range(8))
         assert all(branin(trial.options).value == trial.outcome.score for trial in study.finished)
@@ -63,7 +68,7 @@ def test_a_killed_process_loses_no_trial(place: str, tmp_path: Path, lines: list
 
 
 def test_a_trial_that_kills_its_processes_fails_alone(place: str, lines: list[str]) -> None:
-    with study_of(place) as study, Processes(Deadly(), lines.append, jobs=2) as workers:
+    with study_of(place) as study, processes(Deadly(), lines.append, jobs=2) as workers:
         search(study, workers, trials=6)
         first, *others = study.finished
         assert "lost 3 times" in first.outcome.error
@@ -74,7 +79,7 @@ def test_a_trial_that_kills_its_processes_fails_alone(place: str, lines: list[st
 def test_a_mistake_of_the_program_is_not_a_failed_trial(place: str, lines: list[str]) -> None:
     with (
         study_of(place) as study,
-        Processes(mistaken, lines.append, jobs=1) as workers,
+        processes(mistaken, lines.append, jobs=1) as workers,
         pytest.raises(ZeroDivisionError),
     ):
         search(study, workers, trials=2)
@@ -84,8 +89,7 @@ def test_a_mistake_of_the_program_is_not_a_failed_trial(place: str, lines: list[
     ("library", "use"),
     [
         ("optuna", lambda place: study_of(place).__enter__()),
-        ("joblib", lambda place: Processes(branin, print)),
-        ("distributed", lambda place: Cluster(branin, print, "local")),
+        ("distributed", lambda place: cluster(branin, "local")),
     ],
 )
 def test_a_missing_library_is_named_with_the_extra(monkeypatch, place: str, library: str, use) -> None:
@@ -95,16 +99,16 @@ def test_a_missing_library_is_named_with_the_extra(monkeypatch, place: str, libr
         use(place)
 
 
-@pytest.mark.parametrize("jobs", [0, -2])
+@pytest.mark.parametrize("jobs", [-3, -2])
 def test_a_number_of_processes_that_is_none_is_refused(jobs: int) -> None:
     with pytest.raises(UserError, match=f"--jobs {jobs}"):
-        Processes(branin, print, jobs=jobs)
+        processes(branin, print, jobs)
 
 
 def test_a_killed_worker_of_a_cluster_loses_no_trial(place: str, tmp_path: Path, lines: list[str]) -> None:
     pytest.importorskip("distributed", reason="needs hybrid_sysid_ros[search]")
     killer = kill_the_first(tmp_path)
-    with study_of(place) as study, Cluster(Watched(tmp_path, slow="0"), lines.append, "local", jobs=2) as workers:
+    with study_of(place) as study, cluster(Watched(tmp_path, slow="0"), "local", tell=lines.append, jobs=2) as workers:
         assert workers.size == 2
         search(study, workers, trials=8)
         assert [trial.number for trial in study.finished] == list(range(8))
@@ -118,6 +122,6 @@ def test_a_killed_worker_of_a_cluster_loses_no_trial(place: str, tmp_path: Path,
 def test_a_cluster_that_is_not_there_gets_one_line() -> None:
     pytest.importorskip("distributed", reason="needs hybrid_sysid_ros[search]")
     with pytest.raises(UserError, match=r"--cluster tcp://127\.0\.0\.1:9: no scheduler"):
-        Cluster(branin, print, "tcp://127.0.0.1:9", patience=0.5)
+        cluster(branin, "tcp://127.0.0.1:9", patience=0.5)
     with pytest.raises(UserError, match="--cluster banana://"):
-        Cluster(branin, print, "banana://", patience=0.5)
+        cluster(branin, "banana://", patience=0.5)

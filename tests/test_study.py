@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from hybrid_sysid_ros.identification.selection.search import Study, opened, search
+from hybrid_sysid_ros.identification.selection.search import search
+from hybrid_sysid_ros.identification.selection.study import Study, opened
 from hybrid_sysid_ros.models import Option, Options
 from hybrid_sysid_ros.support.errors import UserError
-from tests.branin import MINIMUM, SPACE, Answer, Here, branin, broken, picky, study_of
+from tests.branin import MINIMUM, SPACE, Answer, branin, broken, here, picky, study_of
 
 pytest.importorskip("optuna", reason="needs hybrid_sysid_ros[search]")
 pytest.importorskip("joblib", reason="needs hybrid_sysid_ros[search]")
@@ -26,7 +27,7 @@ def drawn(study: Study) -> list[tuple[float, float]]:
 def sixty(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Study]:
     place = str(tmp_path_factory.mktemp("branin") / "search.db")
     with study_of(place) as study:
-        search(study, Here(branin, print), trials=60)
+        search(study, here(branin), trials=60)
         yield study
 
 
@@ -44,28 +45,28 @@ def test_the_first_trial_is_at_the_defaults(sixty: Study) -> None:
 
 def test_the_importance_tells_which_options_matter(monkeypatch, sixty: Study) -> None:
     assert sixty.importance() == {}  # too few trials
-    monkeypatch.setattr("hybrid_sysid_ros.identification.selection.search.study.IMPORTANCE_TRIALS", 60)
+    monkeypatch.setattr("hybrid_sysid_ros.identification.selection.study.IMPORTANCE_TRIALS", 60)
     importance = sixty.importance()
     assert set(importance) == {"x", "y"}
     assert sum(importance.values()) == pytest.approx(1.0)
 
 
 def test_nothing_matters_where_all_trials_are_equally_good(monkeypatch, place: str) -> None:
-    monkeypatch.setattr("hybrid_sysid_ros.identification.selection.search.study.IMPORTANCE_TRIALS", 20)
+    monkeypatch.setattr("hybrid_sysid_ros.identification.selection.study.IMPORTANCE_TRIALS", 20)
     with study_of(place) as study:
-        search(study, Here(lambda options: Answer(1.0), print), trials=20)
+        search(study, here(lambda options: Answer(1.0)), trials=20)
         assert set(study.importance()) == {"x", "y"}
 
 
 def test_an_interrupted_study_draws_the_same_trials_as_one_that_was_not(sixty: Study, place: str) -> None:
     with study_of(place) as study:
-        search(study, Here(branin, print), trials=13)
+        search(study, here(branin), trials=13)
     with study_of(place) as study:
-        search(study, Here(branin, print), trials=16)
+        search(study, here(branin), trials=16)
         number, running = study.ask()  # and the process is killed
     with study_of(place) as study:
         assert len(study.finished) == 16
-        search(study, Here(branin, print), trials=25)
+        search(study, here(branin), trials=25)
         assert drawn(study) == drawn(sixty)[:25]
         assert drawn(study)[16] == (running["x"], running["y"])
         assert number not in [trial.number for trial in study.finished]
@@ -73,14 +74,14 @@ def test_an_interrupted_study_draws_the_same_trials_as_one_that_was_not(sixty: S
 
 def test_another_seed_draws_other_trials(sixty: Study, place: str) -> None:
     with study_of(place, seed=1) as study:
-        search(study, Here(branin, print), trials=3)
+        search(study, here(branin), trials=3)
         assert drawn(study)[0] == drawn(sixty)[0]
         assert not set(drawn(study)[1:]) & set(drawn(sixty))
 
 
 def test_a_study_of_another_problem_is_refused(place: str) -> None:
     with study_of(place, part="0:0.5", records={"a": "1", "b": "2"}) as study:
-        search(study, Here(branin, print), trials=2)
+        search(study, here(branin), trials=2)
     with (
         pytest.raises(UserError, match=r"branin was begun with part 0:0\.5, not 0:1, other records \(b, c\); choose"),
         study_of(place, part="0:1", records={"a": "1", "b": "3", "c": "4"}),
@@ -93,7 +94,7 @@ def test_a_study_of_another_problem_is_refused(place: str) -> None:
 def test_one_file_keeps_several_studies(place: str) -> None:
     for name in ("first", "second"):
         with opened(place, name, problem={"name": name}, space=SPACE) as study:
-            search(study, Here(branin, print), trials=2)
+            search(study, here(branin), trials=2)
             assert len(study.finished) == 2
 
 
@@ -129,7 +130,7 @@ def test_a_database_without_driver_is_refused() -> None:
 
 def test_a_trial_that_fails_is_kept_with_its_message(place: str) -> None:
     with study_of(place) as study:
-        search(study, Here(picky, print), trials=20)
+        search(study, here(picky), trials=20)
         failed = [trial for trial in study.finished if trial.outcome.error]
         assert len(study.finished) == 20
         assert 0 < len(failed) < 20
@@ -137,13 +138,13 @@ def test_a_trial_that_fails_is_kept_with_its_message(place: str) -> None:
         assert {trial.outcome.error for trial in failed} == {"x is positive, which is not allowed"}
         assert not {trial.number for trial in study.ranking} & {trial.number for trial in failed}
     with study_of(place) as study:  # and they are not tried again
-        search(study, Here(picky, print), trials=20)
+        search(study, here(picky), trials=20)
         assert len(study.finished) == 20
 
 
 def test_a_search_where_everything_fails_is_given_up(place: str) -> None:
     with study_of(place) as study, pytest.raises(UserError, match=r"all 5 trials failed.* nothing works"):
-        search(study, Here(broken, print), trials=40)
+        search(study, here(broken), trials=40)
 
 
 def test_a_diverged_trial_ranks_nowhere(place: str) -> None:
@@ -151,7 +152,7 @@ def test_a_diverged_trial_ranks_nowhere(place: str) -> None:
         return Answer(-math.inf if options["x"] > 0 else -1.0)
 
     with study_of(place) as study:
-        search(study, Here(diverging, print), trials=25)
+        search(study, here(diverging), trials=25)
         assert len(study.finished) == 25
         assert all(trial.options["x"] <= 0 for trial in study.ranking)
 
@@ -165,7 +166,7 @@ def test_options_that_were_drawn_before_are_not_evaluated_again(place: str) -> N
 
     space = {"terms": Option(default=1, low=0, high=2, kind="int", description="terms")}
     with opened(place, "few", problem={}, space=space) as study:
-        search(study, Here(objective, print), trials=20)
+        search(study, here(objective), trials=20)
         assert len(study.finished) == 20
         assert [trial.options["terms"] for trial in study.ranking] == [2, 1, 0]
     assert sorted(evaluated) == [0, 1, 2]
@@ -173,7 +174,7 @@ def test_options_that_were_drawn_before_are_not_evaluated_again(place: str) -> N
 
 def test_no_trial_begins_after_the_timeout(place: str) -> None:
     with study_of(place) as study:
-        search(study, Here(branin, print), trials=5, timeout=0.0)
+        search(study, here(branin), trials=5, timeout=0.0)
         assert study.begun == 0
 
 

@@ -44,8 +44,8 @@ def steady_motion(system: System, problem: Problem, outputs: Array) -> SteadyMot
     """The steady motion of a system at outputs (p,), by Newton's method from rest; a problem that is sized.
 
     The equations x + d = step(x, u), d = step(x + d, u) - step(x, u) linearised, y_t = output(x, u) and C d = 0 of
-    the tracked outputs are solved for states x, inputs u and drift d in the sense of least squares, so that a system that
-    has no steady motion there gives the nearest.
+    the tracked outputs are solved for states x, inputs u and drift d in the sense of least squares, so that a system
+    that has no steady motion there gives the nearest.
     """
     tracked = [k for k, weight in enumerate(problem.output_weights) if weight > 0]
     states, inputs = len(system.states), len(system.inputs)

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from hybrid_sysid_ros.core.mathematics import Scalar, absolute, maximum, saturate, select, sqrt
+from hybrid_sysid_ros.core.mathematics import Scalar, maximum, saturate, select, sqrt
 
 Field = str | float | Callable[[Any, Any, Any], Any]
 
@@ -114,7 +114,7 @@ class Bristles(Contact):
         push = b - total * z
         sign = select(push > 0.0, 1.0, -1.0)
         linear = a - sign * b * c + h * total
-        amount = absolute(push)
+        amount = sign * push  # |push|, with its slope at rest too: an optimiser must see how to begin to move
         # The form without cancellation where the linear part is positive, the usual one where it is not.
         root = sqrt(linear * linear + 4.0 * a * c * amount)
         r = select(

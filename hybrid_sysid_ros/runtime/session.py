@@ -25,7 +25,7 @@ from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
 
-READY_TIMEOUT = 120.0  # s, until a node has imported and compiled everything
+READY_TIMEOUT = 300.0  # s, until a node has imported and compiled everything
 START_TIMEOUT = 30.0  # s, until the loop is complete
 STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # s
 STOP_ORDER = (("plant", "reference"), ("estimator", "controller"), ("recorder",))

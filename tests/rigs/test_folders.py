@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hybrid_sysid_ros.core import compiled, simulate, stepped
 from hybrid_sysid_ros.rigs import folder as folders
 from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.rigs.check import _sloped
 from hybrid_sysid_ros.rigs.folder import HOME
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -310,9 +312,20 @@ def test_the_flexible_joint_rings_at_the_frequency_of_its_spring():
     named = structures["linear"].named
     joint = type(structures["linear"])(viscous_friction=0.0)
     expected = np.sqrt(named["spring"] * (1 / named["motor_inertia"] + 1 / named["link_inertia"])) / (2 * np.pi)
-    from hybrid_sysid_ros.core import simulate
-
     states = simulate(joint, np.array([0.01, 0.0, 0.0, 0.0]), np.zeros((20_000, 1)), step=1e-4)
     twist = states[:, 0] - states[:, 1]
     crossings = np.flatnonzero((twist[:-1] < 0) & (twist[1:] >= 0)) * 1e-4
     assert 1 / np.mean(np.diff(crossings)) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("structure", ["dahl", "lugre"])
+def test_bristles_at_rest_give_way_to_a_small_torque(structure):
+    """The slope of the motor's speed by the torque is that of a small step, not zero: optimisers begin there."""
+    system = rigs.load("flexible_joint").structures[structure]
+    address, _ = compiled(system).slopes(smooth=True)
+    n, small = len(system.states), 1e-6
+    slopes, following = np.zeros((n, n + 1)), np.zeros(n)
+    _sloped(address, np.zeros(n), np.zeros(1), system.values, system.weights, 1e-3, 0.01, following, slopes)
+    moved = stepped(system, np.zeros(n), np.array([small]), step=1e-3) / small
+    np.testing.assert_allclose(slopes[:, n], moved, rtol=1e-4)
+    assert moved[2] > 0.0

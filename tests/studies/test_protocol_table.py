@@ -4,12 +4,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from hybrid_sysid_ros.identification.selection.blocks import Validation
 
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.selection.candidate import Candidate
 from hybrid_sysid_ros.identification.selection.comparison import Comparison
+from hybrid_sysid_ros.identification.selection.cross_validation import Validation
 from hybrid_sysid_ros.models import STRUCTURES
 from studies.beam_lecture.lecture import COLUMNS, PUBLISHED, Protocol
 from studies.beam_lecture.protocol import table

@@ -15,6 +15,7 @@ from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.structures import structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support import parallel
+from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Lost, Store
 
 Told = Callable[[Candidate], object]
@@ -80,7 +81,7 @@ def compare(
             tests=[(bare[id(record)], chosen) for record, chosen in tests],
             rig=rig,
             sampling=sampling,
-            seeds=seeds if structure_of(structure, rig.structures)[0].seeded else seeds[:1],
+            seeds=seeds if _seeded(structure, rig) else seeds[:1],
         )
         for structure in structures
     ]
@@ -98,6 +99,13 @@ def compare(
             told(done[name])
     candidates = [done[structure] for structure in structures]
     return Comparison(candidates=candidates, chosen=choose(candidates), seconds=time.perf_counter() - began)
+
+
+def _seeded(structure: str, rig: Rig) -> bool:
+    try:
+        return structure_of(structure, rig.structures)[0].seeded
+    except UserError:  # its fit says what is wrong
+        return False
 
 
 def choose(candidates: Sequence[Candidate]) -> str:

@@ -1,0 +1,86 @@
+"""Work side by side: in order or as it ends, kept, found again, and left whole by an interrupt."""
+
+import os
+import threading
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.support import parallel, threads
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.parallel import Store, resumed, run, workers_for
+
+
+def squares(number):
+    return {"square": np.array([number**2.0]), "threads": np.array([float(threads.available())])}
+
+
+@pytest.mark.parametrize("how", [{"workers": 1}, {"workers": 2}, {"workers": 2, "threads": True}])
+def test_results_come_in_the_order_of_the_pieces(how, tmp_path):
+    heard = []
+    found = run(squares, [3, 1, 2], store=Store(tmp_path / "kept"), progress=lambda *news: heard.append(news), **how)
+    assert [item["square"][0] for item in found] == [9.0, 1.0, 4.0]
+    assert heard == [(1, 3), (2, 3), (3, 3)]
+    # One alone may use all threads, one beside others has one.
+    assert {item["threads"][0] for item in found} == {2.0 if how["workers"] == 1 else 1.0}
+
+
+def test_what_is_kept_is_not_done_again_and_another_purpose_does_not_find_it(tmp_path):
+    done = []
+
+    def work(number):
+        done.append(number)
+        return squares(number)
+
+    store = Store(tmp_path / "kept", "squares")
+    run(work, [1, 2], workers=1, store=store)
+    found = run(work, [1, 2, 3], workers=1, store=store)
+    assert done == [1, 2, 3]
+    assert [item["square"][0] for item in found] == [1.0, 4.0, 9.0]
+    run(work, [1], workers=1, store=Store(tmp_path / "kept", "cubes"))
+    assert done == [1, 2, 3, 1]
+    store.remove()
+    assert not (tmp_path / "kept").exists()
+
+
+def test_what_was_not_written_whole_is_not_there(tmp_path):
+    store = Store(tmp_path)
+    store.keep([1, "a"], squares(2))
+    assert store.find([1, "a"])["square"][0] == 4.0
+    (place,) = tmp_path.iterdir()
+    (place / parallel.ARRAYS).write_bytes(b"short")
+    assert store.find([1, "a"]) is None
+    (place / parallel.FINISHED).unlink()
+    assert store.find([1, "a"]) is None
+
+
+def test_after_an_interrupt_what_is_under_way_is_kept(tmp_path):
+    begun, release = threading.Event(), threading.Event()
+
+    def work(number):
+        if number == 2:
+            begun.set()
+            release.wait(20.0)
+        return squares(number)
+
+    store = Store(tmp_path)
+    with workers_for(work, jobs=2, threads=True) as crew:
+        items = resumed(crew, [2, 1, 3, 4], store=store, finish=True)
+        next(items)
+        begun.wait(20.0)
+        release.set()
+        with pytest.raises(KeyboardInterrupt):
+            items.throw(KeyboardInterrupt)
+    assert store.find(1) is not None
+    assert store.find(2) is not None
+
+
+def test_a_mistake_of_the_work_is_raised():
+    with pytest.raises(ZeroDivisionError):
+        run(lambda number: {"a": np.array([1 / number])}, [1, 0], workers=2)
+
+
+def test_a_number_of_workers_that_is_none_is_refused():
+    with pytest.raises(UserError, match="-2"):
+        run(squares, [1], workers=-2)
+    assert parallel.count(0) == parallel.count(-1) == len(os.sched_getaffinity(0))
