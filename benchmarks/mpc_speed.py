@@ -50,7 +50,7 @@ class Case:
 def cases() -> dict[str, Case]:
     """The problems by name."""
     rig = load("cam_beam")
-    scale = rig.sensor.radians_per_volt
+    scale, hardware = rig.display[0].scale, rig.schedule()
     plain: dict[str, Any] = {"period": 0.05, "input_low": (-10.0,), "input_high": (10.0,), "max_iterations": 100}
     network = Problem(
         horizon=20, substeps=2, output_weights=(1e2,), rate_weights=(1e-1,), input_weights=(1e-2,), **plain
@@ -64,13 +64,11 @@ def cases() -> dict[str, Case]:
             samples=150,
             noise=(0.02, 0.3),
         ),
-        "lecture": Case(
-            system=lecture_model(), problem=lecture, reference=rig.schedule().of(0), samples=1000, noise=(0.02,)
-        ),
+        "lecture": Case(system=lecture_model(), problem=lecture, reference=hardware, samples=1000, noise=(0.02,)),
         "beam": Case(
             system=load_model(configuration.shipped("cam_beam", "model")).system,
             problem=configuration.mpc_problem(configuration.defaults("cam_beam", "controller"), rig),
-            reference=lambda t: scale * rig.schedule().of(0)(t)[:, None],
+            reference=lambda t: scale * hardware(t),
             samples=2500,
             noise=(0.0, 0.02),
         ),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.controller import Controller, Status
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.stage_cost import stage_costs
-from hybrid_sysid_ros.estimation import Estimator
+from hybrid_sysid_ros.estimation import Estimate
 
 Array = NDArray[np.float64]
 
@@ -42,6 +42,14 @@ class Plant(Protocol):
 
     def advance(self, inputs: Array) -> None:
         """One step under inputs (m,)."""
+        ...
+
+
+class Observer(Protocol):
+    """What tells the state: an estimator."""
+
+    def update(self, time: float, outputs: Array, applied: Array) -> Estimate:
+        """See :meth:`~hybrid_sysid_ros.estimation.Estimator.update`."""
         ...
 
 
@@ -83,7 +91,7 @@ class ClosedLoop:
 
 def simulate_loop(
     plant: Plant,
-    estimator: Estimator,
+    estimator: Observer,
     controller: Controller,
     reference: Reference,
     *,

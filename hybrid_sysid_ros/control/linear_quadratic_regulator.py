@@ -164,8 +164,8 @@ def _gains(rest: Rest, problem: Problem) -> tuple[Array, Array, Array]:
         value = solve_discrete_are(through, change, weights, price, s=crossed)
     except (LinAlgError, ValueError) as error:
         raise UserError(
-            f"regulator: no linear feedback stabilises the model under these weights ({error}); where fewer outputs are "
-            "tracked than there are inputs, the inputs need weights"
+            f"regulator: no linear feedback stabilises the model under these weights ({error}); where fewer outputs "
+            "are tracked than there are inputs, the inputs need weights"
         ) from error
     curvature = price + change.T @ value @ change
     feedback = np.linalg.solve(curvature, change.T @ value @ through + crossed.T)

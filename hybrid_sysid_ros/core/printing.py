@@ -119,7 +119,8 @@ def _module(system: System, *, output: bool, smooth: bool, columns: Columns | No
     if output:
         traced = trace.output_of(system)
     else:
-        traced = trace.law_of(system) if staged else trace.step_of(system, smooth=smooth)
+        trace_of = trace.law_of if staged else trace.step_of
+        traced = trace_of(system, smooth=smooth)
     signature, more = ("VALUE", "") if columns is None else ("SLOPES", ", slopes")
     decorator, name = ("@inner", "law") if staged else (f"@compiled({signature})", "function")
     lines = [decorator, f"def {name}(x, u, p, w, h, s, out{more}):"]

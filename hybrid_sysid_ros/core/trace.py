@@ -44,10 +44,15 @@ def step_of(system: System, *, smooth: bool = False, weights: casadi.SX | None =
     return _traced(system, "the step", advance, weights)
 
 
-def law_of(system: System) -> Trace:
-    """The rates of the states, for steppers that call the law several times."""
+def law_of(system: System, *, smooth: bool = False) -> Trace:
+    """The rates of the states, for steppers that call the law several times. smooth: corners with a width rounded."""
     count = len(system.declared_states)
-    return _traced(system, "law(x, u)", lambda bound, x, u, h, s: bound.motion().rates(x[:count], u), None)
+
+    def law(bound: System, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
+        with rounded(smooth):
+            return bound.motion().rates(x[:count], u)
+
+    return _traced(system, "law(x, u)", law, None)
 
 
 def output_of(system: System, *, weights: casadi.SX | None = None) -> Trace:

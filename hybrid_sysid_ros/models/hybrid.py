@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Parameter, Softsign, System
-from hybrid_sysid_ros.core.mathematics import Scalar, saturate
+from hybrid_sysid_ros.core.mathematics import Scalar, clip
 from hybrid_sysid_ros.core.steppers import Motion
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -18,6 +18,9 @@ Array = NDArray[np.float64]
 
 CLIP = 1.5
 """Features are held within +-CLIP of their scale: beyond it a network knows nothing."""
+
+CORNER = 0.02
+"""Width over which that is rounded where a solver needs derivatives, in their scale."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +106,7 @@ class Hybrid(System):
         def rates(x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
             found = list(motion.rates(x, u))
             features, outputs = self.scales[: block.features], self.scales[block.features :]
-            scaled = [saturate(value / scale, CLIP) for value, scale in zip([*x, *u], features, strict=True)]
+            scaled = [clip(value / scale, -CLIP, CLIP, over=CORNER) for value, scale in zip([*x, *u], features, strict=True)]
             for index, value, scale in zip(places, block(scaled), outputs, strict=True):
                 found[index] = found[index] + scale * value
             return found

@@ -5,12 +5,12 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hybrid_sysid_ros.estimation.estimate import Counters, Estimate
 
 from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop, simulate_loop
 from hybrid_sysid_ros.control.stage_cost import stage_costs
 from hybrid_sysid_ros.core import simulate
+from hybrid_sysid_ros.estimation import Estimate
 from tests.control import two_inputs
 
 PROBLEM = dataclasses.replace(
@@ -68,14 +68,14 @@ class Exact:
 
     def __init__(self):
         self.system, self.step, self.state, self.ticks = two_inputs.Arms(), 0.01, np.zeros(4), 0
-        self.counters, self.u = Counters(), np.zeros(2)
+        self.u = np.zeros(2)
 
     @property
     def time(self):
         return self.ticks * self.step
 
     def outputs(self):
-        return np.array(np.ravel(self.system.output(self.state, self.u)), dtype=float)
+        return np.array(np.ravel(self.system.output(self.state.tolist(), self.u.tolist())), dtype=float)
 
     def sensed(self):
         return self.outputs()
@@ -85,19 +85,13 @@ class Exact:
         self.state = simulate(self.system, self.state, inputs[None], step=self.step)[-1]
         self.ticks += 1
 
-    def update(self, time, output, applied):
+    def update(self, time, outputs, applied):
         x = self.state.copy()
         nothing = np.zeros(0)
         return Estimate(
             time=time, state=x, ahead=x, disturbance=np.zeros(2), parameters=nothing, covariance=np.zeros((4, 4)),
             innovation=nothing, normalised_innovation=0.0,
         )  # fmt: skip
-
-    def correct(self, time, value, channel):
-        raise NotImplementedError
-
-    def reset(self):
-        pass
 
 
 def test_two_outputs_follow_their_references():

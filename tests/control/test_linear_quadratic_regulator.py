@@ -182,22 +182,24 @@ def test_two_outputs_come_to_their_references_whatever_the_disturbances():
     system = two_inputs.Arms(friction=0.0)
     problem = dataclasses.replace(two_inputs.PROBLEM, input_low=(-10.0,), input_high=(10.0,), input_weights=(0.0,))
     regulator = LinearQuadraticRegulator(system, problem, about=np.array([0.1, -0.05]))
-    np.testing.assert_allclose(
-        np.ravel(system.output(regulator.rest.point[:4], regulator.rest.point[4:])), [0.1, -0.05]
-    )
+    np.testing.assert_allclose(shown(system, regulator.rest.point[:4], regulator.rest.point[4:]), [0.1, -0.05])
     state, u, d = np.zeros(4), np.zeros(2), np.array([0.2, -0.1])
     for _ in range(400):
         u = regulator.control(state, d, u, np.tile([0.1, -0.05], (12, 1))).input
         state = simulate(system, state, np.tile(u + d, (3, 1)), step=0.05 / 3)[-1]
-    outputs = np.ravel(system.output(state, u + d))
-    np.testing.assert_allclose(np.array(outputs, dtype=float), [0.1, -0.05], atol=1e-6)
+    np.testing.assert_allclose(shown(system, state, u + d), [0.1, -0.05], atol=1e-6)
+
+
+def shown(system, x, u):
+    """The outputs."""
+    return np.array(np.ravel(system.output(x.tolist(), u.tolist())), dtype=float)
 
 
 def test_with_fewer_inputs_than_tracked_outputs_it_rests_nearest_by_their_weights():
     """One cart is pushed, both are to be elsewhere: at rest they stand together, at the weighted mean."""
 
     class OneForce(two_inputs.Carts):
-        inputs = ("first_force [N]",)
+        inputs = ("first_force [N]",)  # type: ignore[assignment]
 
         def law(self, x, u):
             return super().law(x, (u[0], 0.0))

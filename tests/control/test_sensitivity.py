@@ -150,7 +150,7 @@ def test_of_two_inputs_they_are_what_solutions_differ_by(option):
             sides = [(solved(p + step * row) - solved(p - step * row)) / (2 * step) for row in np.eye(len(p))]
             apart.append(np.array(sides).T)
         scale = np.max(np.abs(apart[1]))
-        if not np.all(np.isfinite(first)) or not np.allclose(*apart, rtol=0.02, atol=0.01 * scale):
+        if not np.all(np.isfinite(first)) or not np.allclose(apart[0], apart[1], rtol=0.02, atol=0.01 * scale):
             continue
         compared += 1
         alike += bool(np.allclose(found, apart[1], rtol=0.03, atol=0.01 * scale + 1e-6))
