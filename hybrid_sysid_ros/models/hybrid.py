@@ -106,7 +106,9 @@ class Hybrid(System):
         def rates(x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
             found = list(motion.rates(x, u))
             features, outputs = self.scales[: block.features], self.scales[block.features :]
-            scaled = [clip(value / scale, -CLIP, CLIP, over=CORNER) for value, scale in zip([*x, *u], features, strict=True)]
+            scaled = [
+                clip(value / scale, -CLIP, CLIP, over=CORNER) for value, scale in zip([*x, *u], features, strict=True)
+            ]
             for index, value, scale in zip(places, block(scaled), outputs, strict=True):
                 found[index] = found[index] + scale * value
             return found
