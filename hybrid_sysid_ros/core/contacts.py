@@ -105,6 +105,8 @@ class Bristles(Contact):
         (1 + h D / 2) v+ + h S z+ = b,   S = s0 + s1 / h,   b = v + h f_v - h D v / 2 + s1 z
         with r = |v+|, a = 1 + h D / 2, s = sgn(v+) = sgn(b - h S z):
         a c r^2 + (a - s b c + h^2 S) r - |b - h S z| = 0,       of which one root is positive
+
+        Smoothed, the signs of the push and of v+ are x / sqrt(x^2 + smoothing^2).
         """
         half = 0.5 * h * at["viscous"]
         a = 1.0 + half
@@ -112,12 +114,22 @@ class Bristles(Contact):
         b = pushed - half * v + at["damping"] * z
         total = h * at["stiffness"] + at["damping"]
         push = b - total * z
-        sign = select(push > 0.0, 1.0, -1.0)
+        sign = select(push > 0.0, 1.0, -1.0) if smoothing is None else _rounded_sign(push, smoothing)
         linear = a - sign * b * c + h * total
         amount = sign * push  # |push|, with its slope at rest too: an optimiser must see how to begin to move
         # The form without cancellation where the linear part is positive, the usual one where it is not.
         root = sqrt(linear * linear + 4.0 * a * c * amount)
-        r = select(
-            linear > 0.0, 2.0 * amount / maximum(linear + root, TINY), (root - linear) / maximum(2.0 * a * c, TINY)
+        if smoothing is None:
+            r = select(
+                linear > 0.0, 2.0 * amount / maximum(linear + root, TINY), (root - linear) / maximum(2.0 * a * c, TINY)
+            )
+            return sign * r, (z + h * sign * r) / (1.0 + c * r)
+        after = push * select(
+            linear > 0.0, 2.0 / maximum(linear + root, TINY), (root - linear) / maximum(2.0 * a * c * amount, TINY)
         )
-        return sign * r, (z + h * sign * r) / (1.0 + c * r)
+        speed = after * _rounded_sign(after, smoothing)  # none at rest, where bristles must not creep
+        return after, (z + h * after) / (1.0 + c * speed)
+
+
+def _rounded_sign(x: Scalar, smoothing: Scalar) -> Scalar:
+    return x / maximum(sqrt(x * x + smoothing * smoothing), TINY)

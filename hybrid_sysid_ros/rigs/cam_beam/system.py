@@ -16,8 +16,10 @@ from hybrid_sysid_ros.core.mathematics import Scalar, clip, maximum, select, sid
 SMALLEST_SQUARED_COSINE = 0.1
 """Of the crank's angle: no record comes that near to a dead centre, and beyond it the law must stay finite."""
 
-DRIVE_CORNER = 0.02
-"""Width over which the corner of the asymmetric drive is rounded where a solver needs derivatives [V]."""
+DRIVE_CORNER, POSITION_CORNER, SPEED_CORNER = 0.02, 0.001, 0.02
+"""Widths over which the corners of the asymmetric drive [V] and of what is held within the identified range [rad, rad/s]
+are rounded where a solver needs derivatives.
+"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,8 +95,8 @@ class CamBeam(System):
 
     def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
         q, v = x
-        s = clip(q, self.range_low, self.range_high)
-        speed = clip(v, -self.range_speed, self.range_speed)
+        s = clip(q, self.range_low, self.range_high, over=POSITION_CORNER)
+        speed = clip(v, -self.range_speed, self.range_speed, over=SPEED_CORNER)
         squared_cosine = maximum(1.0 - self.cam_curvature * s * s, SMALLEST_SQUARED_COSINE)
         e = u[0] - self.centre
         e = sided(e, 1.0 + self.asymmetry, 1.0 - self.asymmetry, over=DRIVE_CORNER)
@@ -104,7 +106,7 @@ class CamBeam(System):
     def friction(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
         """Level F of the dry friction [rad/s^2]."""
         q, v = x
-        s = clip(q, self.range_low, self.range_high)
+        s = clip(q, self.range_low, self.range_high, over=POSITION_CORNER)
         shape = 1.0 + self.friction_slope * s + self.friction_curvature * s * s
         level = rational_stribeck(v, self.coulomb, self.stribeck_excess, self.stribeck_speed)
         return maximum(level * shape, 0.0)
