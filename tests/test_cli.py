@@ -98,7 +98,7 @@ def test_a_model_tells_where_it_comes_from(linear_model):
     content = yaml.safe_load((linear_model / "model.yaml").read_text())
     assert content["records"][0]["name"] == "beam_multisine"
     assert len(content["records"][0]["sha256"]) == 64
-    assert content["parameters"]["velocity_per_drive"]["unit"] == "rad/(s^2 V)"
+    assert content["parameters"]["velocity_per_drive"]["unit"] == "rad/s^2/V"
     assert content["parameters"]["velocity_per_drive"]["standard_error"] > 0
 
 

@@ -36,7 +36,7 @@ _FILES = {
 
 
 def __getattr__(name: str) -> Any:
-    """What reads and writes bags comes when it is asked for: a node that knows its rig's signals needs no bag library."""
+    """What reads and writes bags comes when it is asked for: a node needs its rig's signals and no bag library."""
     if name not in _FILES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_FILES[name]}"), name)
