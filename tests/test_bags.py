@@ -155,7 +155,7 @@ def test_a_foreign_bag_is_read_by_the_definitions_inside_it(tmp_path):
 
 def plain(topic, at, values):
     template = jazzy_types().types["std_msgs/msg/Float64"](data=0.0)
-    return bags.series(topic, template, at, {"data": values})
+    return bags.repeated(topic, template, at, {"data": values})
 
 
 def other_topics(holds="preceding"):

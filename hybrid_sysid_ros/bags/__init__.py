@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from hybrid_sysid_ros.bags.bag import METADATA, Topic, name_of
     from hybrid_sysid_ros.bags.contents import topics
     from hybrid_sysid_ros.bags.reading import read
-    from hybrid_sysid_ros.bags.series import Series, joint_states, joint_trajectories, series
+    from hybrid_sysid_ros.bags.series import Series, joint_states, joint_trajectories, repeated
     from hybrid_sysid_ros.bags.writing import BagWriter, write
 
 __all__ = [
@@ -21,14 +21,14 @@ __all__ = [
     "joint_trajectories",
     "name_of",
     "read",
-    "series",
+    "repeated",
     "topics",
     "write",
 ]
 
 _FILES = {
     **dict.fromkeys(("METADATA", "Topic", "name_of"), "bag"),
-    **dict.fromkeys(("Series", "joint_states", "joint_trajectories", "series"), "series"),
+    **dict.fromkeys(("Series", "joint_states", "joint_trajectories", "repeated"), "series"),
     **dict.fromkeys(("BagWriter", "write"), "writing"),
     "topics": "contents",
     "read": "reading",

@@ -40,7 +40,7 @@ def jazzy_types() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def series(topic: str, template: Any, stamps: ArrayLike, columns: Mapping[str, ArrayLike]) -> Series:
+def repeated(topic: str, template: Any, stamps: ArrayLike, columns: Mapping[str, ArrayLike]) -> Series:
     """Copy one message as often as there are stamps and put arrays into its fields.
 
     template: a message of rosbags (jazzy_types().types[...]); its lists have the lengths of every message.
@@ -78,7 +78,7 @@ def joint_states(
     lists = {key: np.zeros(len(names) if key in arrays else 0) for key in given}
     template = types["sensor_msgs/msg/JointState"](header=_header(frame), name=list(names), **lists)
     columns = {f"{key}[{joint}]": array[:, joint] for key, array in arrays.items() for joint in range(len(names))}
-    return series(topic, template, stamps, columns)
+    return repeated(topic, template, stamps, columns)
 
 
 def joint_trajectories(
@@ -121,7 +121,7 @@ def joint_trajectories(
         for point in range(len(times))
         for joint in range(len(names))
     }
-    return series(topic, template, stamps, columns)
+    return repeated(topic, template, stamps, columns)
 
 
 def _header(frame: str) -> Any:
