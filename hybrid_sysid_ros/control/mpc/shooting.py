@@ -24,7 +24,7 @@ from hybrid_sysid_ros.control.mpc.condensing import (
     move,
     residual,
 )
-from hybrid_sysid_ros.control.mpc.curvature import add_curvature
+from hybrid_sysid_ros.control.mpc.curvature import add_curvature, keep_derivatives, update_curvature
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction, new_horizon, prediction
 from hybrid_sysid_ros.control.mpc.linearisation import advance, assign, find_curvature, linearise
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, Program, QuadraticProgram
@@ -42,8 +42,11 @@ HALVINGS = 8
 
 SLOW = 0.1
 """Share of the residual that a good Gauss-Newton step leaves at most; after a slower one the curvature of the dynamics
-is taken in. The first two steps are Gauss-Newton's.
+is taken in.
 """
+
+STALLED, PATIENCE = 0.5, 3
+"""Share of the residual from which on a step with curvature was a bad one, and steps before that counts."""
 
 DOUBT = 0.05
 """Share by which a plan of a feedback phase may cost more than was predicted."""
@@ -209,19 +212,14 @@ def solve(
     cost, last, done = cost_of(horizon, instance), horizon.progress[1], 0
     while True:
         condense(horizon, program)
-        evaluate(horizon, program, instance)
+        evaluate(horizon, program, instance, False)
         error, made = residual(program), horizon.progress[0]
         if made > 0 and error <= tolerance:
             return SolverResult(True, done, error)
         if done == iterations:
             horizon.progress[1] = last
             return SolverResult(False, done, error)
-        if made > 1 and error > SLOW * last:
-            horizon.progress[2] = 1.0
-        if horizon.progress[2] > 0.0:
-            find_adjoint(horizon, program, instance)
-            find_curvature(prediction, horizon)
-            add_curvature(horizon, program)
+        _find_hessian(prediction, horizon, program, instance, error, last)
         if not quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES):
             return SolverResult(False, 0, error)
         quadratic.keep_working_set(program)
@@ -229,6 +227,29 @@ def solve(
         last = error
         horizon.progress[0] += 1
         done += 1
+
+
+@inner
+def _find_hessian(
+    prediction: Prediction, horizon: Horizon, program: Program, instance: Instance, error: float, last: float
+) -> None:
+    """Add the curvature of the dynamics to the Hessian where Gauss-Newton is slow: as the steps tell it, and where that
+    is slow too, by differences.
+    """
+    made = horizon.progress[0]
+    if made == 0:
+        horizon.curvature[:] = 0.0
+    else:
+        find_adjoint(horizon, program, instance)
+        if horizon.progress[2] > 0.0 and made > PATIENCE and error > STALLED * last:
+            find_curvature(prediction, horizon)
+        else:
+            update_curvature(horizon)
+        if error > SLOW * last:
+            horizon.progress[2] = 1.0
+        if horizon.progress[2] > 0.0:
+            add_curvature(horizon, program)
+    keep_derivatives(horizon)
 
 
 @inner
@@ -257,7 +278,7 @@ def _coarse_step(prediction: Prediction, horizon: Horizon, program: Program, ins
     """Make the step that rounder stick-slip proposes; its length, 0 where there is none."""
     linearise(prediction, horizon, COARSE * prediction.smoothing, True)
     condense(horizon, program)
-    evaluate(horizon, program, instance)
+    evaluate(horizon, program, instance, False)
     if not quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES):
         return 0.0
     quadratic.keep_working_set(program)
@@ -293,7 +314,7 @@ def feedback(
     Where the plan costs more than was predicted the state is not the one that was prepared for, and the step is made
     about the state itself instead. A result of no iterations: the program has no solution; the trajectory then stays.
     """
-    evaluate(horizon, program, instance)
+    evaluate(horizon, program, instance, True)
     if not quadratic.solve(program, GRADIENT | BOUNDS | STATES):
         return SolverResult(False, 0, np.inf)
     quadratic.keep_working_set(program)
@@ -305,3 +326,78 @@ def feedback(
         return SolverResult(False, 1, np.inf)
     move(horizon, -1.0)
     return solve(prediction, horizon, program, instance, 1, tolerance, True)
+
+
+# ---------------------------------------------------------------------- a call of the controller
+
+
+@kernel
+def answer(
+    prediction: Prediction,
+    horizon: Horizon,
+    program: Program,
+    instance: Instance,
+    iterations: int,
+    tolerance: float,
+    cold: bool,
+    prepared: bool,
+) -> SolverResult:
+    """A call of the controller: the feedback phase where one is prepared, else as many steps as it takes.
+
+    The plan is in ``horizon.planned``. A result of no iterations: the trajectory is what it was.
+    """
+    if not (_finite(instance.state) and _finite(instance.disturbance) and _finite(instance.previous)):
+        return SolverResult(False, 0, np.inf)
+    for i in range(instance.preview.shape[0]):
+        if not _finite(instance.preview[i]):
+            return SolverResult(False, 0, np.inf)
+    for j in range(instance.previous.shape[0]):
+        instance.previous[j] = min(max(instance.previous[j], horizon.low[j]), horizon.high[j])
+    if cold:
+        cold_start(prediction, horizon, instance)
+    _copy(horizon.states, horizon.kept_states)
+    _copy(horizon.inputs, horizon.kept_inputs)
+    assign(horizon.kept_disturbance, horizon.disturbance)
+    if prepared:
+        found = feedback(prediction, horizon, program, instance, tolerance)
+    else:
+        found = solve(prediction, horizon, program, instance, iterations, tolerance, True)
+    sound = found.iterations > 0
+    for i in range(horizon.inputs.shape[0]):
+        sound = sound and _finite(horizon.inputs[i]) and _finite(horizon.states[i + 1])
+    if not sound:
+        restore(horizon, program)
+        return SolverResult(False, 0, found.residual)
+    plan(horizon, instance)
+    return found
+
+
+@kernel
+def plan(horizon: Horizon, instance: Instance) -> None:
+    """The inputs of the trajectory, within all limits after the input before."""
+    _copy(horizon.inputs, horizon.planned)
+    cut(horizon, instance.previous, horizon.planned)
+
+
+@kernel
+def restore(horizon: Horizon, program: Program) -> None:
+    """Take the trajectory back that was there before a solution, and forget what was found on the way."""
+    _copy(horizon.kept_states, horizon.states)
+    _copy(horizon.kept_inputs, horizon.inputs)
+    assign(horizon.disturbance, horizon.kept_disturbance)
+    quadratic.clear_working_set(program)
+
+
+@inner
+def _copy(values: Array, target: Array) -> None:
+    for i in range(values.shape[0]):
+        assign(target[i], values[i])
+
+
+@inner
+def _finite(values: Array) -> bool:
+    """Whether all are numbers."""
+    sound = True
+    for i in range(values.shape[0]):
+        sound = sound and bool(np.isfinite(values[i]))
+    return sound
