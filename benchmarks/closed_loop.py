@@ -23,7 +23,7 @@ from rich.table import Table
 from benchmarks import picture, result
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Status
-from hybrid_sysid_ros.control.closed_loop import Loop
+from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.linear_quadratic_regulator import LinearQuadraticRegulator
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.problem import Problem
@@ -63,7 +63,7 @@ cost over other seeds and references than those measured here (100 and 101, 20 s
 preview and without."""
 
 Array = NDArray[np.float64]
-Drive = Callable[..., Loop]
+Drive = Callable[..., ClosedLoop]
 """drive(reference, seed=..., duration=...): a loop under one of the controllers."""
 
 
@@ -122,9 +122,12 @@ class Timed:
 
 def proportional_loop(
     rig: Rig, reference: Reference, *, balance: float, seed: int, duration: float, period: float
-) -> Loop:
-    """The law u = balance + gain (q - yf) at the rig's own rate, as its experiments were driven; a row each period."""
-    plant = Plant(rig, seed=seed, bias=configuration.defaults(rig.name, "plant")["bias"])
+) -> ClosedLoop:
+    """The law u = balance + gain (q - yf) at the rig's own rate, as its experiments were driven; a row each period.
+
+    It estimates no state: its loop has the true one.
+    """
+    plant = Plant(rig, seed=seed, bias=rig.bias)
     scale, every = rig.display[0].scale, round(period / rig.step)
     rows = []
     for k in range(round(duration / rig.step)):
@@ -132,11 +135,13 @@ def proportional_loop(
         u = balance + rig.experiments.loops[0].gain * (wanted - filtered / scale)
         u = min(max(u, -rig.actuators[0].high), rig.actuators[0].high)
         if k % every == 0:
-            rows.append((plant.time, plant.state[rig.system.measured[0]], filtered, scale * wanted, u))
+            rows.append((plant.time, plant.outputs(), plant.state.copy(), [scale * wanted], [u]))
         plant.advance(u)
-    time, position, estimate, target, inputs = np.array(rows).T
+    time, outputs, states, references, inputs = (np.array(part, dtype=float) for part in zip(*rows, strict=True))
     statuses = Counter({Status.FEEDBACK: len(rows)})
-    return Loop(time=time, position=position, estimate=estimate, reference=target, input=inputs, statuses=statuses)
+    return ClosedLoop(
+        time=time, outputs=outputs, estimates=states, references=references, inputs=inputs, statuses=statuses
+    )
 
 
 def competitors(rig: Rig, model: Model) -> tuple[Problem, dict[str, Timed], dict[str, Drive]]:
@@ -156,7 +161,7 @@ def competitors(rig: Rig, model: Model) -> tuple[Problem, dict[str, Timed], dict
     }
 
     def proportional(balance: float) -> Drive:
-        def drive(reference: Reference, *, seed: int, duration: float) -> Loop:
+        def drive(reference: Reference, *, seed: int, duration: float) -> ClosedLoop:
             return proportional_loop(
                 rig, reference, balance=balance, seed=seed, duration=duration, period=problem.period
             )
@@ -164,8 +169,10 @@ def competitors(rig: Rig, model: Model) -> tuple[Problem, dict[str, Timed], dict
         return drive
 
     def controlled(controller: Controller) -> Drive:
-        def drive(reference: Reference, *, seed: int, duration: float) -> Loop:
-            return simulated_loop(rig, model, controller, seed=seed, reference=reference, duration=duration)
+        def drive(reference: Reference, *, seed: int, duration: float) -> ClosedLoop:
+            return simulated_loop(
+                rig, model, controller, seed=seed, reference=lambda t: reference(t)[..., None], duration=duration
+            )
 
         return drive
 
@@ -173,9 +180,9 @@ def competitors(rig: Rig, model: Model) -> tuple[Problem, dict[str, Timed], dict
     return problem, timed, drives | {name: controlled(controller) for name, controller in timed.items()}
 
 
-def measured(rig: Rig, runs: Mapping[str, list[Loop]], costs: Array, seconds: list[float]) -> dict[str, Any]:
+def measured(rig: Rig, runs: Mapping[str, list[ClosedLoop]], costs: Array, seconds: list[float]) -> dict[str, Any]:
     """What is published of a controller: ``runs`` by course, one of each seed; ``costs`` to those of the exact MPC."""
-    every = [[runs[course][index].input for course in COURSES] for index in range(len(SEEDS))]
+    every = [[runs[course][index].inputs[:, 0] for course in COURSES] for index in range(len(SEEDS))]
     inputs = [np.concatenate(applied) for applied in every]
     changes = [np.concatenate([np.diff(u) for u in applied]) for applied in every]
     statuses: Counter[Status] = sum((loop.statuses for loops in runs.values() for loop in loops), Counter())
@@ -183,7 +190,7 @@ def measured(rig: Rig, runs: Mapping[str, list[Loop]], costs: Array, seconds: li
     calls = 1e6 * np.reshape(seconds, (REPEATS, -1)).min(axis=0) if seconds else None
     return {
         "rmse_volts": {
-            window: result.spread([loop.tracking_rmse(*span) / scale for loop in runs[name]])
+            window: result.spread([float(loop.tracking_rmse(*span)[0]) / scale for loop in runs[name]])
             for name, course in COURSES.items()
             for window, span in course.windows.items()
         },
@@ -203,7 +210,7 @@ def main() -> int:
     rig = load(RIG)
     model = load_model(configuration.shipped(RIG, "model"))
     problem, timed, drives = competitors(rig, model)
-    runs: dict[str, dict[str, list[Loop]]] = {}
+    runs: dict[str, dict[str, list[ClosedLoop]]] = {}
     for name, drive in drives.items():
         drive(HARDWARE.of(0), seed=0, duration=1.0)  # what is compiled at first use
         if name in timed:
@@ -247,24 +254,26 @@ def tables(results: Mapping[str, Mapping[str, Any]]) -> list[Table]:
     return [tracking, effort]
 
 
-def draw(rig: Rig, loops: Mapping[str, Loop]) -> Path:
+def draw(rig: Rig, loops: Mapping[str, ClosedLoop]) -> Path:
     """The same seconds of all controllers: positions and inputs."""
     any_loop = next(iter(loops.values()))
     inside = (any_loop.time >= SHOWN[0]) & (any_loop.time <= SHOWN[1])
     scale = rig.display[0].scale
-    positions = {name: loop.position[inside] / scale for name, loop in loops.items()}
+    positions = {name: loop.outputs[inside, 0] / scale for name, loop in loops.items()}
     return picture.draw(
         PICTURE,
         any_loop.time[inside],
         [
             picture.Panel(
-                label="position [V]", height=280, lines={"reference": any_loop.reference[inside] / scale, **positions}
+                label="position [V]",
+                height=280,
+                lines={"reference": any_loop.references[inside, 0] / scale, **positions},
             ),
             picture.Panel(
                 label="input [V]",
                 height=180,
                 held=True,
-                lines={name: loop.input[inside] for name, loop in loops.items()},
+                lines={name: loop.inputs[inside, 0] for name, loop in loops.items()},
             ),
         ],
         title="The hardware reference under every controller, the same noise",

@@ -9,6 +9,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from hybrid_sysid_ros.identification.selection.search import Evaluate, Objective, named
 from hybrid_sysid_ros.identification.selection.study import opened
@@ -91,12 +92,12 @@ class OfBranin(Objective):
         return Watched(Path(os.environ["FOLDER"]), os.environ.get("SLOW", ""))(options)
 
 
-def here(objective) -> parallel.Here:
+def here(objective) -> parallel.Here[Any, Any]:
     """Evaluates at once, in this process."""
     return parallel.Here(Evaluate(objective=objective), name=named)
 
 
-def processes(objective, tell, jobs: int) -> parallel.Processes:
+def processes(objective, tell, jobs: int) -> parallel.Processes[Any, Any]:
     return parallel.Processes(Evaluate(objective=objective), jobs=jobs, tell=tell, name=named)
 
 

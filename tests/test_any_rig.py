@@ -16,6 +16,7 @@ from hybrid_sysid_ros.identification.validation.horizons import k_step_errors
 from hybrid_sysid_ros.identification.validation.residual_tests import pair_tests
 from hybrid_sysid_ros.identification.validation.scores import free_run, initial_state
 from hybrid_sysid_ros.models import STRUCTURES, Sampling, build
+from hybrid_sysid_ros.rigs import outside
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
 from tests.conftest import FlexibleJoint
@@ -120,7 +121,7 @@ def test_a_model_of_a_rig_by_its_path_is_loaded_with_it_and_refused_without(pres
     gray.save(tmp_path / "model")
     back = models.load(tmp_path / "model")
     np.testing.assert_array_equal(back.system.values, gray.system.values)
-    monkeypatch.setattr(rigs, "_NAMED", {})  # as in another process
+    monkeypatch.delenv(outside.VARIABLE)  # as in a process that was not told of it
     with pytest.raises(UserError, match="--rig"):
         models.load(tmp_path / "model")
     assert models.load(tmp_path / "model", rig=press.folder).rig == "press"

@@ -227,7 +227,8 @@ def test_a_loop_is_that_of_ordinary_objects(broken, rig, driver):
         assert driven.measures[COST] == pytest.approx(cost, rel=1e-9)
         assert driven.measures[ERROR] == pytest.approx(np.max(np.abs(inputs - exact)) / 1e9, abs=1e-18)
         assert driven.measures[EXCESS] == 0.0
-        found = np.bincount(driven.reasons, minlength=len(REASONS)) if driver == SUPERVISED else []
+        reasons = driven.reasons if driver == SUPERVISED else np.zeros(0, dtype=int)
+        found = np.bincount(reasons, minlength=len(REASONS))
         assert {REASONS[k]: n for k, n in enumerate(found) if n} == counted
 
 

@@ -67,10 +67,12 @@ def test_a_closed_loop_is_scored_beside_the_free_run(command, linear_model):
 
 
 def test_a_record_without_reference_has_no_closed_loop(command, linear_model, tmp_path):
-    signals = yaml.safe_load((BAGS.parent / "msgs_config" / "cam_beam.yaml").read_text())
-    signals["signals"].pop("channels")
+    signals = {
+        "inputs": {"drive": {"topic": "joint_states", "field": "effort[beam]", "unit": "V"}},
+        "outputs": {"position": {"topic": "joint_states", "field": "position[beam]", "unit": "rad"}},
+    }
     plain = tmp_path / "plain.yaml"
-    plain.write_text(yaml.safe_dump({key: signals[key] for key in ("namespace", "signals")}))
+    plain.write_text(yaml.safe_dump({"namespace": "cam_beam", "signals": signals}))
     status, out, error = command("evaluate", linear_model, MULTISINE, "--signals", plain)
     assert status == 0, error
     assert "no closed loop: beam_multisine: has no channel reference" in " ".join(error.split())
@@ -96,8 +98,8 @@ def test_a_model_tells_where_it_comes_from(linear_model):
     content = yaml.safe_load((linear_model / "model.yaml").read_text())
     assert content["records"][0]["name"] == "beam_multisine"
     assert len(content["records"][0]["sha256"]) == 64
-    assert content["parameters"]["gain"]["unit"] == "rad/(s^2 V)"
-    assert content["parameters"]["gain"]["standard_error"] > 0
+    assert content["parameters"]["velocity_per_drive"]["unit"] == "rad/s^2/V"
+    assert content["parameters"]["velocity_per_drive"]["standard_error"] > 0
 
 
 @pytest.mark.parametrize(

@@ -221,7 +221,7 @@ def test_under_supervision_the_network_drives_while_its_plans_are_good(
 
 
 def test_a_network_of_first_inputs_can_t_be_supervised(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
-    with pytest.raises(UserError, match="can.t be checked"):
+    with pytest.raises(UserError, match="can't be checked"):
         bench.start(ControllerNode, model=str(model_folder), policy_path=str(policy_folder))
 
 

@@ -32,7 +32,7 @@ def test_what_is_kept_is_not_done_again_and_another_purpose_does_not_find_it(tmp
         done.append(number)
         return squares(number)
 
-    store = Store(tmp_path / "kept", "squares")
+    store: Store[dict[str, np.ndarray]] = Store(tmp_path / "kept", "squares")
     run(work, [1, 2], workers=1, store=store)
     found = run(work, [1, 2, 3], workers=1, store=store)
     assert done == [1, 2, 3]
@@ -44,9 +44,11 @@ def test_what_is_kept_is_not_done_again_and_another_purpose_does_not_find_it(tmp
 
 
 def test_what_was_not_written_whole_is_not_there(tmp_path):
-    store = Store(tmp_path)
+    store: Store[dict[str, np.ndarray]] = Store(tmp_path)
     store.keep([1, "a"], squares(2))
-    assert store.find([1, "a"])["square"][0] == 4.0
+    kept = store.find([1, "a"])
+    assert kept is not None
+    assert kept["square"][0] == 4.0
     (place,) = tmp_path.iterdir()
     (place / parallel.ARRAYS).write_bytes(b"short")
     assert store.find([1, "a"]) is None
@@ -63,7 +65,7 @@ def test_after_an_interrupt_what_is_under_way_is_kept(tmp_path):
             release.wait(20.0)
         return squares(number)
 
-    store = Store(tmp_path)
+    store: Store[dict[str, np.ndarray]] = Store(tmp_path)
     with workers_for(work, jobs=2, threads=True) as crew:
         items = resumed(crew, [2, 1, 3, 4], store=store, finish=True)
         next(items)

@@ -35,7 +35,7 @@ def trained(tmp_path_factory):
     training = pytest.importorskip("hybrid_sysid_ros.control.policy.training", exc_type=ImportError)
     settings = Settings(episodes=(12, 6), hidden=(16,), epochs=60, batch=128, workers=1)
     model = model_of(SEAL)
-    store = Store(tmp_path_factory.mktemp("store") / "samples", "tiny")
+    store: Store[dict[str, np.ndarray]] = Store(tmp_path_factory.mktemp("store") / "samples", "tiny")
     first = training.train(model, PROBLEM, SPREAD, settings, seed=1, store=store)
     again = training.train(model, PROBLEM, SPREAD, settings, seed=1, store=store)
     return first, again
@@ -80,7 +80,7 @@ def test_the_network_of_torch_answers_the_same_without_torch(trained, tmp_path):
 
 def test_a_training_without_loops_to_hold_out_or_without_answers_is_refused(tmp_path):
     training = pytest.importorskip("hybrid_sysid_ros.control.policy.training", exc_type=ImportError)
-    store = Store(tmp_path / "samples", "hopeless")
+    store: Store[dict[str, np.ndarray]] = Store(tmp_path / "samples", "hopeless")
     settings = Settings(episodes=(2,), epochs=1, workers=1)
     none = {name: values[:0] for name, values in some_samples().arrays.items() if name != "dropped"}
     for seed in (0, 1):

@@ -155,7 +155,7 @@ def test_a_node_that_is_stopped_while_it_starts_ends_well(domain: int, tmp_path:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["-p", "rate:=5000.0"], "error: parameter rate is 5000.0 Hz: it must be within [1, 1000]"),
+        (["-p", "rate:=50000.0"], "error: parameter rate is 50000.0 Hz"),
         (["-p", "rat:=100.0"], "error: unknown parameter rat: known are"),
         (["-p", "rate"], "error: "),
         (["--params-file", "/nowhere.yaml"], "error: "),
@@ -181,7 +181,7 @@ def test_parameters_come_from_a_file_too(start, tmp_path: Path) -> None:
 def test_a_session_tells_what_keeps_a_node_from_starting(domain: int, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"ended with status 2: .*nowhere"):
         session.run(model=tmp_path / "nowhere", policy="exact", domain=domain, tell=lambda line: None)
-    with pytest.raises(UserError, match=r"parameter rate is 5000\.0 Hz"):
+    with pytest.raises(UserError, match="parameter rate is 5000"):
         session.run(rate=5e3, domain=domain)
     with pytest.raises(UserError, match="controller: unknown parameter speed"):
         session.run(domain=domain, parameters={"controller": {"speed": 1.0}})

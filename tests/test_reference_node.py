@@ -48,6 +48,6 @@ def test_a_reference_ends_after_its_duration(bench: Bench) -> None:
 
 def test_a_preview_is_straight_between_points_and_held_beyond() -> None:
     preview = Preview(np.array([10, 20, 40]), np.array([[1.0, 0.0], [2.0, -1.0], [0.0, 3.0]]))
-    wanted = [[1, 0], [1, 0], [1.5, -0.5], [2, -1], [1, 1], [0, 3], [0, 3]]
+    wanted = np.array([[1, 0], [1, 0], [1.5, -0.5], [2, -1], [1, 1], [0, 3], [0, 3]])
     np.testing.assert_allclose(preview.at(np.array([0, 10, 15, 20, 30, 40, 99])), wanted)
     np.testing.assert_allclose(Preview(np.array([10]), np.array([[3.0]])).at(np.array([0, 99])), [[3], [3]])

@@ -77,6 +77,7 @@ def test_output_and_input_are_those_of_one_loop(loop, step, handling):
     sampling = Sampling(step=step, input=handling)
     again = resimulate(RIG.system, loop, RIG, sampling=sampling)
     ticks = round(step / RIG.step)
+    assert RIG.sensors[0].low_pass is not None
     low_pass, u = LowPassFilter(RIG.sensors[0].low_pass, RIG.step), []
     low_pass.reset(0.0)
     line = np.interp(RIG.step * np.arange(ticks * (len(again.time) - 1)), again.time, again.simulated)
@@ -161,12 +162,12 @@ def noisy_loop(driver: Driver, kind: str) -> Record:
     for k in range(len(time)):
         seen = plant.measure()
         if not driver.mpc:
-            u = law(rig, wanted[k], seen.filtered) * driver.gain
+            u = law(rig, wanted[k], seen.filtered[0]) * driver.gain
         elif k % round(mpc.problem.period / rig.step) == 0:
             preview = rig.display[0].si(reference(plant.time + mpc.problem.period * np.arange(1, mpc.horizon + 1)))
-            u = float(mpc.control(plant.state, np.zeros(1), np.array([u]), preview).input[0])
+            u = float(mpc.control(plant.state, np.zeros(1), np.array([u]), preview[:, None]).input[0])
             mpc.prepare(mpc.problem.period)
-        rows.append((seen.position, seen.filtered, u))
+        rows.append((seen.outputs[0], seen.filtered[0], u))
         plant.advance(u)
     position, filtered, given = np.array(rows).T
     channels = {"reference": wanted, "filtered": filtered}

@@ -92,7 +92,7 @@ def test_loops_begin_on_the_reference_or_anywhere_and_at_rest_there():
 def test_a_steady_motion_is_rest_where_outputs_are_positions_and_drift_where_one_is_a_speed(flexible_joint):
     """A joint that is to turn at a speed turns on: both sides at that speed, its spring as far as drag stretches."""
 
-    class Turning(type(flexible_joint)):
+    class Turning(type(flexible_joint)):  # type: ignore[misc]
         outputs = ("motor", "link_speed")
 
     system = Turning(coulomb=0.0)

@@ -7,6 +7,7 @@ import signal
 import sys
 import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -24,7 +25,7 @@ def lines() -> list[str]:
     return []
 
 
-def cluster(objective, address: str, **more) -> Cluster:
+def cluster(objective, address: str, **more) -> Cluster[Any, Any]:
     return Cluster(Evaluate(objective=objective), address, name=named, **more)
 
 

@@ -50,7 +50,7 @@ def beam(
 
     changes: time [s] -> parameters of the rig's equation that jump to new values there.
     """
-    plant = Plant(rig, seed=seed, bias=bias)
+    plant, gain, actuator = Plant(rig, seed=seed, bias=bias), rig.experiments.loops[0].gain, rig.actuators[0]
     reference = multisine(seed, amplitude=4.0, low=0.1, high=1.5, lines=15, period=10.0)
     if seed % 2:
         reference = random_steps(seed, amplitude=4.0, hold=1.0, duration=seconds)
@@ -62,9 +62,9 @@ def beam(
         if k in due:
             plant.change(**due[k])
         shown = plant.measure()
-        measured[k], inputs[k], states[k] = shown.position, drive, plant.state
-        error = float(reference(k * PERIOD)) - shown.filtered / rig.display[0].scale
-        drive = float(np.clip(rig.feedback_gain * error, -rig.input_limit, rig.input_limit))
+        measured[k], inputs[k], states[k] = shown.outputs[0], drive, plant.state
+        error = float(reference(k * PERIOD)) - shown.filtered[0] / rig.display[0].scale
+        drive = float(np.clip(gain * error, actuator.low, actuator.high))
         for _ in range(steps):
             plant.advance(drive)
     return Run(measured=measured, inputs=inputs, states=states)

@@ -1,10 +1,16 @@
 """Bags in and out: rosbag2 folders and MCAP files, without ROS installed."""
 
-from hybrid_sysid_ros.bags.bag import METADATA, Topic, name_of
-from hybrid_sysid_ros.bags.contents import topics
-from hybrid_sysid_ros.bags.reading import read
-from hybrid_sysid_ros.bags.series import Series, joint_states, joint_trajectories, series
-from hybrid_sysid_ros.bags.writing import BagWriter, write
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hybrid_sysid_ros.bags.bag import METADATA, Topic, name_of
+    from hybrid_sysid_ros.bags.contents import topics
+    from hybrid_sysid_ros.bags.reading import read
+    from hybrid_sysid_ros.bags.series import Series, joint_states, joint_trajectories, series
+    from hybrid_sysid_ros.bags.writing import BagWriter, write
 
 __all__ = [
     "METADATA",
@@ -19,3 +25,18 @@ __all__ = [
     "topics",
     "write",
 ]
+
+_FILES = {
+    **dict.fromkeys(("METADATA", "Topic", "name_of"), "bag"),
+    **dict.fromkeys(("Series", "joint_states", "joint_trajectories", "series"), "series"),
+    **dict.fromkeys(("BagWriter", "write"), "writing"),
+    "topics": "contents",
+    "read": "reading",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """What reads and writes bags comes when it is asked for: a node needs its rig's signals and no bag library."""
+    if name not in _FILES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_FILES[name]}"), name)

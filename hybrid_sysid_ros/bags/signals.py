@@ -48,8 +48,8 @@ class Signal:
     scale: float = 1.0
     offset: float = 0.0
     holds: str = "preceding"
-    """Of an input, the interval that the value was applied in: "preceding" the one that ends at the stamp (what a driver
-    reports), "following" the one that begins there (a command)."""
+    """Of an input, the interval that the value was applied in: "preceding" the one that ends at the stamp (what a
+    driver reports), "following" the one that begins there (a command)."""
 
     def __post_init__(self) -> None:
         if self.holds not in HOLDS:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import casadi
+import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import trace
 from hybrid_sysid_ros.core.system import System
 from hybrid_sysid_ros.core.trace import Trace
+
+Array = NDArray[np.float64]
 
 
 def symbolic_step(
@@ -35,6 +39,26 @@ def symbolic_output(system: System) -> casadi.Function:
     x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u", len(system.inputs))
     y = _function("output", traced, "y")(x, u, casadi.DM(system.values), 0.0, 0.0)
     return casadi.Function("output", [x, u], [y], ["x", "u"], ["y"])
+
+
+def linearised(system: System, x: Array, u: Array) -> tuple[Array, Array]:
+    """The rates' derivatives (states, states) and (states, inputs) of a law at x (states,) and u (inputs,), viscous
+    friction included, dry one left out; where it has none they are zero.
+    """
+    traced = trace.law_of(system)
+    given = casadi.vertcat(traced.x, traced.u)
+    slopes = casadi.Function("slopes", [given, traced.p], [casadi.jacobian(traced.result, given)], {"allow_free": True})
+    n = len(system.declared_states)
+    if traced.calls:
+        return np.zeros((n, n)), np.zeros((n, len(u)))
+    full = np.nan_to_num(np.array(slopes(np.concatenate([x, u]), system.values)), posinf=0.0, neginf=0.0)
+    a, b = full[:, :n], full[:, len(system.states) :]
+    names = [item.name for item in system.declared_states]
+    motion = system.motion()
+    for contact in system.contacts:
+        index = names.index(contact.on)
+        a[index, index] -= float(motion.field(contact.viscous, x.tolist(), u.tolist()))
+    return a, b
 
 
 def _function(name: str, traced: Trace, result: str) -> casadi.Function:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.rollout import advance
 from hybrid_sysid_ros.estimation.memory import BEGUN, EMPTY, GIVEN, USED, Memory, Records
-from hybrid_sysid_ros.estimation.recursion import begin
 from hybrid_sysid_ros.estimation.tuning import Tuning
 
 Array = NDArray[np.float64]
@@ -19,8 +18,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Beginning:
-    """Beginnings of a belief at a moment of a memory; states that are measured begin as they are, the others where
-    :meth:`~hybrid_sysid_ros.core.System.observed` puts them, with the deviations of the tuning.
+    """Writes beliefs with which kernels then begin at a moment of a memory. States that are measured begin as they are,
+    the others where :meth:`~hybrid_sysid_ros.core.System.observed` puts them, with the deviations of the tuning.
     """
 
     system: System
@@ -29,8 +28,8 @@ class Beginning:
     arrays: dict[str, Array]
 
     def fresh(self, time: float, applied: Array, first: int, values: Array) -> None:
-        """Begin at ``time`` [s] with values of the channels from ``first`` on and inputs that have stood at ``applied``
-        (inputs,), nothing else known.
+        """Prepare to begin at ``time`` [s] with values of the channels from ``first`` on and inputs that have stood at
+        ``applied`` (inputs,), nothing else known.
         """
         memory, known = self.memory, self.arrays["applied"]
         memory.core["count"] = 1
@@ -46,11 +45,12 @@ class Beginning:
         mean = np.zeros(len(self.arrays["start"]))
         named, tail = self.system.named, len(mean) - len(self.tuning.followed)
         mean[tail:] = [named[name] for name in self.tuning.followed]
-        self._begin(0, *self._belief(0, mean, ()))
+        self._write(0, *self._belief(0, mean, ()))
 
     def again(self, index: int, lost: Sequence[int]) -> bool:
-        """Begin again at a moment, from its readings, for the sake of the channels ``lost`` that were outliers for too
-        long; not where another one that was believed meanwhile contradicts them. Offsets and parameters stay.
+        """Prepare to begin again at a moment, from its readings, for the sake of the channels ``lost`` that were
+        outliers for too long; offsets and parameters stay. False where another channel that was believed meanwhile
+        contradicts them.
         """
         row = self.memory.moments["row"][index]
         before, root = self.arrays["means"][row].copy(), self.arrays["roots"][row]
@@ -66,7 +66,7 @@ class Beginning:
             told = believed[run:, c][fates[run:, c] != EMPTY]
             if c not in lost and told.size and told[-1] and change[c] ** 2 > self.tuning.gate * variance[c]:
                 return False
-        self._begin(index, mean, deviations, placed)
+        self._write(index, mean, deviations, placed)
         return True
 
     def last_outputs(self) -> Array:
@@ -103,15 +103,15 @@ class Beginning:
                 deviations[state] = np.hypot(np.sqrt(channels["noise"][c]), amplitude)
         return mean, deviations, list(placed.values())
 
-    def _begin(self, index: int, mean: Array, deviations: Array, placed: Sequence[int]) -> None:
-        """Begin; a sensor that has told nothing yet may win with its first value."""
+    def _write(self, index: int, mean: Array, deviations: Array, placed: Sequence[int]) -> None:
+        """Write the belief; a sensor that has told nothing yet may win with its first value."""
         readings = self._readings(index)
         given = readings["fate"] != EMPTY
         readings["fate"][given] = GIVEN
         readings["fate"][list(placed)] = BEGUN
-        readings["innovation"][given] = readings["normalised"][given] = 0.0
-        begin(*self.memory, index, mean, deviations)
         readings["outliers"] = np.where(given, 0, self.tuning.patience)
+        row = self.memory.moments["row"][index]
+        self.arrays["means"][row], self.arrays["roots"][row] = mean, np.diag(deviations)
 
     def _shown(self, z: Array) -> Array:
         """What each channel shows at z (size,) but for its hum, (channels,)."""

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.core import Recurrence, System
 from hybrid_sysid_ros.estimation.beginning import Beginning
 from hybrid_sysid_ros.estimation.memory import GATED, LONGEST_GAP, LONGEST_STEP, USED, memory_of
 from hybrid_sysid_ros.estimation.observability import check_observable, offset_gains
-from hybrid_sysid_ros.estimation.recursion import FINE, LATE, LOST, look
+from hybrid_sysid_ros.estimation.recursion import BEGIN, FINE, LATE, LOOK, LOST, MEASURE
 from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -78,10 +78,13 @@ class Estimator(ABC):
 
     windowed: ClassVar[bool] = False
     """Whether the method optimises over a window of moments."""
-    _absorb: ClassVar[Callable[..., int]]
-    """The kernel that takes a measurement: (*memory, time, since, first, given, applied, out, P)."""
-    _resume: ClassVar[Callable[..., None]]
-    """The kernel that brings beliefs up to date after the first one: (*memory)."""
+    _run: ClassVar[Callable[..., int]]
+    """The kernel of the method: (*memory, task, time, since, first, given, applied, out, P) -> what became of it.
+
+    MEASURE: values ``given`` of the channels from ``first`` on, at ``time`` [s], with the mean inputs ``applied`` from
+    ``since`` to there where that is earlier. BEGIN: forget what was before the moment ``first``, whose belief is
+    written, and bring the others up to date. All write ``out`` and ``P``: see :func:`~.recursion.answer`.
+    """
 
     def __init__(
         self, system: System, tuning: Tuning, *, period: float, latency: float = 0.0, step: float = LONGEST_STEP
@@ -156,6 +159,7 @@ class Estimator(ABC):
                 f"has {len(self._outputs)} and {len(self._applied)}"
             )
         self._outputs[:], self._applied[:] = outputs, applied
+        time = float(time)
         elapsed = time - self._last
         if 0.0 < elapsed < 1.5 * self.period:
             since, self._last = self._last, time
@@ -206,7 +210,7 @@ class Estimator(ABC):
             known = ", ".join(self._channels) or "none"
             raise UserError(f"estimator: no channel {channel}: known are {known}")
         first = self._channels[channel]
-        self._value[0] = value
+        self._value[0], time = value, float(time)
         valid = math.isfinite(value)
         if not self._started:
             if not (valid and math.isfinite(time)):
@@ -226,7 +230,7 @@ class Estimator(ABC):
     def _take(self, time: float, since: float, first: int, given: Array) -> Estimate:
         """Values of the channels from ``first`` on in their place; ``applied`` counts where ``since`` is before."""
         out, P = np.empty(self._parts[-1] + 1), np.empty((self._size, self._size))
-        code = self._absorb(*self._memory, time, since, first, given, self._applied, out, P)
+        code = self._run(*self._memory, MEASURE, time, since, first, given, self._applied, out, P)
         delayed = bool(time <= self._newest)
         if not delayed:
             self._newest = time
@@ -262,16 +266,15 @@ class Estimator(ABC):
         if not lost or not self._beginning.again(index, lost):
             return self._estimate(out, P)
         counters.resets += 1
-        self._resume(*self._memory)
         shown = out[self._parts[3] :].copy()
-        look(*self._memory, out, P)
+        self._run(*self._memory, BEGIN, 0.0, 0.0, index, given, self._applied, out, P)
         out[self._parts[3] :] = shown
         return self._estimate(out, P)
 
-    def _look(self) -> Estimate:
-        """The estimate as it is."""
+    def _look(self, task: int = LOOK) -> Estimate:
+        """The estimate as it is, or as it begins."""
         out, P = np.empty(self._parts[-1] + 1), np.empty((self._size, self._size))
-        look(*self._memory, out, P)
+        self._run(*self._memory, task, 0.0, 0.0, 0, self._outputs, self._applied, out, P)
         return self._estimate(out, P)
 
     def _estimate(self, out: Array, P: Array) -> Estimate:
@@ -295,4 +298,4 @@ class Estimator(ABC):
         self._beginning.fresh(time, self._applied, first, values)
         self._newest, self._started = time, True
         self._last = time if first == 0 else math.nan
-        return self._look()
+        return self._look(BEGIN)

@@ -11,7 +11,7 @@ from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.estimation.augmented import copy, differences
 from hybrid_sysid_ros.estimation.estimator import Estimator
 from hybrid_sysid_ros.estimation.memory import Records, matrix, vector
-from hybrid_sysid_ros.estimation.recursion import NOTHING, answer, put, replay
+from hybrid_sysid_ros.estimation.recursion import filtered
 from hybrid_sysid_ros.estimation.square_root import triangle
 
 Array = NDArray[np.float64]
@@ -28,12 +28,13 @@ def predict(core: Any, mean: Array, root: Array, drive: Array, h: float) -> None
 
 
 @kernel
-def _absorb(
+def _run(
     cores: Records,
     channels: Records,
     moments: Records,
     readings: Records,
     inputs: Array,
+    task: int,
     time: float,
     since: float,
     first: int,
@@ -42,16 +43,22 @@ def _absorb(
     out: Array,
     P: Array,
 ) -> int:
-    core = cores[0]
-    changed = put(core, moments, readings, inputs, time, since, first, given, applied)
-    if changed != NOTHING:
-        replay(core, channels, moments, readings, inputs, changed, predict)
-    return answer(core, moments, readings, inputs, changed, first, out, P)  # type: ignore[no-any-return]
-
-
-@kernel
-def _resume(cores: Records, channels: Records, moments: Records, readings: Records, inputs: Array) -> None:
-    replay(cores[0], channels, moments, readings, inputs, 1, predict)
+    return filtered(  # type: ignore[no-any-return]
+        cores[0],
+        channels,
+        moments,
+        readings,
+        inputs,
+        task,
+        time,
+        since,
+        first,
+        given,
+        applied,
+        out,
+        P,
+        predict,
+    )
 
 
 class ExtendedKalmanFilter(Estimator):
@@ -64,5 +71,4 @@ class ExtendedKalmanFilter(Estimator):
     friction's corners: :func:`~.augmented.differences`, by Norgaard, Poulsen, Ravn (2000), Automatica 36(11).
     """
 
-    _absorb = staticmethod(_absorb)
-    _resume = staticmethod(_resume)
+    _run = staticmethod(_run)

@@ -187,7 +187,7 @@ def memory_of(
         **{name: np.zeros(size) for name in ("point", "centre", "above", "below", "gain", "z")},
         **{name: np.zeros(m) for name in ("acting", "drive", "pushed", "applied")},
     }
-    arrays = {name: np.ascontiguousarray(value, dtype=float) for name, value in arrays.items()}
+    arrays = {name: np.array(value, dtype=float) for name, value in arrays.items()}
     core = np.zeros(1, CORE)
     settings = {
         "states": n,

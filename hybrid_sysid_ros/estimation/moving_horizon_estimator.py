@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,17 @@ from hybrid_sysid_ros.estimation.augmented import clip, copy, copy_matrix, diffe
 from hybrid_sysid_ros.estimation.estimator import Estimator
 from hybrid_sysid_ros.estimation.memory import SAME, Records, matrix, mean_of, root_of, vector
 from hybrid_sysid_ros.estimation.moments import after
-from hybrid_sysid_ros.estimation.recursion import NOTHING, answer, correct, count_on, inputs_to, put
+from hybrid_sysid_ros.estimation.recursion import (
+    BEGIN,
+    MEASURE,
+    NOTHING,
+    answer,
+    begin,
+    correct,
+    count_on,
+    inputs_to,
+    put,
+)
 from hybrid_sysid_ros.estimation.square_root import solve, solve_transposed, triangle
 from hybrid_sysid_ros.estimation.tuning import Tuning
 
@@ -121,12 +132,13 @@ def _guess(core: Any, moments: Records, inputs: Array, first: int, last: int) ->
 
 
 @kernel
-def _absorb(
+def _run(
     cores: Records,
     channels: Records,
     moments: Records,
     readings: Records,
     inputs: Array,
+    task: int,
     time: float,
     since: float,
     first: int,
@@ -135,21 +147,21 @@ def _absorb(
     out: Array,
     P: Array,
 ) -> int:
-    core = cores[0]
-    horizon = after(moments, core.count, moments[core.count - 1].time - core.span - 2.0 * SAME)
-    oldest = moments[horizon].time
-    changed = put(core, moments, readings, inputs, time, since, first, given, applied)
+    core, changed, oldest = cores[0], NOTHING, -math.inf
+    if task == MEASURE:
+        horizon = after(moments, core.count, moments[core.count - 1].time - core.span - 2.0 * SAME)
+        oldest = moments[horizon].time
+        changed = put(core, moments, readings, inputs, time, since, first, given, applied)
+    elif task == BEGIN:
+        begin(core, channels, moments, readings, inputs, first)
+        row = moments[0].row
+        copy(mean_of(core, row), _predicted(core, row))
+        copy_matrix(root_of(core, row), _predicted_root(core, row))
+        changed, core.fresh, core.at = 1, 1, core.count - 1
     if changed != NOTHING:
         _guess(core, moments, inputs, core.fresh, core.at)
         _solve(core, channels, moments, readings, inputs, after(moments, core.count, oldest - 2.0 * SAME))
-    return answer(core, moments, readings, inputs, changed, first, out, P)  # type: ignore[no-any-return]
-
-
-@kernel
-def _resume(cores: Records, channels: Records, moments: Records, readings: Records, inputs: Array) -> None:
-    core = cores[0]
-    _guess(core, moments, inputs, 1, core.count - 1)
-    _solve(core, channels, moments, readings, inputs, 0)
+    return answer(core, moments, readings, inputs, changed if task == MEASURE else NOTHING, first, out, P)  # type: ignore[no-any-return]
 
 
 class MovingHorizonEstimator(Estimator):
@@ -168,8 +180,7 @@ class MovingHorizonEstimator(Estimator):
     """
 
     windowed = True
-    _absorb = staticmethod(_absorb)
-    _resume = staticmethod(_resume)
+    _run = staticmethod(_run)
 
     def _window_of(self, tuning: Tuning, period: float) -> float:
         return tuning.horizon * period

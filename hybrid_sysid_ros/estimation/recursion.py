@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.estimation.augmented import clip, copy, copy_matrix, expect, move
 from hybrid_sysid_ros.estimation.memory import (
     BEGUN,
@@ -32,6 +32,9 @@ from hybrid_sysid_ros.estimation.square_root import squared
 
 Array = NDArray[np.float64]
 Records = NDArray[np.void]
+
+MEASURE, BEGIN, LOOK = 0, 1, 2
+"""Tasks: take in a measurement, begin at a moment, tell what is known."""
 
 NOTHING = -1
 """In place of a moment: no belief has changed."""
@@ -184,7 +187,7 @@ def answer(
     out[shown + p] = 0.0
     for k in range(p):
         out[shown + k] = math.nan
-    for c in range(first, p if first < p else first + 1):
+    for c in range(first, p if first < p else first + 1 if changed != NOTHING else 0):
         reading = readings[row, c]
         fine = fine and reading.fate == USED
         if reading.fate == USED or reading.fate == GATED:
@@ -220,44 +223,48 @@ def _look_ahead(core: Any, inputs: Array, time: float, mean: Array, out: Array) 
         out[n + i] = z[i]
 
 
-@kernel
-def begin(
-    cores: Records,
+@inner
+def begin(core: Any, channels: Records, moments: Records, readings: Records, inputs: Array, index: int) -> None:
+    """Forget what was before a moment and begin there with its belief as it stands; readings that it has not taken in
+    yet (GIVEN) correct it, whatever they show.
+    """
+    forget(core, moments, index)
+    row, gate = moments[0].row, core.gate
+    mean, root = mean_of(core, row), root_of(core, row)
+    inputs_to(core, moments, inputs, 0)
+    core.gate = math.inf
+    correct(core, channels, readings[row], mean, mean, root, True)
+    core.gate = gate
+    clip(core, mean)
+    for c in range(core.channels):
+        if readings[row, c].fate != EMPTY:
+            readings[row, c].fate = BEGUN
+
+
+@inner
+def filtered(
+    core: Any,
     channels: Records,
     moments: Records,
     readings: Records,
     inputs: Array,
-    index: int,
-    mean: Array,
-    deviations: Array,
-) -> None:
-    """Forget what was before a moment and begin there with a mean and deviations (size,); readings that these have not
-    taken in yet (GIVEN) correct them, whatever they show.
-    """
-    core = cores[0]
-    forget(core, moments, index)
-    row, size, gate = moments[0].row, mean.shape[0], core.gate
-    z, root = mean_of(core, row), root_of(core, row)
-    for i in range(size):
-        z[i] = mean[i]
-        for j in range(size):
-            root[i, j] = deviations[i] if i == j else 0.0
-    inputs_to(core, moments, inputs, 0)
-    core.gate = math.inf
-    correct(core, channels, readings[row], z, z, root, True)
-    core.gate = gate
-    clip(core, z)
-    for c in range(core.channels):
-        if readings[row, c].fate != EMPTY:
-            readings[row, c].fate = BEGUN
-    if core.windowed:
-        copy(z, vector(core.predicted + 8 * row * size, size))
-        copy_matrix(root, matrix(core.predicted_roots + 8 * row * size * size, size, size))
-
-
-@kernel
-def look(
-    cores: Records, channels: Records, moments: Records, readings: Records, inputs: Array, out: Array, P: Array
+    task: int,
+    time: float,
+    since: float,
+    first: int,
+    given: Array,
+    applied: Array,
+    out: Array,
+    P: Array,
+    predict: Any,
 ) -> int:
-    """The answer now, without a measurement."""
-    return answer(cores[0], moments, readings, inputs, NOTHING, 0, out, P)  # type: ignore[no-any-return]
+    """What a filter does with a task, by its predict(core, mean, root, u, h): see :class:`~.estimator.Estimator`."""
+    changed = NOTHING
+    if task == MEASURE:
+        changed = put(core, moments, readings, inputs, time, since, first, given, applied)
+    elif task == BEGIN:
+        begin(core, channels, moments, readings, inputs, first)
+        changed = 1
+    if changed != NOTHING:
+        replay(core, channels, moments, readings, inputs, changed, predict)
+    return answer(core, moments, readings, inputs, changed if task == MEASURE else NOTHING, first, out, P)  # type: ignore[no-any-return]

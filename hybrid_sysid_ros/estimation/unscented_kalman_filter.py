@@ -12,7 +12,7 @@ from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.estimation.augmented import add_process_noise, copy, move, rest
 from hybrid_sysid_ros.estimation.estimator import Estimator
 from hybrid_sysid_ros.estimation.memory import Records, matrix, numbers, vector
-from hybrid_sysid_ros.estimation.recursion import NOTHING, answer, put, replay
+from hybrid_sysid_ros.estimation.recursion import filtered
 from hybrid_sysid_ros.estimation.square_root import triangle
 
 Array = NDArray[np.float64]
@@ -52,12 +52,13 @@ def predict(core: Any, mean: Array, root: Array, drive: Array, h: float) -> None
 
 
 @kernel
-def _absorb(
+def _run(
     cores: Records,
     channels: Records,
     moments: Records,
     readings: Records,
     inputs: Array,
+    task: int,
     time: float,
     since: float,
     first: int,
@@ -66,16 +67,22 @@ def _absorb(
     out: Array,
     P: Array,
 ) -> int:
-    core = cores[0]
-    changed = put(core, moments, readings, inputs, time, since, first, given, applied)
-    if changed != NOTHING:
-        replay(core, channels, moments, readings, inputs, changed, predict)
-    return answer(core, moments, readings, inputs, changed, first, out, P)  # type: ignore[no-any-return]
-
-
-@kernel
-def _resume(cores: Records, channels: Records, moments: Records, readings: Records, inputs: Array) -> None:
-    replay(cores[0], channels, moments, readings, inputs, 1, predict)
+    return filtered(  # type: ignore[no-any-return]
+        cores[0],
+        channels,
+        moments,
+        readings,
+        inputs,
+        task,
+        time,
+        since,
+        first,
+        given,
+        applied,
+        out,
+        P,
+        predict,
+    )
 
 
 class UnscentedKalmanFilter(Estimator):
@@ -90,5 +97,4 @@ class UnscentedKalmanFilter(Estimator):
     algorithm 3.1, with alpha = 1, kappa = 0.
     """
 
-    _absorb = staticmethod(_absorb)
-    _resume = staticmethod(_resume)
+    _run = staticmethod(_run)

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
 
-import casadi
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Bristles, Contact, Dry, Parameter, Sampled, System, Variable, Viscous, trace
+from hybrid_sysid_ros.core import Bristles, Contact, Dry, Parameter, Sampled, System, Variable, Viscous
 from hybrid_sysid_ros.core.friction import stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.support.errors import UserError
@@ -252,26 +251,6 @@ class Linear(System):
         declared = len(self._names)
         states[:, :declared] = self.origin.observed(outputs, rates, inputs)[:, :declared]
         return states
-
-
-def linearised(system: System, x: Array, u: Array) -> tuple[Array, Array]:
-    """The rates' derivatives (states, states) and (states, inputs) of a law at x (states,) and u (inputs,), viscous
-    friction included, dry one left out; where it has none they are zero.
-    """
-    traced = trace.law_of(system)
-    given = casadi.vertcat(traced.x, traced.u)
-    slopes = casadi.Function("slopes", [given, traced.p], [casadi.jacobian(traced.result, given)], {"allow_free": True})
-    n = len(system.declared_states)
-    if traced.calls:
-        return np.zeros((n, n)), np.zeros((n, len(u)))
-    full = np.nan_to_num(np.array(slopes(np.concatenate([x, u]), system.values)), posinf=0.0, neginf=0.0)
-    a, b = full[:, :n], full[:, len(system.states) :]
-    names = [item.name for item in system.declared_states]
-    motion = system.motion()
-    for contact in system.contacts:
-        index = names.index(contact.on)
-        a[index, index] -= float(motion.field(contact.viscous, x.tolist(), u.tolist()))
-    return a, b
 
 
 def _level(name: str) -> Any:

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Softsign, System
+from hybrid_sysid_ros.core.symbolic import linearised
 from hybrid_sysid_ros.models.hybrid import Hybrid
-from hybrid_sysid_ros.models.linear import Friction, Linear, linearised
+from hybrid_sysid_ros.models.linear import Friction, Linear
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.options import Option, Options, complete
 from hybrid_sysid_ros.models.recurrent import Recurrent

@@ -313,8 +313,9 @@ def _further(name: str) -> str:
 
 
 def _tests(residuals: Array, inputs: Array, names: Sequence[str], reference: Array | None) -> dict[str, ResidualTest]:
-    """Residual tests of residuals (samples,) against inputs (samples, m) by their names and a reference (samples,), each
-    at least as long, without those of signals that are constant or not known. The first input is u.
+    """Residual tests of residuals (samples,) against inputs (samples, m) by their names and a reference (samples,).
+
+    Signals are at least as long; without those of signals that are constant or not known. The first input is u.
     """
     length = len(residuals)
     signals = {"phi_ue": inputs[:length, 0], "phi_re": np.zeros(0) if reference is None else reference[:length]}

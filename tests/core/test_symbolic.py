@@ -41,7 +41,9 @@ def test_the_smooth_form_is_off_by_half_its_smoothing_at_most(name):
         errors = [
             abs(stepped(system, x[:2], x[2:], step=0.005)[1] - float(symbolic(x[:2], x[2:])[1])) for x in points()
         ]
-        assert max(errors) <= smoothing / 2 * (1 + 1e-6)
+        # A law may round corners of its own by a fixed width, which is far below what counts.
+        own = 0.0 if name == "stribeck" else 2e-4
+        assert max(errors) <= smoothing / 2 * (1 + 1e-6) + own
         largest.append(max(errors))
     assert largest[0] > 1e-4  # or the points would never have met a corner
 
@@ -93,6 +95,14 @@ def test_the_slopes_of_a_step_are_those_of_the_casadi_form(name, smoothing):
         np.testing.assert_allclose(out, np.array(value).ravel(), rtol=1e-9, atol=1e-12)
         found = slopes[:, : states + inputs + len(free)]
         np.testing.assert_allclose(found, np.array(jacobian), rtol=1e-8, atol=1e-10)
+
+
+def test_what_rounding_does_to_bristles_goes_with_it():
+    system = structure("lugre")
+    state, drive = np.array([0.01, 0.2, 1e-4]), np.array([3.0])
+    exact = evaluated(system, state, drive, 0.005)[1]
+    errors = [np.abs(evaluated(system, state, drive, 0.005, smoothing=s)[1] - exact).max() for s in (1e-2, 1e-3, 1e-4)]
+    assert errors[0] > 10.0 * errors[1] > 100.0 * errors[2]
 
 
 @pytest.mark.parametrize("system", [TwoTanks(), Cart()], ids=["tanks", "cart"])

@@ -11,7 +11,7 @@ from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.rigs.rig import load
 
 PAGE = (Path(__file__).parents[2] / "docs" / "add-a-rig.md").read_text(encoding="utf-8")
-PYTHON, VALUES = (re.search(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL).group(1) for kind in ("python", "yaml"))
+PYTHON, VALUES = (re.findall(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL)[0] for kind in ("python", "yaml"))
 COMMANDS = [line.split()[1:] for line in re.findall(r"^    (hybrid-sysid .*)$", PAGE, re.MULTILINE)]
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ class Mass(System):
 
     states = ("position [m]", "velocity [m/s]")
     inputs = ("force [N]",)
-    outputs = ("position",)
+    outputs: ClassVar[tuple[str, ...]] = ("position",)
     growth: float = bounded(0.0, -10.0, 10.0, unit="1/s^2")
 
     def law(self, x: Any, u: Any) -> Any:

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -116,13 +117,13 @@ def test_each_folder_has_its_own_python(make):
 
 def test_a_process_that_is_started_knows_the_rig_and_its_classes(make):
     """As workers do: a system travels as it is, and a model's rig is found by its name."""
-    rig = rigs.load(make())
+    system: Any = rigs.load(make()).system
     code = (
         "import pickle, sys; from hybrid_sysid_ros.rigs.rig import load;"
         "system = pickle.loads(bytes.fromhex(sys.argv[1])); assert type(system) is type(load('tanks').system);"
         "print(system.named['area'])"
     )
-    sent = pickle.dumps(dataclasses.replace(rig.system, area=0.3)).hex()
+    sent = pickle.dumps(dataclasses.replace(system, area=0.3)).hex()
     found = subprocess.run([sys.executable, "-c", code, sent], capture_output=True, text=True, check=False)
     assert (found.stdout, found.stderr) == ("0.3\n", "")
 
@@ -310,7 +311,8 @@ def test_the_flexible_joint_rings_at_the_frequency_of_its_spring():
     """Free-free, w^2 = Ke (1/J + 1/I): a small twist of the rig without friction or damping."""
     structures = rigs.load("flexible_joint").structures
     named = structures["linear"].named
-    joint = type(structures["linear"])(viscous_friction=0.0)
+    kind: Any = type(structures["linear"])
+    joint = kind(viscous_friction=0.0)
     expected = np.sqrt(named["spring"] * (1 / named["motor_inertia"] + 1 / named["link_inertia"])) / (2 * np.pi)
     states = simulate(joint, np.array([0.01, 0.0, 0.0, 0.0]), np.zeros((20_000, 1)), step=1e-4)
     twist = states[:, 0] - states[:, 1]

@@ -52,8 +52,9 @@ def test_white_noise_and_hum_are_as_strong_as_told_and_in_the_unit_of_readings()
 
 
 def test_a_quantiser_shows_counts_and_ends_at_its_range():
-    coarse = Sensor(unit="m", quantiser=Quantiser(range=1.0, bits=4))
-    assert coarse.quantiser.count == 0.125
+    quantiser = Quantiser(range=1.0, bits=4)
+    assert quantiser.count == 0.125
+    coarse = Sensor(unit="m", quantiser=quantiser)
     y = readings(Plant(rig_of(Lags(), sensors={"first": coarse}), seed=0), np.tile([2.0, 0.0], (2000, 1)))[:, 0]
     np.testing.assert_array_equal(y / 0.125, np.round(y / 0.125))
     assert y.max() == 1.0

@@ -176,7 +176,8 @@ class Drivers:
         """Raises UserError for a policy that can't be supervised."""
         model, self._policy = certification.model, certification.policy
         self._problem = self._policy.problem
-        self._beside = _Beside(model, self._policy, np.array(certification.criteria.input_error))
+        self._input_error = np.array(certification.criteria.input_error)
+        self._beside = _Beside(model, self._policy, self._input_error)
         mpc = ExactMpc(model, self._problem, tolerance=KKT_TOLERANCE)
         self._supervisor = Supervisor(self._policy, mpc, certification.tolerances)
         names = "input_low", "input_high", "rate_limits"
@@ -188,7 +189,7 @@ class Drivers:
         """
         beside, own = self._beside, (None, self._policy, self._supervisor)[driver]
         exact, reasons = np.empty_like(scenario.inputs), np.full(len(scenario.begins), -1, dtype=np.int64)
-        measures = np.zeros(len(MEASURES))
+        answered, solved = np.zeros(len(reasons), dtype=bool), np.zeros(len(reasons), dtype=bool)
         beside.reset()
         if own is not None:
             own.reset()
@@ -201,23 +202,21 @@ class Drivers:
                 exact[k] = beside.answer_near(asked, given)
             if isinstance(own, Supervisor):
                 reasons[k] = own.reason
-            error = beside.error(given)
-            if not error <= measures[ERROR]:
-                measures[ERROR], measures[WORST_PERIOD] = error, k
-            measures[UNSOLVED] += not beside.solved
-            if not self._within(asked.previous, given):
-                measures[EXCESS] = np.inf
+            answered[k], solved[k] = beside.answered, beside.solved
             beside.prepare(self._problem.period)
             return given
 
         loop = scenarios.run(scenario, self._problem, control)
-        measures[COST], measures[EXCESS] = loop.costs.sum(), max(measures[EXCESS], loop.excess)
+        errors = np.where(answered, np.max(np.abs(loop.inputs - exact) / self._input_error, axis=1), np.inf)
+        worst = int(np.argmax(errors))
+        excess = loop.excess if self._within(scenario.inputs[0], loop.inputs) else np.inf
+        measures = np.array([loop.costs.sum(), errors[worst], worst, np.sum(~solved), excess])
         return Driven(loop, exact, reasons, measures)
 
-    def _within(self, previous: Array, given: Array) -> bool:
-        """Whether inputs and their changes are within their bounds."""
-        changes = np.abs(given - np.clip(previous, self._low, self._high))
-        inside = np.all((self._low <= given) & (given <= self._high))
+    def _within(self, first: Array, inputs: Array) -> bool:
+        """Whether inputs (T, m) and their changes, after the ``first`` ones (m,), are within their bounds."""
+        changes = np.abs(np.diff(inputs, axis=0, prepend=np.clip(first, self._low, self._high)[None]))
+        inside = np.all((self._low <= inputs) & (inputs <= self._high))
         return bool(inside and np.all(changes <= self._rates + ROUNDING))
 
 
@@ -231,7 +230,7 @@ class _Beside:
     def __init__(self, model: System, policy: Policy, input_error: Array) -> None:
         self._mpc = ExactMpc(model, policy.problem, tolerance=KKT_TOLERANCE)
         self._policy = policy
-        self._error = input_error
+        self._error = input_error.tolist()
         self._answer = np.zeros(policy.inputs)
         self._status = Status.FAILED
         self.solved = False
@@ -243,9 +242,10 @@ class _Beside:
     def prepare(self, elapsed: float) -> None:
         self._mpc.prepare(elapsed)
 
-    def error(self, given: Array) -> float:
-        """The largest difference of inputs from the answer, in those that are allowed; infinite where there is none."""
-        return np.inf if self._status is Status.FAILED else float(np.max(np.abs(given - self._answer) / self._error))
+    @property
+    def answered(self) -> bool:
+        """Whether there is an answer."""
+        return self._status is not Status.FAILED
 
     def answer(self, asked: Instance) -> Array:
         """The first inputs (m,)."""
@@ -256,8 +256,11 @@ class _Beside:
 
     def answer_near(self, asked: Instance, given: Array) -> Array:
         """The first inputs of the cheaper of two solutions, where those given are off."""
+        apart = zip(given.tolist(), self._answer.tolist(), self._error, strict=True)
+        if self.answered and all(abs(u - answer) <= allowed for u, answer, allowed in apart):
+            return self._answer
         plan = self._policy.control(*asked)
-        if self.error(given) <= 1.0 or plan.status is not Status.POLICY:
+        if plan.status is not Status.POLICY:
             return self._answer
         horizon = self._mpc.shooting.horizon
         first = horizon.inputs.copy(), horizon.states.copy()
