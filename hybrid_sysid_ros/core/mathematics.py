@@ -34,7 +34,11 @@ def rounded(yes: bool = True) -> Iterator[None]:
 
 
 def _magnitude(x: Scalar, over: float) -> Scalar:
-    return casadi.sqrt(x * x + over**2) if over and _ROUNDED.get() else casadi.fabs(x)
+    """|x|; rounded it is over (3 + 6 t^2 - t^4) / 8, t = x / over, for |t| < 1, twice differentiable at |t| = 1."""
+    if not (over and _ROUNDED.get()):
+        return casadi.fabs(x)
+    squared = (x * (1.0 / over)) ** 2
+    return casadi.if_else(squared < 1.0, 0.125 * over * (3.0 + squared * (6.0 - squared)), casadi.fabs(x))
 
 
 def sided(x: Scalar, above: Scalar, below: Scalar, *, over: float = 0.0) -> Scalar:

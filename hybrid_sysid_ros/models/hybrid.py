@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 CLIP = 1.5
 """Features are held within +-CLIP of their scale: beyond it a network knows nothing."""
 
-CORNER = 0.02
+CORNER = 0.05
 """Width over which that is rounded where a solver needs derivatives, in their scale."""
 
 

@@ -30,7 +30,7 @@ def test_a_real_time_iteration_follows_the_optimum(rig):
         preview = 0.05 * np.sin(2 * np.pi * 0.5 * PROBLEM.period * (k + np.arange(1, 11)))[:, None]
         exact, quick = (each.control(x, np.zeros(1), u, preview) for each in (converged, iterated))
         apart.append(abs(exact.input[0] - quick.input[0]))
-        assert quick.status is (Status.ITERATED if k else Status.SOLVED)
+        assert quick.status in ((Status.ITERATED, Status.SOLVED) if k else (Status.SOLVED,))
         u = quick.input
         for each in (converged, iterated):
             each.prepare(PROBLEM.period)

@@ -31,7 +31,7 @@ def test_the_compiled_and_the_casadi_form_agree(name):
         np.testing.assert_allclose(stepped(system, state, x[2:], step=0.005), expected, rtol=1e-11, atol=1e-14)
 
 
-@pytest.mark.parametrize("name", ["stribeck", "gray", "hybrid"])
+@pytest.mark.parametrize("name", ["stribeck", "gray"])
 def test_the_smooth_form_is_off_by_half_its_smoothing_at_most(name):
     # (sqrt((x + L)^2 + s^2) - sqrt((x - L)^2 + s^2)) / 2 lies within s / 2 of x held within +-L.
     system = structure(name)

@@ -127,22 +127,26 @@ def cost_of(horizon: Horizon, instance: Instance) -> float:
 
 
 @inner
-def evaluate(horizon: Horizon, program: Program, instance: Instance) -> None:
-    """Gradient and bounds of the program for an instance."""
+def evaluate(horizon: Horizon, program: Program, instance: Instance, off_instance: bool) -> None:
+    """Gradient and bounds of the program for an instance. off_instance: the trajectory has gaps, or begins at another
+    state, or is that of another disturbance.
+    """
     count, n = horizon.reached.shape
     m, p, v = horizon.inputs.shape[1], horizon.outputs.shape[1], program.gradient.shape[0]
     weights, inputs, gradient, seen = horizon.weights, horizon.inputs, pointer(program.gradient), pointer(horizon.seen)
     program.gradient[:] = 0.0
-    off = np.empty(n)
+    off = np.zeros(n)
     for i in range(count):
         before = instance.previous if i == 0 else inputs[i - 1]
-        _off(horizon, instance, i, off)
+        if off_instance:
+            _off(horizon, instance, i, off)
         for k in range(p):
             error = horizon.outputs[i, k] - instance.preview[i, k]
-            for a in range(n):
-                error += horizon.C[i, k, a] * off[a]
-            for j in range(m):
-                error += horizon.D[i, k, j] * (instance.disturbance[j] - horizon.disturbance[j])
+            if off_instance:
+                for a in range(n):
+                    error += horizon.C[i, k, a] * off[a]
+                for j in range(m):
+                    error += horizon.D[i, k, j] * (instance.disturbance[j] - horizon.disturbance[j])
             slope, row = 2.0 * weights.outputs[i, k] * error, (i * p + k) * v
             if slope != 0.0:
                 for c in range((i + 1) * m):

@@ -24,6 +24,54 @@ HOLD = 10.0
 
 
 @inner
+def keep_derivatives(horizon: Horizon) -> None:
+    """Keep [A, B] and where they were taken, for :func:`update_curvature`."""
+    n, m = horizon.B.shape[1:]
+    for i in range(horizon.inputs.shape[0]):
+        kept = horizon.before[i]
+        for a in range(n):
+            kept[n, a] = horizon.states[i, a]
+            for b in range(n):
+                kept[a, b] = horizon.A[i, a, b]
+            for j in range(m):
+                kept[a, n + j] = horizon.B[i, a, j]
+        for j in range(m):
+            kept[n, n + j] = horizon.inputs[i, j]
+
+
+@inner
+def update_curvature(horizon: Horizon) -> None:
+    """Symmetric rank-one update of each interval's curvature by how its [A, B] changed over the last step.
+
+    Conn, Gould & Toint (1991), Mathematical Programming 50; interval by interval, a few steps tell it all.
+    """
+    n, m = horizon.B.shape[1:]
+    moved, off = np.empty(n + m), np.empty(n + m)
+    for i in range(horizon.inputs.shape[0]):
+        kept, curvature = horizon.before[i], horizon.curvature[i]
+        for a in range(n):
+            moved[a] = horizon.states[i, a] - kept[n, a]
+        for j in range(m):
+            moved[n + j] = horizon.inputs[i, j] - kept[n, n + j]
+        across = far = size = 0.0
+        for c in range(n + m):
+            total = 0.0
+            for a in range(n):
+                now = horizon.A[i, a, c] if c < n else horizon.B[i, a, c - n]
+                total += horizon.adjoint[i + 1, a] * (now - kept[a, c])
+            for d in range(n + m):
+                total -= curvature[c, d] * moved[d]
+            off[c] = total
+            across += total * moved[c]
+            far += total * total
+            size += moved[c] * moved[c]
+        if abs(across) > 1e-3 * math.sqrt(far * size):
+            for c in range(n + m):
+                for d in range(n + m):
+                    curvature[c, d] += off[c] * off[d] / across
+
+
+@inner
 def add_curvature(horizon: Horizon, program: Program) -> None:
     """Add E' curvature_i E of all intervals to the Hessian, E (n + m, v) being the derivative of an interval's state
     and inputs by all inputs, and make it positive definite.

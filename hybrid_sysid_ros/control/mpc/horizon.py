@@ -112,8 +112,18 @@ class Horizon(NamedTuple):
     """(N + 1, n), how the Lagrangian changes with each state; of the initial state first."""
     curvature: Array
     """(N, n + m, n + m), of each interval's end, weighed by its adjoint, by its state and inputs."""
+    before: Array
+    """(N, n + 1, n + m), [A, B] of each interval at the iterate before, and its state and inputs there."""
     progress: Array
     """(3,) of a solution: steps made, the residual before the last one, and whether the curvature is taken in."""
+    planned: Array
+    """(N, m), the inputs of the plan, within all limits."""
+    kept_states: Array
+    """(N + 1, n), the trajectory before a solution, for where there is none."""
+    kept_inputs: Array
+    """(N, m)."""
+    kept_disturbance: Array
+    """(m,)."""
     work: Array
     """(6, n + p, n + m), of linearisations."""
 
@@ -170,6 +180,11 @@ def new_horizon(system: System, problem: Problem) -> Horizon:
         simulated=np.zeros((count + 1, n)),
         adjoint=np.zeros((count + 1, n)),
         curvature=np.zeros((count, n + m, n + m)),
+        before=np.zeros((count, n + 1, n + m)),
         progress=np.zeros(3),
+        planned=np.zeros((count, m)),
+        kept_states=np.zeros((count + 1, n)),
+        kept_inputs=np.zeros((count, m)),
+        kept_disturbance=np.zeros(m),
         work=np.zeros((6, n + p, n + m)),
     )

@@ -14,11 +14,11 @@ from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import factorise
 from hybrid_sysid_ros.control.mpc.shooting import (
     Shooting,
-    bounded,
-    cold_start,
-    feedback,
+    answer,
     forget,
+    plan,
     prepare,
+    restore,
     shift,
     shooting,
     solve,
@@ -65,8 +65,6 @@ class ExactMpc:
         self._clock = clock
         self._shooting = shooting(system, problem)
         self._flat, self._instance = new_instance(system, self.problem)
-        horizon = self._shooting.horizon
-        self._kept = (np.zeros_like(horizon.states), np.zeros_like(horizon.inputs), np.zeros_like(horizon.disturbance))
         self.iterations = 0
         self.residual = math.inf
         self.reset()
@@ -116,28 +114,23 @@ class ExactMpc:
         instance.disturbance[:] = disturbance
         instance.previous[:] = previous_input
         instance.preview[:] = preview
-        if not np.isfinite(self._flat).all():
+        iterate = self.real_time and self._prepared and not self._cold
+        self._prepared = False
+        most, share = self.problem.max_iterations, self.problem.max_iterations
+        began = 0.0
+        if self._clock is not None:
+            began, share = self._clock(), min(BETWEEN_LOOKS, most)
+        parts = mpc.prediction, mpc.horizon, mpc.program, instance
+        found = answer(*parts, share, self._tolerance, self._cold, iterate)
+        self.iterations, self.residual = found.iterations, found.residual
+        if not found.iterations:
             return self._rest(Status.FAILED)
-        np.clip(instance.previous, mpc.horizon.low, mpc.horizon.high, out=instance.previous)
-        cold = self._cold
-        if cold:
-            cold_start(mpc.prediction, mpc.horizon, instance)
-        plan = (mpc.horizon.states, mpc.horizon.inputs, mpc.horizon.disturbance)
-        for kept, part in zip(self._kept, plan, strict=True):
-            kept[:] = part
-        if self.real_time and self._prepared and not cold:
-            self._prepared = False
-            found = feedback(mpc.prediction, mpc.horizon, mpc.program, instance, self._tolerance)
-            self.iterations, self.residual = found.iterations, found.residual
-            status = Status.ITERATED if found.iterations else Status.FAILED
-        else:
-            status = self._solve()
-        sound = np.isfinite(mpc.horizon.inputs).all() and np.isfinite(mpc.horizon.states).all()
-        if status is Status.FAILED or status is Status.LATE or not sound:
-            for kept, part in zip(self._kept, plan, strict=True):
-                part[:] = kept
-            forget(mpc.program)
-            return self._rest(status if status is Status.LATE else Status.FAILED)
+        status = Status.SOLVED if found.solved else Status.ITERATED if iterate else Status.NOT_CONVERGED
+        if status is Status.NOT_CONVERGED and self.iterations < most:
+            status = self._go_on(began)
+        if status is Status.FAILED or status is Status.LATE:
+            restore(mpc.horizon, mpc.program)
+            return self._rest(status)
         self._cold = False
         return self._planned(status)
 
@@ -148,37 +141,33 @@ class ExactMpc:
         inputs = self._instance.previous.shape[0]
         return derivatives.sensitivity(self._shooting, self._flat)[:inputs]
 
-    def _solve(self) -> Status:
+    def _go_on(self, began: float) -> Status:
         """Iterate until solved, out of iterations or out of time."""
-        mpc, most = self._shooting, self.problem.max_iterations
-        began = self._clock() if self._clock is not None else 0.0
-        self.iterations = 0
-        while True:
-            share = most - self.iterations if self._clock is None else min(BETWEEN_LOOKS, most - self.iterations)
-            anew = self.iterations == 0
-            found = solve(mpc.prediction, mpc.horizon, mpc.program, self._instance, share, self._tolerance, anew)
-            self.iterations += found.iterations
-            self.residual = found.residual
-            if found.iterations == 0:
-                return Status.FAILED
-            if found.solved:
-                return Status.SOLVED
-            if self.iterations >= most:
-                return Status.NOT_CONVERGED
+        mpc, most, status = self._shooting, self.problem.max_iterations, Status.NOT_CONVERGED
+        parts = mpc.prediction, mpc.horizon, mpc.program, self._instance
+        while status is Status.NOT_CONVERGED and self.iterations < most:
             if self._clock is not None and self._clock() - began > self._time_limit:
                 return Status.LATE
+            found = solve(*parts, min(BETWEEN_LOOKS, most - self.iterations), self._tolerance, False)
+            self.iterations += found.iterations
+            self.residual = found.residual
+            status = Status.SOLVED if found.solved else Status.NOT_CONVERGED if found.iterations else Status.FAILED
+        if not np.isfinite(mpc.horizon.inputs).all():
+            return Status.FAILED
+        plan(mpc.horizon, self._instance)
+        return status
 
     def _rest(self, status: Status) -> Plan:
         """What is left of the last plan, or the previous input."""
-        if not self._cold:
-            return self._planned(status)
         horizon, last = self._shooting.horizon, self._instance.previous
+        if not self._cold:
+            plan(horizon, self._instance)
+            return self._planned(status)
         held = np.clip(np.where(np.isfinite(last), last, 0.0), horizon.low, horizon.high)
         inputs = np.tile(held, (self.horizon, 1))
         return Plan(input=inputs[0].copy(), inputs=inputs, states=horizon.states[:0].copy(), status=status)
 
     def _planned(self, status: Status) -> Plan:
         horizon = self._shooting.horizon
-        inputs = horizon.inputs.copy()
-        bounded(horizon, self._instance.previous, inputs)
+        inputs = horizon.planned.copy()
         return Plan(input=inputs[0].copy(), inputs=inputs, states=horizon.states[1:].copy(), status=status)

@@ -121,7 +121,7 @@ def _gradient(prediction: Prediction, horizon: Horizon, program: Program, instan
     assign(horizon.disturbance, instance.disturbance)
     linearise(prediction, horizon, prediction.smoothing, True)
     condense(horizon, program)
-    evaluate(horizon, program, instance)
+    evaluate(horizon, program, instance, False)
     assign(out, program.gradient)
     first = horizon.rated.shape[0] * count
     for position in range(horizon.bounded.shape[0]):

@@ -1,14 +1,12 @@
-"""Shooting in compiled code: the problem of a model linearised about a trajectory, again and again.
+"""The exact MPC in compiled code: its memory, its trajectories, the two phases of a real-time iteration, and a call.
 
-Sequential quadratic programming on the inputs, the states being simulated at each iterate, and the two phases of a
-real-time iteration about a trajectory with gaps: Bock & Plitt (1984), IFAC World Congress; Diehl et al. (2002), J.
-Process Control 12(4); Tenny, Wright & Rawlings (2004), Computational Optimization and Applications 28 (feasible SQP).
+Real-time iteration about a trajectory with gaps: Bock & Plitt (1984), IFAC World Congress; Diehl et al. (2002), J.
+Process Control 12(4).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,18 +14,15 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.condensing import (
     condense,
-    cost_of,
     cut,
     evaluate,
     expand,
-    find_adjoint,
     move,
-    residual,
 )
-from hybrid_sysid_ros.control.mpc.curvature import add_curvature
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction, new_horizon, prediction
-from hybrid_sysid_ros.control.mpc.linearisation import advance, assign, find_curvature, linearise
-from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, Program, QuadraticProgram
+from hybrid_sysid_ros.control.mpc.linearisation import advance, assign, linearise
+from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, STATES, Program, QuadraticProgram
+from hybrid_sysid_ros.control.mpc.sequential import SolverResult, solve
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.stage_cost import StageWeights, excess, stage_cost
 from hybrid_sysid_ros.core import System
@@ -37,32 +32,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 
-HALVINGS = 8
-"""Times that a step may be halved in search of a cost that is no higher."""
-
-SLOW = 0.1
-"""Share of the residual that a good Gauss-Newton step leaves at most; after a slower one the curvature of the dynamics
-is taken in. The first two steps are Gauss-Newton's.
-"""
-
 DOUBT = 0.05
 """Share by which a plan of a feedback phase may cost more than was predicted."""
-
-COARSE = 30.0
-"""By how much wider stick-slip is rounded for a second try at a first step that led uphill: where everything sticks,
-the derivatives by the inputs say next to nothing.
-"""
-
-
-class SolverResult(NamedTuple):
-    """What :func:`solve` found."""
-
-    solved: bool
-    """The KKT residual is within the tolerance."""
-    iterations: int
-    """Steps made; 0 where a quadratic program had no solution."""
-    residual: float
-    """The largest entry of the gradient of the Lagrangian."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -184,96 +155,6 @@ def forget(program: Program) -> None:
     quadratic.clear_working_set(program)
 
 
-# ---------------------------------------------------------------------- sequential quadratic programming
-
-
-@kernel
-def solve(
-    prediction: Prediction,
-    horizon: Horizon,
-    program: Program,
-    instance: Instance,
-    iterations: int,
-    tolerance: float,
-    anew: bool,
-) -> SolverResult:
-    """Step until solved: by Gauss-Newton, and where that is slow by Newton's method. anew: else go on from the call
-    before.
-    """
-    assign(horizon.states[0], instance.state)
-    assign(horizon.disturbance, instance.disturbance)
-    cut(horizon, instance.previous, horizon.inputs)
-    if anew:
-        horizon.progress[:] = 0.0
-    linearise(prediction, horizon, prediction.smoothing, True)
-    cost, last, done = cost_of(horizon, instance), horizon.progress[1], 0
-    while True:
-        condense(horizon, program)
-        evaluate(horizon, program, instance)
-        error, made = residual(program), horizon.progress[0]
-        if made > 0 and error <= tolerance:
-            return SolverResult(True, done, error)
-        if done == iterations:
-            horizon.progress[1] = last
-            return SolverResult(False, done, error)
-        if made > 1 and error > SLOW * last:
-            horizon.progress[2] = 1.0
-        if horizon.progress[2] > 0.0:
-            find_adjoint(horizon, program, instance)
-            find_curvature(prediction, horizon)
-            add_curvature(horizon, program)
-        if not quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES):
-            return SolverResult(False, 0, error)
-        quadratic.keep_working_set(program)
-        cost = _search(prediction, horizon, program, instance, cost, made == 0)
-        last = error
-        horizon.progress[0] += 1
-        done += 1
-
-
-@inner
-def _search(
-    prediction: Prediction, horizon: Horizon, program: Program, instance: Instance, cost: float, first: bool
-) -> float:
-    """Make the step of a solution, halved until the cost is no higher; the new cost. The model is linearised there."""
-    length = 1.0
-    _step(horizon, program, 1.0)
-    for halving in range(HALVINGS + 1):
-        linearise(prediction, horizon, prediction.smoothing, True)
-        found = cost_of(horizon, instance)
-        if found <= cost + 1e-9 * abs(cost):
-            break
-        if halving < HALVINGS:
-            length *= 0.5
-            _step(horizon, program, -length)
-        if first and halving == 1 and prediction.smoothing > 0.0:
-            _step(horizon, program, -length)
-            length = _coarse_step(prediction, horizon, program, instance)
-    return found
-
-
-@inner
-def _coarse_step(prediction: Prediction, horizon: Horizon, program: Program, instance: Instance) -> float:
-    """Make the step that rounder stick-slip proposes; its length, 0 where there is none."""
-    linearise(prediction, horizon, COARSE * prediction.smoothing, True)
-    condense(horizon, program)
-    evaluate(horizon, program, instance)
-    if not quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES):
-        return 0.0
-    quadratic.keep_working_set(program)
-    _step(horizon, program, 1.0)
-    return 1.0
-
-
-@inner
-def _step(horizon: Horizon, program: Program, length: float) -> None:
-    """Move the inputs along a solution."""
-    count, m = horizon.inputs.shape
-    for i in range(count):
-        for j in range(m):
-            horizon.inputs[i, j] += length * program.solution[i * m + j]
-
-
 # ---------------------------------------------------------------------- the two phases of a real-time iteration
 
 
@@ -293,7 +174,7 @@ def feedback(
     Where the plan costs more than was predicted the state is not the one that was prepared for, and the step is made
     about the state itself instead. A result of no iterations: the program has no solution; the trajectory then stays.
     """
-    evaluate(horizon, program, instance)
+    evaluate(horizon, program, instance, True)
     if not quadratic.solve(program, GRADIENT | BOUNDS | STATES):
         return SolverResult(False, 0, np.inf)
     quadratic.keep_working_set(program)
@@ -305,3 +186,78 @@ def feedback(
         return SolverResult(False, 1, np.inf)
     move(horizon, -1.0)
     return solve(prediction, horizon, program, instance, 1, tolerance, True)
+
+
+# ---------------------------------------------------------------------- a call of the controller
+
+
+@kernel
+def answer(
+    prediction: Prediction,
+    horizon: Horizon,
+    program: Program,
+    instance: Instance,
+    iterations: int,
+    tolerance: float,
+    cold: bool,
+    prepared: bool,
+) -> SolverResult:
+    """A call of the controller: the feedback phase where one is prepared, else as many steps as it takes.
+
+    The plan is in ``horizon.planned``. A result of no iterations: the trajectory is what it was.
+    """
+    if not (_finite(instance.state) and _finite(instance.disturbance) and _finite(instance.previous)):
+        return SolverResult(False, 0, np.inf)
+    for i in range(instance.preview.shape[0]):
+        if not _finite(instance.preview[i]):
+            return SolverResult(False, 0, np.inf)
+    for j in range(instance.previous.shape[0]):
+        instance.previous[j] = min(max(instance.previous[j], horizon.low[j]), horizon.high[j])
+    if cold:
+        cold_start(prediction, horizon, instance)
+    _copy(horizon.states, horizon.kept_states)
+    _copy(horizon.inputs, horizon.kept_inputs)
+    assign(horizon.kept_disturbance, horizon.disturbance)
+    if prepared:
+        found = feedback(prediction, horizon, program, instance, tolerance)
+    else:
+        found = solve(prediction, horizon, program, instance, iterations, tolerance, True)
+    sound = found.iterations > 0
+    for i in range(horizon.inputs.shape[0]):
+        sound = sound and _finite(horizon.inputs[i]) and _finite(horizon.states[i + 1])
+    if not sound:
+        restore(horizon, program)
+        return SolverResult(False, 0, found.residual)
+    plan(horizon, instance)
+    return found
+
+
+@kernel
+def plan(horizon: Horizon, instance: Instance) -> None:
+    """The inputs of the trajectory, within all limits after the input before."""
+    _copy(horizon.inputs, horizon.planned)
+    cut(horizon, instance.previous, horizon.planned)
+
+
+@kernel
+def restore(horizon: Horizon, program: Program) -> None:
+    """Take the trajectory back that was there before a solution, and forget what was found on the way."""
+    _copy(horizon.kept_states, horizon.states)
+    _copy(horizon.kept_inputs, horizon.inputs)
+    assign(horizon.disturbance, horizon.kept_disturbance)
+    quadratic.clear_working_set(program)
+
+
+@inner
+def _copy(values: Array, target: Array) -> None:
+    for i in range(values.shape[0]):
+        assign(target[i], values[i])
+
+
+@inner
+def _finite(values: Array) -> bool:
+    """Whether all are numbers."""
+    sound = True
+    for i in range(values.shape[0]):
+        sound = sound and bool(np.isfinite(values[i]))
+    return sound

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.core.mathematics import Scalar, clip, maximum, select, sid
 SMALLEST_SQUARED_COSINE = 0.1
 """Of the crank's angle: no record comes that near to a dead centre, and beyond it the law must stay finite."""
 
-DRIVE_CORNER, POSITION_CORNER, SPEED_CORNER = 0.02, 0.001, 0.02
+DRIVE_CORNER, POSITION_CORNER, SPEED_CORNER = 0.05, 0.002, 0.05
 """Widths over which the corners of the asymmetric drive [V] and of what is held within the identified range [rad,
 rad/s] are rounded where a solver needs derivatives.
 """

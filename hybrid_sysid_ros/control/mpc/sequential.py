@@ -1,0 +1,154 @@
+"""Sequential quadratic programming on the inputs of a horizon, the states being simulated at each iterate.
+
+Tenny, Wright & Rawlings (2004), Computational Optimization and Applications 28 (feasible iterates); Nocedal & Wright
+(2006), Numerical optimization, chapter 18.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
+from hybrid_sysid_ros.control.mpc.condensing import condense, cost_of, cut, evaluate, find_adjoint, residual
+from hybrid_sysid_ros.control.mpc.curvature import add_curvature, keep_derivatives, update_curvature
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction
+from hybrid_sysid_ros.control.mpc.linearisation import assign, find_curvature, linearise
+from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, Program
+from hybrid_sysid_ros.core.compilation import inner, kernel
+
+Array = NDArray[np.float64]
+
+HALVINGS = 8
+"""Times that a step may be halved in search of a cost that is no higher."""
+
+SLOW = 0.1
+"""Share of the residual that a good Gauss-Newton step leaves at most; after a slower one the curvature of the dynamics
+is taken in.
+"""
+
+STALLED, PATIENCE = 0.5, 3
+"""Share of the residual from which on a step with curvature was a bad one, and steps before that counts."""
+
+COARSE = 30.0
+"""By how much wider stick-slip is rounded for a second try at a first step that led uphill: where everything sticks,
+the derivatives by the inputs say next to nothing.
+"""
+
+
+class SolverResult(NamedTuple):
+    """What :func:`solve` found."""
+
+    solved: bool
+    """The KKT residual is within the tolerance."""
+    iterations: int
+    """Steps made; 0 where a quadratic program had no solution."""
+    residual: float
+    """The largest entry of the gradient of the Lagrangian."""
+
+
+@kernel
+def solve(
+    prediction: Prediction,
+    horizon: Horizon,
+    program: Program,
+    instance: Instance,
+    iterations: int,
+    tolerance: float,
+    anew: bool,
+) -> SolverResult:
+    """Step until solved: by Gauss-Newton, and where that is slow by Newton's method. anew: else go on from the call
+    before.
+    """
+    assign(horizon.states[0], instance.state)
+    assign(horizon.disturbance, instance.disturbance)
+    cut(horizon, instance.previous, horizon.inputs)
+    if anew:
+        horizon.progress[:] = 0.0
+    linearise(prediction, horizon, prediction.smoothing, True)
+    cost, last, done = cost_of(horizon, instance), horizon.progress[1], 0
+    while True:
+        condense(horizon, program)
+        evaluate(horizon, program, instance, False)
+        error, made = residual(program), horizon.progress[0]
+        if made > 0 and error <= tolerance:
+            return SolverResult(True, done, error)
+        if done == iterations:
+            horizon.progress[1] = last
+            return SolverResult(False, done, error)
+        _find_hessian(prediction, horizon, program, instance, error, last)
+        if not quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES):
+            return SolverResult(False, 0, error)
+        quadratic.keep_working_set(program)
+        cost = _search(prediction, horizon, program, instance, cost, made == 0)
+        last = error
+        horizon.progress[0] += 1
+        done += 1
+
+
+@inner
+def _find_hessian(
+    prediction: Prediction, horizon: Horizon, program: Program, instance: Instance, error: float, last: float
+) -> None:
+    """Add the curvature of the dynamics to the Hessian where Gauss-Newton is slow: as the steps tell it, and where that
+    is slow too, by differences.
+    """
+    made = horizon.progress[0]
+    if made == 0:
+        horizon.curvature[:] = 0.0
+    else:
+        find_adjoint(horizon, program, instance)
+        if horizon.progress[2] > 0.0 and made > PATIENCE and error > STALLED * last:
+            find_curvature(prediction, horizon)
+        else:
+            update_curvature(horizon)
+        if error > SLOW * last:
+            horizon.progress[2] = 1.0
+        if horizon.progress[2] > 0.0:
+            add_curvature(horizon, program)
+    keep_derivatives(horizon)
+
+
+@inner
+def _search(
+    prediction: Prediction, horizon: Horizon, program: Program, instance: Instance, cost: float, first: bool
+) -> float:
+    """Make the step of a solution, halved until the cost is no higher; the new cost. The model is linearised there."""
+    length = 1.0
+    _step(horizon, program, 1.0)
+    for halving in range(HALVINGS + 1):
+        linearise(prediction, horizon, prediction.smoothing, True)
+        found = cost_of(horizon, instance)
+        if found <= cost + 1e-9 * abs(cost):
+            break
+        if halving < HALVINGS:
+            length *= 0.5
+            _step(horizon, program, -length)
+        if first and halving == 1 and prediction.smoothing > 0.0:
+            _step(horizon, program, -length)
+            length = _coarse_step(prediction, horizon, program, instance)
+    return found
+
+
+@inner
+def _coarse_step(prediction: Prediction, horizon: Horizon, program: Program, instance: Instance) -> float:
+    """Make the step that rounder stick-slip proposes; its length, 0 where there is none."""
+    linearise(prediction, horizon, COARSE * prediction.smoothing, True)
+    condense(horizon, program)
+    evaluate(horizon, program, instance, False)
+    if not quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES):
+        return 0.0
+    quadratic.keep_working_set(program)
+    _step(horizon, program, 1.0)
+    return 1.0
+
+
+@inner
+def _step(horizon: Horizon, program: Program, length: float) -> None:
+    """Move the inputs along a solution."""
+    count, m = horizon.inputs.shape
+    for i in range(count):
+        for j in range(m):
+            horizon.inputs[i, j] += length * program.solution[i * m + j]
