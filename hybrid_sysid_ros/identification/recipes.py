@@ -131,6 +131,7 @@ class Recipe:
             self.rig.system,
             scales=sizes.scales,
             centre=sizes.centre,
+            features=sizes.features,
             unshown=sizes.unshown,
             seed=seed,
             options=options,
