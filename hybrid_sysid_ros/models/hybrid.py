@@ -27,9 +27,9 @@ CORNER = 0.05
 class Hybrid(System):
     """x' = f(x, u) + E S n(clip(z / s)): the physics with a bounded network added to some of its rates.
 
-    z: the features of the physics, or the declared states, then the inputs (hidden deflections are none); s, S: scales, which are fixed
-    parameters, so that networks of one shape share their compiled code; n: one layer of :class:`~.core.Softsign` with
-    an output for each state in ``on``. |S n| <= S sum |a|, whatever the motion.
+    z: the features of the physics, or the declared states, then the inputs (hidden deflections are none); s, S: scales,
+    which are fixed parameters, so that networks of one shape share their compiled code; n: one layer of
+    :class:`~.core.Softsign` with an output for each state in ``on``. |S n| <= S sum |a|, whatever the motion.
     Raises UserError where weights or scales don't fit the shape.
     """
 

@@ -214,9 +214,11 @@ def build(
     of the parameters that the fit must leave as they are, since their term is switched off.
 
     physics: the rig's own system. scales, centre (states + inputs,): magnitude of each declared state and input in the
-    training data, and their means. features: magnitudes of the features that the rig's own system declares. seed: of a network's first weights. unshown: states that no record shows. Raises
-    UserError for an unknown name or option, for a structure that makes no sense on the rig, and for narx and recurrent,
-    which are not built before their data are seen.
+    training data, and their means. features: magnitudes of the features that the rig's own system declares. seed: of a
+    network's first weights. unshown: states that no record shows.
+
+    Raises UserError for an unknown name or option, for a structure that makes no sense on the rig, and for narx and
+    recurrent, which are not built before their data are seen.
     """
     row, box = structure_of(structure, boxes)
     chosen = complete(options or {}, options_of(structure, physics, boxes), structure)
