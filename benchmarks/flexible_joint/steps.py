@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 from scipy.optimize import differential_evolution
 
-from benchmarks import result
+from benchmarks import picture, result
 from hybrid_sysid_ros.control import Controller, ExactMpc, Plan
 from hybrid_sysid_ros.control.closed_loop import simulate_loop
 from hybrid_sysid_ros.control.policy import policy
@@ -47,6 +47,8 @@ GAIN, INTEGRAL = (0.005, 2.0), (0.05, 50.0)
 """Where its numbers are sought [N m s/rad, 1/s]; both by their logarithms."""
 PRICE = 20.0
 """Of overshoot beyond OVERSHOOT [s]: a percent costs .2 s of mean settling time."""
+PICTURE, SHOWN = Path(__file__).parents[2] / "docs" / "flexible_joint_steps.svg", (3.4, 6.9)
+"""Where the steps are drawn, and which seconds of them."""
 UNFORESEEN = {"reference": {"preview_seconds": 0.01, "publish_period": 0.005, "point_spacing": 0.005}}
 """Of the nodes: no reference is known more than 10 ms ahead."""
 
@@ -104,28 +106,30 @@ def settled(rig: Rig, time: Array, speed: Array) -> Array:
     return np.array(rows)
 
 
-def pi_loop(rig: Rig, gain: float, integral: float, *, seed: int) -> tuple[Array, Array]:
-    """Times and true speeds under the PI law, every period."""
+def pi_loop(rig: Rig, gain: float, integral: float, *, seed: int) -> tuple[Array, Array, Array]:
+    """Times, true speeds and torques under the PI law, every period."""
     plant, schedule = Plant(rig, seed=seed, bias=rig.bias), rig.schedule(REFERENCE)
     times: Array = PERIOD * np.arange(round(schedule.duration / PERIOD), dtype=np.float64)
     wanted = rig.display[OUTPUT].scale * schedule(times)[:, OUTPUT]
-    low, high, total, speeds = rig.actuators[0].low, rig.actuators[0].high, 0.0, []
+    low, high, total = rig.actuators[0].low, rig.actuators[0].high, 0.0
+    speeds, torques = [], []
     for reference in wanted.tolist():
         speeds.append(plant.outputs()[OUTPUT])
         error = reference - float(plant.sensed()[OUTPUT])
         u = gain * error + total
         if low <= u <= high:  # else it would wind up
             total += gain * integral * PERIOD * error
+        torques.append(min(max(u, low), high))
         for _ in range(round(PERIOD / rig.step)):
             plant.advance(u)
-    return times, np.array(speeds) / rig.display[OUTPUT].scale
+    return times, np.array(speeds) / rig.display[OUTPUT].scale, np.array(torques)
 
 
 def best_pi(rig: Rig) -> dict[str, float]:
     """The PI law that settles soonest with at most OVERSHOOT."""
 
     def cost(logarithms: Array) -> float:
-        found = settled(rig, *pi_loop(rig, *np.exp(logarithms), seed=TUNED_ON))
+        found = settled(rig, *pi_loop(rig, *np.exp(logarithms), seed=TUNED_ON)[:2])
         return float(found[:, 0].mean() + PRICE * max(0.0, found[:, 1].max() - OVERSHOOT))
 
     found = differential_evolution(
@@ -224,20 +228,39 @@ def measured(rig: Rig, model: Model) -> dict[str, Any]:
     best = best_pi(rig)
     law = best["gain"], best["integral"]
     problem = configuration.mpc_problem(configuration.defaults(rig, "controller"), rig, model.system)
+    drawn: dict[str, Callable[[], Controller]] = {"exact MPC": lambda: ExactMpc(model.system, problem)}
     loops = {
-        "PI": summary([settled(rig, *pi_loop(rig, *law, seed=seed)) for seed in SEEDS]),
-        "exact MPC": lockstep(rig, model, lambda: ExactMpc(model.system, problem)),
-        "exact MPC with preview": lockstep(rig, model, lambda: ExactMpc(model.system, problem), preview=True),
+        "PI": summary([settled(rig, *pi_loop(rig, *law, seed=seed)[:2]) for seed in SEEDS]),
+        "exact MPC": lockstep(rig, model, drawn["exact MPC"]),
+        "exact MPC with preview": lockstep(rig, model, drawn["exact MPC"], preview=True),
     }
     folder = configuration.TRAINED / rig.name / "policy"
     if folder.is_dir():
         imitation = policy.load(folder, model=model)
         tolerances = check_tolerances(configuration.defaults(rig, "controller"), rig, problem)
         mpc = ExactMpc(model.system, problem)
-        loops["policy"] = lockstep(rig, model, lambda: imitation)
+        drawn["policy"] = lambda: imitation
+        loops["policy"] = lockstep(rig, model, drawn["policy"])
         loops["supervised policy"] = lockstep(rig, model, lambda: Supervisor(imitation, mpc, tolerances))
+    draw(rig, model, law, {name: make for name, make in drawn.items() if name in loops})
     ratio = loops["exact MPC"]["settling_mean"]["mean"] / loops["PI"]["settling_mean"]["mean"]
     return {"pi": best, "levels": levels(rig), "loops": loops, "settling_ratio": ratio}
+
+
+def draw(rig: Rig, model: Model, law: tuple[float, float], made: Mapping[str, Callable[[], Controller]]) -> Path:
+    """Some steps of the same noise under each."""
+    times, speeds, torques = pi_loop(rig, *law, seed=SEEDS[0])
+    inside = (times >= SHOWN[0]) & (times <= SHOWN[1])
+    lines = {"reference": rig.schedule(REFERENCE)(times)[:, OUTPUT], "PI": speeds}
+    inputs = {"PI": torques}
+    for name, make in made.items():
+        loop = mpc_loop(rig, model, make(), seed=SEEDS[0], preview=False)[1]
+        lines[name], inputs[name] = loop.outputs[:, OUTPUT] / rig.display[OUTPUT].scale, loop.inputs[:, 0]
+    panels = [
+        picture.Panel(label="link [rpm]", height=260, lines={name: line[inside] for name, line in lines.items()}),
+        picture.Panel(label="torque [N m]", height=160, held=True, lines={key: u[inside] for key, u in inputs.items()}),
+    ]
+    return picture.draw(PICTURE, times[inside], panels, title="Steps of the link's speed, the same noise")
 
 
 def table(loops: Mapping[str, Mapping[str, Any]]) -> Table:
