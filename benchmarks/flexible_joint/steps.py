@@ -1,8 +1,8 @@
 """Steps of the link's speed on the noisy simulated rig: how long they take to settle under PI, exact MPC and policy.
 
 A step has settled when the true speed of the link, which the simulation knows, stays within 2 % of the step's size
-until the next one. Nobody knows of a step before it comes (``preview``: the MPC does, its horizon ahead). All have the
-same sensors, torque limits and period, and no delay.
+until the next one. Nobody knows of a step before it comes. All have the same sensors, torque limits and period, and
+no delay.
 
 The best PI law, u = gain (e + integral of e), e of the measured speed at 200 Hz, its integral standing still while the
 torque is at a bound, is found by differential evolution over both numbers on the rig itself: least mean settling time
@@ -125,12 +125,12 @@ def pi_loop(rig: Rig, gain: float, integral: float, *, seed: int) -> tuple[Array
     return times, np.array(speeds) / rig.display[OUTPUT].scale, np.array(torques)
 
 
-def best_pi(rig: Rig) -> dict[str, float]:
-    """The PI law that settles soonest with at most OVERSHOOT."""
+def best_pi(rig: Rig, *, price: float = PRICE) -> dict[str, float]:
+    """The PI law that settles soonest with at most OVERSHOOT, which is free at a price of 0."""
 
     def cost(logarithms: Array) -> float:
         found = settled(rig, *pi_loop(rig, *np.exp(logarithms), seed=TUNED_ON)[:2])
-        return float(found[:, 0].mean() + PRICE * max(0.0, found[:, 1].max() - OVERSHOOT))
+        return float(found[:, 0].mean() + price * max(0.0, found[:, 1].max() - OVERSHOOT))
 
     found = differential_evolution(
         cost, [np.log(GAIN), np.log(INTEGRAL)], popsize=12, maxiter=14, seed=0, polish=False, tol=1e-3
@@ -139,14 +139,14 @@ def best_pi(rig: Rig) -> dict[str, float]:
     return {"gain": float(gain), "integral": float(integral), "cost": float(found.fun), "loops": int(found.nfev)}
 
 
-def mpc_loop(rig: Rig, model: Model, controller: Controller, *, seed: int, preview: bool) -> tuple[Watched, Any]:
+def mpc_loop(rig: Rig, model: Model, controller: Controller, *, seed: int) -> tuple[Watched, Any]:
     """The loop of a controller in lockstep at 200 Hz, and what was counted in it."""
     tuning = configuration.estimator_tuning(configuration.defaults(rig, "estimator"), rig, model.system)
     watched = Watched(controller, ExtendedKalmanFilter(model.system, tuning, period=PERIOD, latency=0.0))
     schedule, scales = rig.schedule(REFERENCE), np.array([display.scale for display in rig.display])
 
     def reference(times: Array) -> Array:
-        if preview or len(times) == 1:
+        if len(times) == 1:
             return np.asarray(scales * schedule(times))
         now = schedule(times[:1] - controller.period)  # what is wanted when the state is measured
         return np.asarray(scales * np.repeat(now, len(times), axis=0))
@@ -165,11 +165,11 @@ def mpc_loop(rig: Rig, model: Model, controller: Controller, *, seed: int, previ
     return watched, loop
 
 
-def lockstep(rig: Rig, model: Model, make: Callable[[], Controller], *, preview: bool = False) -> dict[str, Any]:
+def lockstep(rig: Rig, model: Model, make: Callable[[], Controller]) -> dict[str, Any]:
     """Steps under a controller, over SEEDS."""
     rows, iterations, innovations, statuses = [], [], [], Counter[str]()
     for seed in SEEDS:
-        watched, loop = mpc_loop(rig, model, make(), seed=seed, preview=preview)
+        watched, loop = mpc_loop(rig, model, make(), seed=seed)
         rows.append(settled(rig, loop.time, loop.outputs[:, OUTPUT] / rig.display[OUTPUT].scale))
         iterations += watched.iterations
         innovations.append(float(np.nanmean(watched.innovations)))
@@ -225,14 +225,16 @@ def processes(rig: Rig, **options: Any) -> dict[str, Any]:
 
 def measured(rig: Rig, model: Model) -> dict[str, Any]:
     """All controllers in lockstep, and the supervised policy and the exact MPC in processes."""
-    best = best_pi(rig)
-    law = best["gain"], best["integral"]
+    laws = {"PI": best_pi(rig), "PI that may overshoot": best_pi(rig, price=0.0)}
+    gains = {name: (best["gain"], best["integral"]) for name, best in laws.items()}
     problem = configuration.mpc_problem(configuration.defaults(rig, "controller"), rig, model.system)
     drawn: dict[str, Callable[[], Controller]] = {"exact MPC": lambda: ExactMpc(model.system, problem)}
     loops = {
-        "PI": summary([settled(rig, *pi_loop(rig, *law, seed=seed)[:2]) for seed in SEEDS]),
+        **{
+            name: summary([settled(rig, *pi_loop(rig, *law, seed=seed)[:2]) for seed in SEEDS])
+            for name, law in gains.items()
+        },
         "exact MPC": lockstep(rig, model, drawn["exact MPC"]),
-        "exact MPC with preview": lockstep(rig, model, drawn["exact MPC"], preview=True),
     }
     folder = configuration.TRAINED / rig.name / "policy"
     if folder.is_dir():
@@ -242,9 +244,9 @@ def measured(rig: Rig, model: Model) -> dict[str, Any]:
         drawn["policy"] = lambda: imitation
         loops["policy"] = lockstep(rig, model, drawn["policy"])
         loops["supervised policy"] = lockstep(rig, model, lambda: Supervisor(imitation, mpc, tolerances))
-    draw(rig, model, law, {name: make for name, make in drawn.items() if name in loops})
+    draw(rig, model, gains["PI"], {name: make for name, make in drawn.items() if name in loops})
     ratio = loops["exact MPC"]["settling_mean"]["mean"] / loops["PI"]["settling_mean"]["mean"]
-    return {"pi": best, "levels": levels(rig), "loops": loops, "settling_ratio": ratio}
+    return {"pi": laws, "levels": levels(rig), "loops": loops, "settling_ratio": ratio}
 
 
 def draw(rig: Rig, model: Model, law: tuple[float, float], made: Mapping[str, Callable[[], Controller]]) -> Path:
@@ -254,7 +256,7 @@ def draw(rig: Rig, model: Model, law: tuple[float, float], made: Mapping[str, Ca
     lines = {"reference": rig.schedule(REFERENCE)(times)[:, OUTPUT], "PI": speeds}
     inputs = {"PI": torques}
     for name, make in made.items():
-        loop = mpc_loop(rig, model, make(), seed=SEEDS[0], preview=False)[1]
+        loop = mpc_loop(rig, model, make(), seed=SEEDS[0])[1]
         lines[name], inputs[name] = loop.outputs[:, OUTPUT] / rig.display[OUTPUT].scale, loop.inputs[:, 0]
     panels = [
         picture.Panel(label="link [rpm]", height=260, lines={name: line[inside] for name, line in lines.items()}),
