@@ -6,14 +6,10 @@ import math
 from collections.abc import Iterable, MutableSequence, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 FIELDS = ("position", "velocity", "effort")
 """The lists of a joint message."""

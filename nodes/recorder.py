@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from functools import partial
 from importlib import import_module
 from queue import SimpleQueue
 from threading import Thread
@@ -135,10 +136,7 @@ def make() -> RecorderNode:
     return node
 
 
-def main() -> int:
-    """Run the node."""
-    return run(make)
-
+main = partial(run, make)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -151,10 +152,7 @@ class ReferenceNode(RigNode):
         return OK, "done" if self.finished.done() else "running", values
 
 
-def main() -> int:
-    """Run the node."""
-    return run(ReferenceNode)
-
+main = partial(run, ReferenceNode)
 
 if __name__ == "__main__":
     sys.exit(main())

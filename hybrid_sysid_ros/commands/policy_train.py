@@ -41,9 +41,6 @@ def command(
             "--plan/--first-input", help="Answer with the whole plan, which can be checked and certified, or not."
         ),
     ] = DEFAULT.sequence,
-    slopes: Annotated[
-        float, typer.Option(help="Weight of the answers' derivatives in the training (Sobolev).", min=0.0)
-    ] = DEFAULT.slope_weight,
     follow: Annotated[
         list[str] | None,
         typer.Option("--follow", help="NAME=SPREAD: a parameter of the model that the policy adapts to, in its unit."),
@@ -60,7 +57,6 @@ def command(
         epochs=epochs,
         hidden=_widths(hidden),
         sequence=plan,
-        slope_weight=slopes,
         adaptation=_adaptation(follow or []),
     )
     loaded = load_model(model)

@@ -13,6 +13,7 @@ import numpy as np
 from hybrid_sysid_ros.control.stage_cost import StageWeights
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.structured import numbers
 
 Values = tuple[float, ...]
 
@@ -103,23 +104,13 @@ class Problem:
 
         Raises UserError where it has another number of values.
         """
-        found: dict[str, Values] = {}
-        counts = (
-            (_PER_OUTPUT, len(system.outputs), "outputs"),
-            (_PER_INPUT, len(system.inputs), "inputs"),
-            (_PER_STATE, len(system.states), "states"),
-        )
-        for names, count, what in counts:
-            for name in names:
-                values = getattr(self, name)
-                if len(values) not in (1, count):
-                    raise UserError(
-                        f"mpc: {name} has {len(values)} values; {type(system).__name__} has {count} {what}: "
-                        "give one for each, or one for all"
-                    )
-                found[name] = values if len(values) == count else values * count
-        made: Problem = dataclasses.replace(self, **found)  # type: ignore[arg-type]
-        return made
+        each = (_PER_OUTPUT, system.outputs), (_PER_INPUT, system.inputs), (_PER_STATE, system.states)
+        found = {
+            name: numbers(getattr(self, name), f"mpc: {name} of {type(system).__name__}", count=len(of))
+            for names, of in each
+            for name in names
+        }
+        return dataclasses.replace(self, **found)  # type: ignore[arg-type]
 
     @property
     def weights(self) -> StageWeights:
@@ -129,7 +120,7 @@ class Problem:
     @property
     def stage_weights(self) -> StageWeights:
         """Of one stage, for whole loops; of a problem that is :meth:`sized`."""
-        return Problem._weights(self, 1)
+        return self._weights(1)
 
     def _weights(self, stages: int) -> StageWeights:
         outputs = np.array(self.output_weights) / np.array(self.output_scales) ** 2

@@ -13,10 +13,9 @@ from hybrid_sysid_ros.bags.bag import name_of
 from hybrid_sysid_ros.bags.columns import SECOND, Columns, MissingInMessageError
 from hybrid_sysid_ros.bags.contents import Contents, contents
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256
-
-Array = NDArray[np.float64]
 
 MEASUREMENT, COMMAND, REFERENCE = "joint_states", "joint_command", "reference"
 ONE_CLOCK = SECOND  # ns, largest median distance of a measurement's stamp from its logging if both are of one clock

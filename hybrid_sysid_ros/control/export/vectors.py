@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.controller import Status
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.support.arrays import Array
 
-Array = NDArray[np.float64]
 Truths = NDArray[np.bool_]
 
 NAMES = ("x", "d", "u_previous", "preview", "parameters")

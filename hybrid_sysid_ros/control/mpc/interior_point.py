@@ -6,7 +6,6 @@ from typing import Any
 
 import casadi
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Plan, Status
 from hybrid_sysid_ros.control.mpc.horizon import new_horizon, new_instance
@@ -14,8 +13,7 @@ from hybrid_sysid_ros.control.mpc.shooting import bounded, one_delay
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 
 class InteriorPointMpc:

@@ -19,9 +19,8 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 MATRICES, GRADIENT, BOUNDS, STATES = 1 | 2, 4, 8, 16
 """What has changed since the last solution: hessian and rows, gradient, bounds, states of the constraints."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.condensing import (
@@ -28,9 +27,8 @@ from hybrid_sysid_ros.control.stage_cost import StageWeights, excess, stage_cost
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 DOUBT = 0.05
 """Share by which a plan of a feedback phase may cost more than was predicted."""

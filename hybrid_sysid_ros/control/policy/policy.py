@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Plan, Status
 from hybrid_sysid_ros.control.policy import kernels
@@ -20,9 +19,8 @@ from hybrid_sysid_ros.control.safety import certificate as certificates
 from hybrid_sysid_ros.control.safety.certificate import Certificate
 from hybrid_sysid_ros.core.networks import Layers
 from hybrid_sysid_ros.models import Model, storage
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 FORMAT = 3
 
@@ -200,7 +198,7 @@ class Policy:
             "range_whitening": self.training_range.whitening,
             "check_features": self.check[0],
             "check_inputs": self.check[1],
-            **_named("", self.layers),
+            **named_layers("", self.layers),
         }
         content = {
             "rig": self.rig,
@@ -213,7 +211,7 @@ class Policy:
         }
         if self.correction is not None:
             arrays |= {"nominal": self.correction.nominal, "spread": self.correction.spread}
-            arrays |= _named("S", self.correction.layers)
+            arrays |= named_layers("S", self.correction.layers)
             content["correction"] = {"names": self.correction.names, "layers": len(self.correction.layers)}
         storage.save(folder, kind="policy", version=FORMAT, content=content, arrays=arrays)
 
@@ -286,7 +284,7 @@ def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def _named(prefix: str, layers: Layers) -> dict[str, Array]:
+def named_layers(prefix: str, layers: Layers) -> dict[str, Array]:
     """W0, b0, W1, ... with a prefix."""
     return {f"{prefix}{kind}{i}": part for i, pair in enumerate(layers) for kind, part in zip("Wb", pair, strict=True)}
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Plan, Status
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.online_check import ACCEPTED, REASONS, WAITING, OnlineCheck, Tolerances
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 LAYERS = {
     Status.POLICY: "policy",
