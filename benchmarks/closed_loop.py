@@ -171,7 +171,7 @@ def competitors(rig: Rig, model: Model) -> tuple[Problem, dict[str, Timed], dict
     def controlled(controller: Controller) -> Drive:
         def drive(reference: Reference, *, seed: int, duration: float) -> ClosedLoop:
             return simulated_loop(
-                rig, model, controller, seed=seed, reference=lambda t: reference(t)[..., None], duration=duration
+                rig, model, controller, lambda t: reference(t)[..., None], duration=duration, seed=seed
             )
 
         return drive

@@ -9,7 +9,6 @@ from small_policies import PROBLEM, SEAL, SPREAD, by_hand, model_of  # type: ign
 from test_samples import CARTS_SPREAD, some_samples  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.control.policy import policy as policies
-from hybrid_sysid_ros.control.policy.adaptation import Adaptation
 from hybrid_sysid_ros.control.policy.samples import Samples, sample
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.support.errors import UserError
@@ -102,7 +101,7 @@ def rich():
         epochs=60,
         batch=128,
         workers=1,
-        adaptation=Adaptation(names=("centre",), spread=(0.5,)),
+        followed={"centre": 0.5},
     )
     return training.train(model_of(SEAL), PROBLEM, SPREAD, settings, seed=1)
 

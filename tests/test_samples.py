@@ -8,8 +8,7 @@ from linear_policies import CARTS, CASES  # type: ignore[import-not-found]
 from small_policies import PROBLEM, SPREAD, model_of  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.control import ExactMpc, scenarios
-from hybrid_sysid_ros.control.policy.adaptation import Adaptation
-from hybrid_sysid_ros.control.policy.samples import Samples, sample, scenario_of
+from hybrid_sysid_ros.control.policy.samples import Samples, sample, scenario_of, shifted
 from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, plant_near
 from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.support.errors import UserError
@@ -129,13 +128,14 @@ def test_other_plants_make_other_loops_for_the_same_mpc():
 def test_shifts_are_derivatives_of_the_plan_by_the_followed_parameters():
     """Against differences over a tenth of the step, of plans that are solved afresh."""
     system = model_of().system
-    adaptation = Adaptation(names=("gain", "centre"), spread=(0.5, 0.2))
-    samples = sample(system, PROBLEM, SPREAD, 7, adaptation=adaptation)
+    followed = {"gain": 0.5, "centre": 0.2}
+    samples = sample(system, PROBLEM, SPREAD, 7, followed=followed)
     assert samples.shifts.shape == (len(samples.plans), 2, 4, 1)
     inside = np.flatnonzero(np.all(np.abs(samples.plans) < 9.0, axis=(1, 2)))[::8]
     assert len(inside) > 5
-    for index in range(2):
-        pair = [ExactMpc(adaptation.shifted(system, index, side), PROBLEM, tolerance=1e-9) for side in (-0.05, 0.05)]
+    for index, (name, spread) in enumerate(followed.items()):
+        near = [shifted(system, name, side * spread) for side in (-0.05, 0.05)]
+        pair = [ExactMpc(plant, PROBLEM, tolerance=1e-9) for plant in near]
         for k in inside:
             asked = samples.instances[k]
             for mpc in pair:
@@ -148,8 +148,7 @@ def test_the_offset_of_the_input_shifts_the_first_plan_one_to_one():
     """A beam's centre acts as an offset of its input: plans of low weight on changes move with it."""
     system = model_of().system
     problem = dataclasses.replace(PROBLEM, rate_weights=(0.0,), input_low=(-1e3,), input_high=(1e3,))
-    adaptation = Adaptation(names=("centre",), spread=(0.2,))
-    samples = sample(system, problem, SPREAD, 3, adaptation=adaptation)
+    samples = sample(system, problem, SPREAD, 3, followed={"centre": 0.2})
     np.testing.assert_allclose(samples.shifts[:, 0], 0.2, atol=1e-3)
 
 

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import DECLARATIONS, Parameter, defaults, parameters
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import numbers, read_mapping, section
+from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, section
 
 __all__ = [
     "CAMERA", "Parameter", "Quality", "defaults", "estimator_tuning", "mpc_problem", "parameters", "qualities",
@@ -35,11 +35,12 @@ DURABILITIES = ("volatile", "transient_local")
 
 @dataclass(frozen=True, kw_only=True)
 class Quality:
-    """How a topic is carried: reliable or best_effort, volatile or transient_local, and how many messages wait."""
+    """How some topics are carried: reliable or best_effort, volatile or transient_local, how many messages wait."""
 
     reliability: str
     durability: str
     depth: int
+    topics: Sequence[str]
 
     def __post_init__(self) -> None:
         if self.reliability not in RELIABILITIES or self.durability not in DURABILITIES:
@@ -69,15 +70,8 @@ def qualities(path: Path = DECLARATIONS) -> dict[str, Quality]:
     """
     found: dict[str, Quality] = {}
     for name, entry in section(read_mapping(path), "qos", str(path), needed=True).items():
-        try:
-            content = dict(entry)
-            topics = list(content.pop("topics"))
-            quality = Quality(**content)
-        except (KeyError, TypeError, ValueError) as error:
-            raise UserError(f"{path}: qos.{name}: needs reliability, durability, depth and topics") from error
-        except UserError as error:
-            raise UserError(f"{path}: qos.{name}: {error}") from error
-        for topic in topics:
+        quality = built(Quality, entry, f"{path}: qos.{name}")
+        for topic in quality.topics:
             if topic in found:
                 raise UserError(f"{path}: qos.{name}: topic {topic} is in another class already")
             found[topic] = quality

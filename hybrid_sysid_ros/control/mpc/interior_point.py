@@ -7,7 +7,7 @@ from typing import Any
 import casadi
 import numpy as np
 
-from hybrid_sysid_ros.control.controller import Plan, Status
+from hybrid_sysid_ros.control.controller import Plan, Status, held
 from hybrid_sysid_ros.control.mpc.horizon import new_horizon, new_instance
 from hybrid_sysid_ros.control.mpc.shooting import bounded, one_delay
 from hybrid_sysid_ros.control.problem import Problem
@@ -67,12 +67,11 @@ class InteriorPointMpc:
 
     def _planned(self, status: Status) -> Plan:
         """The last solution, or where there is none the input before, within the bounds."""
-        previous, inputs = self._instance.previous, self._inputs.copy()
         if self._cold:
-            inputs[:] = np.where(np.isfinite(previous), previous, 0.0)
-        bounded(self._limits, previous, inputs)
-        states = self._states[1:] if not self._cold else self._states[:0]
-        return Plan(input=inputs[0].copy(), inputs=inputs, states=states.copy(), status=status)
+            return held(self._instance.previous, self.problem, status)
+        inputs = self._inputs.copy()
+        bounded(self._limits, self._instance.previous, inputs)
+        return Plan(input=inputs[0].copy(), inputs=inputs, states=self._states[1:].copy(), status=status)
 
 
 def _statement(system: System, problem: Problem, tolerance: float) -> tuple[Any, dict[str, Array]]:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hybrid_sysid_ros.control.controller import Plan, Status
+from hybrid_sysid_ros.control.controller import Plan, Status, held
 from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import factorise
 from hybrid_sysid_ros.control.mpc.shooting import (
@@ -149,13 +149,10 @@ class ExactMpc:
 
     def _rest(self, status: Status) -> Plan:
         """What is left of the last plan, or the previous input."""
-        horizon, last = self._shooting.horizon, self._instance.previous
-        if not self._cold:
-            plan(horizon, self._instance)
-            return self._planned(status)
-        held = np.clip(np.where(np.isfinite(last), last, 0.0), horizon.low, horizon.high)
-        inputs = np.tile(held, (self.horizon, 1))
-        return Plan(input=inputs[0].copy(), inputs=inputs, states=horizon.states[:0].copy(), status=status)
+        if self._cold:
+            return held(self._instance.previous, self.problem, status)
+        plan(self._shooting.horizon, self._instance)
+        return self._planned(status)
 
     def _planned(self, status: Status) -> Plan:
         horizon = self._shooting.horizon

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control.controller import Plan, Status
+from hybrid_sysid_ros.control.controller import Plan, Status, held
 from hybrid_sysid_ros.control.policy import kernels
 from hybrid_sysid_ros.control.policy.adaptation import Correction
 from hybrid_sysid_ros.control.policy.kernels import Packed, widths_of
@@ -166,10 +166,8 @@ class Policy:
             found = kernels.answer_in_parts()(*parts, sizes, numbers, plan)
         if found:
             return Plan(plan[0], plan, self._no_states, Status.POLICY)
-        last = np.asarray(previous_input, dtype=float)
-        held = np.where(np.isfinite(last), last, 0.0)
-        plan[:] = np.clip(held, self.problem.input_low, self.problem.input_high)
-        return Plan(plan[0], plan, self._no_states, Status.HELD)
+        kept = held(np.asarray(previous_input, dtype=float), self.problem, Status.HELD)
+        return kept._replace(inputs=kept.inputs[: self.stages])
 
     def inside(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> bool:
         """Whether an instance is like those of the training; never where something is not a number."""

@@ -13,7 +13,6 @@ from hybrid_sysid_ros.control import scenarios
 from hybrid_sysid_ros.control.controller import Controller, Plan, Status
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
-from hybrid_sysid_ros.control.policy.adaptation import Adaptation
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread, magnitude
 from hybrid_sysid_ros.control.steady_motion import steady_motion
@@ -88,18 +87,18 @@ def sample(
     seed: int,
     *,
     driver: Controller | None = None,
-    adaptation: Adaptation | None = None,
+    followed: Mapping[str, float] | None = None,
 ) -> Samples:
     """One closed loop in which the exact MPC is asked at each period.
 
-    driver: who drives the loop, the MPC itself by default (DAgger: Ross, Gordon, Bagnell 2011, AISTATS). adaptation:
-    parameters by which plans are differentiated, by central differences over half their spread. The plant's parameters
-    are spread, the MPC's are not.
+    driver: who drives the loop, the MPC itself by default (DAgger: Ross, Gordon, Bagnell 2011, AISTATS). followed:
+    parameters by which plans are differentiated, and their spreads, by central differences over half of them. The
+    plant's parameters are spread, the MPC's are not.
     """
     random = np.random.default_rng(seed)
     problem, spread = problem.sized(system), spread.sized(system)
     scenario, jitter = scenario_of(system, problem, spread, random)
-    expert = _Expert(system, problem, adaptation or Adaptation(), len(scenario.begins))
+    expert = _Expert(system, problem, followed or {}, len(scenario.begins))
     low, high = np.array(problem.input_low), np.array(problem.input_high)
 
     def control(k: int, asked: Instance) -> Array:
@@ -113,15 +112,21 @@ def sample(
     return expert.samples(float(loop.costs.mean()))
 
 
+def shifted(system: System, name: str, change: float) -> System:
+    """The system with one of its parameters moved."""
+    named = system.named
+    return system.with_values([*(named | {name: named[name] + change}).values()])
+
+
 class _Expert:
     """The exact MPC, and those of moved parameters, asked once a period; what they answered."""
 
-    def __init__(self, system: System, problem: Problem, adaptation: Adaptation, periods: int) -> None:
+    def __init__(self, system: System, problem: Problem, followed: Mapping[str, float], periods: int) -> None:
         self._mpc = ExactMpc(system, problem)
         self._period = problem.period
-        followed = range(len(adaptation.names))
         self._shifted = [
-            [ExactMpc(adaptation.shifted(system, i, side), problem) for side in (-0.5, 0.5)] for i in followed
+            [ExactMpc(shifted(system, name, side * spread), problem) for side in (-0.5, 0.5)]
+            for name, spread in followed.items()
         ]
         inputs = len(system.inputs)
         size = len(system.states) + 2 * inputs + problem.horizon * len(system.outputs)

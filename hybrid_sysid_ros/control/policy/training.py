@@ -70,7 +70,9 @@ def train(
     that an interrupted training goes on. Raises UserError where the MPC finds no solution.
     """
     began, sampling, progress = time.perf_counter(), 0.0, progress or _silent
-    settings.adaptation.nominal(model.system)
+    for name in settings.followed:
+        if name not in model.system.named:
+            raise UserError(f"policy: {type(model.system).__name__} has no parameter {name} to follow")
     problem, spread = problem.sized(model.system), spread.sized(model.system)
     parts: list[Arrays] = []
     held: list[Arrays] = []
@@ -93,7 +95,7 @@ def train(
             data = _Data.of(model, problem, spread, Samples.joined(parts), Samples.joined(held))
             network, policy = _fit(model, data, settings, epochs, seed, network, report)
     assert policy is not None
-    if settings.adaptation.names:
+    if settings.followed:
         policy = _corrected(policy, model, data, settings, seed, progress)
     measured = {
         **policy.training,
@@ -115,7 +117,7 @@ def _silent(stage: str, done: int, of: int) -> None:
 def _sampled(
     system: System, problem: Problem, spread: Spread, settings: Settings, driver: Policy | None, seed: int
 ) -> Arrays:
-    return sample(system, problem, spread, seed, driver=driver, adaptation=settings.adaptation).arrays
+    return sample(system, problem, spread, seed, driver=driver, followed=settings.followed).arrays
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -217,7 +219,7 @@ def _fit(
 
 def _corrected(policy: Policy, model: Model, data: _Data, settings: Settings, seed: int, progress: Progress) -> Policy:
     """The policy with a second network for the derivatives of its answers by the followed parameters."""
-    adaptation, inputs = settings.adaptation, data.standardised
+    followed, inputs = settings.followed, data.standardised
     shifts = data.samples.shifts[:, :, : policy.stages] / data.half
     targets = single(shifts.reshape(len(shifts), -1))
 
@@ -228,9 +230,9 @@ def _corrected(policy: Policy, model: Model, data: _Data, settings: Settings, se
     report = partial(progress, "correction: epochs of training")
     descend(network, loss, len(targets), settings, settings.epochs, seed, report)
     correction = Correction(
-        names=adaptation.names,
-        nominal=adaptation.nominal(model.system),
-        spread=np.array(adaptation.spread),
+        names=tuple(followed),
+        nominal=np.array([model.system.named[name] for name in followed]),
+        spread=np.array([*followed.values()]),
         layers=layers_of(network),
     )
     return replace(policy, correction=correction)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-import numpy as np
-
-from hybrid_sysid_ros.control.controller import Plan, Status
+from hybrid_sysid_ros.control.controller import Plan, Status, held
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.online_check import ACCEPTED, REASONS, WAITING, OnlineCheck, Tolerances
@@ -86,8 +84,5 @@ class Supervisor:
             self._age = 0.0
             return plan
         if self.mpc.cold or self._age > (self.horizon - ROUNDING) * self.period:
-            problem = self.mpc.problem
-            last = np.where(np.isfinite(previous_input), previous_input, 0.0)
-            inputs = np.tile(np.clip(last, problem.input_low, problem.input_high), (self.horizon, 1))
-            return Plan(input=inputs[0], inputs=inputs, states=plan.states[:0], status=Status.HELD)
+            return held(previous_input, self.mpc.problem, Status.HELD)
         return plan
