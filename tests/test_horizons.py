@@ -7,9 +7,10 @@ import pytest
 
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Experiment, score
-from hybrid_sysid_ros.identification.validation.horizons import averaged, k_step_errors
+from hybrid_sysid_ros.identification.validation.horizons import k_step_errors
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.errors import UserError
+from studies.beam_lecture.report import averaged
 
 SAMPLING = Sampling(step=0.01, period=0.05)
 

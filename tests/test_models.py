@@ -261,9 +261,9 @@ def test_a_term_that_is_switched_off_does_not_move_the_beam():
 
 
 def test_physics_has_its_terms_as_options_and_a_network_its_own():
-    assert {"cam", "stribeck", "creep", "bias", "starts"} <= set(options_of("gray", CamBeam()))
+    assert {"cam", "stribeck", "creep", "starts"} <= set(options_of("gray", CamBeam()))
     assert {"cam", "units", "members", "ridge"} <= set(options_of("hybrid", CamBeam()))
-    assert set(options_of("linear", CamBeam())) == {"bias", "starts"}
+    assert set(options_of("linear", CamBeam())) == {"starts"}
     for structure in STRUCTURES:
         for name, option in options_of(structure, CamBeam()).items():
             assert option.low <= option.default <= option.high, name
@@ -272,7 +272,7 @@ def test_physics_has_its_terms_as_options_and_a_network_its_own():
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        ({"colour": 1}, "structure black_box has no option colour; it has units, ridge, bias, starts"),
+        ({"colour": 1}, "structure black_box has no option colour; it has units, ridge, starts"),
         ({"units": 0}, "option units = 0 is outside 1 to 32"),
         ({"units": 2.5}, r"option units = 2\.5 must be a whole number"),
         ({"ridge": float("nan")}, "option ridge = nan is outside"),

@@ -20,9 +20,6 @@ from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 
-_BIAS = Option(
-    default=0.0, low=0.0, high=1.0, kind="float", description="prior of a record's input biases, in its deviations"
-)
 _RIDGE = Option(default=1.0, low=0.01, high=100.0, kind="log", description="pull of a network's weights to zero")
 _SCALE = Option(
     default=1.0, low=0.01, high=1.0, kind="log", description="size of the network, as part of what the inputs do"
@@ -32,7 +29,7 @@ _UNITS = Option(default=8, low=1, high=32, kind="int", description="of the netwo
 _EVERYWHERE = Option(
     default=0, low=0, high=1, kind="int", description="1: a network on all rates, not only where friction is"
 )
-_FIT = {"bias": _BIAS, "starts": _STARTS}
+_FIT = {"starts": _STARTS}
 _NETWORK = {"units": _UNITS, "scale": _SCALE, "everywhere": _EVERYWHERE, "ridge": _RIDGE, **_FIT}
 _ANCHORED = {
     **_NETWORK,

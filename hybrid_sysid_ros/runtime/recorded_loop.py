@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.bags.bag import name_of
+from hybrid_sysid_ros.bags.bag import name_of, opened
 from hybrid_sysid_ros.bags.columns import SECOND, Columns, MissingInMessageError
-from hybrid_sysid_ros.bags.contents import Contents, contents
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -142,19 +141,17 @@ class _Reading:
         self.rig = rig
         prefix = namespace.rstrip("/")
         self.names = {topic: f"{prefix}/{topic}" for topic in (MEASUREMENT, COMMAND, REFERENCE)}
-        self.contents: Contents = contents(path, set(self.names.values()), recover=recover)
-        self.columns = {topic: self.messages(topic) for topic in self.names}
-
-    def messages(self, topic: str) -> Columns:
-        name = self.names[topic]
-        if name not in self.contents.topics:
-            raise UserError(
-                f"{self.path}: no topic {name}: the bag has {self.contents.listing}; a closed loop needs all of "
-                f"{', '.join(self.names.values())}"
-            )
-        if not self.contents.messages[name].data:
-            raise UserError(f"{self.path}: topic {name} has no messages: was its publisher running?")
-        return Columns(self.contents.messages[name], self.contents.typestore)
+        with opened(path, recover=recover) as bag:
+            messages = bag.whole(self.names.values())
+        for name in self.names.values():
+            if name not in messages:
+                raise UserError(
+                    f"{self.path}: no topic {name}: the bag has {bag.listing}; a closed loop needs all of "
+                    f"{', '.join(self.names.values())}"
+                )
+            if not messages[name].data:
+                raise UserError(f"{self.path}: topic {name} has no messages: was its publisher running?")
+        self.columns = {topic: Columns(messages[name], bag.typestore) for topic, name in self.names.items()}
 
     def values(self, topic: str, field: str) -> Array:
         try:

@@ -1,4 +1,4 @@
-"""Independent pieces of work side by side, in processes or threads, and results that the next run finds again.
+"""Independent pieces of work side by side, in processes, and results that the next run finds again.
 
 A lost process (killed, out of memory) costs the piece it was at, which runs again; an interruption costs what is under
 way; what is finished is in the store. Each process has one thread of linear algebra: more get into each other's way.
@@ -15,7 +15,7 @@ import warnings
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -147,25 +147,6 @@ class Here(Workers[Item, Result]):
         return future
 
 
-class Threads(Workers[Item, Result]):
-    """Threads of this process, for work in compiled code that lets them run side by side. jobs: see :func:`count`."""
-
-    def __init__(self, work: Callable[[Item], Result], *, jobs: int = 0, **more: Any) -> None:
-        super().__init__(work, **more)
-        self._size = count(jobs)
-        self._pool = ThreadPoolExecutor(self._size)
-
-    @property
-    def size(self) -> int:
-        return self._size
-
-    def submit(self, item: Item) -> Future[Result]:
-        return self._pool.submit(_alone, self.work, item)
-
-    def close(self) -> None:
-        self._pool.shutdown(wait=True, cancel_futures=True)
-
-
 class Processes(Workers[Item, Result]):
     """Processes of this machine, by joblib's executor. Each is a pool of its own: it breaks alone when it is killed.
 
@@ -214,13 +195,9 @@ class Processes(Workers[Item, Result]):
             process.shutdown(kill_workers=True)  # type: ignore[call-arg]  # loky's
 
 
-def workers_for(
-    work: Callable[[Item], Result], *, jobs: int = 0, threads: bool = False, **more: Any
-) -> Workers[Item, Result]:
-    """Processes or threads; for one job this process itself."""
-    if count(jobs) == 1:
-        return Here(work, **more)
-    return Threads(work, jobs=jobs, **more) if threads else Processes(work, jobs=jobs, **more)
+def workers_for(work: Callable[[Item], Result], *, jobs: int = 0, **more: Any) -> Workers[Item, Result]:
+    """Processes; for one job this process itself."""
+    return Here(work, **more) if count(jobs) == 1 else Processes(work, jobs=jobs, **more)
 
 
 def write_arrays(arrays: Any, folder: Path) -> None:
@@ -288,7 +265,6 @@ def run(
     pieces: Sequence[Item],
     *,
     workers: int = 0,
-    threads: bool = False,
     store: Store[Result] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Result]:
@@ -300,7 +276,7 @@ def run(
     """
     found: dict[int, Result] = {}
     jobs = min(count(workers), max(len(pieces), 1))
-    crew: Workers[tuple[int, Item], Result] = workers_for(partial(_numbered, work), jobs=jobs, threads=threads)
+    crew: Workers[tuple[int, Item], Result] = workers_for(partial(_numbered, work), jobs=jobs)
     with crew:
         for (number, _), result, _ in resumed(
             crew, list(enumerate(pieces)), store=store, key=lambda item: item[1], finish=True

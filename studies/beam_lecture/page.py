@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.identification.selection.criteria import Judgement
 from hybrid_sysid_ros.report.rendering import check_available, drawn, identification_content, write_page
 from hybrid_sysid_ros.report.sections import Provenance
+from studies.beam_lecture.criteria import Judgement
 from studies.beam_lecture.report import ProtocolSection, StructureResult
 
 

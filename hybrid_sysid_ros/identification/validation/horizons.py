@@ -96,30 +96,3 @@ def k_step_errors(
 def default_horizons(longest: int) -> NDArray[np.int64]:
     """Some 25 horizons from 1 to ``longest`` samples, denser where they are short."""
     return np.unique(np.geomspace(1, max(longest, 1), 25).round().astype(np.int64))
-
-
-def averaged(name: str, curves: Sequence[HorizonErrors]) -> HorizonErrors:
-    """One curve for several records, at the horizons that all of them have: root mean squares of their errors, means of
-    their R2.
-
-    Raises:
-        UserError: no curves, or no horizon that is common to all.
-    """
-    common = sorted(set.intersection(*(set(curve.horizons.tolist()) for curve in curves))) if curves else []
-    if not common:
-        raise UserError(f"{name}: the records have no common horizon to average over; give k_step_errors the horizons")
-    chosen = [np.isin(curve.horizons, common) for curve in curves]
-    limits = [curve.free_run for curve in curves]
-    return HorizonErrors(
-        name=name,
-        horizons=np.array(common, dtype=np.int64),
-        seconds=curves[0].seconds[chosen[0]],
-        rmse=np.sqrt(np.mean([curve.rmse[c] ** 2 for curve, c in zip(curves, chosen, strict=True)], axis=0)),
-        r2=np.mean([curve.r2[c] for curve, c in zip(curves, chosen, strict=True)], axis=0),
-        rollouts=sum(curve.rollouts for curve in curves),
-        free_run=Scores(
-            r2=float(np.mean([scores.r2 for scores in limits])),
-            rmse=float(np.sqrt(np.mean([scores.rmse**2 for scores in limits]))),
-            fit_percent=float(np.mean([scores.fit_percent for scores in limits])),
-        ),
-    )

@@ -156,19 +156,6 @@ def correlation_tests(
     return {"phi_ee": whiteness(residuals, lags=lags, confidence=confidence), **tests}
 
 
-def pair_tests(
-    residuals: Array, signals: Array, *, lags: int = LAGS, confidence: float = CONFIDENCE
-) -> dict[tuple[int, int], dict[str, ResidualTest]]:
-    """:func:`correlation_tests` of each output's residuals (samples, outputs) with each input or reference (samples,
-    signals), by the numbers of both.
-    """
-    return {
-        (output, signal): correlation_tests(e, u, lags=lags, confidence=confidence)
-        for output, e in enumerate(np.asarray(residuals).T)
-        for signal, u in enumerate(np.asarray(signals).T)
-    }
-
-
 def _covariances(first: Array, second: Array) -> Array:
     """1/N sum first(t) second(t - k) at k = -(N - 1) ... N - 1, shape (2 N - 1,)."""
     return np.asarray(correlate(first, second, mode="full", method="fft") / len(first))

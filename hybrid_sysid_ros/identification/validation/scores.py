@@ -109,7 +109,7 @@ def initial_state(system: System, experiment: Experiment) -> Array:
     samples, sampling = min(FIRST_SAMPLES, experiment.samples), experiment.sampling
     starts = np.array([[0, 0, samples, 0]])
     deviation = np.maximum(np.std(experiment.outputs, axis=0), 1e-12)
-    sensitivities = Sensitivities(system, parameters=(), states=hidden, inputs=())
+    sensitivities = Sensitivities(system, parameters=(), states=hidden)
     slopes = np.empty((samples, len(system.outputs), sensitivities.count))
     given: dict[str, Any] = {"step": sampling.step, "every": sampling.every}
     best, least = first.copy(), np.inf
