@@ -64,10 +64,8 @@ class Layout:
 
     def estimate(self, followed: Iterable[str]) -> list[Place]:
         """What an estimate carries: states, outputs that are no states and input disturbances at its stamp, states and
-        disturbances when the next command acts, and the followed parameters.
-
-        Raises:
-            UserError: a followed parameter has the name of another entry.
+        disturbances when the next command acts, and the followed parameters. Raises UserError where a followed
+        parameter has the name of another entry.
         """
         now = [*self.states, *(self.outputs[k] for k in self.further), *self.inputs]
         later = [place.ending(AHEAD) for place in (*self.states, *self.inputs)]

@@ -104,11 +104,7 @@ class RecorderNode(RigNode):
             self.finish()
 
     def close(self) -> None:
-        """Write the rest and put the bag in its place.
-
-        Raises:
-            UserError: it cannot be written.
-        """
+        """Write the rest and put the bag in its place. Raises UserError where it cannot be written."""
         super().close()
         self.queue.put(None)
         self.thread.join()

@@ -28,9 +28,7 @@ LINES = 20  # of the multisine
 
 def signal_of(kind: str, settings: Mapping[str, Any], rig: Rig) -> Reference:
     """The reference of a kind by the parameters: seconds in (any shape), the outputs as they are shown out (..., p).
-
-    Raises:
-        UserError: there is no such kind, or the multisine has no room between its lowest and highest frequency.
+    Raises UserError where there is no such kind, or the multisine has no room between its lowest and highest frequency.
     """
     if kind in rig.references:
         return rig.references[kind]

@@ -27,10 +27,8 @@ TYPES: Mapping[str, Any] = {
 
 
 def profile(qualities: Mapping[str, Quality], topic: str, *, depth: int | None = None) -> QoSProfile:
-    """QoS of a topic; `depth` where a reader needs a longer queue.
-
-    Raises:
-        UserError: the configuration has no class for the topic.
+    """QoS of a topic; `depth` where a reader needs a longer queue. Raises UserError where the configuration has no
+    class for the topic.
     """
     if topic not in qualities:
         raise UserError(f"configuration: no class in section qos has the topic {topic}: add it to one")

@@ -200,10 +200,7 @@ class Estimator(ABC):
         """A measurement of a further channel at ``time`` [s], the moment that it is of, in whatever order it comes.
 
         Further than the window from the newest measurement it is ignored (late). The first one of all starts the
-        estimator.
-
-        Raises:
-            UserError: there is no such channel, or nothing to hold on to yet and no number.
+        estimator. Raises UserError where there is no such channel, or nothing to hold on to yet and no number.
         """
         if channel not in self._channels:
             known = ", ".join(self._channels) or "none"

@@ -51,10 +51,8 @@ class Quality:
 
 
 def shipped(rig: str, kind: str) -> Path:
-    """Folder of what comes trained with the package for a rig; kind: model or policy.
-
-    Raises:
-        UserError: nothing does.
+    """Folder of what comes trained with the package for a rig; kind: model or policy. Raises UserError where nothing
+    does.
     """
     folder = TRAINED / rig / kind
     if not folder.is_dir():
@@ -63,10 +61,8 @@ def shipped(rig: str, kind: str) -> Path:
 
 
 def qualities(path: Path = DECLARATIONS) -> dict[str, Quality]:
-    """How each topic is carried, by its name as in msgs_config/nodes.yaml.
-
-    Raises:
-        UserError: a class is not described as it should be, or names a topic that another has.
+    """How each topic is carried, by its name as in msgs_config/nodes.yaml. Raises UserError where a class is not
+    described as it should be, or names a topic that another has.
     """
     found: dict[str, Quality] = {}
     for name, entry in section(read_mapping(path), "qos", str(path), needed=True).items():
@@ -86,11 +82,9 @@ def in_si(values: Sequence[float], rig: Rig) -> tuple[float, ...]:
 def estimator_tuning(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> Tuning:
     """Tuning of the estimators from the parameters of the node `estimator`; outputs come into SI.
 
-    system: the model that the estimator predicts with, by default the rig's own. Of the states that it has alone,
-    those without a unit, such as hidden units of a network, drift by OWN_NOISE, others not.
-
-    Raises:
-        UserError: `followed` is no list of NAME=DRIFT.
+    system: the model that the estimator predicts with, by default the rig's own. Of the states that it has alone, those
+    without a unit, such as hidden units of a network, drift by OWN_NOISE, others not. Raises UserError where `followed`
+    is no list of NAME=DRIFT.
     """
     system, camera = system or rig.system, rig.display[0].scale * values["camera_noise"]
     states, inputs, outputs = len(rig.system.states), len(rig.actuators), len(rig.sensors)
@@ -137,9 +131,7 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
     """Problem of the exact MPC from the parameters of the node `controller`; outputs are weighed as they are shown.
 
     system: the model that the MPC predicts with, by default the rig's own. States that it has alone have no bounds.
-
-    Raises:
-        UserError: a number makes no problem.
+    Raises UserError where a number makes no problem.
     """
     system = system or rig.system
     states, inputs, outputs = len(rig.system.states), len(rig.actuators), len(rig.sensors)
@@ -181,10 +173,7 @@ def by_state(values: Sequence[float], rig: Rig, model: System) -> tuple[float, .
 def spread_of(rig: Rig, model: System | None = None) -> Spread:
     """What the closed loops are made of that a policy learns from, from the section policy_training of its rig.
 
-    model: whose states are pushed, by default the rig's own system.
-
-    Raises:
-        UserError: it lacks a number.
+    model: whose states are pushed, by default the rig's own system. Raises UserError where it lacks a number.
     """
     told, where = rig.section("policy_training"), f"{rig.file}: policy_training"
     system = rig.system

@@ -52,10 +52,8 @@ class Parameter:
         return float if self.each else type(self.default)
 
     def checked(self, value: Any) -> Any:
-        """Return the value as the parameter's kind (an integer does for a number); a list at its full length.
-
-        Raises:
-            UserError: it is of another kind or length, out of range or none of the choices.
+        """Return the value as the parameter's kind (an integer does for a number); a list at its full length. Raises
+        UserError where it is of another kind or length, out of range or none of the choices.
         """
         if not self.each:
             return self._one(value)
@@ -83,10 +81,8 @@ class Parameter:
 
 
 def parameters(rig: Rig | str, node: str) -> dict[str, Parameter]:
-    """Parameters of a node of a rig, by name; their defaults are the rig's values.
-
-    Raises:
-        UserError: there is no such rig or node, or one of the rig's values is not allowed.
+    """Parameters of a node of a rig, by name; their defaults are the rig's values. Raises UserError where there is no
+    such rig or node, or one of the rig's values is not allowed.
     """
     rig = rig if isinstance(rig, Rig) else load(rig)
     declared, where = declarations(), str(rig.file)
@@ -109,11 +105,7 @@ def parameters(rig: Rig | str, node: str) -> dict[str, Parameter]:
 
 
 def defaults(rig: Rig | str, node: str) -> dict[str, Any]:
-    """Value of each parameter of a node that nobody sets.
-
-    Raises:
-        UserError: see parameters().
-    """
+    """Value of each parameter of a node that nobody sets. Raises UserError: see parameters()."""
     return {name: parameter.default for name, parameter in parameters(rig, node).items()}
 
 

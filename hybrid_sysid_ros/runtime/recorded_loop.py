@@ -73,15 +73,11 @@ class LoopRecord:
     digest: str = ""
 
     @classmethod
-    def from_bag(cls, path: Path | str, rig: Rig, *, namespace: str | None = None, recover: bool = False) -> LoopRecord:
-        """Read joint_states, joint_command and reference of a rig; namespace: by default the rig's own.
-
-        Raises:
-            UserError: there is no such bag, topic or field, a number is missing, or stamps run backwards.
+    def from_bag(cls, path: Path | str, rig: Rig) -> LoopRecord:
+        """Read joint_states, joint_command and reference of a rig. Raises UserError where there is no such bag, topic
+        or field, a number is missing, or stamps run backwards.
         """
-        path = Path(path)
-        within = rig.namespace if namespace is None else namespace
-        return _Reading(path, rig, "/" + within.strip("/"), recover=recover).loop()
+        return _Reading(Path(path), rig).loop()
 
     @property
     def is_real_time(self) -> bool:
@@ -105,10 +101,8 @@ class LoopRecord:
     def tracking_rmse(self, start: float = 0.0, stop: float = np.inf, *, output: int | None = None) -> float:
         """Root mean square of reference minus measured output from `start` to `stop` [s], as the output is shown.
 
-        output: which one, by default the first that is tracked.
-
-        Raises:
-            UserError: the bag has no sample with a reference there.
+        output: which one, by default the first that is tracked. Raises UserError where the bag has no sample with a
+        reference there.
         """
         chosen = next(iter(self.tracked), 0) if output is None else output
         error = self.error[self.within(start, stop), chosen]
@@ -136,12 +130,11 @@ class LoopRecord:
 class _Reading:
     """One bag on its way into a LoopRecord."""
 
-    def __init__(self, path: Path, rig: Rig, namespace: str, *, recover: bool) -> None:
+    def __init__(self, path: Path, rig: Rig) -> None:
         self.path = path
         self.rig = rig
-        prefix = namespace.rstrip("/")
-        self.names = {topic: f"{prefix}/{topic}" for topic in (MEASUREMENT, COMMAND, REFERENCE)}
-        with opened(path, recover=recover) as bag:
+        self.names = {topic: f"/{rig.namespace.strip('/')}/{topic}" for topic in (MEASUREMENT, COMMAND, REFERENCE)}
+        with opened(path) as bag:
             messages = bag.whole(self.names.values())
         for name in self.names.values():
             if name not in messages:

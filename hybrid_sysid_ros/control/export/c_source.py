@@ -55,8 +55,8 @@ def sources(
         "tolerance": number(tolerance),
         "vectors": len(vectors),
         "weights": _weights(policy),
-        "network": _network("network", policy.layers, ""),
-        "sensitivity": _network("sensitivity", followed, "S") if followed else "",
+        "layers": _layers(policy.layers, ""),
+        "corrections": _layers(followed, "S"),
         "table": _table(policy, vectors),
     }
     return {
@@ -99,20 +99,9 @@ def _weights(policy: Policy) -> str:
     return "\n".join([tracked, *(_array(name, values) for name, values in arrays)])
 
 
-def _network(function: str, layers: Layers, prefix: str) -> str:
-    """One call of layer() for each; the values go to and fro between two arrays."""
-    begin = f"static void {function}(const double z[FEATURES], double answers[{len(layers[-1][1])}])\n{{\n"
-    lines = ["double one[WIDEST], other[WIDEST];" if len(layers) > 2 else "double one[WIDEST];", ""]
-    come, go = "z", "one"
-    for index, (matrix, _) in enumerate(layers):
-        rows, columns = matrix.shape
-        last = index == len(layers) - 1
-        target = "answers" if last else go
-        activation = "STRAIGHT" if last else "TANH"
-        weights, biases = f"{prefix}W{index}", f"{prefix}b{index}"
-        lines.append(f"layer({weights}, {biases}, {come}, {columns}, {target}, {rows}, {activation});")
-        come, go = target, "other" if target == "one" else "one"
-    return begin + "".join(f"    {line}\n" if line else "\n" for line in lines) + "}\n"
+def _layers(layers: Layers, prefix: str) -> str:
+    sizes = [matrix.shape for matrix, _ in layers]
+    return ",\n".join(f"    {{{prefix}W{k}, {prefix}b{k}, {wide}, {high}}}" for k, (high, wide) in enumerate(sizes))
 
 
 def _table(policy: Policy, vectors: Vectors) -> str:

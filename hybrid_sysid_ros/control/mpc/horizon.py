@@ -29,6 +29,10 @@ class Instance(NamedTuple):
     preview: Array
     """(N, p), reference of the outputs at the end of each interval."""
 
+    def take(self, state: Array, disturbance: Array, previous: Array, preview: Array) -> None:
+        """Write what is asked into these arrays."""
+        self.state[:], self.disturbance[:], self.previous[:], self.preview[:] = state, disturbance, previous, preview
+
 
 @inner
 def instance_of(flat: Array, n: int, m: int, p: int) -> Instance:

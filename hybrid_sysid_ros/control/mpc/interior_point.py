@@ -48,10 +48,8 @@ class InteriorPointMpc:
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`."""
         instance = self._instance
-        instance.state[:] = state
-        instance.disturbance[:] = disturbance
-        instance.previous[:] = np.clip(previous_input, self.problem.input_low, self.problem.input_high)
-        instance.preview[:] = preview
+        previous = np.clip(previous_input, self.problem.input_low, self.problem.input_high)
+        instance.take(state, disturbance, previous, preview)
         if not np.isfinite(self._flat).all():
             return self._planned(Status.FAILED)
         if self._cold:

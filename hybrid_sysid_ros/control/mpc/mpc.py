@@ -107,10 +107,7 @@ class ExactMpc:
         the last one; where there is none, the previous input, or zero if that is no number either.
         """
         mpc, instance = self._shooting, self._instance
-        instance.state[:] = state
-        instance.disturbance[:] = disturbance
-        instance.previous[:] = previous_input
-        instance.preview[:] = preview
+        instance.take(state, disturbance, previous_input, preview)
         iterate = self.real_time and self._prepared and not self._cold
         self._prepared = False
         most, share = self.problem.max_iterations, self.problem.max_iterations

@@ -202,7 +202,7 @@ class Policy:
             "rig": self.rig,
             "model": self.model,
             "layers": len(self.layers),
-            "problem": {name: _plain(value) for name, value in asdict(self.problem).items()},
+            "problem": asdict(self.problem),
             "range_reach": self.training_range.reach,
             "correction": None,
             "training": dict(self.training),
@@ -276,10 +276,6 @@ def _answers(layers: Layers, features: int) -> int:
     if widths[0] != features:
         raise UserError(f"policy: a network of {widths[0]} features does not fit the {features} of its problem")
     return widths[-1]
-
-
-def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
 
 
 def named_layers(prefix: str, layers: Layers) -> dict[str, Array]:

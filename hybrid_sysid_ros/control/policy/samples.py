@@ -112,6 +112,19 @@ def sample(
     return expert.samples(float(loop.costs.mean()))
 
 
+def sampled(
+    system: System,
+    problem: Problem,
+    spread: Spread,
+    seed: int,
+    *,
+    driver: Controller | None,
+    followed: Mapping[str, float],
+) -> dict[str, NDArray[Any]]:
+    """:func:`sample` for a process of its own: what it gives as arrays. Such a process needs no torch."""
+    return sample(system, problem, spread, seed, driver=driver, followed=followed).arrays
+
+
 def shifted(system: System, name: str, change: float) -> System:
     """The system with one of its parameters moved."""
     named = system.named

@@ -22,13 +22,12 @@ from hybrid_sysid_ros.control.policy.network import (
     single,
 )
 from hybrid_sysid_ros.control.policy.policy import Policy, features_of
-from hybrid_sysid_ros.control.policy.samples import Samples, sample
+from hybrid_sysid_ros.control.policy.samples import Samples, sampled
 from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.control.policy.training_settings import MOST_EPISODES, Settings
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.control.steady_motion import steady_motion
-from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.arrays import Array
@@ -81,7 +80,7 @@ def train(
     with one_torch_thread(torch):
         for number, episodes in enumerate(settings.episodes):
             started = time.perf_counter()
-            work = partial(_sampled, model.system, problem, spread, settings, policy)
+            work = partial(sampled, model.system, problem, spread, driver=policy, followed=settings.followed)
             seeds = [seed * 1_000_003 + MOST_EPISODES * number + index for index in range(episodes)]
             report = partial(progress, f"round {number + 1}: closed loops of the exact MPC")
             new = parallel.run(work, seeds, workers=settings.workers, store=store, progress=report)
@@ -112,12 +111,6 @@ def train(
 
 def _silent(stage: str, done: int, of: int) -> None:
     pass
-
-
-def _sampled(
-    system: System, problem: Problem, spread: Spread, settings: Settings, driver: Policy | None, seed: int
-) -> Arrays:
-    return sample(system, problem, spread, seed, driver=driver, followed=settings.followed).arrays
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

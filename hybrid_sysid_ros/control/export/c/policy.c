@@ -25,8 +25,6 @@ enum {
     WIDEST = @widest
 };
 
-enum activation { STRAIGHT, TANH };
-
 static const double reach = @reach;
 
 @weights
@@ -35,37 +33,53 @@ static double within(double value, double low, double high)
     return value < low ? low : (value > high ? high : value);
 }
 
-/* W from + b, row by row */
-static void layer(
-    const double *weights, const double *biases, const double *from, int columns, double *to, int rows,
-    enum activation activation)
+struct layer {
+    const double *weights, *biases;
+    int columns, rows;
+};
+
+static const struct layer layers[] = {
+@layers
+};
+
+/* Tanh layers and a straight one: W values + b, row by row, to and fro between two arrays. */
+static void network(const struct layer *of, int depth, const double *values, double *answers)
 {
-    int i, j;
+    double between[2][WIDEST];
+    int i, j, k;
 
-    for (i = 0; i < rows; i++) {
-        double sum = biases[i];
+    for (k = 0; k < depth; k++) {
+        int last = k == depth - 1;
+        double *out = last ? answers : between[k % 2];
 
-        for (j = 0; j < columns; j++) {
-            sum += weights[i * columns + j] * from[j];
+        for (i = 0; i < of[k].rows; i++) {
+            double sum = of[k].biases[i];
+
+            for (j = 0; j < of[k].columns; j++) {
+                sum += of[k].weights[i * of[k].columns + j] * values[j];
+            }
+            out[i] = last ? sum : tanh(sum);
         }
-        to[i] = activation == TANH ? tanh(sum) : sum;
+        values = out;
     }
 }
 
-@network
 #if @{NAME}_PARAMETERS
 enum { PARAMETERS = @{NAME}_PARAMETERS };
 
 static const double farthest = @farthest;
 
-@sensitivity
+static const struct layer corrections[] = {
+@corrections
+};
+
 /* answers + sum_p d answers / d theta_p (theta_p - nominal_p) / spread_p; linear, so kept near */
 static void correct(const double z[FEATURES], const double *parameters, double *answers)
 {
     double slopes[PARAMETERS * ANSWERS];
     int p, k;
 
-    sensitivity(z, slopes);
+    network(corrections, (int)(sizeof corrections / sizeof corrections[0]), z, slopes);
     for (p = 0; p < PARAMETERS; p++) {
         double deviation = isfinite(parameters[p]) ? (parameters[p] - nominal[p]) / spread[p] : 0.0;
 
@@ -122,7 +136,7 @@ int @name(
     int j, k, finite = standardised(state, disturbance, previous_input, preview, features, z);
 
     if (finite) {
-        network(z, answers);
+        network(layers, (int)(sizeof layers / sizeof layers[0]), z, answers);
 #if @{NAME}_PARAMETERS
         correct(z, parameters, answers);
 #endif
