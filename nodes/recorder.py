@@ -46,7 +46,7 @@ class RecorderNode(RigNode):
         for name in [self.resolve_topic_name(self.full_name(topic)) for topic in wanted] or list(known):
             if name in known:
                 topic = known[name]
-                self.take(name, topics.TYPES[topic], topics.profile(self.qualities, topic, depth=DEPTH))
+                self.take(name, topics.TYPES[topic], topics.profile(topic, depth=DEPTH))
             else:
                 self.searched.add(name)
         if self.searched:

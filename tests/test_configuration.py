@@ -63,13 +63,6 @@ def test_the_library_gets_the_numbers_of_the_nodes_in_si_units(rig: Rig) -> None
     assert problem.output_scales == pytest.approx([math.radians(1.3)])
 
 
-def test_a_topic_is_carried_as_its_class_says() -> None:
-    qualities = configuration.qualities()
-    measured = qualities["joint_states"]
-    assert (measured.reliability, measured.durability, measured.depth) == ("reliable", "volatile", 10)
-    assert qualities["state_estimate"].depth == 1  # an old estimate has no use
-
-
 @pytest.mark.parametrize(
     ("parameter", "value", "message"),
     [
@@ -119,35 +112,9 @@ def test_a_wrong_description_is_told_by_file_and_key(rig: Rig, write: Any, entry
 
 
 def test_a_missing_section_is_told(write: Any) -> None:
-    path = write({"nodes": {"plant": {}}})
+    write({"nodes": {"plant": {}}})
     with pytest.raises(UserError, match=r"no section nodes\.estimator: known are plant"):
         configuration.parameters("cam_beam", "estimator")
-    with pytest.raises(UserError, match=f"{path}: qos is missing"):
-        configuration.qualities(path)
-
-
-@pytest.mark.parametrize(
-    "entry",
-    [
-        {"reliability": "sometimes", "durability": "volatile", "depth": 1, "topics": []},
-        {"reliability": "reliable", "durability": "volatile", "depth": 0, "topics": []},
-        {"reliability": "reliable", "depth": 1, "topics": []},
-        {"reliability": "reliable", "durability": "volatile", "depth": 1},
-        "reliable",
-    ],
-)
-def test_a_wrong_class_of_topics_is_told(write: Any, entry: Any) -> None:
-    path = write({"qos": {"loop": entry}})
-    with pytest.raises(UserError) as told:
-        configuration.qualities(path)
-    assert str(told.value).startswith(f"{path}: qos.loop")
-
-
-def test_a_topic_in_two_classes_is_told(write: Any) -> None:
-    quality = {"reliability": "reliable", "durability": "volatile", "depth": 1, "topics": ["joint_states"]}
-    path = write({"qos": {"loop": quality, "view": quality}})
-    with pytest.raises(UserError, match=r"qos\.view: topic joint_states is in another class"):
-        configuration.qualities(path)
 
 
 def test_an_unknown_rig_is_told() -> None:

@@ -1,10 +1,9 @@
-"""Configuration: what the library takes from the nodes' parameters and a rig's values, and how topics are carried."""
+"""Configuration: what the library takes from the nodes' parameters and a rig's values."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,12 @@ from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.parameters import DECLARATIONS, Parameter, defaults, parameters
+from hybrid_sysid_ros.runtime.parameters import Parameter, defaults, parameters
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, section
+from hybrid_sysid_ros.support.structured import numbers
 
 __all__ = [
-    "CAMERA", "Parameter", "Quality", "defaults", "estimator_tuning", "mpc_problem", "parameters", "qualities",
-    "shipped", "spread_of",
+    "CAMERA", "Parameter", "defaults", "estimator_tuning", "mpc_problem", "parameters", "shipped", "spread_of",
 ]  # fmt: skip
 
 CAMERA = "camera"
@@ -29,25 +27,6 @@ OWN_NOISE = 0.05
 NONE = 1e9
 """A bound of a state from which on it is none."""
 TRAINED = Path(__file__).parents[1] / "trained"
-RELIABILITIES = ("reliable", "best_effort")
-DURABILITIES = ("volatile", "transient_local")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Quality:
-    """How some topics are carried: reliable or best_effort, volatile or transient_local, how many messages wait."""
-
-    reliability: str
-    durability: str
-    depth: int
-    topics: Sequence[str]
-
-    def __post_init__(self) -> None:
-        if self.reliability not in RELIABILITIES or self.durability not in DURABILITIES:
-            allowed = f"{' or '.join(RELIABILITIES)}, {' or '.join(DURABILITIES)}"
-            raise UserError(f"{self.reliability}, {self.durability}: needs {allowed}")
-        if type(self.depth) is not int or not 1 <= self.depth <= 100_000:
-            raise UserError(f"depth is {self.depth!r}: it needs a whole number from 1 to 100000")
 
 
 def shipped(rig: str, kind: str) -> Path:
@@ -58,20 +37,6 @@ def shipped(rig: str, kind: str) -> Path:
     if not folder.is_dir():
         raise UserError(f"no {kind} comes with the package for the rig {rig} ({folder}): give the path of one")
     return folder
-
-
-def qualities(path: Path = DECLARATIONS) -> dict[str, Quality]:
-    """How each topic is carried, by its name as in msgs_config/nodes.yaml. Raises UserError where a class is not
-    described as it should be, or names a topic that another has.
-    """
-    found: dict[str, Quality] = {}
-    for name, entry in section(read_mapping(path), "qos", str(path), needed=True).items():
-        quality = built(Quality, entry, f"{path}: qos.{name}")
-        for topic in quality.topics:
-            if topic in found:
-                raise UserError(f"{path}: qos.{name}: topic {topic} is in another class already")
-            found[topic] = quality
-    return found
 
 
 def in_si(values: Sequence[float], rig: Rig) -> tuple[float, ...]:

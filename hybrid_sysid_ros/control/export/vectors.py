@@ -37,14 +37,6 @@ class Vectors:
     def __len__(self) -> int:
         return len(self.instances)
 
-    def __add__(self, other: Vectors) -> Vectors:
-        return Vectors(
-            instances=np.concatenate([self.instances, other.instances]),
-            inputs=np.concatenate([self.inputs, other.inputs]),
-            answered=np.concatenate([self.answered, other.answered]),
-            inside=np.concatenate([self.inside, other.inside]),
-        )
-
     def difference(self, inputs: Array, answered: Truths, inside: Truths) -> float:
         """Largest difference of the inputs; infinite where one is no number, or a truth is another."""
         if inputs.shape != self.inputs.shape or np.any(answered != self.answered) or np.any(inside != self.inside):
@@ -74,7 +66,8 @@ def vectors(policy: Policy) -> Vectors:
     known = asked(policy, instances)
     inputs = bounded(answers, parts(policy, instances)[2], policy.problem)
     edge = asked(policy, _edge(policy, instances))
-    return replace(known, inputs=inputs, answered=np.ones_like(known.answered)) + edge
+    known = replace(known, inputs=inputs, answered=np.ones_like(known.answered))
+    return Vectors(**{name: np.concatenate([values, getattr(edge, name)]) for name, values in vars(known).items()})
 
 
 def bounded(answers: Array, previous_inputs: Array, problem: Problem) -> Array:
