@@ -147,6 +147,21 @@ def sample(
     return expert.samples(float(loop.costs.mean()))
 
 
+def sampled(
+    system: System,
+    problem: Problem,
+    spread: Spread,
+    seed: int,
+    *,
+    driver: Controller | None,
+    slope_share: float,
+    adaptation: Adaptation,
+) -> dict[str, NDArray[Any]]:
+    """:func:`sample` for a process of its own: what it gives as arrays. Such a process needs no torch."""
+    found = sample(system, problem, spread, seed, driver=driver, slope_share=slope_share, adaptation=adaptation)
+    return found.arrays
+
+
 class _Expert:
     """The exact MPC, and those of moved parameters, asked once a period; what they answered."""
 

@@ -25,13 +25,12 @@ from hybrid_sysid_ros.control.policy.network import (
     slope_errors,
 )
 from hybrid_sysid_ros.control.policy.policy import Policy, features_of
-from hybrid_sysid_ros.control.policy.samples import Samples, sample
+from hybrid_sysid_ros.control.policy.samples import Samples, sampled
 from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.control.policy.training_settings import MOST_EPISODES, Settings
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.control.steady_motion import steady_motion
-from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError
@@ -82,7 +81,10 @@ def train(
     with one_torch_thread(torch):
         for number, episodes in enumerate(settings.episodes):
             started = time.perf_counter()
-            work = partial(_sampled, model.system, problem, spread, settings, policy)
+            share = settings.slope_share if settings.slope_weight else 0.0
+            work = partial(
+                sampled, model.system, problem, spread, driver=policy, slope_share=share, adaptation=settings.adaptation
+            )
             seeds = [seed * 1_000_003 + MOST_EPISODES * number + index for index in range(episodes)]
             report = partial(progress, f"round {number + 1}: closed loops of the exact MPC")
             found = parallel.run(work, seeds, workers=settings.workers, store=store, progress=report)
@@ -114,14 +116,6 @@ def train(
 
 def _silent(stage: str, done: int, of: int) -> None:
     pass
-
-
-def _sampled(
-    system: System, problem: Problem, spread: Spread, settings: Settings, driver: Policy | None, seed: int
-) -> Arrays:
-    share = settings.slope_share if settings.slope_weight else 0.0
-    found = sample(system, problem, spread, seed, driver=driver, slope_share=share, adaptation=settings.adaptation)
-    return found.arrays
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
