@@ -151,9 +151,7 @@ def demo(out: Path, records: Records | None = None, *, rig: str = "", train: boo
     console.print("3 comparing with the exact MPC on the same plant")
     schedule = described.schedule(plan.reference)
     costs = [
-        simulated_loop(described, used, controller, reference=schedule, duration=schedule.duration).cost(
-            imitation.problem
-        )
+        simulated_loop(described, used, controller, schedule, duration=schedule.duration).cost(imitation.problem)
         for controller in (imitation, ExactMpc(used.system, imitation.problem))
     ]
     section = report.closed_loop_section(loop, described)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.call import call_slopes
 from hybrid_sysid_ros.core.compilation import kernel
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 NEWTON_STEPS = 30
 STEADY = 1e-9

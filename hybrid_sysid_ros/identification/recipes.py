@@ -103,7 +103,6 @@ class Recipe:
                     stages=stages,
                     anchor=anchor,
                     ridge=float(options.get("ridge", 1.0)),
-                    bias=float(options.get("bias", 0.0)),
                     hold=(*neutral, *hold),
                     starts=int(options.get("starts", 1)) if start is None else 1,
                     seed=seed,

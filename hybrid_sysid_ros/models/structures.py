@@ -20,9 +20,6 @@ from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 
-_BIAS = Option(
-    default=0.0, low=0.0, high=1.0, kind="float", description="prior of a record's input biases, in its deviations"
-)
 _RIDGE = Option(default=1.0, low=0.01, high=100.0, kind="log", description="pull of a network's weights to zero")
 _SCALE = Option(
     default=1.0, low=0.01, high=1.0, kind="log", description="size of the network, as part of what the inputs do"
@@ -32,7 +29,7 @@ _UNITS = Option(default=8, low=1, high=32, kind="int", description="of the netwo
 _EVERYWHERE = Option(
     default=0, low=0, high=1, kind="int", description="1: a network on all rates, not only where friction is"
 )
-_FIT = {"bias": _BIAS, "starts": _STARTS}
+_FIT = {"starts": _STARTS}
 _NETWORK = {"units": _UNITS, "scale": _SCALE, "everywhere": _EVERYWHERE, "ridge": _RIDGE, **_FIT}
 _ANCHORED = {
     **_NETWORK,
@@ -91,7 +88,6 @@ TABLE: Mapping[str, Structure] = {
 """By name. A rig may offer further gray boxes of its own, and any gray box G has its anchored hybrid, hybrid_G."""
 
 STRUCTURES = tuple(TABLE)
-SEEDED = tuple(name for name, item in TABLE.items() if item.seeded)
 Boxes = Mapping[str, System]
 """Further gray boxes of a rig, by name."""
 
@@ -176,18 +172,9 @@ def assemble(
     if structure == "recurrent":
         return Recurrent.of(design, weights)
     base = _physics(row, box, physics, boxes, design.get("physics") or {})
-    if "feature_scales" in design:  # before networks could have several outputs
-        on, scales = rates_of(base, everywhere=False), (*design["feature_scales"], design["scale"])
-    else:
-        on, scales = tuple(design["on"]), None
-    channels = len(features_of(base)) + len(on)
-    return Hybrid(
-        physics=base,
-        on=on,
-        units=int(design["units"]),
-        scales=scales or (1.0,) * channels,
-        network_weights=weights,
-    )
+    on = tuple(design["on"])
+    scales = (1.0,) * (len(features_of(base)) + len(on))
+    return Hybrid(physics=base, on=on, units=int(design["units"]), scales=scales, network_weights=weights)
 
 
 def rates_of(system: System, *, everywhere: bool) -> tuple[str, ...]:

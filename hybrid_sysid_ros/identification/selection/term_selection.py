@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.identification.experiment import Experiment
-from hybrid_sysid_ros.identification.selection.criteria import criteria
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
@@ -136,11 +135,14 @@ def _forward(values: Array, target: Array, count: int) -> NDArray[np.intp]:
 
 
 def _count(values: Array, target: Array) -> int:
-    """The number of leading columns (rows, columns) with the least information criterion."""
+    """The number n of leading columns (rows, columns) with the least N ln s2 + n ln N, s2 the mean square of N errors.
+
+    The Bayesian information criterion of Schwarz (1978).
+    """
     exact = EXACT**2 * float(np.mean(target**2))
 
     def criterion(count: int) -> float:
         errors = target - values[:, :count] @ np.linalg.lstsq(values[:, :count], target, rcond=None)[0]
-        return criteria(max(float(np.mean(errors**2)), exact), len(target), count).bic
+        return float(len(target) * np.log(max(float(np.mean(errors**2)), exact)) + count * np.log(len(target)))
 
     return min(range(1, values.shape[1] + 1), key=criterion)
