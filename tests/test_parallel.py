@@ -3,6 +3,7 @@
 import os
 import threading
 from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pytest
@@ -57,13 +58,13 @@ def test_what_was_not_written_whole_is_not_there(tmp_path):
     assert store.find([1, "a"]) is None
 
 
-class Threads(Workers):
+class Threads(Workers[Any, Any]):
     """Two of this process."""
 
     pool = ThreadPoolExecutor(2)
     size = 2
 
-    def submit(self, item) -> Future:
+    def submit(self, item) -> Future[Any]:
         return self.pool.submit(self.work, item)
 
 

@@ -15,6 +15,7 @@ from hybrid_sysid_ros.models.options import parse
 from hybrid_sysid_ros.runtime.training import train_policy
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
 from hybrid_sysid_ros.support.files import beside, check_folder
+from hybrid_sysid_ros.support.parallel import Store
 from hybrid_sysid_ros.support.progress import progress_bars
 
 DEFAULT = Settings()
@@ -64,7 +65,7 @@ def command(
         with progress_bars(status) as update:
             policy = train_policy(loaded, settings, seed=seed, samples=samples, progress=update)
     except KeyboardInterrupt:
-        kept = len(list(samples.glob("*.safetensors")))
+        kept = Store(samples).kept
         text = f"{kept} closed loops are kept in {samples}; the same command goes on from there"
         raise Interrupted(text if kept else "") from None
     policy.save(out)

@@ -231,6 +231,11 @@ class System:
         return found
 
     @property
+    def hidden(self) -> list[int]:
+        """Declared states that no record shows."""
+        return [index for index in range(len(self.declared_states)) if index not in self.shown]
+
+    @property
     def outside(self) -> tuple[tuple[Parameter, float], ...]:
         """Parameters that are not finite or outside their bounds, with their values."""
         pairs = zip(self.parameters, self.values.tolist(), strict=True)
@@ -255,6 +260,11 @@ class Recurrence(System):
 
     period: float = 0.05
     """Sampling time [s]."""
+
+    @property
+    def hidden(self) -> list[int]:
+        """None: what is no output is the record's past."""
+        return []
 
 
 def _key(value: Any) -> Any:

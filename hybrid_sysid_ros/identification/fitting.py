@@ -78,19 +78,13 @@ def fit(
     Raises UserError for records without excitation or beyond the system's range, and where every simulation
     diverges.
     """
-    low = np.min([experiment.states.min(axis=0) for experiment in experiments], axis=0)
-    high = np.max([experiment.states.max(axis=0) for experiment in experiments], axis=0)
-    for experiment in experiments:
-        check_range(experiment, system)
-    system = system.trained_on(low, high)
-    system.check()
+    system = _ranged(system, experiments)
     centres = spreads = None
     if anchor is not None:
         free = [i for i, item in enumerate(system.parameters) if item.name in anchor.names]
         centres, spreads = anchor.system.values[free], ANCHOR * anchor.spreads[: len(free)]
     problem = Problem(system, experiments, centres=centres, spreads=spreads, ridge=ridge, hold=hold)
-    first = problem.residuals(STAGES[0])
-    first(problem.start)  # compile outside the measured time
+    problem.residuals(STAGES[0])(problem.start)  # compile outside the measured time
     problem.jacobian(STAGES[0], map)(problem.start)
     problem.evaluations = 0
     began = time.perf_counter()
@@ -124,11 +118,20 @@ def fit(
     )
 
 
+def _ranged(system: System, experiments: Sequence[Experiment]) -> System:
+    """The system told the range of its training data."""
+    for experiment in experiments:
+        check_range(experiment, system)
+    states = np.concatenate([experiment.states for experiment in experiments])
+    system = system.trained_on(states.min(axis=0), states.max(axis=0))
+    system.check()
+    return system
+
+
 def _solve(problem: Problem, horizon: int | None, point: Array, tolerance: float, run: Map) -> Any:
-    residuals = problem.residuals(horizon)
     lower, upper = problem.bounds
     return least_squares(
-        residuals,
+        problem.residuals(horizon),
         np.clip(point, lower, upper),
         problem.jacobian(horizon, run),
         bounds=(lower, upper),

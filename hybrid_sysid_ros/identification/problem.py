@@ -143,7 +143,7 @@ class Problem:
             return
         starts, states, _, edges = self.windows(None)
         system, initial = self.placed(point, starts, states, edges)
-        found, _ = rollouts(system, starts, initial, self.inputs, step=self.sampling.step, every=self.sampling.every)
+        found, _ = self._simulated(system, starts, initial)
         held = np.clip(np.nan_to_num(found[:, self.hidden]), -WIDEST * self._spread, WIDEST * self._spread)
         self._carried = [held[begin:end] for begin, end in pairwise(edges)]
 
@@ -154,12 +154,14 @@ class Problem:
         squares = []
         for first, item in zip(self.first_steps, self.experiments, strict=True):
             starts = np.array([[first, first, item.samples, 0]])
-            given = self.inputs, self.sampling.step, self.sampling.every
-            found, _ = rollouts(self.system, starts, item.states[:1].copy(), given[0], step=given[1], every=given[2])
+            found, _ = self._simulated(self.system, starts, item.states[:1].copy())
             with np.errstate(over="ignore", invalid="ignore"):
                 squares.append(np.mean(found[:, self.hidden] ** 2, axis=0))
         values = np.sqrt(np.mean(squares, axis=0))
         return np.asarray(np.where(np.isfinite(values) & (values > 1e-9) & (values < 1e6), values, 1.0))
+
+    def _simulated(self, system: System, starts: NDArray[np.int64], initial: Array) -> tuple[Array, Array]:
+        return rollouts(system, starts, initial, self.inputs, step=self.sampling.step, every=self.sampling.every)
 
     def windows(self, horizon: int | None) -> tuple[NDArray[np.int64], Array, Array, NDArray[np.int64]]:
         """Rollouts of ``horizon`` samples: starts (windows, 4), initial states (windows, states), outputs
@@ -198,11 +200,10 @@ class Problem:
         """Weighted output errors of all rollouts, followed by the priors."""
         starts, states, outputs, edges = self.windows(horizon)
         weight = self.weight(outputs)
-        step = self.sampling.step
 
         def evaluate(point: Array) -> Array:
             system, initial = self.placed(point, starts, states, edges)
-            _, out = rollouts(system, starts, initial, self.inputs, step=step, every=self.sampling.every)
+            _, out = self._simulated(system, starts, initial)
             self.evaluations += 1
             errors = ((out - outputs) * weight).ravel()
             # A diverging simulation must repel the search, not stop it.

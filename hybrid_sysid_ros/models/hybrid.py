@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Parameter, Softsign, System
 from hybrid_sysid_ros.core.mathematics import Scalar, clip
+from hybrid_sysid_ros.core.parameters import of_data
 from hybrid_sysid_ros.core.steppers import Motion
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -74,7 +75,7 @@ class Hybrid(System):
         units = {item.name: item.unit for item in (*self.declared_states, *self.inputs)}
         named = [(f"scale_{name}", unit) for name, unit in units.items()]
         named += [(f"scale_{name}_rate", f"{units[name]}/s") for name in self.on]
-        return (*self.physics.parameters, *(_scale(name, unit) for name, unit in named))
+        return (*self.physics.parameters, *(of_data(name, unit) for name, unit in named))
 
     @property
     def values(self) -> Array:
@@ -132,18 +133,4 @@ def averaged(members: Sequence[Hybrid]) -> Hybrid:
         physics=first.physics.with_values(np.mean([member.physics.values for member in members], axis=0)),
         units=first.units * len(members),
         network_weights=weights.ravel(),
-    )
-
-
-def _scale(name: str, unit: str) -> Parameter:
-    return Parameter(
-        name=name,
-        unit=unit,
-        low=0.0,
-        high=1e12,
-        start=1.0,
-        spread=None,
-        fixed=True,
-        term="",
-        description="Of the network, from the training data.",
     )

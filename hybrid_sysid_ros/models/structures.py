@@ -88,7 +88,6 @@ TABLE: Mapping[str, Structure] = {
 """By name. A rig may offer further gray boxes of its own, and any gray box G has its anchored hybrid, hybrid_G."""
 
 STRUCTURES = tuple(TABLE)
-SEEDED = tuple(name for name, item in TABLE.items() if item.seeded)
 Boxes = Mapping[str, System]
 """Further gray boxes of a rig, by name."""
 
@@ -168,18 +167,9 @@ def assemble(
     if structure == "recurrent":
         return Recurrent.of(design, weights)
     base = _physics(row, box, physics, boxes, design.get("physics") or {})
-    if "feature_scales" in design:  # before networks could have several outputs
-        on, scales = rates_of(base, everywhere=False), (*design["feature_scales"], design["scale"])
-    else:
-        on, scales = tuple(design["on"]), None
-    channels = len(base.declared_states) + len(base.inputs) + len(on)
-    return Hybrid(
-        physics=base,
-        on=on,
-        units=int(design["units"]),
-        scales=scales or (1.0,) * channels,
-        network_weights=weights,
-    )
+    on, channels = tuple(design["on"]), len(base.declared_states) + len(base.inputs)
+    scales = (1.0,) * (channels + len(on))
+    return Hybrid(physics=base, on=on, units=int(design["units"]), scales=scales, network_weights=weights)
 
 
 def rates_of(system: System, *, everywhere: bool) -> tuple[str, ...]:

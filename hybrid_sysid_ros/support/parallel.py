@@ -200,37 +200,32 @@ def workers_for(work: Callable[[Item], Result], *, jobs: int = 0, **more: Any) -
     return Here(work, **more) if count(jobs) == 1 else Processes(work, jobs=jobs, **more)
 
 
-def write_arrays(arrays: Any, folder: Path) -> None:
-    """Named arrays as one file."""
-    (folder / ARRAYS).write_bytes(save({name: np.ascontiguousarray(value) for name, value in arrays.items()}))
-
-
-def read_arrays(folder: Path) -> Any:
-    """What :func:`write_arrays` wrote."""
-    try:
-        return dict(load_file(folder / ARRAYS))
-    except SafetensorError as error:
-        raise ValueError(f"{folder}: can't be read") from error
-
-
 class Store(Generic[Result]):
     """Finished results in a folder. Each is found again by all that it depends on, and was written whole or not at all.
 
-    purpose: what all of them depend on; results of another purpose are not found again. write(result, folder),
-    read(folder): how a result is kept, named arrays by default; what can't be read is not there.
+    purpose: what all of them depend on; results of another purpose are not found again. Results are named arrays; a
+    subclass may keep others.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        purpose: str = "",
-        *,
-        write: Callable[[Result, Path], object] = write_arrays,
-        read: Callable[[Path], Result] = read_arrays,
-    ) -> None:
+    def __init__(self, folder: Path, purpose: str = "") -> None:
         self.folder = folder
         self.purpose = purpose
-        self._write, self._read = write, read
+
+    @property
+    def kept(self) -> int:
+        """Number of results that are there, of whatever purpose."""
+        return sum(1 for _ in self.folder.glob(f"*/{FINISHED}"))
+
+    def write(self, result: Result, folder: Path) -> None:
+        """Write a result into a folder of its own."""
+        arrays: Any = result
+        content = save({name: np.ascontiguousarray(value) for name, value in arrays.items()})
+        (folder / ARRAYS).write_bytes(content)
+
+    def read(self, folder: Path) -> Result:
+        """What was written there; what raises an error is not there."""
+        found: Any = load_file(folder / ARRAYS)
+        return found  # type: ignore[no-any-return]
 
     def find(self, key: Any) -> Result | None:
         """The result of a key, None where it is not there or can't be read. key: plain data, or told by its repr()."""
@@ -238,14 +233,14 @@ class Store(Generic[Result]):
         if not (place / FINISHED).is_file():
             return None
         try:
-            return self._read(place)
-        except (OSError, ValueError, KeyError, TypeError, UserError):
+            return self.read(place)
+        except (OSError, SafetensorError, ValueError, KeyError, TypeError, UserError):
             return None
 
     def keep(self, key: Any, result: Result) -> None:
         """Write a result. Raises UserError where the place can't be written."""
         with written_folder(self._place(key), marker=FINISHED, force=True) as partial:
-            self._write(result, partial)
+            self.write(result, partial)
             (partial / FINISHED).write_text(_text(key), encoding="utf-8")
 
     def remove(self) -> None:

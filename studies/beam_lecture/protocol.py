@@ -21,7 +21,7 @@ from hybrid_sysid_ros.support.files import beside, check_file, check_folder, wri
 from hybrid_sysid_ros.support.parallel import Store
 from hybrid_sysid_ros.support.progress import progress_bars
 from studies.beam_lecture import lecture
-from studies.beam_lecture.candidate import Candidate, store_of
+from studies.beam_lecture.candidate import Candidate, CandidateStore
 from studies.beam_lecture.comparison import RULE, Comparison, compare
 from studies.beam_lecture.lecture import Protocol, table_name
 from studies.beam_lecture.page import write_protocol
@@ -66,7 +66,7 @@ def command(
     protocol = lecture.arrange(lecture.read_folder(folder), number)
     structures = list(dict.fromkeys(chosen))
     place = out or as_json or page
-    store = None if place is None else store_of(beside(place, ".fits"))
+    store = None if place is None else CandidateStore(beside(place, ".fits"))
     done: list[Candidate] = []
     try:
         with progress_bars(status) as update:

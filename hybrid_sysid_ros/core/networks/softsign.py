@@ -46,13 +46,18 @@ class Softsign(Block):
         width = features + 1 + outputs
 
         @inner
+        def activation(w: Any, at: int, z: Any) -> float:
+            s = w[at + features]
+            for j in range(features):
+                s += w[at + j] * z[j]
+            return s
+
+        @inner
         def value(w: Any, at: int, z: Any, y: Any) -> None:
             for k in range(outputs):
                 y[k] = 0.0
             for i in range(units):
-                s = w[at + width * i + features]
-                for j in range(features):
-                    s += w[at + width * i + j] * z[j]
+                s = activation(w, at + width * i, z)
                 t = s / (1.0 + abs(s))
                 for k in range(outputs):
                     y[k] += w[at + width * i + features + 1 + k] * t
@@ -64,9 +69,7 @@ class Softsign(Block):
                 for j in range(features):
                     by_z[k * features + j] = 0.0
             for i in range(units):
-                s = w[at + width * i + features]
-                for j in range(features):
-                    s += w[at + width * i + j] * z[j]
+                s = activation(w, at + width * i, z)
                 slope = 1.0 / (1.0 + abs(s))
                 t = s * slope
                 slope *= slope
@@ -79,9 +82,7 @@ class Softsign(Block):
         @inner
         def weight_slopes(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
             for i in range(units):
-                s = w[at + width * i + features]
-                for j in range(features):
-                    s += w[at + width * i + j] * z[j]
+                s = activation(w, at + width * i, z)
                 slope = 1.0 / (1.0 + abs(s))
                 t = s * slope
                 total = 0.0
