@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.policy.adaptation import Correction
+from hybrid_sysid_ros.control.policy.idle_states import without_idle
 from hybrid_sysid_ros.control.policy.network import (
     beyond_bounds,
     descend,
@@ -123,8 +124,10 @@ class _Data:
     tracked: tuple[int, ...]
     samples: Samples
     held: Samples
+    still: Array
+    """(features, features), which takes from raw features what nothing depends on."""
     features: Array
-    """(samples, features), raw."""
+    """(samples, features), without that."""
     centre: Array
     """(features,)."""
     scale: Array
@@ -142,6 +145,9 @@ class _Data:
         tracked = tuple(k for k, weight in enumerate(problem.output_weights) if weight > 0)
         low, high = np.array(problem.input_low), np.array(problem.input_high)
         features = features_of(samples.instances, output_map, tracked, len(low), len(problem.output_weights))
+        states, still = len(model.system.states), np.eye(features.shape[1])
+        still[:states, :states] = without_idle(model.system, problem)
+        features = features @ still.T
         deviation = features.std(axis=0)
         return cls(
             problem=problem,
@@ -149,6 +155,7 @@ class _Data:
             tracked=tracked,
             samples=samples,
             held=held,
+            still=still,
             features=features,
             centre=features.mean(axis=0),
             scale=np.where(deviation > LEAST_DEVIATION, deviation, 1.0),
@@ -159,6 +166,19 @@ class _Data:
     def features_of(self, instances: Array) -> Array:
         """Raw features (samples, features) of flat instances."""
         return features_of(instances, self.output_map, self.tracked, len(self.half), len(self.problem.output_weights))
+
+    @property
+    def onto_raw(self) -> Array:
+        """(features, features): what standardised features are of standardised raw ones. Layers and ranges that are
+        multiplied by it take these, so that a policy need not know what is idle.
+        """
+        folded: Array = self.still * self.scale / self.scale[:, None]
+        return folded.copy()
+
+    def folded(self, network: torch.nn.Module) -> tuple[tuple[Array, Array], ...]:
+        """The layers of a network on standardised raw features."""
+        (weights, bias), *others = layers_of(network)
+        return (weights @ self.onto_raw, bias), *others
 
     @property
     def standardised(self) -> torch.Tensor:
@@ -195,7 +215,7 @@ def _fit(
     descend(network, loss, len(targets), settings, epochs, seed, progress)
     held = data.held.instances
     check = data.features_of(held[:: max(1, len(held) // CHECKS)][:CHECKS])
-    answers = in_double(network, (check - data.centre) / data.scale).reshape(len(check), stages, count)
+    answers = in_double(network, (check @ data.still.T - data.centre) / data.scale).reshape(len(check), stages, count)
     policy = Policy(
         problem=problem,
         model=model.seal,
@@ -203,8 +223,8 @@ def _fit(
         output_map=data.output_map,
         centre=data.centre,
         scale=data.scale,
-        layers=layers_of(network),
-        training_range=TrainingRange.of(data.features, data.centre, data.scale),
+        layers=data.folded(network),
+        training_range=TrainingRange.of(data.features, data.centre, data.scale).onto(data.onto_raw),
         check=(check, data.middle + data.half * answers),
     )
     return network, replace(policy, training=_errors(policy, data))
@@ -226,7 +246,7 @@ def _corrected(policy: Policy, model: Model, data: _Data, settings: Settings, se
         names=tuple(followed),
         nominal=np.array([model.system.named[name] for name in followed]),
         spread=np.array([*followed.values()]),
-        layers=layers_of(network),
+        layers=data.folded(network),
     )
     return replace(policy, correction=correction)
 
