@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from functools import partial
 from importlib import import_module
 from queue import SimpleQueue
 from threading import Thread
@@ -45,7 +46,7 @@ class RecorderNode(RigNode):
         for name in [self.resolve_topic_name(self.full_name(topic)) for topic in wanted] or list(known):
             if name in known:
                 topic = known[name]
-                self.take(name, topics.TYPES[topic], topics.profile(self.qualities, topic, depth=DEPTH))
+                self.take(name, topics.TYPES[topic], topics.profile(topic, depth=DEPTH))
             else:
                 self.searched.add(name)
         if self.searched:
@@ -103,11 +104,7 @@ class RecorderNode(RigNode):
             self.finish()
 
     def close(self) -> None:
-        """Write the rest and put the bag in its place.
-
-        Raises:
-            UserError: it cannot be written.
-        """
+        """Write the rest and put the bag in its place. Raises UserError where it cannot be written."""
         super().close()
         self.queue.put(None)
         self.thread.join()
@@ -135,10 +132,7 @@ def make() -> RecorderNode:
     return node
 
 
-def main() -> int:
-    """Run the node."""
-    return run(make)
-
+main = partial(run, make)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -267,7 +267,6 @@ def test_wrong_settings_of_a_policy_get_one_line(command, linear_model, tmp_path
         refused(command(*train, "--follow", f"gain={spread}"), "gain", spread)
     refused(command(*train, "--hidden", "10000000"), "10000000")
     refused(command(*train, "--hidden", ",".join(["8"] * 9)), "8")
-    refused(command(*train, "--slopes", "inf"), "weights")
     refused(command(*train, "--follow", "mass=1"), "mass")
 
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.support.arrays import Array
 
 if TYPE_CHECKING:
     from hybrid_sysid_ros.control.problem import Problem
-
-Array = NDArray[np.float64]
 
 
 class StageWeights(NamedTuple):

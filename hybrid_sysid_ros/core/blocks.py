@@ -7,6 +7,7 @@ block's own compiled functions, and the chain rule joins their derivatives to th
 from __future__ import annotations
 
 import dataclasses
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -79,6 +80,17 @@ class Block(ABC):
         names = (item.name for item in dataclasses.fields(block))
         given = ", ".join(f"{name}={getattr(self, name)!r}" for name in names if name != "at")
         return f"{type(self).__name__}({given})"
+
+    @property
+    def functions(self) -> Kernels:
+        """The kernels for printed code. Those of another shape have another name: compiled code that is kept by several
+        processes may number functions alike, and what is loaded later would then be linked to what was loaded before.
+        """
+        found = self.kernels
+        for function in found:
+            if function.__closure__ is not None:
+                function.__qualname__ = f"{function.__name__}_{re.sub('[^0-9A-Za-z]+', '_', self.code)}"
+        return found
 
     @property
     @abstractmethod

@@ -118,7 +118,7 @@ def _head(system: System, calls: Sequence[Call]) -> str:
     lines = [PRELUDE.format(name=type(system).__name__, digest=digest(call_module.__name__, *modules)).rstrip()]
     lines += sorted({f"from {kind.__module__} import {kind.__name__}" for kind in makers.values()})
     lines += [""] if makers else []
-    lines += [f"value_{i}, slopes_{i}, weight_slopes_{i} = {code}.kernels" for i, code in enumerate(makers)]
+    lines += [f"value_{i}, slopes_{i}, weight_slopes_{i} = {code}.functions" for i, code in enumerate(makers)]
     return "\n".join(lines)
 
 

@@ -36,6 +36,13 @@ def symbolic_output(system: System) -> casadi.Function:
     return casadi.Function("output", [x, u], [y], ["x", "u"], ["y"])
 
 
+def symbolic_features(system: System) -> casadi.Function:
+    """What a network sees as a CasADi function of the declared states and the inputs, (x, u) -> z."""
+    x, u = casadi.SX.sym("x", len(system.declared_states)), casadi.SX.sym("u", len(system.inputs))
+    z = casadi.vertcat(*system.feature(casadi.vertsplit(x), casadi.vertsplit(u)))
+    return casadi.Function("features", [x, u], [z], ["x", "u"], ["z"])
+
+
 def linearised(system: System, x: Array, u: Array) -> tuple[Array, Array]:
     """The rates' derivatives (states, states) and (states, inputs) of a law at x (states,) and u (inputs,), viscous
     friction included, dry one left out; where it has none they are zero.

@@ -130,6 +130,7 @@ class Recipe:
             self.rig.system,
             scales=sizes.scales,
             centre=sizes.centre,
+            features=sizes.features,
             unshown=sizes.unshown,
             seed=seed,
             options=options,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.core import Softsign, System
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.core.symbolic import linearised
-from hybrid_sysid_ros.models.hybrid import Hybrid
+from hybrid_sysid_ros.models.hybrid import Hybrid, features_of
 from hybrid_sysid_ros.models.linear import Friction, Linear
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.options import Option, Options, complete
@@ -94,11 +94,14 @@ Boxes = Mapping[str, System]
 
 
 def structure_of(name: str, boxes: Boxes | None = None) -> tuple[Structure, str]:
-    """The row of a structure, and the name of its gray box. Raises UserError for an unknown name."""
-    if name in TABLE:
+    """The row of a structure, and the name of its gray box; a rig's own boxes go before the table's of the same name.
+
+    Raises UserError for an unknown name.
+    """
+    known = {**{box: TABLE[box] for box in TABLE if _gray(TABLE[box])}, **dict.fromkeys(boxes or {}, TABLE["gray"])}
+    if name in TABLE and name not in known:
         row = TABLE[name]
         return row, {"own": "gray", "viscous": "linear"}.get(row.physics, row.physics)
-    known = {**dict.fromkeys(boxes or {}, TABLE["gray"]), **{box: TABLE[box] for box in TABLE if _gray(TABLE[box])}}
     if name in known:
         return known[name], name
     box = name.removeprefix("hybrid_")
@@ -130,8 +133,10 @@ def options_of(structure: str, physics: System, boxes: Boxes | None = None) -> d
 
 def _physics(row: Structure, box: str, physics: System, boxes: Boxes | None, design: Mapping[str, Any]) -> System:
     """The system that a structure stands on."""
+    if boxes and box in boxes:
+        return boxes[box]
     if row.physics == "own":
-        return (boxes or {}).get(box, physics)
+        return physics
     friction: Friction = "viscous"
     if row.physics in ("stribeck", "dahl", "lugre"):
         friction = row.physics
@@ -168,8 +173,8 @@ def assemble(
     if structure == "recurrent":
         return Recurrent.of(design, weights)
     base = _physics(row, box, physics, boxes, design.get("physics") or {})
-    on, channels = tuple(design["on"]), len(base.declared_states) + len(base.inputs)
-    scales = (1.0,) * (channels + len(on))
+    on = tuple(design["on"])
+    scales = (1.0,) * (len(features_of(base)) + len(on))
     return Hybrid(physics=base, on=on, units=int(design["units"]), scales=scales, network_weights=weights)
 
 
@@ -189,6 +194,7 @@ def build(
     seed: int,
     options: Options | None = None,
     centre: Array | None = None,
+    features: Array | None = None,
     unshown: tuple[str, ...] = (),
     boxes: Boxes | None = None,
 ) -> tuple[System, tuple[str, ...]]:
@@ -196,9 +202,11 @@ def build(
     of the parameters that the fit must leave as they are, since their term is switched off.
 
     physics: the rig's own system. scales, centre (states + inputs,): magnitude of each declared state and input in the
-    training data, and their means. seed: of a network's first weights. unshown: states that no record shows. Raises
-    UserError for an unknown name or option, for a structure that makes no sense on the rig, and for narx and recurrent,
-    which are not built before their data are seen.
+    training data, and their means. features: magnitudes of the features that the rig's own system declares. seed: of a
+    network's first weights. unshown: states that no record shows.
+
+    Raises UserError for an unknown name or option, for a structure that makes no sense on the rig, and for narx and
+    recurrent, which are not built before their data are seen.
     """
     row, box = structure_of(structure, boxes)
     chosen = complete(options or {}, options_of(structure, physics, boxes), structure)
@@ -220,12 +228,13 @@ def build(
         on = rates_of(own, everywhere=row.everywhere or bool(chosen.get("everywhere")))
         names = [item.name for item in own.declared_states]
         sizes = [scale_of(float(chosen.get("scale", 1.0)) * efforts[names.index(name)]) for name in on]
-        block = Softsign(features=len(scales), units=int(chosen["units"]), outputs=len(on))
+        seen = features if system.features and features is not None else scales
+        block = Softsign(features=len(seen), units=int(chosen["units"]), outputs=len(on))
         system = Hybrid(
             physics=system,
             on=on,
             units=block.units,
-            scales=(*map(scale_of, scales), *sizes),
+            scales=(*map(scale_of, seen), *sizes),
             network_weights=block.initial(seed, output=0.05),
         )
     return system.without([term for term in system.terms if not chosen.get(term, 1)])

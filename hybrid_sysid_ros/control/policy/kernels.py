@@ -18,9 +18,9 @@ from hybrid_sysid_ros.core.compilation import OPTIONS, inner, kernel
 from hybrid_sysid_ros.core.networks import Layers, Perceptron
 from hybrid_sysid_ros.core.networks.perceptron import column_sum
 from hybrid_sysid_ros.core.registers import load, scratch, store, tanh
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
 WIDEST = 4096
 """Features, and units of a layer: far above what answers in time, and room for it fits on a stack."""
 

@@ -17,12 +17,13 @@ from hybrid_sysid_ros.control.mpc.shooting import rollout
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.online_check import REASONS, Tolerances
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
-from hybrid_sysid_ros.control.scenarios import LENGTH, LoopRun, Scenario, Spread, expanded
+from hybrid_sysid_ros.control.scenarios import LENGTH, LoopRun, Scenario, Spread
 from hybrid_sysid_ros.control.steady_motion import SteadyMotion, steady_motion
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.structured import numbers
 
-Array = NDArray[np.float64]
 Values = tuple[float, ...]
 
 DRIVERS = EXACT, NETWORK, SUPERVISED = range(3)
@@ -101,18 +102,17 @@ class Certification:
             plant, model = ([item.name for item in getattr(each, kind)] for each in (self.plant, self.model))
             if plant != model:
                 raise UserError(f"certificate: the plant's {kind} {plant} are not the model's {model}")
-        given, inputs = self.distribution, len(self.model.inputs)
-        states = len(self.model.states)
-        distribution = Distribution(
+        given, criteria = self.distribution, self.criteria
+        n, m = len(self.model.states), len(self.model.inputs)
+        distribution = replace(
+            given,
             spread=given.spread.sized(self.model),
-            seconds=given.seconds,
-            state_error=expanded("certificate: state_error", given.state_error, states),
-            disturbance_error=expanded("certificate: disturbance_error", given.disturbance_error, inputs),
-            plant=given.plant,
+            state_error=numbers(given.state_error, "certificate: state_error", count=n),
+            disturbance_error=numbers(given.disturbance_error, "certificate: disturbance_error", count=m),
         )
-        eta = expanded("certificate: input_error", self.criteria.input_error, inputs)
+        eta = numbers(criteria.input_error, "certificate: input_error", count=m)
         object.__setattr__(self, "distribution", distribution)
-        object.__setattr__(self, "criteria", replace(self.criteria, input_error=eta))
+        object.__setattr__(self, "criteria", replace(criteria, input_error=eta))
 
     @property
     def periods(self) -> int:
@@ -132,19 +132,10 @@ class Certification:
         longest = LENGTH * problem.horizon * problem.period
         start = random.uniform(0.0, max(longest - given.seconds, 0.0))
         wanted = target(start + problem.period * np.arange(1, periods + problem.horizon))
-        begins = np.arange(periods) == 0
         offsets = random.normal(size=len(given.disturbance_error)) * np.array(given.disturbance_error)
-        return Scenario(
-            plant=scenarios.plant_near(self.plant, spread.parameters, random),
-            begins=begins,
-            states=scenarios.beginnings(random, problem, spread, self._motion, wanted[:periods]),
-            inputs=scenarios.inputs_within(random, problem, periods),
-            references=wanted,
-            disturbances=scenarios.jumping(random, spread.disturbance, begins),
-            pushes=scenarios.pushes(random, spread, periods),
-            state_errors=random.normal(size=(periods, self.policy.states)) * np.array(given.state_error),
-            disturbance_errors=np.tile(offsets, (periods, 1)),
-        )
+        found = scenarios.drawn(random, self.plant, problem, spread, self._motion, wanted, np.arange(periods) == 0)
+        errors = random.normal(size=found.states.shape) * np.array(given.state_error)
+        return found._replace(state_errors=errors, disturbance_errors=np.tile(offsets, (periods, 1)))
 
     def run(self, scenario: Scenario, driver: int) -> Driven:
         """One loop of a driver."""
