@@ -141,8 +141,8 @@ class Perceptron(Block):
                 width, count, begin = widths[layer], columns[layer], begins[layer]
                 for block in range(0, width, lanes):
                     bias = load(w, starts[layer] + count * width + block, lanes)
-                    z = column_sum(w, starts[layer] + block, width, behind(values, begin), count, bias, lanes)
-                    store(values, begins[layer + 1] + block, registers.tanh(z))
+                    total = column_sum(w, starts[layer] + block, width, behind(values, begin), count, bias, lanes)
+                    store(values, begins[layer + 1] + block, registers.tanh(total))
 
         @inner
         def output(w: Any, values: Any, k: int) -> float:
