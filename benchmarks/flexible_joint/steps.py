@@ -1,8 +1,8 @@
 """Steps of the link's speed on the noisy simulated rig: how long they take to settle under PI, exact MPC and policy.
 
 A step has settled when the true speed of the link, which the simulation knows, stays within 2 % of the step's size
-until the next one. Nobody knows of a step before it comes (``preview``: the MPC does, its horizon ahead). All have the
-same sensors, torque limits and period, and no delay.
+until the next one. Nobody knows of a step before it comes. All have the same sensors, torque limits and period, and
+no delay.
 
 The best PI law, u = gain (e + integral of e), e of the measured speed at 200 Hz, its integral standing still while the
 torque is at a bound, is found by differential evolution over both numbers on the rig itself: least mean settling time
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 from scipy.optimize import differential_evolution
 
-from benchmarks import result
+from benchmarks import picture, result
 from hybrid_sysid_ros.control import Controller, ExactMpc, Plan
 from hybrid_sysid_ros.control.closed_loop import simulate_loop
 from hybrid_sysid_ros.control.policy import policy
@@ -47,6 +47,8 @@ GAIN, INTEGRAL = (0.005, 2.0), (0.05, 50.0)
 """Where its numbers are sought [N m s/rad, 1/s]; both by their logarithms."""
 PRICE = 20.0
 """Of overshoot beyond OVERSHOOT [s]: a percent costs .2 s of mean settling time."""
+PICTURE, SHOWN = Path(__file__).parents[2] / "docs" / "flexible_joint_steps.svg", (3.4, 6.9)
+"""Where the steps are drawn, and which seconds of them."""
 UNFORESEEN = {"reference": {"preview_seconds": 0.01, "publish_period": 0.005, "point_spacing": 0.005}}
 """Of the nodes: no reference is known more than 10 ms ahead."""
 
@@ -104,29 +106,31 @@ def settled(rig: Rig, time: Array, speed: Array) -> Array:
     return np.array(rows)
 
 
-def pi_loop(rig: Rig, gain: float, integral: float, *, seed: int) -> tuple[Array, Array]:
-    """Times and true speeds under the PI law, every period."""
+def pi_loop(rig: Rig, gain: float, integral: float, *, seed: int) -> tuple[Array, Array, Array]:
+    """Times, true speeds and torques under the PI law, every period."""
     plant, schedule = Plant(rig, seed=seed, bias=rig.bias), rig.schedule(REFERENCE)
     times: Array = PERIOD * np.arange(round(schedule.duration / PERIOD), dtype=np.float64)
     wanted = rig.display[OUTPUT].scale * schedule(times)[:, OUTPUT]
-    low, high, total, speeds = rig.actuators[0].low, rig.actuators[0].high, 0.0, []
+    low, high, total = rig.actuators[0].low, rig.actuators[0].high, 0.0
+    speeds, torques = [], []
     for reference in wanted.tolist():
         speeds.append(plant.outputs()[OUTPUT])
         error = reference - float(plant.sensed()[OUTPUT])
         u = gain * error + total
         if low <= u <= high:  # else it would wind up
             total += gain * integral * PERIOD * error
+        torques.append(min(max(u, low), high))
         for _ in range(round(PERIOD / rig.step)):
             plant.advance(u)
-    return times, np.array(speeds) / rig.display[OUTPUT].scale
+    return times, np.array(speeds) / rig.display[OUTPUT].scale, np.array(torques)
 
 
-def best_pi(rig: Rig) -> dict[str, float]:
-    """The PI law that settles soonest with at most OVERSHOOT."""
+def best_pi(rig: Rig, *, price: float = PRICE) -> dict[str, float]:
+    """The PI law that settles soonest with at most OVERSHOOT, which is free at a price of 0."""
 
     def cost(logarithms: Array) -> float:
-        found = settled(rig, *pi_loop(rig, *np.exp(logarithms), seed=TUNED_ON))
-        return float(found[:, 0].mean() + PRICE * max(0.0, found[:, 1].max() - OVERSHOOT))
+        found = settled(rig, *pi_loop(rig, *np.exp(logarithms), seed=TUNED_ON)[:2])
+        return float(found[:, 0].mean() + price * max(0.0, found[:, 1].max() - OVERSHOOT))
 
     found = differential_evolution(
         cost, [np.log(GAIN), np.log(INTEGRAL)], popsize=12, maxiter=14, seed=0, polish=False, tol=1e-3
@@ -135,14 +139,14 @@ def best_pi(rig: Rig) -> dict[str, float]:
     return {"gain": float(gain), "integral": float(integral), "cost": float(found.fun), "loops": int(found.nfev)}
 
 
-def mpc_loop(rig: Rig, model: Model, controller: Controller, *, seed: int, preview: bool) -> tuple[Watched, Any]:
+def mpc_loop(rig: Rig, model: Model, controller: Controller, *, seed: int) -> tuple[Watched, Any]:
     """The loop of a controller in lockstep at 200 Hz, and what was counted in it."""
     tuning = configuration.estimator_tuning(configuration.defaults(rig, "estimator"), rig, model.system)
     watched = Watched(controller, ExtendedKalmanFilter(model.system, tuning, period=PERIOD, latency=0.0))
     schedule, scales = rig.schedule(REFERENCE), np.array([display.scale for display in rig.display])
 
     def reference(times: Array) -> Array:
-        if preview or len(times) == 1:
+        if len(times) == 1:
             return np.asarray(scales * schedule(times))
         now = schedule(times[:1] - controller.period)  # what is wanted when the state is measured
         return np.asarray(scales * np.repeat(now, len(times), axis=0))
@@ -161,11 +165,11 @@ def mpc_loop(rig: Rig, model: Model, controller: Controller, *, seed: int, previ
     return watched, loop
 
 
-def lockstep(rig: Rig, model: Model, make: Callable[[], Controller], *, preview: bool = False) -> dict[str, Any]:
+def lockstep(rig: Rig, model: Model, make: Callable[[], Controller]) -> dict[str, Any]:
     """Steps under a controller, over SEEDS."""
     rows, iterations, innovations, statuses = [], [], [], Counter[str]()
     for seed in SEEDS:
-        watched, loop = mpc_loop(rig, model, make(), seed=seed, preview=preview)
+        watched, loop = mpc_loop(rig, model, make(), seed=seed)
         rows.append(settled(rig, loop.time, loop.outputs[:, OUTPUT] / rig.display[OUTPUT].scale))
         iterations += watched.iterations
         innovations.append(float(np.nanmean(watched.innovations)))
@@ -221,23 +225,44 @@ def processes(rig: Rig, **options: Any) -> dict[str, Any]:
 
 def measured(rig: Rig, model: Model) -> dict[str, Any]:
     """All controllers in lockstep, and the supervised policy and the exact MPC in processes."""
-    best = best_pi(rig)
-    law = best["gain"], best["integral"]
+    laws = {"PI": best_pi(rig), "PI that may overshoot": best_pi(rig, price=0.0)}
+    gains = {name: (best["gain"], best["integral"]) for name, best in laws.items()}
     problem = configuration.mpc_problem(configuration.defaults(rig, "controller"), rig, model.system)
+    drawn: dict[str, Callable[[], Controller]] = {"exact MPC": lambda: ExactMpc(model.system, problem)}
     loops = {
-        "PI": summary([settled(rig, *pi_loop(rig, *law, seed=seed)) for seed in SEEDS]),
-        "exact MPC": lockstep(rig, model, lambda: ExactMpc(model.system, problem)),
-        "exact MPC with preview": lockstep(rig, model, lambda: ExactMpc(model.system, problem), preview=True),
+        **{
+            name: summary([settled(rig, *pi_loop(rig, *law, seed=seed)[:2]) for seed in SEEDS])
+            for name, law in gains.items()
+        },
+        "exact MPC": lockstep(rig, model, drawn["exact MPC"]),
     }
     folder = configuration.TRAINED / rig.name / "policy"
     if folder.is_dir():
         imitation = policy.load(folder, model=model)
         tolerances = check_tolerances(configuration.defaults(rig, "controller"), rig, problem)
         mpc = ExactMpc(model.system, problem)
-        loops["policy"] = lockstep(rig, model, lambda: imitation)
+        drawn["policy"] = lambda: imitation
+        loops["policy"] = lockstep(rig, model, drawn["policy"])
         loops["supervised policy"] = lockstep(rig, model, lambda: Supervisor(imitation, mpc, tolerances))
+    draw(rig, model, gains["PI"], {name: make for name, make in drawn.items() if name in loops})
     ratio = loops["exact MPC"]["settling_mean"]["mean"] / loops["PI"]["settling_mean"]["mean"]
-    return {"pi": best, "levels": levels(rig), "loops": loops, "settling_ratio": ratio}
+    return {"pi": laws, "levels": levels(rig), "loops": loops, "settling_ratio": ratio}
+
+
+def draw(rig: Rig, model: Model, law: tuple[float, float], made: Mapping[str, Callable[[], Controller]]) -> Path:
+    """Some steps of the same noise under each."""
+    times, speeds, torques = pi_loop(rig, *law, seed=SEEDS[0])
+    inside = (times >= SHOWN[0]) & (times <= SHOWN[1])
+    lines = {"reference": rig.schedule(REFERENCE)(times)[:, OUTPUT], "PI": speeds}
+    inputs = {"PI": torques}
+    for name, make in made.items():
+        loop = mpc_loop(rig, model, make(), seed=SEEDS[0])[1]
+        lines[name], inputs[name] = loop.outputs[:, OUTPUT] / rig.display[OUTPUT].scale, loop.inputs[:, 0]
+    panels = [
+        picture.Panel(label="link [rpm]", height=260, lines={name: line[inside] for name, line in lines.items()}),
+        picture.Panel(label="torque [N m]", height=160, held=True, lines={key: u[inside] for key, u in inputs.items()}),
+    ]
+    return picture.draw(PICTURE, times[inside], panels, title="Steps of the link's speed, the same noise")
 
 
 def table(loops: Mapping[str, Mapping[str, Any]]) -> Table:
