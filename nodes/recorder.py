@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from functools import partial
 from importlib import import_module
@@ -60,16 +60,12 @@ class RecorderNode(RigNode):
         """Record a topic from now on."""
         self.received[name] = 0
         kind = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
-        self.create_subscription(message_type, name, self.keeper(name, kind), quality, raw=True)
+        self.create_subscription(message_type, name, partial(self.keep, name, kind), quality, raw=True)
 
-    def keeper(self, name: str, kind: str) -> Callable[[bytes, Mapping[str, int]], None]:
-        """Callback of a topic."""
-
-        def keep(data: bytes, information: Mapping[str, int]) -> None:
-            self.queue.put((name, kind, information["received_timestamp"] or time.time_ns(), data))
-            self.received[name] += 1
-
-        return keep
+    def keep(self, name: str, kind: str, data: bytes, information: Mapping[str, int]) -> None:
+        """Put a message of a topic into the queue."""
+        self.queue.put((name, kind, information["received_timestamp"] or time.time_ns(), data))
+        self.received[name] += 1
 
     def search(self) -> None:
         """Take the topics that have a publisher by now, of whatever type, with the publisher's quality."""

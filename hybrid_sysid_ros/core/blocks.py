@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from types import FunctionType
 from typing import Any
 
 import casadi
@@ -83,13 +84,18 @@ class Block(ABC):
 
     @property
     def functions(self) -> Kernels:
-        """The kernels for printed code. Those of another shape have another name: compiled code that is kept by several
-        processes may number functions alike, and what is loaded later would then be linked to what was loaded before.
+        """The kernels for printed code. Those of another shape, and what they call, have another name: compiled code
+        that is kept by several processes may number functions alike, and what is loaded later would then be linked to
+        what was loaded before.
         """
-        found = self.kernels
-        for function in found:
+        found, shape = self.kernels, re.sub("[^0-9A-Za-z]+", "_", self.code)
+        waiting: list[Any] = list(found)
+        while waiting:
+            function = waiting.pop()
             if function.__closure__ is not None:
-                function.__qualname__ = f"{function.__name__}_{re.sub('[^0-9A-Za-z]+', '_', self.code)}"
+                function.__qualname__ = f"{function.__name__}_{shape}"
+                inside = (cell.cell_contents for cell in function.__closure__)
+                waiting += (item for item in inside if isinstance(item, FunctionType))
         return found
 
     @property

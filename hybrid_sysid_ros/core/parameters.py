@@ -49,6 +49,11 @@ def of_data(name: str, unit: str, *, low: float = 0.0) -> Parameter:
     return Parameter(name=name, unit=unit, low=low, high=1e12, start=1.0, fixed=True, description=told)
 
 
+def scale_of(value: float) -> float:
+    """The scale of a signal of a magnitude: four digits of it, 1 where it is zero."""
+    return float(f"{value:.4g}") or 1.0
+
+
 def bounded(
     value: float,
     low: float,

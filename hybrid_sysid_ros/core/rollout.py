@@ -18,6 +18,17 @@ Starts = NDArray[np.int64]
 """Of rollouts (windows, 4): first row of the record's inputs, row to begin at, samples, and row of the result."""
 
 
+Dynamics = tuple[int, int, Array, Array, float, Array]
+"""What compiled loops know of a system: addresses of step and output, parameters (parameters,), weights (weights,), the
+step [s] and the delays of the inputs in steps (inputs,).
+"""
+
+
+def dynamics(step: int, output: int, system: System, h: float) -> Dynamics:
+    """With a system's values; step, output: addresses of functions with or without slopes, h: the step [s]."""
+    return step, output, system.values, system.weights, h, system.input_delays / h
+
+
 @inner
 def delayed(inputs: Any, delays: Any, first: int, k: int, u: Any) -> None:
     """The inputs (inputs,) that act over step k, of ``inputs`` (steps, inputs) that hold over each step.
@@ -36,26 +47,12 @@ def delayed(inputs: Any, delays: Any, first: int, k: int, u: Any) -> None:
 
 @kernel
 def _rollouts(
-    step: int,
-    output: int,
-    starts: Starts,
-    x0: Array,
-    inputs: Array,
-    delays: Array,
-    every: int,
-    p: Array,
-    w: Array,
-    h: float,
-    states: Array,
-    outputs: Array,
+    model: Dynamics, starts: Starts, x0: Array, inputs: Array, every: int, states: Array, outputs: Array
 ) -> None:
-    """States (samples, states) and outputs (samples, outputs) of all rollouts, by the addresses of step and output."""
-    x, following, u, y = (
-        np.empty(x0.shape[1]),
-        np.empty(x0.shape[1]),
-        np.empty(inputs.shape[1]),
-        np.empty(outputs.shape[1]),
-    )
+    """States (samples, states) and outputs (samples, outputs) of all rollouts."""
+    step, output, p, w, h, delays = model
+    x, following = np.empty(x0.shape[1]), np.empty(x0.shape[1])
+    u, y = np.empty(inputs.shape[1]), np.empty(outputs.shape[1])
     for window in range(starts.shape[0]):
         first, k, samples, row = starts[window]
         for i in range(x.shape[0]):
@@ -86,20 +83,8 @@ def rollouts(
     _fitting(system, x0, inputs)
     functions, total = compiled(system), int((starts[:, 2] + starts[:, 3]).max())
     states, outputs = np.empty((total, len(system.states))), np.empty((total, len(system.outputs)))
-    _rollouts(
-        functions.step,
-        functions.output,
-        starts,
-        x0,
-        inputs,
-        system.input_delays / step,
-        every,
-        system.values,
-        system.weights,
-        step,
-        states,
-        outputs,
-    )
+    model = dynamics(functions.step, functions.output, system, step)
+    _rollouts(model, starts, x0, inputs, every, states, outputs)
     return states, outputs
 
 
@@ -189,42 +174,25 @@ class Sensitivities:
     ) -> None:
         """Derivatives into ``out`` (samples, outputs, columns); see :func:`rollouts`."""
         _fitting(system, x0, inputs)
-        _tangents(
-            self._step,
-            self._output,
-            starts,
-            x0,
-            inputs,
-            system.input_delays / step,
-            (self._learnt, self._begun, self._delayed),
-            every,
-            system.values,
-            system.weights,
-            step,
-            self._wide,
-            out,
-        )
+        columns = self._learnt, self._begun, self._delayed
+        _tangents(dynamics(self._step, self._output, system, step), starts, x0, inputs, columns, every, self._wide, out)
 
 
 @kernel
 def _tangents(
-    step: int,
-    output: int,
+    model: Dynamics,
     starts: Starts,
     x0: Array,
     inputs: Array,
-    delays: Array,
     columns: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
     every: int,
-    p: Array,
-    w: Array,
-    h: float,
     wide: int,
     out: Array,
 ) -> None:
     """Both functions have ``wide`` slopes. columns: of the slopes that are wanted as they are; of the states; for each
     input the column of its delay, -1: none.
     """
+    step, output, p, w, h, delays = model
     learnt, begun, delayed_by = columns
     n, m, rows, count, last = x0.shape[1], inputs.shape[1], out.shape[1], out.shape[2], inputs.shape[0] - 1
     x, following, u, change = np.empty(n), np.empty(n), np.empty(m), np.zeros(m)

@@ -79,10 +79,7 @@ def fit(
     diverges.
     """
     system = _ranged(system, experiments)
-    centres = spreads = None
-    if anchor is not None:
-        free = [i for i, item in enumerate(system.parameters) if item.name in anchor.names]
-        centres, spreads = anchor.system.values[free], ANCHOR * anchor.spreads[: len(free)]
+    centres, spreads = (None, None) if anchor is None else _anchors(system, anchor)
     problem = Problem(system, experiments, centres=centres, spreads=spreads, ridge=ridge, hold=hold)
     problem.residuals(STAGES[0])(problem.start)  # compile outside the measured time
     problem.jacobian(STAGES[0], map)(problem.start)
@@ -126,6 +123,12 @@ def _ranged(system: System, experiments: Sequence[Experiment]) -> System:
     system = system.trained_on(states.min(axis=0), states.max(axis=0))
     system.check()
     return system
+
+
+def _anchors(system: System, fitted: Fit) -> tuple[Array, Array]:
+    """Centres and spreads (free,) of parameters that stay about those of an earlier fit."""
+    free = [i for i, item in enumerate(system.parameters) if item.name in fitted.names]
+    return fitted.system.values[free], ANCHOR * fitted.spreads[: len(free)]
 
 
 def _solve(problem: Problem, horizon: int | None, point: Array, tolerance: float, run: Map) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Softsign, System
+from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.core.symbolic import linearised
 from hybrid_sysid_ros.models.hybrid import Hybrid, features_of
 from hybrid_sysid_ros.models.linear import Friction, Linear
@@ -217,8 +218,8 @@ def build(
     # What inputs do to each rate; where they act through other states only, what these do.
     effects = np.abs(b) @ scales[n:]
     effects = np.where(effects > 0.0, effects, np.abs(a) @ scales[:n])
-    efforts = tuple(_rounded(value) if value > 0.0 else 1.0 for value in effects)
-    design: dict[str, Any] = {"scales": [*map(_rounded, scales), *efforts], "unshown": unshown}
+    efforts = tuple(scale_of(value) if value > 0.0 else 1.0 for value in effects)
+    design: dict[str, Any] = {"scales": [*map(scale_of, scales), *efforts], "unshown": unshown}
     system = _physics(row, box, physics, boxes, design)
     if isinstance(system, Linear):
         system = system.begun(_entries(system, a, b))
@@ -226,14 +227,14 @@ def build(
     if row.network:
         on = rates_of(own, everywhere=row.everywhere or bool(chosen.get("everywhere")))
         names = [item.name for item in own.declared_states]
-        sizes = [_rounded(float(chosen.get("scale", 1.0)) * efforts[names.index(name)]) for name in on]
+        sizes = [scale_of(float(chosen.get("scale", 1.0)) * efforts[names.index(name)]) for name in on]
         seen = features if system.features and features is not None else scales
         block = Softsign(features=len(seen), units=int(chosen["units"]), outputs=len(on))
         system = Hybrid(
             physics=system,
             on=on,
             units=block.units,
-            scales=(*map(_rounded, seen), *sizes),
+            scales=(*map(scale_of, seen), *sizes),
             network_weights=block.initial(seed, output=0.05),
         )
     return system.without([term for term in system.terms if not chosen.get(term, 1)])
@@ -252,7 +253,3 @@ def _entries(system: Linear, a: Array, b: Array) -> dict[str, float]:
             if name in known and value:
                 found[name] = sign * float(value)
     return found
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.4g}") or 1.0

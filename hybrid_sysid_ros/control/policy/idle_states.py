@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.steady_motion import slopes_at
 from hybrid_sysid_ros.core import System
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 SIZES = 0.0, 0.01, 0.1, 1.0, 10.0
 """Of the states at which is looked [their units]."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -120,13 +120,16 @@ class Perceptron(Block):
         return [*layers, (matrix, [weights[at + k] for k in range(self.widths[-1])])]
 
     @property
+    def places(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Where the layers' values begin in a row of all, and where their weights do."""
+        columns = (self.widths[0], *self.padded[:-1])
+        sizes = [(1 + (k > 0)) * a * b + b for k, (a, b) in enumerate(zip(columns, self.padded, strict=True))]
+        return tuple(accumulate((self.widths[0], *self.padded), initial=0)), tuple(accumulate(sizes, initial=0))
+
+    @property
     def kernels(self) -> Kernels:
         features, lanes, widths, depth = self.widths[0], self.lanes, self.padded, len(self.padded)
-        columns = (features, *widths[:-1])
-        begins = tuple(int(total) for total in np.cumsum([0, features, *widths]))
-        doubled = tuple(int(layer > 0) for layer in range(depth))
-        sizes = [(1 + twice) * a * b + b for a, b, twice in zip(columns, widths, doubled, strict=True)]
-        starts = tuple(int(total) for total in np.cumsum([0, *sizes]))
+        columns, (begins, starts) = (features, *widths[:-1]), self.places
         outputs, last, widest = self.widths[-1], widths[-1], max(widths)
         memory_size = begins[-1]
 
@@ -138,8 +141,8 @@ class Perceptron(Block):
                 width, count, begin = widths[layer], columns[layer], begins[layer]
                 for block in range(0, width, lanes):
                     bias = load(w, starts[layer] + count * width + block, lanes)
-                    z = column_sum(w, starts[layer] + block, width, behind(values, begin), count, bias, lanes)
-                    store(values, begins[layer + 1] + block, registers.tanh(z))
+                    total = column_sum(w, starts[layer] + block, width, behind(values, begin), count, bias, lanes)
+                    store(values, begins[layer + 1] + block, registers.tanh(total))
 
         @inner
         def output(w: Any, values: Any, k: int) -> float:

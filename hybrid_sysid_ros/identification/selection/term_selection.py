@@ -12,6 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Variable
+from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.support.errors import UserError
@@ -56,12 +57,9 @@ def select_terms(
     _check(experiments, max(output_lags, input_lags))
     signals = [np.concatenate([item.outputs for item in experiments]), np.concatenate([i.inputs for i in experiments])]
     squares = np.concatenate([np.mean(values**2, axis=0) for values in signals])
-    scales = np.array([float(f"{value:.4g}") or 1.0 for value in np.sqrt(squares)])
-    p = len(outputs)
-    parts = [
-        _regression(item.outputs / scales[:p], item.inputs / scales[p:], output_lags, input_lags)
-        for item in experiments
-    ]
+    scales = np.array([scale_of(value) for value in np.sqrt(squares)])
+    own, lags = (scales[: len(outputs)], scales[len(outputs) :]), (output_lags, input_lags)
+    parts = [_regression(item.outputs / own[0], item.inputs / own[1], *lags) for item in experiments]
     lagged, targets = (np.concatenate(blocks) for blocks in zip(*parts, strict=True))
     candidates = _exponents(lagged.shape[1], degree)
     values = np.stack([np.prod(lagged**term, axis=1) for term in candidates], axis=1)

@@ -13,6 +13,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.core.rollout import Dynamics, dynamics
 from hybrid_sysid_ros.identification.experiment import Experiment, prepare
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.validation.scores import Scores, initial_state, score
@@ -96,8 +97,7 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
     functions = compiled(system)
     hold = round(sampling.period / sampling.step) if sampling.input == "sampled" else 1
     _loop(
-        (functions.step, functions.output),
-        (system.values, system.weights, sampling.step, system.delay / sampling.step),
+        dynamics(functions.step, functions.output, system, sampling.step),
         (hold, 1 if ticks == 1 else SWEEPS),
         reference,
         (low_pass.transition, low_pass.gain, low_pass.reading),
@@ -171,6 +171,8 @@ def _low_pass(rig: Rig) -> LowPass:
     found = rig.sensors[0].low_pass
     if not rig.experiments.loops or found is None:
         raise UserError(f"re-simulation: rig {rig.name} has no loop behind a low-pass that could be done again")
+    if rig.experiments.loops[0].integral:
+        raise UserError(f"re-simulation: the loop of rig {rig.name} has an integral part, which can't be done again")
     return found
 
 
@@ -206,8 +208,7 @@ def _through(low_pass: LowPassFilter, values: Array) -> Array:
 
 @kernel
 def _loop(
-    functions: tuple[int, int],
-    model: tuple[Array, Array, float, float],
+    model: Dynamics,
     timing: tuple[int, int],
     reference: Array,
     low_pass: tuple[Array, Array, Array],
@@ -218,16 +219,14 @@ def _loop(
     applied: Array,
 ) -> None:
     """Fill outputs (steps + 1,), and applied (steps,), the mean input over each step; the filter's state ``seen`` and
-    the model's x (states,) move along. functions: addresses of step and output; timing: samples that an input is held,
-    sweeps.
+    the model's x (states,) move along. timing: samples that an input is held, sweeps.
     """
-    step, output = functions
-    p, w, h, delay = model
+    step, output, p, w, h, delays = model
     hold, sweeps = timing
     steps = applied.shape[0]
     ticks = reference.shape[0] // steps
-    whole = int(delay)
-    part = delay - whole
+    whole = int(delays[0])
+    part = delays[0] - whole
     driven, u, y = np.empty(steps), np.zeros(1), np.empty(1)
     now, room, following = seen.copy(), seen.copy(), x.copy()
     call_value(output, x, u, p, w, h, 0.0, y)
