@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.core.shared import Shared
 
 if TYPE_CHECKING:
     from hybrid_sysid_ros.control.problem import Problem
@@ -15,7 +17,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-class StageWeights(NamedTuple):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StageWeights(Shared):
     """What stages cost: n states, m inputs, p outputs."""
 
     outputs: Array

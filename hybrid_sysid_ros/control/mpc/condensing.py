@@ -27,8 +27,9 @@ def condense(horizon: Horizon, program: Program) -> None:
     """States and outputs as functions of the inputs, and with them the Gauss-Newton Hessian and the rows of bounds."""
     count, n = horizon.reached.shape
     m, p, v = horizon.inputs.shape[1], horizon.outputs.shape[1], program.gradient.shape[0]
-    program.hessian[:] = 0.0
     hessian, driven, seen = pointer(program.hessian), pointer(horizon.driven), pointer(horizon.seen)
+    for c in range(v * v):
+        hessian[c] = 0.0
     for i in range(count):
         _propagate(horizon, i)
         wide = (i + 1) * m
@@ -134,7 +135,8 @@ def evaluate(horizon: Horizon, program: Program, instance: Instance, off_instanc
     count, n = horizon.reached.shape
     m, p, v = horizon.inputs.shape[1], horizon.outputs.shape[1], program.gradient.shape[0]
     weights, inputs, gradient, seen = horizon.weights, horizon.inputs, pointer(program.gradient), pointer(horizon.seen)
-    program.gradient[:] = 0.0
+    for c in range(v):
+        gradient[c] = 0.0
     off = np.zeros(n)
     for i in range(count):
         before = instance.previous if i == 0 else inputs[i - 1]

@@ -21,7 +21,6 @@ from hybrid_sysid_ros.control.mpc.shooting import (
     restore,
     shift,
     shooting,
-    solve,
 )
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System
@@ -121,7 +120,7 @@ class ExactMpc:
         if self._clock is not None:
             began, share = self._clock(), min(BETWEEN_LOOKS, most)
         parts = mpc.prediction, mpc.horizon, mpc.program, instance
-        found = answer(*parts, share, self._tolerance, self._cold, iterate)
+        found = answer(*parts, share, self._tolerance, self._cold, iterate, True)
         self.iterations, self.residual = found.iterations, found.residual
         if not found.iterations:
             return self._rest(Status.FAILED)
@@ -148,13 +147,11 @@ class ExactMpc:
         while status is Status.NOT_CONVERGED and self.iterations < most:
             if self._clock is not None and self._clock() - began > self._time_limit:
                 return Status.LATE
-            found = solve(*parts, min(BETWEEN_LOOKS, most - self.iterations), self._tolerance, False)
+            share = min(BETWEEN_LOOKS, most - self.iterations)
+            found = answer(*parts, share, self._tolerance, False, False, False)
             self.iterations += found.iterations
             self.residual = found.residual
             status = Status.SOLVED if found.solved else Status.NOT_CONVERGED if found.iterations else Status.FAILED
-        if not np.isfinite(mpc.horizon.inputs).all():
-            return Status.FAILED
-        plan(mpc.horizon, self._instance)
         return status
 
     def _rest(self, status: Status) -> Plan:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 import weakref
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import daqp
 import numpy as np
@@ -19,6 +19,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -94,7 +95,8 @@ def _solve(typingctx, function, result, workspace):  # type: ignore[no-untyped-d
     return types.void(types.int64, types.int64, types.int64), build
 
 
-class Program(NamedTuple):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Program(Shared):
     """min x'H x / 2 + f'x over lower <= [x; R x] <= upper, as compiled code takes it.
 
     hessian (variables, variables), gradient (variables,), rows (rows, variables), lower and upper (variables + rows,),

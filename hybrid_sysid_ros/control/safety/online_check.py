@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction, instance_of
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
-from hybrid_sysid_ros.control.mpc.shooting import rollout
+from hybrid_sysid_ros.control.mpc.shooting import follow
 from hybrid_sysid_ros.control.policy.kernels import Packed, answer, inside
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.core.compilation import inner, kernel
@@ -102,6 +102,7 @@ class OnlineCheck:
                 self._packed,
                 shooting.prediction,
                 shooting.horizon,
+                instance,
                 self._flat,
                 self._limits,
                 self.inputs,
@@ -121,6 +122,7 @@ def _check(
     policy: Packed,
     prediction: Prediction,
     horizon: Horizon,
+    instance: Instance,
     flat: Array,
     limits: tuple[Array, float, float, float],
     inputs: Array,
@@ -129,7 +131,6 @@ def _check(
     """See :class:`OnlineCheck`; limits: of disturbance, share and floor of the cost, violation."""
     sizes, numbers = policy
     disturbance, share, floor, violation = limits
-    instance = instance_of(flat, states.shape[1], inputs.shape[1], horizon.outputs.shape[1])
     if not answer(sizes, numbers, flat, inputs):
         return OUT_OF_RANGE
     for j in range(disturbance.shape[0]):
@@ -140,8 +141,8 @@ def _check(
     if not _bounded(instance, horizon, inputs):
         return INFEASIBLE
     weights = horizon.weights
-    shifted_cost, shifted_outside = rollout(prediction, weights, instance, horizon.inputs, states)
-    cost, outside = rollout(prediction, weights, instance, inputs, states)
+    shifted_cost, shifted_outside = follow(prediction, weights, instance, horizon.inputs, states)
+    cost, outside = follow(prediction, weights, instance, inputs, states)
     if not np.isfinite(cost):
         return INFEASIBLE
     if not np.isfinite(shifted_cost):
