@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from llvmlite.binding import Linkage
 from numba import _dynfunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, DefaultPassBuilder, _LowerResult
@@ -17,14 +18,21 @@ from numba.core.typed_passes import NativeLowering
 
 
 class _Part(JITCodeLibrary):
-    """The code of such a function: never optimised nor made machine code of by itself."""
+    """The code of such a function and nothing else: callers link it and, beside it, what it calls."""
 
-    def _optimize_final_module(self) -> None:
-        pass
-
-    def _finalize_final_module(self) -> None:
+    def finalize(self) -> None:
+        self._raise_if_finalized()
+        for library in self._linking_libraries:
+            self._reload_init.update(library._reload_init)
         self._finalize_dynamic_globals()
+        for function in self._final_module.functions:
+            if not function.is_declaration and function.linkage == Linkage.external:
+                function.linkage = "linkonce_odr"  # as numba links functions: there may be several of one name
         self._finalized = True
+
+    def _get_module_for_linking(self) -> Any:
+        self._ensure_finalized()
+        return self._final_module
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -39,7 +47,7 @@ class _PartLowering(NativeLowering):
         made = state["cr"]
         # What callers find the function by; there is nothing to call.
         entry = _dynfunc.make_function(made.fndesc.lookup_module(), made.fndesc.qualname, "", 0, made.env, (library,))
-        state.targetctx.insert_user_function(entry, made.fndesc, [library])
+        state.targetctx.insert_user_function(entry, made.fndesc, [library, *library._linking_libraries])
         state.reload_init.extend(library._reload_init)
         state["cr"] = _LowerResult(made.fndesc, made.call_helper, cfunc=entry, env=made.env)
         return True
