@@ -7,6 +7,7 @@ LDL' updates, IEEE TAC 67(8).
 from __future__ import annotations
 
 import ctypes
+import math
 import weakref
 from dataclasses import dataclass
 from typing import Any
@@ -206,7 +207,10 @@ def solve(program: Program, changed: int) -> bool:
     if _update(update, changed, workspace, problem) < 0:
         return False
     _solve(search, result, workspace)
-    return bool(program.result[8] > 0 and np.isfinite(program.solution).all())
+    sound = program.result[8] > 0
+    for i in range(program.solution.shape[0]):
+        sound = sound and math.isfinite(program.solution[i])
+    return sound
 
 
 @kernel

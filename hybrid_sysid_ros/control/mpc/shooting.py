@@ -6,6 +6,7 @@ Process Control 12(4).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,7 +90,8 @@ def one_delay(system: System, problem: Problem) -> None:
 def cold_start(prediction: Prediction, horizon: Horizon, instance: Instance) -> None:
     """The trajectory of the inputs before, held."""
     count, m = horizon.inputs.shape
-    drive, x, following = np.empty(m), instance.state.copy(), np.empty(instance.state.shape[0])
+    drive, x, following = np.empty(m), np.empty(instance.state.shape[0]), np.empty(instance.state.shape[0])
+    assign(x, instance.state)
     assign(horizon.disturbance, instance.disturbance)
     assign(horizon.states[0], x)
     for i in range(count):
@@ -105,7 +107,8 @@ def shift(prediction: Prediction, horizon: Horizon, fraction: float) -> None:
     """The trajectory that much of an interval later."""
     count, n = horizon.reached.shape
     m = horizon.inputs.shape[1]
-    drive, x, following = np.empty(m), horizon.states[count].copy(), np.empty(n)
+    drive, x, following = np.empty(m), np.empty(n), np.empty(n)
+    assign(x, horizon.states[count])
     for j in range(m):
         drive[j] = horizon.inputs[count - 1, j] + horizon.disturbance[j]
     advance(prediction, x, drive, following)
@@ -134,9 +137,10 @@ def follow(
     outside of its bounds at most.
     """
     n, m = instance.state.shape[0], inputs.shape[1]
-    drive, x, following = np.empty(m), instance.state.copy(), np.empty(n)
+    drive, x, following = np.empty(m), np.empty(n), np.empty(n)
     y = np.empty(instance.preview.shape[1])
     cost = largest = 0.0
+    assign(x, instance.state)
     assign(states[0], x)
     for i in range(inputs.shape[0]):
         for j in range(m):
@@ -289,5 +293,5 @@ def _finite(values: Array) -> bool:
     """Whether all are numbers."""
     sound = True
     for i in range(values.shape[0]):
-        sound = sound and bool(np.isfinite(values[i]))
+        sound = sound and math.isfinite(values[i])
     return sound

@@ -7,6 +7,7 @@ the reference and the disturbance move and a network is never exact.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -143,9 +144,9 @@ def _check(
     weights = horizon.weights
     shifted_cost, shifted_outside = follow(prediction, weights, instance, horizon.inputs, states)
     cost, outside = follow(prediction, weights, instance, inputs, states)
-    if not np.isfinite(cost):
+    if not math.isfinite(cost):
         return INFEASIBLE
-    if not np.isfinite(shifted_cost):
+    if not math.isfinite(shifted_cost):
         return ACCEPTED
     if outside > shifted_outside + violation:
         return INFEASIBLE
