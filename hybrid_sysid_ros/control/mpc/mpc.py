@@ -66,6 +66,9 @@ class ExactMpc:
         self._flat, self._instance = new_instance(system, self.problem)
         self.iterations = 0
         self.residual = math.inf
+        # What only a late answer needs is compiled or loaded now, not when it is late.
+        restore(self._shooting.horizon, self._shooting.program)
+        plan(self._shooting.horizon, self._instance)
         self.reset()
 
     def reset(self) -> None:
