@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks import picture, result
+from benchmarks.linear_quadratic_regulator import LinearQuadraticRegulator
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
-from hybrid_sysid_ros.control.linear_quadratic_regulator import LinearQuadraticRegulator
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
@@ -171,7 +171,7 @@ def competitors(rig: Rig, model: Model) -> tuple[Problem, dict[str, Timed], dict
     def controlled(controller: Controller) -> Drive:
         def drive(reference: Reference, *, seed: int, duration: float) -> ClosedLoop:
             return simulated_loop(
-                rig, model, controller, seed=seed, reference=lambda t: reference(t)[..., None], duration=duration
+                rig, model, controller, lambda t: reference(t)[..., None], duration=duration, seed=seed
             )
 
         return drive

@@ -27,7 +27,6 @@ from rclpy.timer import Timer
 
 from hybrid_sysid_ros.nodes import parameters, topics
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -52,7 +51,6 @@ class RigNode(Node):
         self.settings = parameters.declare(self, name)
         self.rig = rigs.load(self.settings["rig"])
         self.finished = Future()
-        self.qualities = configuration.qualities()
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.open("/diagnostics")
         self._reporting = self.every(REPORT_PERIOD, self.report)
@@ -64,11 +62,11 @@ class RigNode(Node):
 
     def open(self, topic: str) -> Publisher:
         """Publisher of one of the rig's topics."""
-        return self.create_publisher(topics.TYPES[topic], self.full_name(topic), topics.profile(self.qualities, topic))
+        return self.create_publisher(topics.TYPES[topic], self.full_name(topic), topics.profile(topic))
 
     def listen(self, topic: str, callback: Callable[[Any], None], **options: Any) -> Subscription:
         """Subscription of one of the rig's topics; options: depth, raw."""
-        quality = topics.profile(self.qualities, topic, depth=options.pop("depth", None))
+        quality = topics.profile(topic, depth=options.pop("depth", None))
         return self.create_subscription(topics.TYPES[topic], self.full_name(topic), callback, quality, **options)
 
     def every(self, period: float, callback: Callable[[], object]) -> Timer:

@@ -8,12 +8,12 @@ import sys
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
@@ -39,9 +39,8 @@ from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.runtime.checking import check_tolerances
 from hybrid_sysid_ros.runtime.configuration import mpc_problem, shipped
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 RESTART = SECOND  # a stamp so far before the last one is a new experiment
 WATCH_PERIOD = 0.05  # s, between two looks whether estimates still come
@@ -339,10 +338,7 @@ def named(prefix: str, counts: Mapping[str, int]) -> dict[str, int]:
     return {f"{prefix}_{name.replace(' ', '_')}": count for name, count in sorted(counts.items())}
 
 
-def main() -> int:
-    """Run the node."""
-    return run(ControllerNode)
-
+main = partial(run, ControllerNode)
 
 if __name__ == "__main__":
     sys.exit(main())

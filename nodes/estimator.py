@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import sys
+from collections import deque
 from collections.abc import Mapping, Sequence
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -12,10 +15,9 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
-from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.estimation import METHODS, Estimate
-from hybrid_sysid_ros.estimation.consistency import Window, band
+from hybrid_sysid_ros.estimation.consistency import band
 from hybrid_sysid_ros.nodes.base import OK, WARN, RigNode, run
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, joint_state, lists, nanoseconds, set_nanoseconds
@@ -57,7 +59,7 @@ class EstimatorNode(RigNode):
         followed = tuple(self.filter.tuning.followed)
         self.slots = Slots(layout.estimate(followed))
         self.message = joint_state(self.slots)
-        self.covariance_message: Float64MultiArray | None = None
+        self.covariance_message = _labelled(self.filter.labels)
         self.warm_up()
         self.begin()
         measurements = self.listen("joint_states", self.on_measurement)
@@ -83,7 +85,7 @@ class EstimatorNode(RigNode):
         self.stamp = self.shown = 0
         self.malformed = self.unusable = self.repeated = self.restarts = self.seen = 0
         self.execution = Timing()
-        self.innovations = Window(round(WINDOW * settings["rate"]))
+        self.innovations: deque[float] = deque(maxlen=round(WINDOW * settings["rate"]))
         self.parameters: Mapping[str, float] = {}
         self.troubles: tuple[int, ...] = ()
 
@@ -152,21 +154,20 @@ class EstimatorNode(RigNode):
 
     def afterwards(self, estimate: Estimate) -> None:
         """What need not be done before the answer."""
-        self.innovations.add(estimate.normalised_innovation)
+        if math.isfinite(estimate.normalised_innovation):
+            self.innovations.append(estimate.normalised_innovation)
         self.parameters = dict(zip(self.filter.tuning.followed, estimate.parameters, strict=True))
         if self.estimates is None or self.stamp - self.shown < SHOW_PERIOD:
             return
         self.shown = self.stamp
         if self.covariances.get_subscription_count():
-            if self.covariance_message is None:
-                followed = tuple(self.parameters)
-                self.covariance_message = _labelled(self.system, followed, len(estimate.covariance))
             self.covariance_message.data = estimate.covariance.ravel().tolist()
             self.covariances.publish(self.covariance_message)
 
     def health(self) -> tuple[bytes, str, Mapping[str, object]]:
         counters = self.filter.counters
-        low, high = band(max(len(self.innovations), 1), len(self.outputs))
+        count = len(self.innovations)
+        low, high = band(max(count, 1), len(self.outputs))
         values = {
             "updates": counters.updates,
             "delayed_measurements": counters.delayed,
@@ -180,7 +181,7 @@ class EstimatorNode(RigNode):
             "repeated_measurements": self.repeated,
             "restarts": self.restarts,
             "camera_measurements": self.seen,
-            "innovation_mean_square": self.innovations.mean,
+            "innovation_mean_square": math.fsum(self.innovations) / count if count else math.nan,
             "innovation_band_low": low,
             "innovation_band_high": high,
             **{f"parameter_{name}": value for name, value in self.parameters.items()},
@@ -193,21 +194,15 @@ class EstimatorNode(RigNode):
         return OK, "running" if self.stamp else "waiting for measurements", values
 
 
-def _labelled(system: System, followed: Sequence[str], size: int) -> Float64MultiArray:
+def _labelled(names: Sequence[str]) -> Float64MultiArray:
     """A covariance message (size, size), whose rows and columns are named by their label."""
-    states = [f"{state.name} [{state.unit}]" for state in system.states]
-    disturbances = [f"disturbance of {item.name} [{item.unit}]" for item in system.inputs]
-    hums = (size - len(states) - len(disturbances) - len(followed)) // 2
-    names = [*states, *disturbances, *(f"{part} {k}" for k in range(hums) for part in ("hum", "quadrature")), *followed]
+    size = len(names)
     rows = MultiArrayDimension(label=f"covariance of {', '.join(names)}", size=size, stride=size * size)
     columns = MultiArrayDimension(label="the same", size=size, stride=size)
     return Float64MultiArray(layout=MultiArrayLayout(dim=[rows, columns], data_offset=0), data=[0.0] * (size * size))
 
 
-def main() -> int:
-    """Run the node."""
-    return run(EstimatorNode)
-
+main = partial(run, EstimatorNode)
 
 if __name__ == "__main__":
     sys.exit(main())

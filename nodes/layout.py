@@ -6,14 +6,10 @@ import math
 from collections.abc import Iterable, MutableSequence, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 FIELDS = ("position", "velocity", "effort")
 """The lists of a joint message."""
@@ -68,10 +64,8 @@ class Layout:
 
     def estimate(self, followed: Iterable[str]) -> list[Place]:
         """What an estimate carries: states, outputs that are no states and input disturbances at its stamp, states and
-        disturbances when the next command acts, and the followed parameters.
-
-        Raises:
-            UserError: a followed parameter has the name of another entry.
+        disturbances when the next command acts, and the followed parameters. Raises UserError where a followed
+        parameter has the name of another entry.
         """
         now = [*self.states, *(self.outputs[k] for k in self.further), *self.inputs]
         later = [place.ending(AHEAD) for place in (*self.states, *self.inputs)]

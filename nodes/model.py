@@ -9,10 +9,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 
 def model_of(rig: Rig, path: str) -> Model:
-    """Load a model of a rig; an empty path means the one that comes with the package.
-
-    Raises:
-        UserError: it cannot be loaded, or is of another rig, or of other inputs or outputs.
+    """Load a model of a rig; an empty path means the one that comes with the package. Raises UserError where it cannot
+    be loaded, or is of another rig, or of other inputs or outputs.
     """
     folder = path or str(shipped(rig.name, "model"))
     model = load(folder)

@@ -22,10 +22,8 @@ def declare(node: Node, section: str) -> dict[str, Any]:
     """Declare the parameters of a node and return their values by name, "rig" among them.
 
     The node was created with automatically_declare_parameters_from_overrides; what it was given replaces the defaults.
-    The dictionary follows later changes of the parameters that may change.
-
-    Raises:
-        UserError: a parameter is unknown, of the wrong type or out of range.
+    The dictionary follows later changes of the parameters that may change. Raises UserError where a parameter is
+    unknown, of the wrong type or out of range.
     """
     given = {
         name: parameter.value

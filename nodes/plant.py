@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -164,10 +165,7 @@ class PlantNode(RigNode):
         return (OK, "running", values) if troubles == before else (WARN, "missed, rejected or late commands", values)
 
 
-def main() -> int:
-    """Run the node."""
-    return run(PlantNode)
-
+main = partial(run, PlantNode)
 
 if __name__ == "__main__":
     sys.exit(main())

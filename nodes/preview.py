@@ -8,8 +8,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from hybrid_sysid_ros.nodes.layout import Slots
 from hybrid_sysid_ros.nodes.messages import nanoseconds, point_lists
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 
 class Preview:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
+from functools import partial
 from importlib import import_module
 from queue import SimpleQueue
 from threading import Thread
@@ -45,7 +46,7 @@ class RecorderNode(RigNode):
         for name in [self.resolve_topic_name(self.full_name(topic)) for topic in wanted] or list(known):
             if name in known:
                 topic = known[name]
-                self.take(name, topics.TYPES[topic], topics.profile(self.qualities, topic, depth=DEPTH))
+                self.take(name, topics.TYPES[topic], topics.profile(topic, depth=DEPTH))
             else:
                 self.searched.add(name)
         if self.searched:
@@ -59,16 +60,12 @@ class RecorderNode(RigNode):
         """Record a topic from now on."""
         self.received[name] = 0
         kind = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
-        self.create_subscription(message_type, name, self.keeper(name, kind), quality, raw=True)
+        self.create_subscription(message_type, name, partial(self.keep, name, kind), quality, raw=True)
 
-    def keeper(self, name: str, kind: str) -> Callable[[bytes, Mapping[str, int]], None]:
-        """Callback of a topic."""
-
-        def keep(data: bytes, information: Mapping[str, int]) -> None:
-            self.queue.put((name, kind, information["received_timestamp"] or time.time_ns(), data))
-            self.received[name] += 1
-
-        return keep
+    def keep(self, name: str, kind: str, data: bytes, information: Mapping[str, int]) -> None:
+        """Put a message of a topic into the queue."""
+        self.queue.put((name, kind, information["received_timestamp"] or time.time_ns(), data))
+        self.received[name] += 1
 
     def search(self) -> None:
         """Take the topics that have a publisher by now, of whatever type, with the publisher's quality."""
@@ -103,11 +100,7 @@ class RecorderNode(RigNode):
             self.finish()
 
     def close(self) -> None:
-        """Write the rest and put the bag in its place.
-
-        Raises:
-            UserError: it cannot be written.
-        """
+        """Write the rest and put the bag in its place. Raises UserError where it cannot be written."""
         super().close()
         self.queue.put(None)
         self.thread.join()
@@ -135,10 +128,7 @@ def make() -> RecorderNode:
     return node
 
 
-def main() -> int:
-    """Run the node."""
-    return run(make)
-
+main = partial(run, make)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,9 +28,7 @@ LINES = 20  # of the multisine
 
 def signal_of(kind: str, settings: Mapping[str, Any], rig: Rig) -> Reference:
     """The reference of a kind by the parameters: seconds in (any shape), the outputs as they are shown out (..., p).
-
-    Raises:
-        UserError: there is no such kind, or the multisine has no room between its lowest and highest frequency.
+    Raises UserError where there is no such kind, or the multisine has no room between its lowest and highest frequency.
     """
     if kind in rig.references:
         return rig.references[kind]
@@ -151,10 +150,7 @@ class ReferenceNode(RigNode):
         return OK, "done" if self.finished.done() else "running", values
 
 
-def main() -> int:
-    """Run the node."""
-    return run(ReferenceNode)
-
+main = partial(run, ReferenceNode)
 
 if __name__ == "__main__":
     sys.exit(main())

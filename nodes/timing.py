@@ -17,11 +17,6 @@ class Histogram:
     def __init__(self) -> None:
         self._counts = np.zeros(DECADES * PER_DECADE, dtype=np.int64)
         self._scale = PER_DECADE / math.log(10.0)
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget all durations."""
-        self._counts[:] = 0
         self.count = 0
         self.longest = 0.0
 
@@ -59,5 +54,5 @@ class Timing:
             found[f"{name}_ms{part}_p50"] = 1e3 * histogram.percentile(50)
             found[f"{name}_ms{part}_p99"] = 1e3 * histogram.percentile(99)
             found[f"{name}_ms{part}_max"] = 1e3 * histogram.longest if histogram.count else math.nan
-        self.window.clear()
+        self.window = Histogram()
         return found

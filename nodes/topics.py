@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -12,8 +13,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from hybrid_sysid_ros.runtime.configuration import Quality
+from hybrid_sysid_ros.runtime.parameters import DECLARATIONS
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.structured import read_mapping, section
 
 TYPES: Mapping[str, Any] = {
     "joint_states": JointState,
@@ -26,17 +28,29 @@ TYPES: Mapping[str, Any] = {
 }
 
 
-def profile(qualities: Mapping[str, Quality], topic: str, *, depth: int | None = None) -> QoSProfile:
-    """QoS of a topic; `depth` where a reader needs a longer queue.
+@cache
+def qualities(path: Path = DECLARATIONS) -> dict[str, dict[str, Any]]:
+    """How each topic is carried: settings of its QoS profile, by its name as in msgs_config/nodes.yaml.
 
-    Raises:
-        UserError: the configuration has no class for the topic.
+    Raises UserError where a class is not described as it should be, or names a topic that another has.
     """
-    if topic not in qualities:
-        raise UserError(f"configuration: no class in section qos has the topic {topic}: add it to one")
-    quality = replace(qualities[topic], depth=depth or qualities[topic].depth)
-    return QoSProfile(
-        depth=quality.depth,
-        reliability=ReliabilityPolicy[quality.reliability.upper()],
-        durability=DurabilityPolicy[quality.durability.upper()],
-    )
+    found: dict[str, dict[str, Any]] = {}
+    for name, entry in section(read_mapping(path), "qos", str(path), needed=True).items():
+        try:
+            policies = {"reliability": ReliabilityPolicy, "durability": DurabilityPolicy}
+            settings = {key: policy[entry[key].upper()] for key, policy in policies.items()}
+            settings, carried = {**settings, "depth": int(entry["depth"])}, set(entry["topics"])
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise UserError(f"{path}: qos.{name}: needs reliability, durability, depth and topics") from error
+        if twice := carried & found.keys():
+            raise UserError(f"{path}: qos.{name}: topic {min(twice)} is in another class already")
+        found |= dict.fromkeys(carried, settings)
+    return found
+
+
+def profile(topic: str, *, depth: int | None = None) -> QoSProfile:
+    """QoS of a topic; `depth` where a reader needs a longer queue. Raises UserError where no class has the topic."""
+    if topic not in qualities():
+        raise UserError(f"{DECLARATIONS}: no class in section qos has the topic {topic}: add it to one")
+    settings = qualities()[topic]
+    return QoSProfile(**{**settings, "depth": depth or settings["depth"]})

@@ -1,8 +1,9 @@
 """Compiled functions called once from Python, for tests."""
 
+import casadi
 import numpy as np
 
-from hybrid_sysid_ros.core import compiled
+from hybrid_sysid_ros.core import compiled, trace
 from hybrid_sysid_ros.core.call import call_slopes
 from hybrid_sysid_ros.core.compilation import kernel
 
@@ -20,3 +21,11 @@ def evaluated(system, x, u, step, *, output=False, smoothing=0.0, learn=False):
     given = np.array(x, dtype=float), np.array(u, dtype=float), system.values, system.weights
     _call(address, *given, step, smoothing, out, slopes)
     return out, slopes
+
+
+def parametric_step(system, *, step, smoothing=0.0):
+    """The CasADi form of a step as an expression of symbols x, u and p: (x, u, p, following)."""
+    weights = casadi.SX(casadi.DM(system.weights))
+    traced = trace.step_of(system, smooth=smoothing > 0.0, weights=weights)
+    following = casadi.substitute([traced.result], [traced.h, traced.s], [casadi.SX(step), casadi.SX(smoothing)])[0]
+    return traced.x, traced.u, traced.p, following

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.identification import evaluate, identify, prepare
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.validation.horizons import k_step_errors
-from hybrid_sysid_ros.identification.validation.residual_tests import pair_tests
+from hybrid_sysid_ros.identification.validation.residual_tests import independence
 from hybrid_sysid_ros.identification.validation.scores import free_run, initial_state
 from hybrid_sysid_ros.models import STRUCTURES, Sampling, build
 from hybrid_sysid_ros.rigs import outside
@@ -92,8 +92,8 @@ def test_errors_and_residuals_are_judged_for_each_output(press, records, gray):
         assert np.all(curve.r2 > 0.95)
     residuals = (experiment.outputs - free_run(gray.system, experiment))[:-1]
     inputs = experiment.inputs.reshape(len(residuals), SAMPLING.every, -1).mean(axis=1)
-    tests = pair_tests(residuals, inputs)
-    assert set(tests) == {(0, 0), (0, 1), (1, 0), (1, 1)}
+    for signal in inputs.T:
+        assert all(np.isfinite(independence(error, signal).p_value) for error in residuals.T)
 
 
 @pytest.mark.parametrize("structure", [*STRUCTURES, "hybrid_stribeck"])
@@ -105,16 +105,6 @@ def test_every_structure_learns_it(press, records, structure):
     scores = evaluate(model, records[2])
     assert scores.r2 > (0.8 if structure == "recurrent" else 0.9), scores
     assert [item.name for item in model.system.outputs] == ["position", "leakage"]
-
-
-def test_a_bias_of_each_input_is_found(press, records):
-    biases = np.array([[0.5, -0.3], [-0.2, 0.6]])
-    moved = [
-        dataclasses.replace(record, input=record.input - bias) for record, bias in zip(records, biases, strict=False)
-    ]
-    experiments = [prepare(record, press.system, SAMPLING) for record in moved]
-    fitted = fit(press.system, experiments, bias=1.0, hold=[item.name for item in press.system.parameters][1:])
-    np.testing.assert_allclose(fitted.nuisances[-2:].T, biases, atol=0.1)
 
 
 def test_a_model_of_a_rig_by_its_path_is_loaded_with_it_and_refused_without(press, gray, tmp_path, monkeypatch):

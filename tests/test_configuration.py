@@ -11,7 +11,7 @@ import yaml
 
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration, parameters
-from hybrid_sysid_ros.runtime.configuration import Parameter, Quality
+from hybrid_sysid_ros.runtime.configuration import Parameter
 from hybrid_sysid_ros.support.errors import UserError
 
 NODES = ("plant", "estimator", "controller", "reference", "recorder")
@@ -63,12 +63,6 @@ def test_the_library_gets_the_numbers_of_the_nodes_in_si_units(rig: Rig) -> None
     assert problem.output_scales == pytest.approx([math.radians(1.3)])
 
 
-def test_a_topic_is_carried_as_its_class_says() -> None:
-    qualities = configuration.qualities()
-    assert qualities["joint_states"] == Quality(reliability="reliable", durability="volatile", depth=10)
-    assert qualities["state_estimate"].depth == 1  # an old estimate has no use
-
-
 @pytest.mark.parametrize(
     ("parameter", "value", "message"),
     [
@@ -103,9 +97,9 @@ def test_a_whole_number_does_for_a_number() -> None:
     ("entry", "message"),
     [
         (3.0, "nodes.plant: rate needs keys"),
-        ({"description": "", "range": [1.0, 2.0]}, "nodes.plant.rate: has wrong keys"),
-        ({"default": 1.5, "description": "", "range": 2.0}, "nodes.plant.rate: has wrong keys"),
-        ({"default": 1.5, "description": "", "colour": "red"}, "nodes.plant.rate: has wrong keys"),
+        ({"description": "", "range": [1.0, 2.0]}, "nodes.plant.rate: default is missing"),
+        ({"default": 1.5, "description": "", "range": [2.0, 1.0, 0.0]}, "nodes.plant.rate.range"),
+        ({"default": 1.5, "description": "", "colour": "red"}, "nodes.plant.rate: unknown key 'colour'"),
         ({"default": 3.0, "description": "", "range": [1.0, 2.0]}, "nodes.plant.rate: parameter rate is 3.0"),
         ({"default": [1], "description": ""}, "nodes.plant.rate: parameter rate: the default [1]"),
     ],
@@ -118,35 +112,9 @@ def test_a_wrong_description_is_told_by_file_and_key(rig: Rig, write: Any, entry
 
 
 def test_a_missing_section_is_told(write: Any) -> None:
-    path = write({"nodes": {"plant": {}}})
+    write({"nodes": {"plant": {}}})
     with pytest.raises(UserError, match=r"no section nodes\.estimator: known are plant"):
         configuration.parameters("cam_beam", "estimator")
-    with pytest.raises(UserError, match=f"{path}: qos is missing"):
-        configuration.qualities(path)
-
-
-@pytest.mark.parametrize(
-    "entry",
-    [
-        {"reliability": "sometimes", "durability": "volatile", "depth": 1, "topics": []},
-        {"reliability": "reliable", "durability": "volatile", "depth": 0, "topics": []},
-        {"reliability": "reliable", "depth": 1, "topics": []},
-        {"reliability": "reliable", "durability": "volatile", "depth": 1},
-        "reliable",
-    ],
-)
-def test_a_wrong_class_of_topics_is_told(write: Any, entry: Any) -> None:
-    path = write({"qos": {"loop": entry}})
-    with pytest.raises(UserError) as told:
-        configuration.qualities(path)
-    assert str(told.value).startswith(f"{path}: qos.loop: ")
-
-
-def test_a_topic_in_two_classes_is_told(write: Any) -> None:
-    quality = {"reliability": "reliable", "durability": "volatile", "depth": 1, "topics": ["joint_states"]}
-    path = write({"qos": {"loop": quality, "view": quality}})
-    with pytest.raises(UserError, match=r"qos\.view: topic joint_states is in another class"):
-        configuration.qualities(path)
 
 
 def test_an_unknown_rig_is_told() -> None:

@@ -93,22 +93,6 @@ def test_a_linear_fit_is_the_least_squares_solution(linear_bench, rig):
     assert np.all(np.abs(model.system.values - ENTRIES) < 3 * robust)
 
 
-def test_biases_of_the_records_inputs_are_found_beside_the_parameters(linear_bench):
-    """Each record had its own offset of the drive: what is common to them is the centre, the rest is theirs."""
-    biases = np.array([0.3, -0.1, -0.2])
-    records = []
-    for seed, bias in enumerate(biases):
-        u = held_levels(seed, 4001, hold=60)
-        y = linear_run(TRUTH, u[:-1, 0] + bias, np.zeros(2), 0.005)[:, :1]
-        records.append(record_of(u, y, 0.005, name=f"bench {seed}"))
-    system, _ = build("linear", CamBeam(), scales=np.ones(3), seed=0)
-    experiments = [prepare(record, system, Sampling()) for record in records]
-    blind, seeing = fit(system, experiments), fit(system, experiments, bias=1.0)
-    np.testing.assert_allclose(seeing.nuisances[-1], biases, atol=0.01)
-    np.testing.assert_allclose(seeing.system.values, ENTRIES, rtol=0.02)
-    assert seeing.relative_error < 0.1 * blind.relative_error
-
-
 def test_a_parameter_that_is_held_stays_where_it_is(linear_bench):
     u, y, _ = linear_bench
     system = Linear(gain=4.0, centre=0.5, stiffness=10.0, damping=20.0, input_delay=0.002)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -16,6 +17,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
+from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.nodes.messages import SECOND
@@ -50,6 +52,34 @@ def test_a_loop_in_lockstep_repeats_to_the_last_bit(domain: int, model_folder: P
     again, commands_again = closed_loop(domain, model_folder, policy_folder, 300)
     assert commands == commands_again
     assert [message.position[0] for message in measurements] == [message.position[0] for message in again]
+
+
+# Topics
+
+
+def test_a_topic_is_carried_as_its_class_says() -> None:
+    measured = topics.profile("joint_states")
+    assert (measured.reliability.name, measured.durability.name, measured.depth) == ("RELIABLE", "VOLATILE", 10)
+    assert topics.profile("state_estimate").depth == 1  # an old estimate has no use
+    assert topics.profile("state_estimate", depth=7).depth == 7
+
+
+@pytest.mark.parametrize(
+    "change", [{"reliability": "sometimes"}, {"depth": "many"}, {"durability": None}, {"topics": 5}, {"reliability": 1}]
+)
+def test_a_wrong_class_of_topics_is_told(tmp_path: Path, change: dict[str, Any]) -> None:
+    path, sound = tmp_path / "nodes.yaml", {"reliability": "reliable", "durability": "volatile", "depth": 1}
+    path.write_text(yaml.safe_dump({"qos": {"loop": {**sound, "topics": [], **change}}}), encoding="utf-8")
+    with pytest.raises(UserError, match=r"nodes\.yaml: qos\.loop"):
+        topics.qualities(path)
+
+
+def test_a_topic_in_two_classes_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "nodes.yaml"
+    quality = {"reliability": "reliable", "durability": "volatile", "depth": 1, "topics": ["joint_states"]}
+    path.write_text(yaml.safe_dump({"qos": {"loop": quality, "view": quality}}), encoding="utf-8")
+    with pytest.raises(UserError, match=r"qos\.view: topic joint_states is in another class"):
+        topics.qualities(path)
 
 
 # Parameters

@@ -2,20 +2,22 @@
 
 import os
 import threading
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hybrid_sysid_ros.support import parallel, threads
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.parallel import Store, resumed, run, workers_for
+from hybrid_sysid_ros.support.parallel import Store, Workers, resumed, run
 
 
 def squares(number):
     return {"square": np.array([number**2.0]), "threads": np.array([float(threads.available())])}
 
 
-@pytest.mark.parametrize("how", [{"workers": 1}, {"workers": 2}, {"workers": 2, "threads": True}])
+@pytest.mark.parametrize("how", [{"workers": 1}, {"workers": 2}])
 def test_results_come_in_the_order_of_the_pieces(how, tmp_path):
     heard = []
     found = run(squares, [3, 1, 2], store=Store(tmp_path / "kept"), progress=lambda *news: heard.append(news), **how)
@@ -56,6 +58,16 @@ def test_what_was_not_written_whole_is_not_there(tmp_path):
     assert store.find([1, "a"]) is None
 
 
+class Threads(Workers[Any, Any]):
+    """Two of this process."""
+
+    pool = ThreadPoolExecutor(2)
+    size = 2
+
+    def submit(self, item) -> Future[Any]:
+        return self.pool.submit(self.work, item)
+
+
 def test_after_an_interrupt_what_is_under_way_is_kept(tmp_path):
     begun, release = threading.Event(), threading.Event()
 
@@ -66,7 +78,7 @@ def test_after_an_interrupt_what_is_under_way_is_kept(tmp_path):
         return squares(number)
 
     store: Store[dict[str, np.ndarray]] = Store(tmp_path)
-    with workers_for(work, jobs=2, threads=True) as crew:
+    with Threads(work) as crew:
         items = resumed(crew, [2, 1, 3, 4], store=store, finish=True)
         next(items)
         begun.wait(20.0)

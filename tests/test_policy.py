@@ -12,13 +12,12 @@ from small_policies import (  # type: ignore[import-not-found]
     features_of,
     in_matrices,
     instances,
-    model_of,
     policy_of,
 )
 
 from hybrid_sysid_ros.control import Status
 from hybrid_sysid_ros.control.policy import policy as policies
-from hybrid_sysid_ros.control.policy.adaptation import Adaptation
+from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.support.errors import UserError
 
 
@@ -140,13 +139,9 @@ def test_a_correction_survives_a_round_trip_and_must_fit(tmp_path, problem):
         policy_of(problem=problem, plan=True, correction=correction_of(problem, plan=False))
 
 
-def test_a_parameter_to_follow_must_be_the_model_s():
-    system = model_of().system
-    assert Adaptation(names=("gain",), spread=(0.5,)).nominal(system) == [5.0]
-    with pytest.raises(UserError, match="mass"):
-        Adaptation(names=("mass",), spread=(1.0,)).nominal(system)
+def test_a_parameter_to_follow_needs_a_spread():
     with pytest.raises(UserError, match="spread"):
-        Adaptation(names=("gain",), spread=(0.0,))
+        Settings(followed={"gain": 0.0})
 
 
 # Bounds

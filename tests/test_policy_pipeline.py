@@ -52,7 +52,7 @@ def made(request, rig, flexible_joint, tmp_path_factory):
         "carts": (CARTS.system, CARTS.problem, CARTS_SPREAD),
         "joint": (flexible_joint, JOINT, Spread(amplitude=(0.2,), disturbance=(0.1,), push=(0.02, 0.02, 0.2, 0.2))),
     }[request.param]
-    settings = Settings(episodes=(6, 4), hidden=(24,), epochs=40, batch=128, workers=1, slope_weight=0.01)
+    settings = Settings(episodes=(6, 4), hidden=(24,), epochs=40, batch=128, workers=1)
     model = dataclasses.replace(model_of(SEAL), system=system)
     place = tmp_path_factory.mktemp(request.param) / "policy"
     training.train(model, problem, spread, settings, seed=3).save(place)

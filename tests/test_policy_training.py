@@ -9,7 +9,6 @@ from small_policies import PROBLEM, SEAL, SPREAD, by_hand, model_of  # type: ign
 from test_samples import CARTS_SPREAD, some_samples  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.control.policy import policy as policies
-from hybrid_sysid_ros.control.policy.adaptation import Adaptation
 from hybrid_sysid_ros.control.policy.samples import Samples, sample
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.support.errors import UserError
@@ -47,7 +46,7 @@ def test_a_tiny_training_imitates_better_than_a_constant(trained):
 
 def test_of_two_inputs_each_is_imitated():
     training = pytest.importorskip("hybrid_sysid_ros.control.policy.training", exc_type=ImportError)
-    settings = Settings(episodes=(24,), hidden=(24,), epochs=60, batch=128, workers=1, slope_weight=0.01)
+    settings = Settings(episodes=(24,), hidden=(24,), epochs=60, batch=128, workers=1)
     model = dataclasses.replace(model_of(SEAL), system=CARTS.system)
     policy = training.train(model, CARTS.problem, CARTS_SPREAD, settings, seed=1)
     np.testing.assert_allclose(policy.output_map, CARTS.c[CARTS.tracked], atol=1e-9)
@@ -84,7 +83,7 @@ def test_a_training_without_loops_to_hold_out_or_without_answers_is_refused(tmp_
     settings = Settings(episodes=(2,), epochs=1, workers=1)
     none = {name: values[:0] for name, values in some_samples().arrays.items() if name != "dropped"}
     for seed in (0, 1):
-        store.keep(seed, Samples(**none, dropped=160).arrays)
+        store.keep(seed, Samples(**none, dropped=np.array([160])).arrays)
     with pytest.raises(UserError, match="no solution"):
         training.train(model_of(SEAL), PROBLEM, SPREAD, settings, seed=0, store=store)
     for episodes in ((), (1,), (5, 0)):
@@ -94,7 +93,7 @@ def test_a_training_without_loops_to_hold_out_or_without_answers_is_refused(tmp_
 
 @pytest.fixture(scope="module")
 def rich():
-    """A tiny training with derivatives of the answers and a parameter to follow."""
+    """A tiny training with a parameter to follow."""
     training = pytest.importorskip("hybrid_sysid_ros.control.policy.training", exc_type=ImportError)
     settings = Settings(
         episodes=(16,),
@@ -102,14 +101,12 @@ def rich():
         epochs=60,
         batch=128,
         workers=1,
-        slope_weight=0.1,
-        slope_share=0.5,
-        adaptation=Adaptation(names=("centre",), spread=(0.5,)),
+        followed={"centre": 0.5},
     )
     return training.train(model_of(SEAL), PROBLEM, SPREAD, settings, seed=1)
 
 
-def test_a_training_with_derivatives_and_a_followed_parameter_imitates_the_mpc_of_another_plant(rich):
+def test_a_training_with_a_followed_parameter_imitates_the_mpc_of_another_plant(rich):
     """Told of another centre, the policy is nearer to the MPC that knows it than a policy that is not told."""
     system = model_of().system
     other = dataclasses.replace(system, centre=system.centre + 0.5)

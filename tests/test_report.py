@@ -396,7 +396,7 @@ def test_without_the_extra_the_user_is_told_which(section, model, tmp_path, monk
 
     monkeypatch.setitem(sys.modules, missing, None)  # what import takes for missing
     monkeypatch.setattr(builtins, "__import__", absent)
-    with pytest.raises(UserError, match=rf"needs {missing}: .*hybrid_sysid_ros\[report\]"):
+    with pytest.raises(UserError, match=rf"{missing} is missing; .*hybrid_sysid_ros\[report\]"):
         report.write(tmp_path / "report.html", section, None, report.provenance(model, "evaluate"))
     assert not list(tmp_path.iterdir())
 

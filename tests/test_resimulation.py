@@ -234,3 +234,10 @@ def test_the_real_records_are_loops_of_this_law(experiments):
         np.testing.assert_allclose(
             item.input, np.clip(error, -LOADED.actuators[0].high, LOADED.actuators[0].high), atol=1e-6
         )
+
+
+def test_a_loop_with_an_integral_part_is_not_done_again_without_it(loop):
+    experiments = RIG.experiments
+    slow = dataclasses.replace(experiments, loops={0: dataclasses.replace(experiments.loops[0], integral=0.01)})
+    with pytest.raises(UserError, match="integral"):
+        resimulate(RIG.system, loop, dataclasses.replace(RIG, experiments=slow), sampling=EXACT)

@@ -8,9 +8,7 @@ from linear_policies import CARTS, CASES  # type: ignore[import-not-found]
 from small_policies import PROBLEM, SPREAD, model_of  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.control import ExactMpc, scenarios
-from hybrid_sysid_ros.control.policy.adaptation import Adaptation
-from hybrid_sysid_ros.control.policy.policy import features_of
-from hybrid_sysid_ros.control.policy.samples import Samples, sample, scenario_of
+from hybrid_sysid_ros.control.policy.samples import Samples, sample, scenario_of, shifted
 from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, plant_near
 from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.support.errors import UserError
@@ -130,13 +128,14 @@ def test_other_plants_make_other_loops_for_the_same_mpc():
 def test_shifts_are_derivatives_of_the_plan_by_the_followed_parameters():
     """Against differences over a tenth of the step, of plans that are solved afresh."""
     system = model_of().system
-    adaptation = Adaptation(names=("gain", "centre"), spread=(0.5, 0.2))
-    samples = sample(system, PROBLEM, SPREAD, 7, adaptation=adaptation)
+    followed = {"gain": 0.5, "centre": 0.2}
+    samples = sample(system, PROBLEM, SPREAD, 7, followed=followed)
     assert samples.shifts.shape == (len(samples.plans), 2, 4, 1)
     inside = np.flatnonzero(np.all(np.abs(samples.plans) < 9.0, axis=(1, 2)))[::8]
     assert len(inside) > 5
-    for index in range(2):
-        pair = [ExactMpc(adaptation.shifted(system, index, side), PROBLEM, tolerance=1e-9) for side in (-0.05, 0.05)]
+    for index, (name, spread) in enumerate(followed.items()):
+        near = [shifted(system, name, side * spread) for side in (-0.05, 0.05)]
+        pair = [ExactMpc(plant, PROBLEM, tolerance=1e-9) for plant in near]
         for k in inside:
             asked = samples.instances[k]
             for mpc in pair:
@@ -149,37 +148,8 @@ def test_the_offset_of_the_input_shifts_the_first_plan_one_to_one():
     """A beam's centre acts as an offset of its input: plans of low weight on changes move with it."""
     system = model_of().system
     problem = dataclasses.replace(PROBLEM, rate_weights=(0.0,), input_low=(-1e3,), input_high=(1e3,))
-    adaptation = Adaptation(names=("centre",), spread=(0.2,))
-    samples = sample(system, problem, SPREAD, 3, adaptation=adaptation)
+    samples = sample(system, problem, SPREAD, 3, followed={"centre": 0.2})
     np.testing.assert_allclose(samples.shifts[:, 0], 0.2, atol=1e-3)
-
-
-def test_slopes_by_features_say_of_a_linear_answer_what_those_by_instances_say():
-    """u = s [x, d, u_previous, q] = (slopes by features) [x, d, u_previous, q - C x], for any s that reads the tracked
-    outputs alone.
-    """
-    random = np.random.default_rng(3)
-    output_map, tracked = random.normal(size=(2, 4)), (0, 2)
-    slopes = random.normal(size=(5, 2, 8 + 3 * 3))
-    slopes.reshape(5, 2, -1)[:, :, 8 + 1 :: 3] = 0.0
-    samples = some_samples(instances=random.normal(size=(5, 17)), slopes=slopes)
-    by_instances = np.einsum("sji,si->sj", slopes, samples.instances)
-    features = features_of(samples.instances, output_map, tracked, 2, 3)
-    by_features = np.einsum("sji,si->sj", samples.feature_slopes(output_map, tracked, 3), features)
-    np.testing.assert_allclose(by_features, by_instances, rtol=1e-9)
-
-
-def test_slopes_are_taken_of_a_share_of_the_answers_and_are_those_of_the_law():
-    case = CARTS
-    samples = sample(case.system, case.problem, CARTS_SPREAD, 7, slope_share=0.5)
-    known = np.isfinite(samples.slopes).all(axis=(1, 2))
-    assert 0.3 < np.mean(known) < 0.7
-    law = np.array([case.plan(row)[0] - case.plan(np.zeros(case.size))[0] for row in np.eye(case.size)]).T
-    free = known & np.all(np.abs(samples.plans) < 35.0, axis=(1, 2))
-    assert np.sum(free) > 10
-    np.testing.assert_allclose(
-        samples.slopes[free], np.tile(law, (np.sum(free), 1, 1)), atol=1e-3 * np.max(np.abs(law))
-    )
 
 
 def test_a_loop_has_one_cost_and_it_goes_with_the_errors_of_the_loop():
@@ -198,17 +168,15 @@ def some_samples(**parts):
     arrays = {
         "instances": random.normal(size=(5, 8)),
         "plans": random.normal(size=(5, 4, 1)),
-        "slopes": random.normal(size=(5, 1, 8)),
         "shifts": random.normal(size=(5, 0, 4, 1)),
         "costs": random.uniform(size=5),
     }
-    return Samples(**{**arrays, **parts}, dropped=3)
+    return Samples(**{**arrays, **parts}, dropped=np.array([3]))
 
 
 def test_samples_come_back_from_their_arrays():
     samples = some_samples()
-    back = Samples.of(samples.arrays)
+    both = Samples.joined([samples.arrays, samples.arrays])
+    assert (len(both.plans), both.dropped.sum()) == (10, 6)
     for item in dataclasses.fields(Samples):
-        np.testing.assert_array_equal(getattr(back, item.name), getattr(samples, item.name))
-    both = Samples.joined([samples, back])
-    assert (len(both.plans), both.dropped) == (10, 6)
+        np.testing.assert_array_equal(np.split(getattr(both, item.name), 2)[1], getattr(samples, item.name))

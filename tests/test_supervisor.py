@@ -22,7 +22,6 @@ from hybrid_sysid_ros.control.safety.online_check import (
     OUT_OF_RANGE,
     REASONS,
     WAITING,
-    OnlineCheck,
     Tolerances,
 )
 from hybrid_sysid_ros.control.safety.supervisor import LAYERS, Supervisor
@@ -63,9 +62,9 @@ def supervisor_of(case, policy, tolerances=TOLERANCES, **options):
 def checked(case, policy, instance, last_plan, tolerances=TOLERANCES):
     """What a single check finds."""
     mpc = ExactMpc(case.system, policy.problem)
-    horizon = mpc.shooting.horizon
+    supervisor, horizon = Supervisor(policy, mpc, tolerances), mpc.shooting.horizon
     mpc.adopt(np.zeros(policy.inputs), np.reshape(last_plan, horizon.inputs.shape), np.zeros_like(horizon.states))
-    return OnlineCheck(policy, mpc, tolerances)(*instance)
+    return supervisor.check(*instance)
 
 
 # The check

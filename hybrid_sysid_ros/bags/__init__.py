@@ -6,8 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hybrid_sysid_ros.bags.bag import METADATA, Topic, name_of
-    from hybrid_sysid_ros.bags.contents import topics
+    from hybrid_sysid_ros.bags.bag import METADATA, Topic, name_of, topics
     from hybrid_sysid_ros.bags.reading import read
     from hybrid_sysid_ros.bags.series import Series, joint_states, joint_trajectories, repeated
     from hybrid_sysid_ros.bags.writing import BagWriter, write
@@ -27,10 +26,9 @@ __all__ = [
 ]
 
 _FILES = {
-    **dict.fromkeys(("METADATA", "Topic", "name_of"), "bag"),
+    **dict.fromkeys(("METADATA", "Topic", "name_of", "topics"), "bag"),
     **dict.fromkeys(("Series", "joint_states", "joint_trajectories", "repeated"), "series"),
     **dict.fromkeys(("BagWriter", "write"), "writing"),
-    "topics": "contents",
     "read": "reading",
 }
 

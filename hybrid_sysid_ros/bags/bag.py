@@ -71,7 +71,7 @@ class Bag:
     @property
     def listing(self) -> str:
         """Topics and types in a line, for messages to the user."""
-        return listing(self.topics)
+        return ", ".join(f"{topic.name} ({topic.type})" for topic in self.topics.values()) or "no topic at all"
 
     def blocks(self, wanted: Collection[str]) -> Iterator[Messages]:
         """Messages of the topics in `wanted`, in one pass over the bag that holds one block of each.
@@ -97,6 +97,18 @@ class Bag:
                         size[name] = 0
             for name, held in pending.items():
                 yield self._block(name, held, first)
+
+    def whole(self, wanted: Collection[str]) -> dict[str, Messages]:
+        """All messages of the topics in `wanted` that the bag has, for bags that are small beside the memory.
+
+        Raises:
+            UserError: the bag is damaged.
+        """
+        held = {name: Batch() for name in self.topics if name in wanted}
+        for block in self.blocks(held):
+            held[block.topic].logged += block.logged.tolist()
+            held[block.topic].data += block.data
+        return {name: self._block(name, batch, {}) for name, batch in held.items()}
 
     def _block(self, name: str, batch: Batch, first: dict[str, int]) -> Messages:
         logged, data = np.asarray(batch.logged, dtype=np.int64), batch.data
@@ -139,9 +151,14 @@ def name_of(path: Path | str) -> str:
     return resolved.name if resolved.is_dir() else resolved.stem
 
 
-def listing(topics: dict[str, Topic]) -> str:
-    """Topics and types in a line, for messages to the user."""
-    return ", ".join(f"{topic.name} ({topic.type})" for topic in topics.values()) or "no topic at all"
+def topics(path: Path | str) -> dict[str, Topic]:
+    """Topics of a bag by name.
+
+    Raises:
+        UserError: see :func:`opened`.
+    """
+    with opened(path) as bag:
+        return bag.topics
 
 
 def _whole(path: Path, stack: ExitStack) -> Bag:

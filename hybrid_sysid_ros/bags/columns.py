@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-import struct
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
 from hybrid_sysid_ros.bags.bag import Messages
-from hybrid_sysid_ros.bags.fields import MissingFieldError, field_of, has_field
-from hybrid_sysid_ros.bags.layout import Layout, Place, UnknownLayoutError, stacked
+from hybrid_sysid_ros.bags.layout import (
+    Group,
+    Layout,
+    MissingFieldError,
+    Place,
+    UnknownLayoutError,
+    field_of,
+    groups_of,
+    sharing,
+)
 from hybrid_sysid_ros.bags.signals import Step, parsed_field
 
 SECOND = 1_000_000_000  # ns
@@ -24,11 +30,7 @@ class MissingInMessageError(LookupError):
 
 
 class Columns:
-    """Fields of a topic as arrays.
-
-    Where all messages have one layout, as those of a driver do, the numbers are taken out of their bytes at once;
-    otherwise each message is deserialised.
-    """
+    """Fields of a topic as arrays: numbers are taken at once out of all messages that share a layout."""
 
     def __init__(self, messages: Messages, typestore: Typestore, *, stamped: bool | None = None) -> None:
         """stamped: whether their headers were ever given a stamp; None: see whether one of these was."""
@@ -69,7 +71,7 @@ class Columns:
         steps = parsed_field(field)
         for end in range(1, len(steps)):
             point = field_of(self._first, steps[:end])
-            if not steps[end - 1].attribute and has_field(point, "time_from_start"):
+            if not steps[end - 1].attribute and isinstance(point, dict) and "time_from_start" in point:
                 stamps = stamps + self._nanoseconds((*steps[:end], Step(attribute="time_from_start")))
         return stamps
 
@@ -78,8 +80,8 @@ class Columns:
         """Whether the messages have headers whose stamp was ever set."""
         if self._known_stamped is not None:
             return self._known_stamped
-        header = self._first.get("header") if isinstance(self._first, dict) else getattr(self._first, "header", None)
-        return header is not None and has_field(header, "stamp") and bool(self._header_stamps.any())
+        header = self._first.get("header")
+        return isinstance(header, dict) and "stamp" in header and bool(self._header_stamps.any())
 
     @cached_property
     def _header_stamps(self) -> NDArray[np.int64]:
@@ -95,56 +97,36 @@ class Columns:
         return self._columns[steps]
 
     def _read(self, steps: tuple[Step, ...]) -> NDArray[np.float64]:
-        if self._block is not None:
-            layout, rows = self._block
+        column = np.empty(len(self.messages.data))
+        for layout, (numbers, rows) in self._groups:
             try:
                 place = field_of(layout.fields, steps)
             except MissingFieldError as error:
-                raise self._missing(0, error) from error
+                raise self._missing(numbers[0], error) from error
             if not isinstance(place, Place):
-                raise self._missing(0, "the field is no single number")
-            return place.read(rows).astype(np.float64)
-        column = np.empty(len(self._objects))
-        for number, message in enumerate(self._objects):
-            try:
-                value = field_of(message, steps)
-            except MissingFieldError as error:
-                raise self._missing(number, error) from error
-            if not isinstance(value, int | float | np.number):
-                raise self._missing(number, "the field is no single number")
-            column[number] = value
+                raise self._missing(numbers[0], "the field is no single number")
+            column[numbers] = place.read(rows)
         return column
 
     @cached_property
-    def _block(self) -> tuple[Layout, NDArray[np.uint8]] | None:
-        rows = stacked(self.messages.data)
-        if rows is None:
-            return None
-        try:
-            layout = Layout.of(self.messages.data[0], self.messages.type, self._typestore)
-        except UnknownLayoutError:
-            return None
-        return (layout, rows) if layout.shared_by(rows) else None
-
-    @cached_property
-    def _objects(self) -> list[Any]:
-        try:
-            definition = self._typestore.get_msgdef(self.messages.type)
-        except KeyError as error:
-            raise self._missing(0, f"the bag does not define the type {error.args[0]}") from error
-        objects: list[Any] = []
-        for number, raw in enumerate(self.messages.data):
-            deserialise = definition.deserialize_cdr_le if raw[1:2] == b"\x01" else definition.deserialize_cdr_be
-            try:  # not Typestore.deserialize_cdr, which refuses the spare bytes that rclpy's serialize_message appends
-                message, _ = deserialise(memoryview(raw)[4:], 0, definition.cls, self._typestore)
-            except (SerdeError, struct.error, ValueError) as error:
-                raise self._missing(number, f"it is no {self.messages.type}") from error
-            objects.append(message)
-        return objects
+    def _groups(self) -> list[tuple[Layout, Group]]:
+        """Messages by their layouts, the first one's first."""
+        found, waiting = [], groups_of(self.messages.data)
+        while waiting:
+            group = waiting.pop()
+            first = int(group[0][0])
+            try:
+                layout = Layout.of(self.messages.data[first], self.messages.type, self._typestore)
+            except UnknownLayoutError as error:
+                raise self._missing(first, f"it is no {self.messages.type}: {error}") from error
+            sharers, others = sharing(layout, group)
+            found.append((layout, sharers))
+            waiting += others
+        return sorted(found, key=lambda item: int(item[1][0][0]))
 
     @property
-    def _first(self) -> Any:
-        return self._block[0].fields if self._block is not None else self._objects[0]
+    def _first(self) -> dict[str, Any]:
+        return self._groups[0][0].fields
 
     def _missing(self, number: int, reason: object) -> MissingInMessageError:
         return MissingInMessageError(f"message {self.messages.first + number}: {reason}")

@@ -1,27 +1,34 @@
-"""Layout: where the numbers of a serialised message (CDR) are, so that numpy reads or writes a column at once."""
+"""Layout: where the numbers of serialised messages (CDR) are, so that numpy reads or writes a column at once."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
+
+from hybrid_sysid_ros.bags.signals import Step
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 HEADER = 4  # bytes of encapsulation before the message; alignment counts from their end
 NUMBERS = {
-    "bool": "u1", "byte": "u1", "char": "u1", "uint8": "u1", "int8": "i1", "uint16": "<u2", "int16": "<i2",
-    "uint32": "<u4", "int32": "<i4", "uint64": "<u8", "int64": "<i8", "float32": "<f4", "float64": "<f8",
+    "bool": "u1", "byte": "u1", "char": "u1", "uint8": "u1", "int8": "i1", "uint16": "u2", "int16": "i2",
+    "uint32": "u4", "int32": "i4", "uint64": "u8", "int64": "i8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
+NAME_LISTS = ("name", "joint_names")  # where a message keeps the names of its joints
 
 
 class UnknownLayoutError(ValueError):
-    """The message is not little-endian plain CDR, or has a type without a fixed size here."""
+    """The message is not plain CDR of its type; the text says why."""
+
+
+class MissingFieldError(LookupError):
+    """The message has not got the field; the text says which part of the path is missing and what is there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,18 +36,16 @@ class Place:
     """Where one number is: offset [bytes] in the message and its numpy type."""
 
     offset: int
-    dtype: str
+    dtype: np.dtype[Any]
 
     def read(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
         """Column of that number out of messages (messages, bytes)."""
-        size = np.dtype(self.dtype).itemsize
-        return np.ascontiguousarray(rows[:, self.offset : self.offset + size]).view(self.dtype)[:, 0]
+        return np.ascontiguousarray(rows[:, self.offset : self.offset + self.dtype.itemsize]).view(self.dtype)[:, 0]
 
     def write(self, rows: NDArray[np.uint8], column: NDArray[Any]) -> None:
         """Put a column (messages,) into messages (messages, bytes)."""
-        size = np.dtype(self.dtype).itemsize
-        values = np.ascontiguousarray(column.astype(self.dtype)).view(np.uint8).reshape(len(rows), size)
-        rows[:, self.offset : self.offset + size] = values
+        values = np.ascontiguousarray(column.astype(self.dtype)).view(np.uint8).reshape(len(rows), self.dtype.itemsize)
+        rows[:, self.offset : self.offset + self.dtype.itemsize] = values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,14 +53,14 @@ class Places:
     """A list of numbers that follow one another."""
 
     offset: int
-    dtype: str
+    dtype: np.dtype[Any]
     count: int
 
     def __len__(self) -> int:
         return self.count
 
     def __getitem__(self, index: int) -> Place:
-        return Place(offset=self.offset + index * np.dtype(self.dtype).itemsize, dtype=self.dtype)
+        return Place(offset=self.offset + index * self.dtype.itemsize, dtype=self.dtype)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,25 +79,86 @@ class Layout:
         """Layout of a serialised message.
 
         Raises:
-            UnknownLayoutError: it is big-endian, cut short or has text of two bytes a letter.
+            UnknownLayoutError: it is cut short, or of a type without a fixed size here.
         """
-        if len(raw) < HEADER or bytes(raw[:2]) != b"\x00\x01":
-            raise UnknownLayoutError("not little-endian plain CDR")
+        if len(raw) < HEADER or bytes(raw[:2]) not in (b"\x00\x00", b"\x00\x01"):
+            raise UnknownLayoutError("not plain CDR")
         walk = _Walk(raw, typestore)
         fields = walk.message(message_type)
         return cls(fields=fields, fixed=np.array([0, 1, *walk.fixed], dtype=np.intp))
 
-    def shared_by(self, rows: NDArray[np.uint8]) -> bool:
-        """Whether all messages (messages, bytes) have the structure of the first."""
-        return not (rows != rows[0]).any(axis=0)[self.fixed].any()
+
+Group = tuple[NDArray[np.intp], NDArray[np.uint8]]
+"""Messages of one length: their numbers (messages,) and bytes (messages, length)."""
 
 
-def stacked(messages: Sequence[bytes]) -> NDArray[np.uint8] | None:
-    """Messages of one length as (messages, bytes), None if their lengths differ."""
-    size = len(messages[0])
-    if set(map(len, messages)) != {size}:
-        return None
-    return np.frombuffer(b"".join(messages), dtype=np.uint8).reshape(len(messages), size)
+def groups_of(messages: Sequence[bytes]) -> list[Group]:
+    """Messages by their lengths."""
+    sizes = np.fromiter(map(len, messages), dtype=np.intp, count=len(messages))
+    return [
+        (alike, np.frombuffer(b"".join(messages[k] for k in alike), dtype=np.uint8).reshape(len(alike), -1))
+        for alike in _alike(sizes)
+    ]
+
+
+def sharing(layout: Layout, group: Group) -> tuple[Group, Iterator[Group]]:
+    """Those of a group that share the layout of its first message, and groups of the others."""
+    numbers, rows = group
+    fixed = rows[:, layout.fixed]
+    same = (fixed == fixed[0]).all(axis=1)
+    if same.all():
+        return group, iter(())
+    others = np.flatnonzero(~same)
+    _, kinds = np.unique(fixed[others], axis=0, return_inverse=True)
+    rest = (others[alike] for alike in _alike(kinds.ravel()))
+    return (numbers[same], rows[same]), ((numbers[part], rows[part]) for part in rest)
+
+
+def field_of(fields: Any, steps: Sequence[Step]) -> Any:
+    """Follow a path into the fields of a layout.
+
+    Raises:
+        MissingFieldError: a step leads nowhere.
+    """
+    enclosing: list[dict[str, Any]] = []
+    node = fields
+    for step in steps:
+        if not step.attribute:
+            node = _entry(node, step, enclosing)
+        elif isinstance(node, dict) and step.attribute in node:
+            enclosing.append(node)
+            node = node[step.attribute]
+        else:
+            known = f"only {', '.join(node)}" if isinstance(node, dict) else "and no field below"
+            raise MissingFieldError(f"there is no {step.attribute}, {known}")
+    return node
+
+
+def _entry(node: Any, step: Step, enclosing: Sequence[dict[str, Any]]) -> Any:
+    index = _index_of(step.joint, enclosing) if step.joint else step.index
+    if not isinstance(node, list | Places):
+        raise MissingFieldError(f"there is no list to take [{step.joint or step.index}] of")
+    if index >= len(node):
+        raise MissingFieldError(f"the list has {len(node)} entries, so no [{step.joint or index}]")
+    return node[index]
+
+
+def _index_of(joint: str, enclosing: Sequence[dict[str, Any]]) -> int:
+    """Index of a joint in the nearest list of names around the field."""
+    for node in reversed(enclosing):
+        for key in NAME_LISTS:
+            if key in node:
+                names = [str(name) for name in node[key]]
+                if joint not in names:
+                    raise MissingFieldError(f"there is no joint {joint!r}, only {', '.join(names) or 'an empty list'}")
+                return names.index(joint)
+    raise MissingFieldError(f"the message names no joints: write a number in place of [{joint}]")
+
+
+def _alike(keys: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Indices of equal keys (n,), rising within each."""
+    order = np.argsort(keys, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(keys[order])) + 1)
 
 
 class _Walk:
@@ -100,13 +166,14 @@ class _Walk:
 
     def __init__(self, raw: bytes, typestore: Typestore) -> None:
         self.raw = raw
+        self.order: Literal["little", "big"] = "little" if raw[1] else "big"
         self.typestore = typestore
         self.position = HEADER
         self.fixed: list[int] = []
 
     def message(self, message_type: str) -> dict[str, Any]:
         if message_type not in self.typestore.fielddefs:
-            raise UnknownLayoutError(f"type {message_type}")
+            raise UnknownLayoutError(f"the bag does not define the type {message_type}")
         return {name: self.field(kind) for name, kind in self.typestore.fielddefs[message_type][1]}
 
     def field(self, kind: Any) -> Any:
@@ -124,28 +191,27 @@ class _Walk:
 
     def numbers(self, name: str, count: int) -> Places:
         if name not in NUMBERS:
-            raise UnknownLayoutError(f"type {name}")
-        dtype = NUMBERS[name]
-        size = np.dtype(dtype).itemsize
+            raise UnknownLayoutError(f"numbers of type {name} can't be read")
+        dtype = np.dtype(NUMBERS[name]).newbyteorder(self.order)
         if count:
-            self.align(size)
+            self.align(dtype.itemsize)
         places = Places(offset=self.position, dtype=dtype, count=count)
-        self.advance(size * count)
+        self.advance(dtype.itemsize * count)
         return places
 
     def length(self) -> int:
         self.align(4)
-        start = self.position
-        self.advance(4)
-        self.fixed.extend(range(start, start + 4))
-        return int.from_bytes(self.raw[start : start + 4], "little")
+        return int.from_bytes(self.kept(4), self.order)
 
     def text(self) -> str:
-        count = self.length()
+        return self.kept(self.length()).rstrip(b"\x00").decode("utf-8", "replace")
+
+    def kept(self, count: int) -> bytes:
+        """The next bytes, which make the structure."""
         start = self.position
         self.advance(count)
         self.fixed.extend(range(start, start + count))
-        return bytes(self.raw[start : start + count]).rstrip(b"\x00").decode("utf-8", "replace")
+        return bytes(self.raw[start : start + count])
 
     def align(self, size: int) -> None:
         self.position += -(self.position - HEADER) % size

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from hybrid_sysid_ros.bags.fields import field_of
-from hybrid_sysid_ros.bags.layout import Layout
+from hybrid_sysid_ros.bags.layout import Layout, field_of
 from hybrid_sysid_ros.bags.signals import parsed_field
 
 SECOND = 1_000_000_000  # ns

@@ -103,13 +103,10 @@ class Signals:
             return signal.topic
         return "/" + "/".join(part for part in (self.namespace.strip("/"), signal.topic) if part)
 
-    def check(self, inputs: Sequence[Named], outputs: Sequence[Named]) -> None:
-        """Raise UserError for signals of other inputs and outputs than a rig's, or in other units."""
-        where = self.source or "signals"
-        for kind, signals, variables in (
-            ("inputs", self.inputs, inputs),
-            ("outputs", self.outputs, outputs),
-        ):
+    def ordered(self, inputs: Sequence[Named], outputs: Sequence[Named]) -> Signals:
+        """The same in the order of a rig's inputs and outputs. Raises UserError for others, or in other units."""
+        where, found = self.source or "signals", []
+        for kind, signals, variables in (("inputs", self.inputs, inputs), ("outputs", self.outputs, outputs)):
             names = [item.name for item in variables]
             if sorted(signals) != sorted(names):
                 raise UserError(f"{where}: signals.{kind} are {', '.join(signals)}, the rig's are {', '.join(names)}")
@@ -120,15 +117,8 @@ class Signals:
                         f"{where}: {kind} {signal.field} is in {signal.unit}, the rig's is in {item.unit}: "
                         f"set the scale that makes it {item.unit}, and its unit to {item.unit}"
                     )
-
-    def ordered(self, inputs: Sequence[Named], outputs: Sequence[Named]) -> Signals:
-        """The same in the order of a rig's inputs and outputs. Raises UserError where they are others."""
-        self.check(inputs, outputs)
-        return dataclasses.replace(
-            self,
-            inputs={item.name: self.inputs[item.name] for item in inputs},
-            outputs={item.name: self.outputs[item.name] for item in outputs},
-        )
+            found.append({name: signals[name] for name in names})
+        return dataclasses.replace(self, inputs=found[0], outputs=found[1])
 
     @classmethod
     def of(cls, content: Mapping[str, Any], namespace: str, where: str, *, given: Given | None = None) -> Signals:

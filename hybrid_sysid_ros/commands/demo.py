@@ -20,6 +20,7 @@ from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.identification import Part, evaluate, identify
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.models.options import Options
 from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, session
@@ -29,13 +30,13 @@ from hybrid_sysid_ros.runtime.training import train_policy
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import beside, check_file, check_folder, written_file
 from hybrid_sysid_ros.support.progress import progress_bars
-from hybrid_sysid_ros.support.structured import numbers, refuse_unknown
+from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
 
 Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; out/demo, or out/demo_RIG.")]
 Train = Annotated[bool, typer.Option("--train", help="Train model and policy afresh.")]
 OUT = Path("out/demo")
 SHIPPED_BAGS = Path(__file__).resolve().parents[2] / "bags"
-KEYS = ("learn", "part", "test", "structure", "step", "period", "reference", "scored")
+KEYS = ("learn", "part", "test", "structure", "options", "step", "period", "reference", "scored")
 """Of the section demo of rig.yaml."""
 
 
@@ -64,6 +65,8 @@ class Plan:
     test: tuple[str, ...]
     """Bags that it is scored on as a whole."""
     structure: str
+    options: Options
+    """Of the structure."""
     sampling: Sampling
     reference: str
     """Which one of the rig's the loop follows."""
@@ -87,6 +90,7 @@ class Plan:
             part=Part.parse(str(told.get("part", "0:0.5"))),
             test=_names(told, "test", where),
             structure=str(told.get("structure", "hybrid")),
+            options={key: numbers(value, where, count=1)[0] for key, value in section(told, "options", where).items()},
             sampling=Sampling(step=step, period=period),
             reference=schedule.name,
             scored=scored,
@@ -129,7 +133,8 @@ def demo(out: Path, records: Records | None = None, *, rig: str = "", train: boo
         check_folder(out / folder, marker=marker)
     records = records or plan.records(described)
     console.print(f"1 identifying {described.name} from {len(records.training)} bags")
-    model = identify(records.training, described, plan.structure, sampling=plan.sampling, part=records.part)
+    given: dict[str, Any] = {"sampling": plan.sampling, "part": records.part, "options": plan.options}
+    model = identify(records.training, described, plan.structure, **given)
     model.save(out / "model")
     model = load_model(out / "model")
     model_folder, policy_folder = configuration.shipped(described.name, "model"), out / "policy"
@@ -146,9 +151,7 @@ def demo(out: Path, records: Records | None = None, *, rig: str = "", train: boo
     console.print("3 comparing with the exact MPC on the same plant")
     schedule = described.schedule(plan.reference)
     costs = [
-        simulated_loop(described, used, controller, reference=schedule, duration=schedule.duration).cost(
-            imitation.problem
-        )
+        simulated_loop(described, used, controller, schedule, duration=schedule.duration).cost(imitation.problem)
         for controller in (imitation, ExactMpc(used.system, imitation.problem))
     ]
     section = report.closed_loop_section(loop, described)

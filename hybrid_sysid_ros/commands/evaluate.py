@@ -10,18 +10,8 @@ from typing import Annotated
 import typer
 
 from hybrid_sysid_ros import report as reports
-from hybrid_sysid_ros.commands.terminal import (
-    OwnRig,
-    PartText,
-    ReadPeriod,
-    Recover,
-    SignalsFile,
-    console,
-    print_table,
-    read_records,
-    score_table,
-    status,
-)
+from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part, evaluate
 from hybrid_sysid_ros.identification.validation.resimulation import resimulations
 from hybrid_sysid_ros.models import load as load_model
@@ -33,12 +23,12 @@ def command(
     model: Annotated[Path, typer.Argument(help="Model folder.")],
     bag: Annotated[list[Path], typer.Argument(help="Bags to score it on.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    part: PartText = "0:1",
+    part: terminal.PartText = "0:1",
     report: Annotated[Path | None, typer.Option(help="Write an HTML report with plots.")] = None,
-    signals: SignalsFile = None,
-    recover: Recover = False,
-    read_period: ReadPeriod = 0.0,
-    rig: OwnRig = "",
+    signals: terminal.SignalsFile = None,
+    recover: terminal.Recover = False,
+    read_period: terminal.ReadPeriod = 0.0,
+    rig: terminal.OwnRig = "",
 ) -> None:
     """Score a model by strict free run: one initial state, never corrected. Where a bag has the reference, the whole
     closed loop is simulated again from it as well.
@@ -49,7 +39,7 @@ def command(
     loaded = load_model(model, rig=rig)
     described = load_rig(loaded.rig)
     chosen = Part.parse(part)
-    records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling)
+    records = terminal.read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling)
     scores = {record.name: evaluate(loaded, record, part=chosen).content for record in records}
     again, skipped = resimulations(
         loaded.system, [(record, chosen) for record in records], described, sampling=loaded.sampling
@@ -65,4 +55,4 @@ def command(
         content = {name: {**values, "closed_loop": loops.get(name)} for name, values in scores.items()}
         console.print_json(json.dumps({"model": str(model), "part": part, "records": content}))
     else:
-        print_table(score_table(scores, described, "free run", loops))
+        print_table(terminal.score_table(scores, described, "free run", loops))

@@ -8,24 +8,8 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import (
-    STRUCTURES_HELP,
-    InputHandling,
-    PartText,
-    Period,
-    ReadPeriod,
-    Recover,
-    RigName,
-    Seed,
-    SignalsFile,
-    Step,
-    console,
-    print_table,
-    read_records,
-    sampling_of,
-    score_table,
-    status,
-)
+from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part, identify
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
 from hybrid_sysid_ros.models import Model
@@ -37,25 +21,25 @@ from hybrid_sysid_ros.support.files import check_folder
 def command(
     bag: Annotated[list[Path], typer.Argument(help="Bags to learn from.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for the model.")],
-    rig: RigName = "",
-    structure: Annotated[str, typer.Option(help=STRUCTURES_HELP)] = "hybrid",
+    rig: terminal.RigName = "",
+    structure: Annotated[str, typer.Option(help=terminal.STRUCTURES_HELP)] = "hybrid",
     option: Annotated[
         list[str] | None, typer.Option("--option", help="NAME=VALUE of the structure, such as units=8 or creep=1.")
     ] = None,
-    input_handling: InputHandling = "averaged",
-    step: Step = 0.005,
-    period: Period = 0.05,
-    part: PartText = "0:1",
-    seed: Seed = 0,
-    signals: SignalsFile = None,
-    recover: Recover = False,
-    read_period: ReadPeriod = 0.0,
+    input_handling: terminal.InputHandling = "averaged",
+    step: terminal.Step = 0.005,
+    period: terminal.Period = 0.05,
+    part: terminal.PartText = "0:1",
+    seed: terminal.Seed = 0,
+    signals: terminal.SignalsFile = None,
+    recover: terminal.Recover = False,
+    read_period: terminal.ReadPeriod = 0.0,
 ) -> None:
     """Identify a model from bags."""
     check_folder(out, marker="model.yaml")
-    sampling = sampling_of(step, period, input_handling)
+    sampling = terminal.sampling_of(step, period, input_handling)
     described = load_rig(rig)
-    records = read_records(bag, rig, signals, recover, read_period, sampling)
+    records = terminal.read_records(bag, rig, signals, recover, read_period, sampling)
     with status.status("compiling") as spinner:
 
         def progress(stage: str, evaluations: int, error: float) -> None:
@@ -76,7 +60,9 @@ def command(
     print_table(parameter_table(model))
     for doubt in doubts(model):
         console.print(f"doubt: {doubt}")
-    print_table(score_table({name: dict(scores) for name, scores in model.scores.items()}, described, "training"))
+    print_table(
+        terminal.score_table({name: dict(scores) for name, scores in model.scores.items()}, described, "training")
+    )
     console.print(f"{out}: {structure} from {len(records)} records in {model.fit['seconds']:.1f} s")
 
 

@@ -9,13 +9,13 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import OwnRig, Seed, print_table, status
-from hybrid_sysid_ros.control.policy.adaptation import Adaptation
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.options import parse
 from hybrid_sysid_ros.runtime.training import train_policy
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
 from hybrid_sysid_ros.support.files import beside, check_folder
+from hybrid_sysid_ros.support.parallel import Store
 from hybrid_sysid_ros.support.progress import progress_bars
 
 DEFAULT = Settings()
@@ -41,9 +41,6 @@ def command(
             "--plan/--first-input", help="Answer with the whole plan, which can be checked and certified, or not."
         ),
     ] = DEFAULT.sequence,
-    slopes: Annotated[
-        float, typer.Option(help="Weight of the answers' derivatives in the training (Sobolev).", min=0.0)
-    ] = DEFAULT.slope_weight,
     follow: Annotated[
         list[str] | None,
         typer.Option("--follow", help="NAME=SPREAD: a parameter of the model that the policy adapts to, in its unit."),
@@ -60,8 +57,7 @@ def command(
         epochs=epochs,
         hidden=_widths(hidden),
         sequence=plan,
-        slope_weight=slopes,
-        adaptation=_adaptation(follow or []),
+        followed=parse(follow or []),
     )
     loaded = load_model(model)
     samples = beside(out, ".samples")
@@ -69,7 +65,7 @@ def command(
         with progress_bars(status) as update:
             policy = train_policy(loaded, settings, seed=seed, samples=samples, progress=update)
     except KeyboardInterrupt:
-        kept = len(list(samples.glob("*.safetensors")))
+        kept = Store(samples).kept
         text = f"{kept} closed loops are kept in {samples}; the same command goes on from there"
         raise Interrupted(text if kept else "") from None
     policy.save(out)
@@ -84,8 +80,3 @@ def _widths(text: str) -> tuple[int, ...]:
         return tuple(int(width) for width in text.split(","))
     except ValueError as error:
         raise UserError(f"--hidden {text}: widths are whole numbers with commas between, as in 64,64") from error
-
-
-def _adaptation(items: list[str]) -> Adaptation:
-    spreads = parse(items)
-    return Adaptation(names=tuple(spreads), spread=tuple(spreads.values()))

@@ -9,23 +9,8 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import (
-    STRUCTURES_HELP,
-    InputHandling,
-    PartText,
-    Period,
-    ReadPeriod,
-    Recover,
-    RigName,
-    Seed,
-    SignalsFile,
-    Step,
-    console,
-    print_table,
-    read_records,
-    sampling_of,
-    status,
-)
+from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.selection.search import Evaluate, Objective, Outcome, named, search
 from hybrid_sysid_ros.identification.selection.study import Evaluation, Study, opened
@@ -46,7 +31,7 @@ def command(
         str, typer.Option(help="SQLite file that keeps the trials, or a database's URL.")
     ] = "out/search.db",
     name: Annotated[str, typer.Option(help="Of the study in the file; the structure by default.")] = "",
-    structure: Annotated[str, typer.Option(help=STRUCTURES_HELP)] = "hybrid",
+    structure: Annotated[str, typer.Option(help=terminal.STRUCTURES_HELP)] = "hybrid",
     trials: Annotated[int, typer.Option(help="Trials in all, those of earlier runs included.", min=1)] = 40,
     timeout: Annotated[float, typer.Option(help="Seconds after which no trial begins; 0 is never.", min=0.0)] = 0.0,
     jobs: Annotated[int, typer.Option(help="Processes; -1 is one on each processor.")] = -1,
@@ -56,15 +41,15 @@ def command(
     ] = "",
     folds: Annotated[int, typer.Option(help="Groups in which parts of the bags are held out in turn.", min=2)] = 3,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for a model with the best options.")] = None,
-    rig: RigName = "",
-    input_handling: InputHandling = "averaged",
-    step: Step = 0.005,
-    period: Period = 0.05,
-    part: PartText = "0:1",
-    seed: Seed = 0,
-    signals: SignalsFile = None,
-    recover: Recover = False,
-    read_period: ReadPeriod = 0.0,
+    rig: terminal.RigName = "",
+    input_handling: terminal.InputHandling = "averaged",
+    step: terminal.Step = 0.005,
+    period: terminal.Period = 0.05,
+    part: terminal.PartText = "0:1",
+    seed: terminal.Seed = 0,
+    signals: terminal.SignalsFile = None,
+    recover: terminal.Recover = False,
+    read_period: terminal.ReadPeriod = 0.0,
 ) -> None:
     """Search the options of a structure for the best free run over data held out (needs the extra [search]).
 
@@ -72,9 +57,9 @@ def command(
     """
     if out is not None:
         check_folder(out, marker="model.yaml")
-    sampling = sampling_of(step, period, input_handling)
+    sampling = terminal.sampling_of(step, period, input_handling)
     objective = Objective(
-        records=read_records(bag, rig, signals, recover, read_period, sampling),
+        records=terminal.read_records(bag, rig, signals, recover, read_period, sampling),
         rig=load_rig(rig),
         structure=structure,
         sampling=sampling,

@@ -8,14 +8,12 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Controller, Status
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.stage_cost import stage_costs
 from hybrid_sysid_ros.estimation import Estimate
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 Reference = Callable[[Array], Array]
 """q(t): times (samples,) [s] in, outputs (samples, p) [SI] out."""

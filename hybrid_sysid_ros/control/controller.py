@@ -6,9 +6,9 @@ from enum import Enum
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.support.arrays import Array
 
 
 class Status(Enum):
@@ -42,6 +42,12 @@ class Plan(NamedTuple):
     states: Array
     """(horizon, n), where it leads; else no row."""
     status: Status
+
+
+def held(previous: Array, problem: Problem, status: Status) -> Plan:
+    """The previous inputs (m,) within their bounds over the whole horizon, 0 or the nearest for what is no number."""
+    last = np.clip(np.where(np.isfinite(previous), previous, 0.0), problem.input_low, problem.input_high)
+    return Plan(last, np.tile(last, (problem.horizon, 1)), np.zeros((0, len(problem.state_low))), status)
 
 
 class Controller(Protocol):

@@ -13,12 +13,15 @@ import numpy as np
 from hybrid_sysid_ros.control.stage_cost import StageWeights
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.structured import numbers
 
 Values = tuple[float, ...]
 
 _PER_OUTPUT = ("output_weights", "output_scales")
 _PER_INPUT = ("rate_weights", "input_weights", "input_low", "input_high", "rate_limits")
 _PER_STATE = ("state_low", "state_high", "soft_linear", "soft_quadratic")
+_POSITIVE = ("horizon", "period", "substeps", "max_iterations", "output_scales", "soft_quadratic", "rate_limits")
+_NOT_NEGATIVE = ("output_weights", "rate_weights", "input_weights", "soft_linear", "smoothing")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,16 +75,12 @@ class Problem:
     def __post_init__(self) -> None:
         for name in (*_PER_OUTPUT, *_PER_INPUT, *_PER_STATE):
             object.__setattr__(self, name, _numbers(name, getattr(self, name)))
-        for name in ("horizon", "period", "substeps", "max_iterations"):
-            if not (getattr(self, name) > 0 and math.isfinite(getattr(self, name))):
-                raise UserError(f"mpc: {name} is {getattr(self, name)}; it must be above 0")
-        self._check("output_scales", "soft_quadratic", least=0.0, strictly=True)
-        self._check("output_weights", "rate_weights", "input_weights", "soft_linear", least=0.0)
-        self._check("input_low", "input_high")
-        if not (self.smoothing >= 0 and math.isfinite(self.smoothing)):
-            raise UserError(f"mpc: smoothing is {self.smoothing}; it must not be negative")
-        if not all(limit > 0 for limit in self.rate_limits):
-            raise UserError(f"mpc: rate_limits {self.rate_limits} must be above 0")
+        for name in (*_POSITIVE, *_NOT_NEGATIVE, "input_low", "input_high"):
+            values = np.atleast_1d(getattr(self, name))
+            sound = values > 0.0 if name in _POSITIVE else values >= (0.0 if name in _NOT_NEGATIVE else -math.inf)
+            if not np.all(sound & (np.isfinite(values) | (name == "rate_limits"))):
+                least = "above 0" if name in _POSITIVE else "0 at least" if name in _NOT_NEGATIVE else "finite"
+                raise UserError(f"mpc: {name} is {getattr(self, name)}; it must be {least}")
         if not any(self.output_weights):
             raise UserError("mpc: all output_weights are 0, so there is nothing to track; give one output a weight")
         for kind in ("input", "state"):
@@ -90,36 +89,18 @@ class Problem:
             if not alike or not np.all(np.array(low) < np.array(high)):
                 raise UserError(f"mpc: {kind}_low {low} is not below {kind}_high {high} everywhere")
 
-    def _check(self, *names: str, least: float = -math.inf, strictly: bool = False) -> None:
-        for name in names:
-            for value in getattr(self, name):
-                if not math.isfinite(value) or value < least or (strictly and value == least):
-                    raise UserError(
-                        f"mpc: {name} has {value}; it must be {'above' if strictly else 'at least'} {least}"
-                    )
-
     def sized(self, system: System) -> Problem:
         """The problem with a value for each output, input and state of a system.
 
         Raises UserError where it has another number of values.
         """
-        found: dict[str, Values] = {}
-        counts = (
-            (_PER_OUTPUT, len(system.outputs), "outputs"),
-            (_PER_INPUT, len(system.inputs), "inputs"),
-            (_PER_STATE, len(system.states), "states"),
-        )
-        for names, count, what in counts:
-            for name in names:
-                values = getattr(self, name)
-                if len(values) not in (1, count):
-                    raise UserError(
-                        f"mpc: {name} has {len(values)} values; {type(system).__name__} has {count} {what}: "
-                        "give one for each, or one for all"
-                    )
-                found[name] = values if len(values) == count else values * count
-        made: Problem = dataclasses.replace(self, **found)  # type: ignore[arg-type]
-        return made
+        each = (_PER_OUTPUT, system.outputs), (_PER_INPUT, system.inputs), (_PER_STATE, system.states)
+        found = {
+            name: numbers(getattr(self, name), f"mpc: {name} of {type(system).__name__}", count=len(of))
+            for names, of in each
+            for name in names
+        }
+        return dataclasses.replace(self, **found)  # type: ignore[arg-type]
 
     @property
     def weights(self) -> StageWeights:
@@ -129,7 +110,7 @@ class Problem:
     @property
     def stage_weights(self) -> StageWeights:
         """Of one stage, for whole loops; of a problem that is :meth:`sized`."""
-        return Problem._weights(self, 1)
+        return self._weights(1)
 
     def _weights(self, stages: int) -> StageWeights:
         outputs = np.array(self.output_weights) / np.array(self.output_scales) ** 2

@@ -15,9 +15,10 @@ from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.steady_motion import SteadyMotion
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps, swept_sine
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.structured import numbers
 
-Array = NDArray[np.float64]
 Values = tuple[float, ...]
 Controls = Callable[[int, Instance], Array]
 """control(k, instance) -> inputs (m,) for period k: what a loop is driven by."""
@@ -56,22 +57,13 @@ class Spread:
 
     def sized(self, system: System) -> Spread:
         """With a value for each output, input and state. Raises UserError where it has another number of values."""
-        counts = {
-            "amplitude": len(system.outputs),
-            "centre": len(system.outputs),
-            "disturbance": len(system.inputs),
-            "input_jitter": len(system.inputs),
-            "push": len(system.states),
+        n, m, p = len(system.states), len(system.inputs), len(system.outputs)
+        counts = {"amplitude": p, "centre": p, "disturbance": m, "input_jitter": m, "push": n}
+        sized = {
+            name: numbers(getattr(self, name), f"policy_training: {name}", count=count)
+            for name, count in counts.items()
         }
-        found = {name: expanded(f"policy_training: {name}", getattr(self, name), n) for name, n in counts.items()}
-        return Spread(parameters=self.parameters, **found)
-
-
-def expanded(what: str, values: Values, count: int) -> Values:
-    """So many values, of one that stands for all. Raises UserError for another number of values."""
-    if len(values) not in (1, count):
-        raise UserError(f"{what} has {len(values)} values; it needs {count}, or one for all")
-    return values if len(values) == count else values * count
+        return Spread(parameters=self.parameters, **sized)
 
 
 class Scenario(NamedTuple):
@@ -139,6 +131,44 @@ def run(scenario: Scenario, problem: Problem, control: Controls) -> LoopRun:
 # What scenarios are made of
 
 
+def drawn(
+    random: np.random.Generator,
+    system: System,
+    problem: Problem,
+    spread: Spread,
+    motion: SteadyMotion,
+    wanted: Array,
+    begins: NDArray[np.bool_],
+    size: float = 1.0,
+) -> Scenario:
+    """A scenario along references ``wanted`` (T + N - 1, p) whose controller is told no errors.
+
+    Plants are near the system, beginnings about the motion, previous inputs anywhere within their bounds; disturbances
+    jump now and then and where the loop begins; the state is pushed in a share of the periods, by ``size`` of the
+    spread's pushes.
+    """
+    periods, (n, m) = len(begins), (len(spread.push), len(spread.disturbance))
+    plant = plant_near(system, spread.parameters, random)
+    states = beginnings(random, problem, spread, motion, wanted[:periods], size)
+    low, high = np.array(problem.input_low), np.array(problem.input_high)
+    inputs = low + (high - low) * random.uniform(size=(periods, m))
+    jumps = begins | (random.uniform(size=periods) < DISTURBED)
+    levels = random.normal(size=(periods, m)) * np.array(spread.disturbance)
+    pushed = random.uniform(size=(periods, 1)) < PUSHED
+    pushes = size * np.where(pushed, random.normal(size=(periods, n)) * np.array(spread.push), 0.0)
+    return Scenario(
+        plant=plant,
+        begins=begins,
+        states=states,
+        inputs=inputs,
+        references=wanted,
+        disturbances=levels[np.maximum.accumulate(np.where(jumps, np.arange(periods), 0))],
+        pushes=pushes,
+        state_errors=np.zeros((periods, n)),
+        disturbance_errors=np.zeros((periods, m)),
+    )
+
+
 def references(random: np.random.Generator, spread: Spread, problem: Problem) -> Callable[[ArrayLike], Array]:
     """References (times, p) of random kinds over the times [s], each output by itself."""
     found = [
@@ -189,13 +219,6 @@ def plant_near(system: System, deviation: float, random: np.random.Generator) ->
     return system.with_values(np.array(values, dtype=float))
 
 
-def jumping(random: np.random.Generator, deviation: Values, begins: NDArray[np.bool_]) -> Array:
-    """Levels (T, count) that jump now and then, and where a loop begins."""
-    jumps = begins | (random.uniform(size=len(begins)) < DISTURBED)
-    levels = random.normal(size=(len(begins), len(deviation))) * np.array(deviation)
-    return levels[np.maximum.accumulate(np.where(jumps, np.arange(len(begins)), 0))]
-
-
 def beginnings(
     random: np.random.Generator,
     problem: Problem,
@@ -213,15 +236,3 @@ def beginnings(
     outputs = np.where(at_reference, wanted - np.array(spread.centre), anywhere)[:, tracked]
     pushed = size * random.normal(size=(periods, len(spread.push))) * np.array(spread.push)
     return motion.state + np.array([motion.begun(*pair) for pair in zip(pushed, outputs, strict=True)])
-
-
-def pushes(random: np.random.Generator, spread: Spread, periods: int) -> Array:
-    """Pushes (T, n) of the state, in a share of the periods."""
-    pushed = random.uniform(size=(periods, 1)) < PUSHED
-    return np.where(pushed, random.normal(size=(periods, len(spread.push))) * np.array(spread.push), 0.0)
-
-
-def inputs_within(random: np.random.Generator, problem: Problem, periods: int) -> Array:
-    """Inputs (T, m) anywhere within their bounds."""
-    low, high = np.array(problem.input_low), np.array(problem.input_high)
-    return low + (high - low) * random.uniform(size=(periods, len(low)))

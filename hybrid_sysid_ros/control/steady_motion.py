@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.call import call_slopes
 from hybrid_sysid_ros.core.compilation import kernel
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 NEWTON_STEPS = 30
 STEADY = 1e-9
@@ -51,8 +49,8 @@ def steady_motion(system: System, problem: Problem, outputs: Array) -> SteadyMot
     states, inputs = len(system.states), len(system.inputs)
     unknown, wanted = np.zeros(2 * states + inputs), np.asarray(outputs, dtype=float)[tracked]
     for _ in range(NEWTON_STEPS):
-        following, a, b = _linear(system, problem, unknown[:states], unknown[states : states + inputs], output=False)
-        y, c, by_u = _linear(system, problem, unknown[:states], unknown[states : states + inputs], output=True)
+        following, a, b = slopes_at(system, problem, unknown[:states], unknown[states : states + inputs], output=False)
+        y, c, by_u = slopes_at(system, problem, unknown[:states], unknown[states : states + inputs], output=True)
         c, by_u = c[tracked], by_u[tracked]
         matrix = _equations(a, b, c, by_u)
         drift = unknown[states + inputs :]
@@ -86,8 +84,10 @@ def _equations(a: Array, b: Array, c: Array, by_u: Array) -> Array:
     )
 
 
-def _linear(system: System, problem: Problem, x: Array, u: Array, *, output: bool) -> tuple[Array, Array, Array]:
-    """A step, or the outputs, and their derivatives by states and by inputs, stick-slip rounded."""
+def slopes_at(system: System, problem: Problem, x: Array, u: Array, *, output: bool) -> tuple[Array, Array, Array]:
+    """A step of the prediction, or the outputs, and the derivatives by states x (n,) and by inputs u (m,), stick-slip
+    rounded.
+    """
     address, columns = compiled(system).slopes(output=output, smooth=problem.smoothing > 0.0)
     rows = len(system.outputs if output else system.states)
     value, slopes = np.empty(rows), np.empty((rows, columns.count))

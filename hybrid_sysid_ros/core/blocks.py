@@ -7,11 +7,13 @@ block's own compiled functions, and the chain rule joins their derivatives to th
 from __future__ import annotations
 
 import dataclasses
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from types import FunctionType
 from typing import Any
 
 import casadi
@@ -79,6 +81,22 @@ class Block(ABC):
         names = (item.name for item in dataclasses.fields(block))
         given = ", ".join(f"{name}={getattr(self, name)!r}" for name in names if name != "at")
         return f"{type(self).__name__}({given})"
+
+    @property
+    def functions(self) -> Kernels:
+        """The kernels for printed code. Those of another shape, and what they call, have another name: compiled code
+        that is kept by several processes may number functions alike, and what is loaded later would then be linked to
+        what was loaded before.
+        """
+        found, shape = self.kernels, re.sub("[^0-9A-Za-z]+", "_", self.code)
+        waiting: list[Any] = list(found)
+        while waiting:
+            function = waiting.pop()
+            if function.__closure__ is not None:
+                function.__qualname__ = f"{function.__name__}_{shape}"
+                inside = (cell.cell_contents for cell in function.__closure__)
+                waiting += (item for item in inside if isinstance(item, FunctionType))
+        return found
 
     @property
     @abstractmethod

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.core.compilation import folder, kept_in
-from hybrid_sysid_ros.core.printing import Columns, columns_of, slopes_source, value_source
+from hybrid_sysid_ros.core.printing import Columns, columns_of, source_of
 from hybrid_sysid_ros.core.system import System
 
 
@@ -29,12 +29,12 @@ class Compiled:
     @cached_property
     def step(self) -> int:
         """One step."""
-        return self._address(value_source(self._system))
+        return self._address(source_of(self._system))
 
     @cached_property
     def output(self) -> int:
         """The output map."""
-        return self._address(value_source(self._system, output=True))
+        return self._address(source_of(self._system, output=True))
 
     def slopes(self, *, output: bool = False, smooth: bool = False, learn: bool = False) -> tuple[int, Columns]:
         """A step or the output map with slopes by states and inputs, for fits also by parameters and weights; smooth:
@@ -43,7 +43,7 @@ class Compiled:
         key = (output, smooth, learn)
         if key not in self._slopes:
             columns = columns_of(self._system, learn=learn)
-            address = self._address(slopes_source(self._system, columns, output=output, smooth=smooth))
+            address = self._address(source_of(self._system, columns, output=output, smooth=smooth))
             self._slopes[key] = address, columns
         return self._slopes[key]
 

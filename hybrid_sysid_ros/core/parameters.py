@@ -23,13 +23,13 @@ class Parameter:
     """Bounds that hold in every fit."""
     start: float
     """Where a fit begins."""
-    spread: float | None
+    spread: float | None = None
     """Standard deviation of a prior about ``start``, for shape parameters that data may leave undetermined."""
-    fixed: bool
+    fixed: bool = False
     """Set from the range of the training data, not fitted."""
-    term: str
+    term: str = ""
     """The part of the law that goes when the parameter is neutral, "" for none."""
-    description: str
+    description: str = ""
     """The docstring under the field."""
 
     @property
@@ -41,6 +41,17 @@ class Parameter:
     def neutral(self) -> float:
         """The value that switches its term off: zero where that is allowed."""
         return 0.0 if self.low <= 0.0 <= self.high else self.start
+
+
+def of_data(name: str, unit: str, *, low: float = 0.0) -> Parameter:
+    """A parameter that training data set and no fit moves, such as the scale of a signal."""
+    told = "Of the training data."
+    return Parameter(name=name, unit=unit, low=low, high=1e12, start=1.0, fixed=True, description=told)
+
+
+def scale_of(value: float) -> float:
+    """The scale of a signal of a magnitude: four digits of it, 1 where it is zero."""
+    return float(f"{value:.4g}") or 1.0
 
 
 def bounded(

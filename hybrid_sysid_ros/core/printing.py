@@ -28,7 +28,16 @@ from hybrid_sysid_ros.core.call import SLOPES, VALUE, compiled, inner
 from hybrid_sysid_ros.core.registers import scratch
 '''
 
+_FUNCTIONS = (
+    "exp", "log", "log1p", "expm1", "sqrt", "erf", "floor", "ceil", "sin", "cos", "tan", "asin", "acos", "atan", "sinh",
+    "cosh", "tanh", "asinh", "acosh", "atanh",
+)  # fmt: skip
 _OPERATIONS = {
+    **{getattr(casadi, f"OP_{name.upper()}"): f"math.{name}({{0}})" for name in _FUNCTIONS},
+    **{
+        getattr(casadi, f"OP_{name.upper()}"): f"math.{name}({{0}}, {{1}})"
+        for name in ("atan2", "hypot", "fmod", "copysign")
+    },
     casadi.OP_ASSIGN: "{0}",
     casadi.OP_ADD: "{0} + {1}",
     casadi.OP_SUB: "{0} - {1}",
@@ -38,33 +47,9 @@ _OPERATIONS = {
     casadi.OP_INV: "1.0 / {0}",
     casadi.OP_SQ: "{0} * {0}",
     casadi.OP_TWICE: "{0} + {0}",
-    casadi.OP_EXP: "math.exp({0})",
-    casadi.OP_LOG: "math.log({0})",
-    casadi.OP_LOG1P: "math.log1p({0})",
-    casadi.OP_EXPM1: "math.expm1({0})",
     casadi.OP_POW: "{0} ** {1}",
     casadi.OP_CONSTPOW: "{0} ** {1}",
-    casadi.OP_SQRT: "math.sqrt({0})",
-    casadi.OP_SIN: "math.sin({0})",
-    casadi.OP_COS: "math.cos({0})",
-    casadi.OP_TAN: "math.tan({0})",
-    casadi.OP_ASIN: "math.asin({0})",
-    casadi.OP_ACOS: "math.acos({0})",
-    casadi.OP_ATAN: "math.atan({0})",
-    casadi.OP_ATAN2: "math.atan2({0}, {1})",
-    casadi.OP_SINH: "math.sinh({0})",
-    casadi.OP_COSH: "math.cosh({0})",
-    casadi.OP_TANH: "math.tanh({0})",
-    casadi.OP_ASINH: "math.asinh({0})",
-    casadi.OP_ACOSH: "math.acosh({0})",
-    casadi.OP_ATANH: "math.atanh({0})",
-    casadi.OP_ERF: "math.erf({0})",
-    casadi.OP_HYPOT: "math.hypot({0}, {1})",
-    casadi.OP_FLOOR: "math.floor({0})",
-    casadi.OP_CEIL: "math.ceil({0})",
-    casadi.OP_FMOD: "math.fmod({0}, {1})",
     casadi.OP_FABS: "abs({0})",
-    casadi.OP_COPYSIGN: "math.copysign({0}, {1})",
     casadi.OP_SIGN: "(1.0 if {0} > 0.0 else (-1.0 if {0} < 0.0 else 0.0))",
     casadi.OP_FMIN: "({0} if {0} < {1} else {1})",
     casadi.OP_FMAX: "({0} if {0} > {1} else {1})",
@@ -104,17 +89,11 @@ def columns_of(system: System, *, learn: bool) -> Columns:
     return Columns(states=len(system.states), inputs=len(system.inputs), parameters=free, weights=weights)
 
 
-def value_source(system: System, *, output: bool = False) -> str:
-    """Source of the module whose ``function`` is the step, or the output map. Raises UserError for a wrong law."""
-    return _module(system, output=output, smooth=False, columns=None)
+def source_of(system: System, columns: Columns | None = None, *, output: bool = False, smooth: bool = False) -> str:
+    """Source of the module whose ``function`` is the step, or the output map, with slopes by the columns if any.
 
-
-def slopes_source(system: System, columns: Columns, *, output: bool = False, smooth: bool = False) -> str:
-    """Source of the module whose ``function`` is the same with its slopes."""
-    return _module(system, output=output, smooth=smooth, columns=columns)
-
-
-def _module(system: System, *, output: bool, smooth: bool, columns: Columns | None) -> str:
+    Raises UserError for a wrong law.
+    """
     staged = system.stepper.staged and not output
     if output:
         traced = trace.output_of(system)
@@ -139,7 +118,7 @@ def _head(system: System, calls: Sequence[Call]) -> str:
     lines = [PRELUDE.format(name=type(system).__name__, digest=digest(call_module.__name__, *modules)).rstrip()]
     lines += sorted({f"from {kind.__module__} import {kind.__name__}" for kind in makers.values()})
     lines += [""] if makers else []
-    lines += [f"value_{i}, slopes_{i}, weight_slopes_{i} = {code}.kernels" for i, code in enumerate(makers)]
+    lines += [f"value_{i}, slopes_{i}, weight_slopes_{i} = {code}.functions" for i, code in enumerate(makers)]
     return "\n".join(lines)
 
 

@@ -62,9 +62,14 @@ def fused(builder: Any, a: Any, b: Any, c: Any) -> Any:
     return builder.fadd(builder.fmul(a, b, flags=FUSED), c, flags=FUSED)
 
 
+def memory_of(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """Where the numbers of an array or a scratch begin."""
+    return value if isinstance(kind, types.CPointer) else context.make_array(kind)(context, builder, value).data
+
+
 def _place(context: Any, builder: Any, kind: Any, memory: Any, at: Any, lanes: int) -> Any:
-    data = memory if isinstance(kind, types.CPointer) else context.make_array(kind)(context, builder, memory).data
-    return builder.bitcast(builder.gep(data, [at]), vector(lanes).as_pointer())
+    begin = memory_of(context, builder, kind, memory)
+    return builder.bitcast(builder.gep(begin, [at]), vector(lanes).as_pointer())
 
 
 @intrinsic
@@ -85,10 +90,8 @@ def behind(typingctx, memory, at):  # type: ignore[no-untyped-def]
     """The memory of an array or a scratch from ``at`` on."""
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        kind, (begin, offset) = signature.args[0], arguments
-        if not isinstance(kind, types.CPointer):
-            begin = context.make_array(kind)(context, builder, begin).data
-        return builder.gep(begin, [offset])
+        begin = memory_of(context, builder, signature.args[0], arguments[0])
+        return builder.gep(begin, [arguments[1]])
 
     return types.CPointer(types.float64)(memory, types.intp), build
 

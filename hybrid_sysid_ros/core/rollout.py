@@ -18,6 +18,17 @@ Starts = NDArray[np.int64]
 """Of rollouts (windows, 4): first row of the record's inputs, row to begin at, samples, and row of the result."""
 
 
+Dynamics = tuple[int, int, Array, Array, float, Array]
+"""What compiled loops know of a system: addresses of step and output, parameters (parameters,), weights (weights,), the
+step [s] and the delays of the inputs in steps (inputs,).
+"""
+
+
+def dynamics(step: int, output: int, system: System, h: float) -> Dynamics:
+    """With a system's values; step, output: addresses of functions with or without slopes, h: the step [s]."""
+    return step, output, system.values, system.weights, h, system.input_delays / h
+
+
 @inner
 def delayed(inputs: Any, delays: Any, first: int, k: int, u: Any) -> None:
     """The inputs (inputs,) that act over step k, of ``inputs`` (steps, inputs) that hold over each step.
@@ -36,26 +47,12 @@ def delayed(inputs: Any, delays: Any, first: int, k: int, u: Any) -> None:
 
 @kernel
 def _rollouts(
-    step: int,
-    output: int,
-    starts: Starts,
-    x0: Array,
-    inputs: Array,
-    delays: Array,
-    every: int,
-    p: Array,
-    w: Array,
-    h: float,
-    states: Array,
-    outputs: Array,
+    model: Dynamics, starts: Starts, x0: Array, inputs: Array, every: int, states: Array, outputs: Array
 ) -> None:
-    """States (samples, states) and outputs (samples, outputs) of all rollouts, by the addresses of step and output."""
-    x, following, u, y = (
-        np.empty(x0.shape[1]),
-        np.empty(x0.shape[1]),
-        np.empty(inputs.shape[1]),
-        np.empty(outputs.shape[1]),
-    )
+    """States (samples, states) and outputs (samples, outputs) of all rollouts."""
+    step, output, p, w, h, delays = model
+    x, following = np.empty(x0.shape[1]), np.empty(x0.shape[1])
+    u, y = np.empty(inputs.shape[1]), np.empty(outputs.shape[1])
     for window in range(starts.shape[0]):
         first, k, samples, row = starts[window]
         for i in range(x.shape[0]):
@@ -86,20 +83,8 @@ def rollouts(
     _fitting(system, x0, inputs)
     functions, total = compiled(system), int((starts[:, 2] + starts[:, 3]).max())
     states, outputs = np.empty((total, len(system.states))), np.empty((total, len(system.outputs)))
-    _rollouts(
-        functions.step,
-        functions.output,
-        starts,
-        x0,
-        inputs,
-        system.input_delays / step,
-        every,
-        system.values,
-        system.weights,
-        step,
-        states,
-        outputs,
-    )
+    model = dynamics(functions.step, functions.output, system, step)
+    _rollouts(model, starts, x0, inputs, every, states, outputs)
     return states, outputs
 
 
@@ -159,10 +144,9 @@ class Sensitivities:
         *,
         parameters: Sequence[int] | None = None,
         states: Sequence[int] | None = None,
-        inputs: Sequence[int] | None = None,
     ) -> None:
-        """Columns: by ``parameters`` (indices, none of a fixed one), by all weights, by ``states`` where a window
-        begins, and by constants added to ``inputs``, in this order; None: by all.
+        """Columns: by ``parameters`` (indices, none of a fixed one), by all weights, and by ``states`` where a window
+        begins, in this order; None: by all.
         """
         functions = compiled(system)
         self._step, found = functions.slopes(learn=True)
@@ -171,68 +155,45 @@ class Sensitivities:
         self.parameters = free if parameters is None else list(parameters)
         self.weights = found.weights
         self.states = list(range(found.states)) if states is None else list(states)
-        self.inputs = list(range(found.inputs)) if inputs is None else list(inputs)
         self._wide, offset = found.count, found.states + found.inputs
         learnt = [offset + free.index(i) for i in self.parameters]
         learnt += range(offset + len(free), offset + len(free) + found.weights)
         names = [system.parameters[i].name for i in self.parameters]
         held = [system.delays.get(item.name) for item in system.inputs]
-        shifts = [
-            len(learnt) + len(self.states) + self.inputs.index(j) if j in self.inputs else -1
-            for j in range(found.inputs)
-        ]
         self._learnt = np.array(learnt, dtype=np.int64)
         self._begun = np.array(self.states, dtype=np.int64)
         self._delayed = np.array([names.index(name) if name in names else -1 for name in held], dtype=np.int64)
-        self._shifted = np.array(shifts, dtype=np.int64)
 
     @property
     def count(self) -> int:
         """Number of columns."""
-        return len(self._learnt) + len(self.states) + len(self.inputs)
+        return len(self._learnt) + len(self.states)
 
     def rollouts(
         self, system: System, starts: Starts, x0: Array, inputs: Array, *, step: float, every: int, out: Array
     ) -> None:
         """Derivatives into ``out`` (samples, outputs, columns); see :func:`rollouts`."""
         _fitting(system, x0, inputs)
-        _tangents(
-            self._step,
-            self._output,
-            starts,
-            x0,
-            inputs,
-            system.input_delays / step,
-            (self._learnt, self._begun, self._delayed, self._shifted),
-            every,
-            system.values,
-            system.weights,
-            step,
-            self._wide,
-            out,
-        )
+        columns = self._learnt, self._begun, self._delayed
+        _tangents(dynamics(self._step, self._output, system, step), starts, x0, inputs, columns, every, self._wide, out)
 
 
 @kernel
 def _tangents(
-    step: int,
-    output: int,
+    model: Dynamics,
     starts: Starts,
     x0: Array,
     inputs: Array,
-    delays: Array,
-    columns: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
+    columns: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
     every: int,
-    p: Array,
-    w: Array,
-    h: float,
     wide: int,
     out: Array,
 ) -> None:
     """Both functions have ``wide`` slopes. columns: of the slopes that are wanted as they are; of the states; for each
-    input the column of its delay and that of a constant added to it, -1: none.
+    input the column of its delay, -1: none.
     """
-    learnt, begun, delayed_by, shifted = columns
+    step, output, p, w, h, delays = model
+    learnt, begun, delayed_by = columns
     n, m, rows, count, last = x0.shape[1], inputs.shape[1], out.shape[1], out.shape[2], inputs.shape[0] - 1
     x, following, u, change = np.empty(n), np.empty(n), np.empty(m), np.zeros(m)
     y, slopes, by_output = np.empty(rows), np.empty((n, wide)), np.empty((rows, wide))
@@ -257,18 +218,18 @@ def _tangents(
                         change[j] = (inputs[before, j] - inputs[late, j]) / h
                 if repeat < every:
                     call_slopes(step, x, u, p, w, h, 0.0, following, slopes)
-                    _chain(slopes, tangent, learnt, delayed_by, shifted, change, moved)
+                    _chain(slopes, tangent, learnt, delayed_by, change, moved)
                     x, following = following, x
                     tangent, moved = moved, tangent
                     k += 1
                 else:
                     call_slopes(output, x, u, p, w, h, 0.0, y, by_output)
-                    _chain(by_output, tangent, learnt, delayed_by, shifted, change, out[row + sample])
+                    _chain(by_output, tangent, learnt, delayed_by, change, out[row + sample])
 
 
 @inner
-def _chain(slopes: Any, tangent: Any, learnt: Any, delayed_by: Any, shifted: Any, change: Any, out: Any) -> None:
-    """The chain rule: out = slopes_x tangent + [slopes by what is learnt] + slopes_u (of delays and constants)."""
+def _chain(slopes: Any, tangent: Any, learnt: Any, delayed_by: Any, change: Any, out: Any) -> None:
+    """The chain rule: out = slopes_x tangent + [slopes by what is learnt] + slopes_u (of delays)."""
     rows, width = slopes.shape
     n, count = tangent.shape
     # Bare memory: an index that could be negative keeps the compiler from making vectors of a loop.
@@ -279,11 +240,8 @@ def _chain(slopes: Any, tangent: Any, learnt: Any, delayed_by: Any, shifted: Any
         for c in range(learnt.shape[0], count):
             o[i * count + c] = 0.0
         for j in range(change.shape[0]):
-            slope = s[i * width + n + j]
             if delayed_by[j] >= 0:
-                o[i * count + delayed_by[j]] += slope * change[j]
-            if shifted[j] >= 0:
-                o[i * count + shifted[j]] += slope
+                o[i * count + delayed_by[j]] += s[i * width + n + j] * change[j]
         for a in range(n):
             slope = s[i * width + a]
             if slope != 0.0:

@@ -13,24 +13,19 @@ from hybrid_sysid_ros.core.trace import Trace
 Array = NDArray[np.float64]
 
 
-def symbolic_step(
-    system: System, *, step: float, substeps: int = 1, smoothing: float = 0.0, parametric: bool = False
-) -> casadi.Function:
+def symbolic_step(system: System, *, step: float, substeps: int = 1, smoothing: float = 0.0) -> casadi.Function:
     """The step as a CasADi function (x, u) -> following over ``substeps`` steps of ``step`` [s] with u held.
 
     The input delays are not part of it: u is the input that acts now. smoothing: rounds the corners of stick-slip, in
-    the unit of the velocity; 0 gives the compiled form exactly. parametric: the parameters are a third argument p.
+    the unit of the velocity; 0 gives the compiled form exactly.
     """
     traced = trace.step_of(system, smooth=smoothing > 0.0, weights=casadi.SX(casadi.DM(system.weights)))
     one = _function("one", traced, "following")
     x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u", len(system.inputs))
-    p = casadi.SX.sym("p", len(system.parameters))
-    values = p if parametric else casadi.DM(system.values)
     state = x
     for _ in range(substeps):
-        state = one(state, u, values, step, smoothing)
-    given, names = ([x, u, p], ["x", "u", "p"]) if parametric else ([x, u], ["x", "u"])
-    return casadi.Function("step", given, [state], names, ["following"])
+        state = one(state, u, casadi.DM(system.values), step, smoothing)
+    return casadi.Function("step", [x, u], [state], ["x", "u"], ["following"])
 
 
 def symbolic_output(system: System) -> casadi.Function:
@@ -39,6 +34,13 @@ def symbolic_output(system: System) -> casadi.Function:
     x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u", len(system.inputs))
     y = _function("output", traced, "y")(x, u, casadi.DM(system.values), 0.0, 0.0)
     return casadi.Function("output", [x, u], [y], ["x", "u"], ["y"])
+
+
+def symbolic_features(system: System) -> casadi.Function:
+    """What a network sees as a CasADi function of the declared states and the inputs, (x, u) -> z."""
+    x, u = casadi.SX.sym("x", len(system.declared_states)), casadi.SX.sym("u", len(system.inputs))
+    z = casadi.vertcat(*system.feature(casadi.vertsplit(x), casadi.vertsplit(u)))
+    return casadi.Function("features", [x, u], [z], ["x", "u"], ["z"])
 
 
 def linearised(system: System, x: Array, u: Array) -> tuple[Array, Array]:

@@ -37,6 +37,8 @@ class System:
     inputs: ClassVar[Declared] = ()
     outputs: ClassVar[Declared] = ()
     """What is measured: names of states, unless :meth:`output` says otherwise. Default: the first state."""
+    features: ClassVar[Declared] = ()
+    """What a network beside the law sees, as :meth:`feature` computes it. Default: all declared states and inputs."""
     contacts: ClassVar[tuple[Contact, ...]] = ()
     """Friction, each on its own velocity."""
     stepper: ClassVar[Stepper] = ImplicitFriction()
@@ -65,6 +67,10 @@ class System:
             cls.outputs = tuple(item if item.unit else units.get(item.name, item) for item in found)
         elif not cls.outputs:
             cls.outputs = known[:1]
+        if "features" in own:
+            units |= {item.name: item for item in cls.inputs}
+            seen = variables(kind, "features", own["features"])
+            cls.features = tuple(item if item.unit else units.get(item.name, item) for item in seen)
         check(cls)
 
     # ------------------------------------------------------------------ what a rig writes
@@ -76,6 +82,10 @@ class System:
     def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
         """What the sensors would show without noise, (outputs,); here the states of the outputs' names."""
         return [x[index] for index in self.measured]
+
+    def feature(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        """What a network sees of states and inputs, (features,): of an angle that turns on and on, say, its sine."""
+        return [*x[: len(self.declared_states)], *u]
 
     # ------------------------------------------------------------------ what steppers read
 
@@ -231,6 +241,11 @@ class System:
         return found
 
     @property
+    def hidden(self) -> list[int]:
+        """Declared states that no record shows."""
+        return [index for index in range(len(self.declared_states)) if index not in self.shown]
+
+    @property
     def outside(self) -> tuple[tuple[Parameter, float], ...]:
         """Parameters that are not finite or outside their bounds, with their values."""
         pairs = zip(self.parameters, self.values.tolist(), strict=True)
@@ -255,6 +270,11 @@ class Recurrence(System):
 
     period: float = 0.05
     """Sampling time [s]."""
+
+    @property
+    def hidden(self) -> list[int]:
+        """None: what is no output is the record's past."""
+        return []
 
 
 def _key(value: Any) -> Any:

@@ -12,16 +12,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.estimation.memory import EMPTY, matrix, numbers, vector
 from hybrid_sysid_ros.estimation.square_root import solve, triangle
-
-Array = NDArray[np.float64]
-Records = NDArray[np.void]
+from hybrid_sysid_ros.support.arrays import Array, Records
 
 REACH = math.sqrt(6.0)
 """Of differences, in deviations: it sees the break-away of a joint that sticks, which sqrt(3), the best where all is

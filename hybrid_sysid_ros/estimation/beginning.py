@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.rollout import advance
 from hybrid_sysid_ros.estimation.memory import BEGUN, EMPTY, GIVEN, USED, Memory, Records
 from hybrid_sysid_ros.estimation.tuning import Tuning
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

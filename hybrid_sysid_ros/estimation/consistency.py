@@ -6,12 +6,10 @@ Bar-Shalom, Li, Kirubarajan (2001), Estimation with Applications to Tracking and
 from __future__ import annotations
 
 import math
-from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 NORMAL = 1.959963984540054
 """Deviations about the mean that hold 95 % of a normal distribution."""
@@ -31,22 +29,3 @@ def band(samples: int, degrees: int = 1) -> tuple[float, float]:
     spread = 2.0 / (9.0 * total)
     low, high = (total * (1.0 - spread + sign * NORMAL * math.sqrt(spread)) ** 3 / samples for sign in (-1.0, 1.0))
     return max(low, 0.0), high
-
-
-class Window:
-    """Mean of the last normalised innovations, and how many they are; NaN is no innovation."""
-
-    def __init__(self, length: int) -> None:
-        self._values: deque[float] = deque(maxlen=length)
-
-    def add(self, value: float) -> None:
-        if math.isfinite(value):
-            self._values.append(value)
-
-    def __len__(self) -> int:
-        return len(self._values)
-
-    @property
-    def mean(self) -> float:
-        """NaN where there is none."""
-        return math.fsum(self._values) / len(self._values) if self._values else math.nan

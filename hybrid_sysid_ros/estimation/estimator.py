@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Recurrence, System
 from hybrid_sysid_ros.estimation.beginning import Beginning
@@ -17,9 +16,8 @@ from hybrid_sysid_ros.estimation.memory import GATED, LONGEST_GAP, LONGEST_STEP,
 from hybrid_sysid_ros.estimation.observability import check_observable, offset_gains
 from hybrid_sysid_ros.estimation.recursion import BEGIN, FINE, LATE, LOOK, LOST, MEASURE
 from hybrid_sysid_ros.estimation.tuning import Tuning
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,7 +77,7 @@ class Estimator(ABC):
     windowed: ClassVar[bool] = False
     """Whether the method optimises over a window of moments."""
     _run: ClassVar[Callable[..., int]]
-    """The kernel of the method: (*memory, task, time, since, first, given, applied, out, P) -> what became of it.
+    """The kernel of the method: (memory, task, time, since, first, given, applied, out, P) -> what became of it.
 
     MEASURE: values ``given`` of the channels from ``first`` on, at ``time`` [s], with the mean inputs ``applied`` from
     ``since`` to there where that is earlier. BEGIN: forget what was before the moment ``first``, whose belief is
@@ -113,6 +111,7 @@ class Estimator(ABC):
         self._memory, self._arrays = memory_of(
             system, tuning, period=period, step=step, span=self._window, lead=lead, windowed=self.windowed
         )
+        self._given = tuple(self._memory)
         n, m, p = len(system.states), len(system.inputs), len(system.outputs)
         self._beginning = Beginning(system=system, tuning=tuning, memory=self._memory, arrays=self._arrays)
         named = system.named
@@ -201,10 +200,7 @@ class Estimator(ABC):
         """A measurement of a further channel at ``time`` [s], the moment that it is of, in whatever order it comes.
 
         Further than the window from the newest measurement it is ignored (late). The first one of all starts the
-        estimator.
-
-        Raises:
-            UserError: there is no such channel, or nothing to hold on to yet and no number.
+        estimator. Raises UserError where there is no such channel, or nothing to hold on to yet and no number.
         """
         if channel not in self._channels:
             known = ", ".join(self._channels) or "none"
@@ -230,7 +226,7 @@ class Estimator(ABC):
     def _take(self, time: float, since: float, first: int, given: Array) -> Estimate:
         """Values of the channels from ``first`` on in their place; ``applied`` counts where ``since`` is before."""
         out, P = np.empty(self._parts[-1] + 1), np.empty((self._size, self._size))
-        code = self._run(*self._memory, MEASURE, time, since, first, given, self._applied, out, P)
+        code = self._run(self._given, MEASURE, time, since, first, given, self._applied, out, P)
         delayed = bool(time <= self._newest)
         if not delayed:
             self._newest = time
@@ -267,14 +263,14 @@ class Estimator(ABC):
             return self._estimate(out, P)
         counters.resets += 1
         shown = out[self._parts[3] :].copy()
-        self._run(*self._memory, BEGIN, 0.0, 0.0, index, given, self._applied, out, P)
+        self._run(self._given, BEGIN, 0.0, 0.0, index, given, self._applied, out, P)
         out[self._parts[3] :] = shown
         return self._estimate(out, P)
 
     def _look(self, task: int = LOOK) -> Estimate:
         """The estimate as it is, or as it begins."""
         out, P = np.empty(self._parts[-1] + 1), np.empty((self._size, self._size))
-        self._run(*self._memory, task, 0.0, 0.0, 0, self._outputs, self._applied, out, P)
+        self._run(self._given, task, 0.0, 0.0, 0, self._outputs, self._applied, out, P)
         return self._estimate(out, P)
 
     def _estimate(self, out: Array, P: Array) -> Estimate:

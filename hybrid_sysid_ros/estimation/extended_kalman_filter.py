@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.estimation.augmented import copy, differences
 from hybrid_sysid_ros.estimation.estimator import Estimator
-from hybrid_sysid_ros.estimation.memory import Records, matrix, vector
+from hybrid_sysid_ros.estimation.memory import matrix, vector
 from hybrid_sysid_ros.estimation.recursion import filtered
 from hybrid_sysid_ros.estimation.square_root import triangle
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 
 @inner
@@ -29,36 +25,9 @@ def predict(core: Any, mean: Array, root: Array, drive: Array, h: float) -> None
 
 @kernel
 def _run(
-    cores: Records,
-    channels: Records,
-    moments: Records,
-    readings: Records,
-    inputs: Array,
-    task: int,
-    time: float,
-    since: float,
-    first: int,
-    given: Array,
-    applied: Array,
-    out: Array,
-    P: Array,
+    memory: Any, task: int, time: float, since: float, first: int, given: Array, applied: Array, out: Array, P: Array
 ) -> int:
-    return filtered(  # type: ignore[no-any-return]
-        cores[0],
-        channels,
-        moments,
-        readings,
-        inputs,
-        task,
-        time,
-        since,
-        first,
-        given,
-        applied,
-        out,
-        P,
-        predict,
-    )
+    return filtered(memory, task, time, since, first, given, applied, out, P, predict)  # type: ignore[no-any-return]
 
 
 class ExtendedKalmanFilter(Estimator):

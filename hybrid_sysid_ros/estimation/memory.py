@@ -13,15 +13,12 @@ import numpy as np
 from llvmlite import ir
 from numba import carray, types
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Recurrence, System, compiled
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.trace import shown_states
 from hybrid_sysid_ros.estimation.tuning import Tuning
-
-Array = NDArray[np.float64]
-Records = NDArray[np.void]
+from hybrid_sysid_ros.support.arrays import Array, Records
 
 LONGEST_STEP = 0.005
 """Longest integration step of a prediction [s]; the models are identified at this step or a shorter one."""
@@ -110,7 +107,8 @@ def root_of(core: Any, row: int) -> Array:
 
 
 class Memory(NamedTuple):
-    """What kernels are given first: records of the types above, and the past inputs.
+    """What kernels are given first, as a plain tuple, as Python passes on a named one four times as slowly: records
+    of the types above, and the past inputs.
 
     z = [x, d, hums, theta] of ``size`` entries: states, offset of each input, sine and cosine of the hum of each output
     that hums, and the followed parameters.
@@ -138,56 +136,25 @@ def memory_of(
     """
     n, m, p = len(system.states), len(system.inputs), len(system.outputs)
     channels, hums = _channels(system, tuning, period)
-    count, followed = len(channels), len(tuning.followed)
-    size = n + m + 2 * len(hums) + followed
-    names = [item.name for item in system.parameters]
-    chosen = [names.index(name) for name in tuning.followed]
-    tail = n + m + 2 * len(hums)
-
-    per_second, start = np.zeros(size), np.zeros(size)
-    low, high = np.full(size, -np.inf), np.full(size, np.inf)
-    per_second[: n + m] = [*tuning.process_noise, *tuning.disturbance_noise]
-    start[:n], start[n : n + m] = tuning.initial_deviation, 10.0 * per_second[n : n + m]
-    low[n : n + m], high[n : n + m] = -np.array(tuning.disturbance_limit), tuning.disturbance_limit
-    for k, output in enumerate(hums):
-        here = slice(n + m + 2 * k, n + m + 2 * k + 2)
-        per_second[here], start[here] = tuning.hum_noise[output], tuning.hum_amplitude[output]
-    per_second[tail:] = [*tuning.followed.values()]
-    start[tail:] = 10.0 * per_second[tail:]
-    low[tail:] = [system.parameters[index].low for index in chosen]
-    high[tail:] = [system.parameters[index].high for index in chosen]
-
-    recurrent = isinstance(system, Recurrence)
+    known = _known(system, tuning, hums)
+    count, size = len(channels), len(known["start"])
     keep = (2 + math.ceil((span + LONGEST_GAP) / min(period, step))) * (1 + len(tuning.channels))
     capacity, past = 2 * keep + 2, math.ceil((span + system.delay) / period) + 64
     windows = capacity if windowed else 0
-    points = 3 * size + 2 * m + 1
-    arrays: dict[str, Any] = {
-        "parameters": system.values,
-        "weights": system.weights,
-        "followed_index": np.array(chosen, dtype=float),
-        "low": low,
-        "high": high,
-        "start": start,
-        "process": per_second**2,
-        "input_noise": np.array(tuning.input_noise),
-        "delays": system.input_delays,
-        "turning": 2.0 * np.pi * np.array([tuning.hum_hertz[output] for output in hums]),
-        "means": np.zeros((capacity, size)),
-        "roots": np.zeros((capacity, size, size)),
-        "predicted": np.zeros((windows, size)),
-        "filtered": np.zeros((windows, size)),
-        "predicted_roots": np.zeros((windows, size, size)),
-        "slopes": np.zeros((windows, size, size)),
-        "rows": np.zeros((points, size)),
-        "sensitivity": np.zeros((count, size)),
-        "by_output": np.zeros((p, size)),
-        **{name: np.zeros(count) for name in ("expected", "variance")},
-        **{name: np.zeros(2 * p) for name in ("shown", "above_shown", "below_shown")},
-        **{name: np.zeros(size) for name in ("point", "centre", "above", "below", "gain", "z")},
-        **{name: np.zeros(m) for name in ("acting", "drive", "pushed", "applied")},
-    }
-    arrays = {name: np.array(value, dtype=float) for name, value in arrays.items()}
+    shapes: list[tuple[tuple[int, ...], str]] = [
+        ((capacity, size), "means"),
+        ((capacity, size, size), "roots"),
+        ((windows, size), "predicted filtered"),
+        ((windows, size, size), "predicted_roots slopes"),
+        ((3 * size + 2 * m + 1, size), "rows"),
+        ((count, size), "sensitivity"),
+        ((p, size), "by_output"),
+        ((count,), "expected variance"),
+        ((2 * p,), "shown above_shown below_shown"),
+        ((size,), "point centre above below gain z"),
+        ((m,), "acting drive pushed applied"),
+    ]
+    arrays = known | {name: np.zeros(shape) for shape, names in shapes for name in names.split()}
     core = np.zeros(1, CORE)
     settings = {
         "states": n,
@@ -195,14 +162,14 @@ def memory_of(
         "outputs": p,
         "channels": count,
         "size": size,
-        "followed": followed,
+        "followed": len(tuning.followed),
         "hums": len(hums),
         "step": compiled(system).step,
         "output": compiled(system).output,
         "windowed": windowed,
         "keep": keep,
         "longest_step": step,
-        "slack": 0.5 if recurrent else 1e-6,
+        "slack": 0.5 if isinstance(system, Recurrence) else 1e-6,
         "span": span,
         "gate": tuning.gate,
         "lead": lead,
@@ -214,6 +181,38 @@ def memory_of(
     moments["row"] = np.arange(capacity)
     memory = Memory(core, channels, moments, np.zeros((capacity, count), READING), np.zeros((2 * past, 1 + m)))
     return memory, arrays
+
+
+def _known(system: System, tuning: Tuning, hums: list[int]) -> dict[str, Array]:
+    """What is known of z, of the inputs and of the system's own numbers; hums: outputs whose hum is estimated."""
+    n, m = len(system.states), len(system.inputs)
+    first = n + m
+    tail = first + 2 * len(hums)
+    names = [item.name for item in system.parameters]
+    chosen = [names.index(name) for name in tuning.followed]
+    per_second, start = np.zeros(tail + len(chosen)), np.zeros(tail + len(chosen))
+    low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
+    per_second[:first] = [*tuning.process_noise, *tuning.disturbance_noise]
+    per_second[first:tail] = np.repeat([tuning.hum_noise[output] for output in hums], 2)
+    per_second[tail:] = [*tuning.followed.values()]
+    start[:n], start[n:] = tuning.initial_deviation, 10.0 * per_second[n:]
+    start[first:tail] = np.repeat([tuning.hum_amplitude[output] for output in hums], 2)
+    low[n:first], high[n:first] = -np.array(tuning.disturbance_limit), tuning.disturbance_limit
+    low[tail:] = [system.parameters[index].low for index in chosen]
+    high[tail:] = [system.parameters[index].high for index in chosen]
+    known = {
+        "parameters": system.values,
+        "weights": system.weights,
+        "followed_index": chosen,
+        "low": low,
+        "high": high,
+        "start": start,
+        "process": per_second**2,
+        "input_noise": tuning.input_noise,
+        "delays": system.input_delays,
+        "turning": [2.0 * np.pi * tuning.hum_hertz[output] for output in hums],
+    }
+    return {name: np.array(values, dtype=float) for name, values in known.items()}
 
 
 def _channels(system: System, tuning: Tuning, period: float) -> tuple[Records, list[int]]:

@@ -5,14 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.estimation.memory import EMPTY, GIVEN, SAME, numbers
-
-Array = NDArray[np.float64]
-Records = NDArray[np.void]
+from hybrid_sysid_ros.support.arrays import Array, Records
 
 
 @inner

@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.estimation.augmented import clip, copy, copy_matrix, differences, move, rest
 from hybrid_sysid_ros.estimation.estimator import Estimator
@@ -26,8 +23,7 @@ from hybrid_sysid_ros.estimation.recursion import (
 )
 from hybrid_sysid_ros.estimation.square_root import solve, solve_transposed, triangle
 from hybrid_sysid_ros.estimation.tuning import Tuning
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 ITERATIONS = 2
 """Gauss-Newton steps for a measurement: the window before is the start, and a third changes nothing."""
@@ -133,20 +129,9 @@ def _guess(core: Any, moments: Records, inputs: Array, first: int, last: int) ->
 
 @kernel
 def _run(
-    cores: Records,
-    channels: Records,
-    moments: Records,
-    readings: Records,
-    inputs: Array,
-    task: int,
-    time: float,
-    since: float,
-    first: int,
-    given: Array,
-    applied: Array,
-    out: Array,
-    P: Array,
+    memory: Any, task: int, time: float, since: float, first: int, given: Array, applied: Array, out: Array, P: Array
 ) -> int:
+    cores, channels, moments, readings, inputs = memory
     core, changed, oldest = cores[0], NOTHING, -math.inf
     if task == MEASURE:
         horizon = after(moments, core.count, moments[core.count - 1].time - core.span - 2.0 * SAME)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Recurrence, System, rollouts
 from hybrid_sysid_ros.core.rollout import stepped
 from hybrid_sysid_ros.estimation.tuning import Tuning
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 RUNS, STEPS = 6, 80
 """Free runs from random states, and their steps, over which a state is to be seen."""

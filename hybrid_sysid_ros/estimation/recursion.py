@@ -1,16 +1,13 @@
 """What a measurement does to a belief, and beliefs carried from moment to moment. Compiled.
 
-A belief is a mean (size,) and a root (size, size) of its covariance. Functions with ``core`` take the fields of a
-:class:`~.memory.Memory` in its order.
+A belief is a mean (size,) and a root (size, size) of its covariance. Functions with ``core`` take the parts of a
+:class:`~.memory.Memory` by their names.
 """
 
 from __future__ import annotations
 
 import math
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.estimation.augmented import clip, copy, copy_matrix, expect, move
@@ -29,9 +26,7 @@ from hybrid_sysid_ros.estimation.memory import (
 )
 from hybrid_sysid_ros.estimation.moments import acting, after, forget, place, remember
 from hybrid_sysid_ros.estimation.square_root import squared
-
-Array = NDArray[np.float64]
-Records = NDArray[np.void]
+from hybrid_sysid_ros.support.arrays import Array, Records
 
 MEASURE, BEGIN, LOOK = 0, 1, 2
 """Tasks: take in a measurement, begin at a moment, tell what is known."""
@@ -243,11 +238,7 @@ def begin(core: Any, channels: Records, moments: Records, readings: Records, inp
 
 @inner
 def filtered(
-    core: Any,
-    channels: Records,
-    moments: Records,
-    readings: Records,
-    inputs: Array,
+    memory: Any,
     task: int,
     time: float,
     since: float,
@@ -259,7 +250,8 @@ def filtered(
     predict: Any,
 ) -> int:
     """What a filter does with a task, by its predict(core, mean, root, u, h): see :class:`~.estimator.Estimator`."""
-    changed = NOTHING
+    cores, channels, moments, readings, inputs = memory
+    core, changed = cores[0], NOTHING
     if task == MEASURE:
         changed = put(core, moments, readings, inputs, time, since, first, given, applied)
     elif task == BEGIN:

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 NO_VARIANCE = 1e-7
 """Share of a deviation that counts as none, where the rest is explained by earlier entries."""

@@ -5,17 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.estimation.augmented import add_process_noise, copy, move, rest
 from hybrid_sysid_ros.estimation.estimator import Estimator
-from hybrid_sysid_ros.estimation.memory import Records, matrix, numbers, vector
+from hybrid_sysid_ros.estimation.memory import matrix, numbers, vector
 from hybrid_sysid_ros.estimation.recursion import filtered
 from hybrid_sysid_ros.estimation.square_root import triangle
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 CENTRE_WEIGHT = 2.0
 """Of the middle point in the covariance: 1 - alpha^2 + beta with the scaling alpha = 1, kappa = 0 and beta = 2."""
@@ -53,36 +49,9 @@ def predict(core: Any, mean: Array, root: Array, drive: Array, h: float) -> None
 
 @kernel
 def _run(
-    cores: Records,
-    channels: Records,
-    moments: Records,
-    readings: Records,
-    inputs: Array,
-    task: int,
-    time: float,
-    since: float,
-    first: int,
-    given: Array,
-    applied: Array,
-    out: Array,
-    P: Array,
+    memory: Any, task: int, time: float, since: float, first: int, given: Array, applied: Array, out: Array, P: Array
 ) -> int:
-    return filtered(  # type: ignore[no-any-return]
-        cores[0],
-        channels,
-        moments,
-        readings,
-        inputs,
-        task,
-        time,
-        since,
-        first,
-        given,
-        applied,
-        out,
-        P,
-        predict,
-    )
+    return filtered(memory, task, time, since, first, given, applied, out, P, predict)  # type: ignore[no-any-return]
 
 
 class UnscentedKalmanFilter(Estimator):

@@ -47,7 +47,7 @@ class Fit:
     spreads: Array
     """Their deviations by the cost alone, (free,): what another fit is anchored with."""
     nuisances: Array
-    """(kinds, records): what was found beside the parameters, see :class:`~.problem.Problem`."""
+    """(moved states, records): what was added to initial states, see :class:`~.problem.Problem`."""
     relative_error: float
     seconds: float
     """Of the optimisation, without compilation."""
@@ -62,7 +62,6 @@ def fit(
     stages: Sequence[int | None] = STAGES,
     anchor: Fit | None = None,
     ridge: float = 1.0,
-    bias: float = 0.0,
     hold: Sequence[str] = (),
     starts: int = 1,
     seed: int = 0,
@@ -71,7 +70,7 @@ def fit(
     """Fit the free parameters and weights of a system to several experiments at once.
 
     anchor: an earlier fit of the same physics, about which its parameters then stay (within a few deviations): what the
-    physics can't explain is left to a network. ridge, bias, hold: see
+    physics can't explain is left to a network. ridge, hold: see
     :class:`~hybrid_sysid_ros.identification.problem.Problem`. starts: points where the first stage begins, all but the
     first random by ``seed``; the best one goes on. Trust-region least squares with bounds; the Jacobian is exact
     and simulated in parallel threads.
@@ -79,19 +78,10 @@ def fit(
     Raises UserError for records without excitation or beyond the system's range, and where every simulation
     diverges.
     """
-    low = np.min([experiment.states.min(axis=0) for experiment in experiments], axis=0)
-    high = np.max([experiment.states.max(axis=0) for experiment in experiments], axis=0)
-    for experiment in experiments:
-        check_range(experiment, system)
-    system = system.trained_on(low, high)
-    system.check()
-    centres = spreads = None
-    if anchor is not None:
-        free = [i for i, item in enumerate(system.parameters) if item.name in anchor.names]
-        centres, spreads = anchor.system.values[free], ANCHOR * anchor.spreads[: len(free)]
-    problem = Problem(system, experiments, centres=centres, spreads=spreads, ridge=ridge, bias=bias, hold=hold)
-    first = problem.residuals(STAGES[0])
-    first(problem.start)  # compile outside the measured time
+    system = _ranged(system, experiments)
+    centres, spreads = (None, None) if anchor is None else _anchors(system, anchor)
+    problem = Problem(system, experiments, centres=centres, spreads=spreads, ridge=ridge, hold=hold)
+    problem.residuals(STAGES[0])(problem.start)  # compile outside the measured time
     problem.jacobian(STAGES[0], map)(problem.start)
     problem.evaluations = 0
     began = time.perf_counter()
@@ -125,11 +115,26 @@ def fit(
     )
 
 
+def _ranged(system: System, experiments: Sequence[Experiment]) -> System:
+    """The system told the range of its training data."""
+    for experiment in experiments:
+        check_range(experiment, system)
+    states = np.concatenate([experiment.states for experiment in experiments])
+    system = system.trained_on(states.min(axis=0), states.max(axis=0))
+    system.check()
+    return system
+
+
+def _anchors(system: System, fitted: Fit) -> tuple[Array, Array]:
+    """Centres and spreads (free,) of parameters that stay about those of an earlier fit."""
+    free = [i for i, item in enumerate(system.parameters) if item.name in fitted.names]
+    return fitted.system.values[free], ANCHOR * fitted.spreads[: len(free)]
+
+
 def _solve(problem: Problem, horizon: int | None, point: Array, tolerance: float, run: Map) -> Any:
-    residuals = problem.residuals(horizon)
     lower, upper = problem.bounds
     return least_squares(
-        residuals,
+        problem.residuals(horizon),
         np.clip(point, lower, upper),
         problem.jacobian(horizon, run),
         bounds=(lower, upper),

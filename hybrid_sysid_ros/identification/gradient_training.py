@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System, Variable, simulate
+from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.identification.experiment import Experiment, prepare
 from hybrid_sysid_ros.identification.fitting import Fit, Progress
 from hybrid_sysid_ros.models.recurrent import Recurrent
@@ -63,11 +64,8 @@ def train(
     """
     torch = _torch()
     plain = begin(rig, sampling.step, units)
-    experiments = [prepare(record, plain, sampling) for record in records]
-    data = _Data(plain, experiments, shortest=schedule.stages[0][0])
-    system = data.system.initial(seed)
-    random = np.random.default_rng(seed)
-    began = time.perf_counter()
+    data = _Data(plain, [prepare(record, plain, sampling) for record in records], shortest=schedule.stages[0][0])
+    system, random, began = data.system.initial(seed), np.random.default_rng(seed), time.perf_counter()
     steps = sum(count for _, count in schedule.stages)
     best, least, done = system, np.inf, 0
     with one_torch_thread(torch):
@@ -76,11 +74,11 @@ def train(
         rates = torch.optim.lr_scheduler.OneCycleLR(adam, schedule.rate, total_steps=steps, pct_start=0.1)
         for horizon, count in schedule.stages:
             for _ in range(count):
-                starts, inputs, outputs, units_of_error = data.batch(random, schedule.batch, horizon)
+                starts, inputs, *target = data.batch(random, schedule.batch, horizon)
                 simulated = rollout(system, weights, starts, inputs, data.every)
-                loss = (((simulated - torch.from_numpy(outputs)) / torch.from_numpy(units_of_error)) ** 2).mean()
+                outputs, deviations = map(torch.from_numpy, target)
                 adam.zero_grad()
-                loss.backward()
+                (((simulated - outputs) / deviations) ** 2).mean().backward()
                 torch.nn.utils.clip_grad_norm_([weights], schedule.longest)
                 adam.step()
                 rates.step()
@@ -99,7 +97,7 @@ def train(
         names=(),
         covariance=np.zeros((0, 0)),
         spreads=np.zeros(0),
-        nuisances=np.zeros((0, len(experiments))),
+        nuisances=np.zeros((0, len(records))),
         relative_error=least,
         seconds=time.perf_counter() - began,
         evaluations=done,
@@ -153,7 +151,7 @@ class _Data:
         self.first_samples = np.cumsum([0, *self.samples[:-1]])
         self.first_steps = np.cumsum([0, *(len(item.inputs) for item in experiments[:-1])])
         squares = np.concatenate([np.mean(self.measured**2, axis=0), np.mean(self.inputs**2, axis=0)])
-        self.system = replace(system, scales=tuple(float(f"{value:.4g}") or 1.0 for value in np.sqrt(squares)))
+        self.system = replace(system, scales=tuple(map(scale_of, np.sqrt(squares))))
         """In the units of the data: root mean squares."""
 
     def batch(self, random: np.random.Generator, count: int, horizon: int) -> tuple[Array, Array, Array, Array]:

@@ -36,11 +36,10 @@ WIDEST = 10.0
 class Problem:
     """The residuals of one system on several experiments, as a function of one scaled vector, the point.
 
-        free parameters, weights (both shared by all records) | initial states | biases (both of each record)
+        free parameters, weights (both shared by all records) | initial states (of each record)
 
-    Each output's errors count in its own deviation. The second half are nuisances: what a record began with, about what
-    it shows or, for states that it does not show, about zero; and what stood on its inputs; no model can know them, so
-    that the shared part does not have to explain it.
+    Each output's errors count in its own deviation. Initial states are nuisances: what a record began with, about what
+    it shows or, for states that it does not show, about zero, so that the shared part does not have to explain it.
     """
 
     def __init__(
@@ -51,12 +50,10 @@ class Problem:
         centres: Array | None = None,
         spreads: Array | None = None,
         ridge: float = 1.0,
-        bias: float = 0.0,
         hold: Sequence[str] = (),
     ) -> None:
         """centres, spreads (free,): priors of the free parameters, in their units, instead of the declared ones. ridge:
-        prior deviation of weights is 1 / sqrt(ridge). bias: prior deviation of each input's bias in a record, as part
-        of the input's deviation; 0: there is none. hold: names of parameters that stay as they are.
+        prior deviation of weights is 1 / sqrt(ridge). hold: names of parameters that stay as they are.
         """
         if len({experiment.sampling for experiment in experiments}) > 1:
             raise UserError("identification: the records are sampled differently")
@@ -85,11 +82,8 @@ class Problem:
         self.moved_states = sorted(_shown(system)) + list(self.hidden)
         states = np.concatenate([item.states for item in experiments])
         units = [INITIAL_SPREAD * max(float(np.std(states[:, i])), 1e-9) for i in sorted(_shown(system))]
-        units += self._spread.tolist()
-        self.biased = list(range(self.inputs.shape[1])) if bias > 0 else []
-        units += [bias * float(np.std(self.inputs[:, j])) for j in self.biased]
-        self.nuisance_units = np.array(units)
-        """Prior deviation of each kind of nuisance; each has one value a record, point[shared + kind * records + i]."""
+        self.nuisance_units = np.array([*units, *self._spread])
+        """Prior deviation of each moved state; each has one value a record, point[shared + state * records + i]."""
         self.evaluations = 0
 
     @property
@@ -132,7 +126,7 @@ class Problem:
         return system.with_weights(shared[len(self.free) :]) if len(self.system.weights) else system
 
     def nuisances(self, point: Array) -> Array:
-        """(kinds, records), in their units: initial states as far as they are measured, then biases of the inputs."""
+        """What is added to the initial states of each record, (moved states, records), in their units."""
         scaled = point[self.shared :].reshape(len(self.nuisance_units), len(self.experiments))
         return np.asarray(scaled * self.nuisance_units[:, None])
 
@@ -148,8 +142,8 @@ class Problem:
         if not len(self.hidden) or horizon is None:
             return
         starts, states, _, edges = self.windows(None)
-        system, initial, inputs = self.placed(point, starts, states, edges)
-        found, _ = rollouts(system, starts, initial, inputs, step=self.sampling.step, every=self.sampling.every)
+        system, initial = self.placed(point, starts, states, edges)
+        found, _ = self._simulated(system, starts, initial)
         held = np.clip(np.nan_to_num(found[:, self.hidden]), -WIDEST * self._spread, WIDEST * self._spread)
         self._carried = [held[begin:end] for begin, end in pairwise(edges)]
 
@@ -160,12 +154,14 @@ class Problem:
         squares = []
         for first, item in zip(self.first_steps, self.experiments, strict=True):
             starts = np.array([[first, first, item.samples, 0]])
-            given = self.inputs, self.sampling.step, self.sampling.every
-            found, _ = rollouts(self.system, starts, item.states[:1].copy(), given[0], step=given[1], every=given[2])
+            found, _ = self._simulated(self.system, starts, item.states[:1].copy())
             with np.errstate(over="ignore", invalid="ignore"):
                 squares.append(np.mean(found[:, self.hidden] ** 2, axis=0))
         values = np.sqrt(np.mean(squares, axis=0))
         return np.asarray(np.where(np.isfinite(values) & (values > 1e-9) & (values < 1e6), values, 1.0))
+
+    def _simulated(self, system: System, starts: NDArray[np.int64], initial: Array) -> tuple[Array, Array]:
+        return rollouts(system, starts, initial, self.inputs, step=self.sampling.step, every=self.sampling.every)
 
     def windows(self, horizon: int | None) -> tuple[NDArray[np.int64], Array, Array, NDArray[np.int64]]:
         """Rollouts of ``horizon`` samples: starts (windows, 4), initial states (windows, states), outputs
@@ -193,28 +189,21 @@ class Problem:
 
     def placed(
         self, point: Array, starts: NDArray[np.int64], states: Array, edges: NDArray[np.int64]
-    ) -> tuple[System, Array, Array]:
-        """System, initial states (windows, states) and inputs (steps, inputs) at a point."""
-        nuisances, moved = self.nuisances(point), len(self.moved_states)
-        inputs = self.inputs
-        if np.any(nuisances[:moved]):
-            begins = np.flatnonzero(np.isin(starts[:, 3], edges[:-1]))
-            states = states.copy()
-            states[begins[:, None], self.moved_states] += nuisances[:moved].T
-        if np.any(nuisances[moved:]):
-            lengths = [len(experiment.inputs) for experiment in self.experiments]
-            inputs = inputs + np.repeat(nuisances[moved:].T, lengths, axis=0)
-        return self.with_point(point), states, inputs
+    ) -> tuple[System, Array]:
+        """System and initial states (windows, states) at a point."""
+        begins = np.flatnonzero(np.isin(starts[:, 3], edges[:-1]))
+        states = states.copy()
+        states[begins[:, None], self.moved_states] += self.nuisances(point).T
+        return self.with_point(point), states
 
     def residuals(self, horizon: int | None) -> Residuals:
         """Weighted output errors of all rollouts, followed by the priors."""
         starts, states, outputs, edges = self.windows(horizon)
         weight = self.weight(outputs)
-        step = self.sampling.step
 
         def evaluate(point: Array) -> Array:
-            system, initial, inputs = self.placed(point, starts, states, edges)
-            _, out = rollouts(system, starts, initial, inputs, step=step, every=self.sampling.every)
+            system, initial = self.placed(point, starts, states, edges)
+            _, out = self._simulated(system, starts, initial)
             self.evaluations += 1
             errors = ((out - outputs) * weight).ravel()
             # A diverging simulation must repel the search, not stop it.
@@ -227,24 +216,24 @@ class Problem:
         """Derivatives (rows, point), exact: from one simulation that carries them along. ``run`` maps its parts, in
         parallel or not.
         """
-        records, moved = len(self.experiments), len(self.moved_states)
+        records = len(self.experiments)
         starts, states, outputs, edges = self.windows(horizon)
         rows, count = outputs.size, outputs.shape[1]
         weight = self.weight(outputs)
-        sensitivities = Sensitivities(self.system, parameters=self.free, states=self.moved_states, inputs=self.biased)
+        sensitivities = Sensitivities(self.system, parameters=self.free, states=self.moved_states)
         shares = np.array_split(starts, min(SHARES, len(starts)))
         begins = np.isin(starts[:, 3], edges[:-1])
         inside = np.repeat(begins, starts[:, 2])
 
         def tangent(at: Array) -> Array:
             """Weighted derivatives (samples, outputs, columns)."""
-            system, initial, inputs = self.placed(at, starts, states, edges)
+            system, initial = self.placed(at, starts, states, edges)
             out = np.empty((len(outputs), count, sensitivities.count))
 
             def simulate(share: NDArray[np.int64]) -> None:
                 at = np.searchsorted(starts[:, 3], share[:, 3])
                 sensitivities.rollouts(
-                    system, share, initial[at], inputs, step=self.sampling.step, every=self.sampling.every, out=out
+                    system, share, initial[at], self.inputs, step=self.sampling.step, every=self.sampling.every, out=out
                 )
 
             list(run(simulate, shares))
@@ -256,7 +245,7 @@ class Problem:
             out = tangent(at)
             result[:rows, : self.shared] = (out[:, :, : self.shared] * self.scales).reshape(rows, self.shared)
             for kind, unit in enumerate(self.nuisance_units):
-                change = unit * out[:, :, self.shared + kind] * (inside[:, None] if kind < moved else 1.0)
+                change = unit * out[:, :, self.shared + kind] * inside[:, None]
                 for record in range(records):
                     part = slice(edges[record], edges[record + 1])
                     place = self.shared + kind * records + record

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, simulate
+from hybrid_sysid_ros.core.symbolic import symbolic_features
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.models.hybrid import Hybrid
 from hybrid_sysid_ros.models.linear import Linear
@@ -30,6 +31,8 @@ class Magnitudes:
     """FEATURE_SCALE root mean squares: single large values must not set the scale of a network."""
     centre: Array
     """Means."""
+    features: Array
+    """The same of the features that the system declares, (features,)."""
     unshown: tuple[str, ...]
     """States that no record shows: their numbers are those of a simulation of the rig where a fit begins."""
 
@@ -49,12 +52,21 @@ def magnitudes(system: System, experiments: Sequence[Experiment]) -> Magnitudes:
         told = np.concatenate(runs)[:, hidden]
         usable = np.isfinite(told).all(axis=0) & (np.abs(told).max(axis=0) < 1e6) & (np.ptp(told, axis=0) > 1e-9)
         states[:, hidden] = np.where(usable, np.nan_to_num(told[: len(states)]), 1.0)
-    squares = np.concatenate([np.mean(states**2, axis=0), np.mean(inputs**2, axis=0)])
+    held = np.concatenate([_over_samples(item) for item in experiments])
+    seen = symbolic_features(system)(states.T, held.T)
+    squares = [np.mean(values**2, axis=0) for values in (states, inputs, np.array(seen).T)]
     return Magnitudes(
-        scales=np.asarray(FEATURE_SCALE * np.sqrt(squares)),
+        scales=np.asarray(FEATURE_SCALE * np.sqrt(np.concatenate(squares[:2]))),
+        features=np.asarray(FEATURE_SCALE * np.sqrt(squares[2])),
         centre=np.concatenate([states.mean(axis=0), inputs.mean(axis=0)]),
         unshown=tuple(system.states[i].name for i in hidden),
     )
+
+
+def _over_samples(experiment: Experiment) -> Array:
+    """The mean input from each sample to the next, (samples, inputs), the last one twice."""
+    means = experiment.inputs.reshape(experiment.samples - 1, experiment.sampling.every, -1).mean(axis=1)
+    return np.concatenate([means, means[-1:]])
 
 
 def begun(system: System, experiments: Sequence[Experiment]) -> System:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Parameter, Softsign, System
+from hybrid_sysid_ros.core import Parameter, Softsign, System, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar, clip
+from hybrid_sysid_ros.core.parameters import of_data
 from hybrid_sysid_ros.core.steppers import Motion
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -27,9 +28,9 @@ CORNER = 0.05
 class Hybrid(System):
     """x' = f(x, u) + E S n(clip(z / s)): the physics with a bounded network added to some of its rates.
 
-    z: the declared states, then the inputs (hidden deflections are no features); s, S: scales, which are fixed
-    parameters, so that networks of one shape share their compiled code; n: one layer of :class:`~.core.Softsign` with
-    an output for each state in ``on``. |S n| <= S sum |a|, whatever the motion.
+    z: the features of the physics, or the declared states, then the inputs (hidden deflections are none); s, S: scales,
+    which are fixed parameters, so that networks of one shape share their compiled code; n: one layer of
+    :class:`~.core.Softsign` with an output for each state in ``on``. |S n| <= S sum |a|, whatever the motion.
     Raises UserError where weights or scales don't fit the shape.
     """
 
@@ -39,7 +40,7 @@ class Hybrid(System):
     units: int
     """Of its hidden layer."""
     scales: tuple[float, ...]
-    """Of the declared states, of the inputs, and of the network's outputs."""
+    """Of the features, and of the network's outputs."""
     network_weights: Array
 
     def __post_init__(self) -> None:
@@ -58,8 +59,7 @@ class Hybrid(System):
     @property
     def block(self) -> Softsign:
         """The network."""
-        features = len(self.declared_states) + len(self.inputs)
-        return Softsign(features=features, units=self.units, outputs=len(self.on))
+        return Softsign(features=len(features_of(self.physics)), units=self.units, outputs=len(self.on))
 
     @property
     def form(self) -> tuple[Any, ...]:
@@ -71,10 +71,10 @@ class Hybrid(System):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        units = {item.name: item.unit for item in (*self.declared_states, *self.inputs)}
-        named = [(f"scale_{name}", unit) for name, unit in units.items()]
+        units = {item.name: item.unit for item in self.declared_states}
+        named = [(f"scale_{item.name}", item.unit) for item in features_of(self.physics)]
         named += [(f"scale_{name}_rate", f"{units[name]}/s") for name in self.on]
-        return (*self.physics.parameters, *(_scale(name, unit) for name, unit in named))
+        return (*self.physics.parameters, *(of_data(name, unit) for name, unit in named))
 
     @property
     def values(self) -> Array:
@@ -107,7 +107,8 @@ class Hybrid(System):
             found = list(motion.rates(x, u))
             features, outputs = self.scales[: block.features], self.scales[block.features :]
             scaled = [
-                clip(value / scale, -CLIP, CLIP, over=CORNER) for value, scale in zip([*x, *u], features, strict=True)
+                clip(value / scale, -CLIP, CLIP, over=CORNER)
+                for value, scale in zip(self.physics.feature(x, u), features, strict=True)
             ]
             for index, value, scale in zip(places, block(scaled), outputs, strict=True):
                 found[index] = found[index] + scale * value
@@ -118,8 +119,17 @@ class Hybrid(System):
     def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
         return self.physics.output(x, u)
 
+    @property
+    def shown(self) -> Mapping[int, tuple[int, bool]]:
+        return self.physics.shown
+
     def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
         return self.physics.observed(outputs, rates, inputs)
+
+
+def features_of(system: System) -> tuple[Variable, ...]:
+    """What a network beside a system sees."""
+    return tuple(system.features) or (*system.declared_states, *system.inputs)
 
 
 def averaged(members: Sequence[Hybrid]) -> Hybrid:
@@ -132,18 +142,4 @@ def averaged(members: Sequence[Hybrid]) -> Hybrid:
         physics=first.physics.with_values(np.mean([member.physics.values for member in members], axis=0)),
         units=first.units * len(members),
         network_weights=weights.ravel(),
-    )
-
-
-def _scale(name: str, unit: str) -> Parameter:
-    return Parameter(
-        name=name,
-        unit=unit,
-        low=0.0,
-        high=1e12,
-        start=1.0,
-        spread=None,
-        fixed=True,
-        term="",
-        description="Of the network, from the training data.",
     )

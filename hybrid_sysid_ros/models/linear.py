@@ -206,8 +206,6 @@ class Linear(System):
             high=high * size,
             start=begin,
             spread=doubt if spread is None else spread * size,
-            fixed=False,
-            term="",
             description=told,
         )
 

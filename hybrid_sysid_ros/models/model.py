@@ -104,16 +104,18 @@ def load(folder: Path | str, *, rig: str | Path = "") -> Model:
     content, arrays = storage.load(folder, kind="model", version=FORMAT)
     try:
         described = _rig_of(content, rig)
-        stored, design = content["parameters"], content["design"]
+        stored = content["parameters"]
         system = assemble(
-            content["structure"], described.system, design=design, weights=arrays["weights"], boxes=described.structures
+            content["structure"],
+            described.system,
+            design=content["design"],
+            weights=arrays["weights"],
+            boxes=described.structures,
         )
         if (signals := content.get("signals", signals_of(system))) != signals_of(system):
             raise UserError(f"rig {described.name} {_changed(signals, signals_of(system))}; fit again")
         expected = [item.name for item in system.parameters]
-        # A folder of before networks had several outputs holds their scales in the design alone.
-        told = system.named if "feature_scales" in (design or {}) else {}
-        values = {**told, **{name: float(entry["value"]) for name, entry in stored.items()}}
+        values = {name: float(entry["value"]) for name, entry in stored.items()}
         if set(values) != set(expected):
             raise UserError(
                 f"structure {content['structure']} of rig {described.name} has the parameters {', '.join(expected)}, "

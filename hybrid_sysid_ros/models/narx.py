@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.core import Parameter, Recurrence, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar, clip
 from hybrid_sysid_ros.core.networks import Polynomial
+from hybrid_sysid_ros.core.parameters import of_data
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -99,17 +100,7 @@ class Narx(Recurrence):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         return tuple(
-            Parameter(
-                name=f"{what}_{item.name}",
-                unit=item.unit,
-                low=0.0 if what == "scale" else -1e12,
-                high=1e12,
-                start=1.0,
-                spread=None,
-                fixed=True,
-                term="",
-                description="Of the training data.",
-            )
+            of_data(f"{what}_{item.name}", item.unit, low=0.0 if what == "scale" else -1e12)
             for what in ("scale", "low", "high")
             for item in (*self.outputs, *self.inputs)
         )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.core import Parameter, Recurrence, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.networks import GatedUnits
+from hybrid_sysid_ros.core.parameters import of_data
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -89,20 +90,7 @@ class Recurrent(Recurrence):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return tuple(
-            Parameter(
-                name=f"scale_{item.name}",
-                unit=item.unit,
-                low=0.0,
-                high=1e12,
-                start=1.0,
-                spread=None,
-                fixed=True,
-                term="",
-                description="Of the network, from the training data.",
-            )
-            for item in (*self.outputs, *self.rates, *self.inputs)
-        )
+        return tuple(of_data(f"scale_{item.name}", item.unit) for item in (*self.outputs, *self.rates, *self.inputs))
 
     @property
     def values(self) -> Array:

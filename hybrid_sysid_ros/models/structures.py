@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Softsign, System
+from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.core.symbolic import linearised
-from hybrid_sysid_ros.models.hybrid import Hybrid
+from hybrid_sysid_ros.models.hybrid import Hybrid, features_of
 from hybrid_sysid_ros.models.linear import Friction, Linear
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.options import Option, Options, complete
@@ -20,9 +21,6 @@ from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 
-_BIAS = Option(
-    default=0.0, low=0.0, high=1.0, kind="float", description="prior of a record's input biases, in its deviations"
-)
 _RIDGE = Option(default=1.0, low=0.01, high=100.0, kind="log", description="pull of a network's weights to zero")
 _SCALE = Option(
     default=1.0, low=0.01, high=1.0, kind="log", description="size of the network, as part of what the inputs do"
@@ -32,7 +30,7 @@ _UNITS = Option(default=8, low=1, high=32, kind="int", description="of the netwo
 _EVERYWHERE = Option(
     default=0, low=0, high=1, kind="int", description="1: a network on all rates, not only where friction is"
 )
-_FIT = {"bias": _BIAS, "starts": _STARTS}
+_FIT = {"starts": _STARTS}
 _NETWORK = {"units": _UNITS, "scale": _SCALE, "everywhere": _EVERYWHERE, "ridge": _RIDGE, **_FIT}
 _ANCHORED = {
     **_NETWORK,
@@ -91,17 +89,19 @@ TABLE: Mapping[str, Structure] = {
 """By name. A rig may offer further gray boxes of its own, and any gray box G has its anchored hybrid, hybrid_G."""
 
 STRUCTURES = tuple(TABLE)
-SEEDED = tuple(name for name, item in TABLE.items() if item.seeded)
 Boxes = Mapping[str, System]
 """Further gray boxes of a rig, by name."""
 
 
 def structure_of(name: str, boxes: Boxes | None = None) -> tuple[Structure, str]:
-    """The row of a structure, and the name of its gray box. Raises UserError for an unknown name."""
-    if name in TABLE:
+    """The row of a structure, and the name of its gray box; a rig's own boxes go before the table's of the same name.
+
+    Raises UserError for an unknown name.
+    """
+    known = {**{box: TABLE[box] for box in TABLE if _gray(TABLE[box])}, **dict.fromkeys(boxes or {}, TABLE["gray"])}
+    if name in TABLE and name not in known:
         row = TABLE[name]
         return row, {"own": "gray", "viscous": "linear"}.get(row.physics, row.physics)
-    known = {**dict.fromkeys(boxes or {}, TABLE["gray"]), **{box: TABLE[box] for box in TABLE if _gray(TABLE[box])}}
     if name in known:
         return known[name], name
     box = name.removeprefix("hybrid_")
@@ -133,8 +133,10 @@ def options_of(structure: str, physics: System, boxes: Boxes | None = None) -> d
 
 def _physics(row: Structure, box: str, physics: System, boxes: Boxes | None, design: Mapping[str, Any]) -> System:
     """The system that a structure stands on."""
+    if boxes and box in boxes:
+        return boxes[box]
     if row.physics == "own":
-        return (boxes or {}).get(box, physics)
+        return physics
     friction: Friction = "viscous"
     if row.physics in ("stribeck", "dahl", "lugre"):
         friction = row.physics
@@ -171,18 +173,9 @@ def assemble(
     if structure == "recurrent":
         return Recurrent.of(design, weights)
     base = _physics(row, box, physics, boxes, design.get("physics") or {})
-    if "feature_scales" in design:  # before networks could have several outputs
-        on, scales = rates_of(base, everywhere=False), (*design["feature_scales"], design["scale"])
-    else:
-        on, scales = tuple(design["on"]), None
-    channels = len(base.declared_states) + len(base.inputs) + len(on)
-    return Hybrid(
-        physics=base,
-        on=on,
-        units=int(design["units"]),
-        scales=scales or (1.0,) * channels,
-        network_weights=weights,
-    )
+    on = tuple(design["on"])
+    scales = (1.0,) * (len(features_of(base)) + len(on))
+    return Hybrid(physics=base, on=on, units=int(design["units"]), scales=scales, network_weights=weights)
 
 
 def rates_of(system: System, *, everywhere: bool) -> tuple[str, ...]:
@@ -201,6 +194,7 @@ def build(
     seed: int,
     options: Options | None = None,
     centre: Array | None = None,
+    features: Array | None = None,
     unshown: tuple[str, ...] = (),
     boxes: Boxes | None = None,
 ) -> tuple[System, tuple[str, ...]]:
@@ -208,9 +202,11 @@ def build(
     of the parameters that the fit must leave as they are, since their term is switched off.
 
     physics: the rig's own system. scales, centre (states + inputs,): magnitude of each declared state and input in the
-    training data, and their means. seed: of a network's first weights. unshown: states that no record shows. Raises
-    UserError for an unknown name or option, for a structure that makes no sense on the rig, and for narx and recurrent,
-    which are not built before their data are seen.
+    training data, and their means. features: magnitudes of the features that the rig's own system declares. seed: of a
+    network's first weights. unshown: states that no record shows.
+
+    Raises UserError for an unknown name or option, for a structure that makes no sense on the rig, and for narx and
+    recurrent, which are not built before their data are seen.
     """
     row, box = structure_of(structure, boxes)
     chosen = complete(options or {}, options_of(structure, physics, boxes), structure)
@@ -222,8 +218,8 @@ def build(
     # What inputs do to each rate; where they act through other states only, what these do.
     effects = np.abs(b) @ scales[n:]
     effects = np.where(effects > 0.0, effects, np.abs(a) @ scales[:n])
-    efforts = tuple(_rounded(value) if value > 0.0 else 1.0 for value in effects)
-    design: dict[str, Any] = {"scales": [*map(_rounded, scales), *efforts], "unshown": unshown}
+    efforts = tuple(scale_of(value) if value > 0.0 else 1.0 for value in effects)
+    design: dict[str, Any] = {"scales": [*map(scale_of, scales), *efforts], "unshown": unshown}
     system = _physics(row, box, physics, boxes, design)
     if isinstance(system, Linear):
         system = system.begun(_entries(system, a, b))
@@ -231,13 +227,14 @@ def build(
     if row.network:
         on = rates_of(own, everywhere=row.everywhere or bool(chosen.get("everywhere")))
         names = [item.name for item in own.declared_states]
-        sizes = [_rounded(float(chosen.get("scale", 1.0)) * efforts[names.index(name)]) for name in on]
-        block = Softsign(features=len(scales), units=int(chosen["units"]), outputs=len(on))
+        sizes = [scale_of(float(chosen.get("scale", 1.0)) * efforts[names.index(name)]) for name in on]
+        seen = features if system.features and features is not None else scales
+        block = Softsign(features=len(seen), units=int(chosen["units"]), outputs=len(on))
         system = Hybrid(
             physics=system,
             on=on,
             units=block.units,
-            scales=(*map(_rounded, scales), *sizes),
+            scales=(*map(scale_of, seen), *sizes),
             network_weights=block.initial(seed, output=0.05),
         )
     return system.without([term for term in system.terms if not chosen.get(term, 1)])
@@ -256,7 +253,3 @@ def _entries(system: Linear, a: Array, b: Array) -> dict[str, float]:
             if name in known and value:
                 found[name] = sign * float(value)
     return found
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.4g}") or 1.0

@@ -1,7 +1,6 @@
 """Reports: one HTML page about a model and the loop it runs in, which needs no network to be read."""
 
-from hybrid_sysid_ros.report.page import write
-from hybrid_sysid_ros.report.rendering import check_available
+from hybrid_sysid_ros.report.rendering import check_available, write
 from hybrid_sysid_ros.report.sections import (
     ClosedLoopSection,
     FreeRun,

@@ -1,10 +1,9 @@
-"""Rendering: figures and numbers into HTML with everything in it."""
+"""Rendering: the report's page, figures and numbers in HTML with everything in it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from importlib import import_module
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +11,11 @@ import numpy as np
 
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.identifiability import at_bound
-from hybrid_sysid_ros.report.sections import FreeRun, IdentificationSection
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.report.sections import ClosedLoopSection, FreeRun, IdentificationSection, Provenance
+from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.files import written_file
 
 TEMPLATES = Path(__file__).parent
-NEEDED = ("jinja2", "plotly")
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 CONFIG = {
     "displaylogo": False,
@@ -31,17 +29,37 @@ CONFIG = {
 
 def check_available() -> None:
     """Raise UserError if what draws a report is not installed."""
-    for name in NEEDED:
-        try:
-            import_module(name)
-        except ModuleNotFoundError as error:
-            if error.name != name:
-                raise
-            raise UserError(f"a report needs {name}: install it with pip install 'hybrid_sysid_ros[report]'") from error
+    with extra("report"):
+        import jinja2  # noqa: F401
+        import plotly  # noqa: F401
 
 
-def write_page(path: Path | str, template: Path, content: Mapping[str, Any]) -> Path:
+def write(
+    path: Path | str,
+    identification: IdentificationSection,
+    closed_loop: ClosedLoopSection | None,
+    provenance: Provenance,
+) -> Path:
+    """Write the report; an older one is replaced once the new one is whole.
+
+    Raises:
+        UserError: plotly or jinja2 is not installed, or the place cannot be written.
+    """
+    check_available()
+    content = {
+        "title": f"{identification.model.rig}: {identification.model.structure} model",
+        "part": identification_content(identification),
+        "closed": None if closed_loop is None else _closed(closed_loop),
+        "provenance": provenance,
+        "hashes": _hashes(identification, closed_loop, provenance),
+    }
+    return write_page(path, TEMPLATES / "page.html", content)
+
+
+def write_page(path: Path | str, template: Path, content: Mapping[str, Any], **filters: Callable[..., str]) -> Path:
     """Write a page; an older one is replaced once the new one is whole. A template may use those of this package.
+
+    filters: further ones of the template.
 
     Raises:
         UserError: the place cannot be written.
@@ -55,8 +73,7 @@ def write_page(path: Path | str, template: Path, content: Mapping[str, Any]) -> 
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
     )
-    filters = {"significant": significant, "probability": probability, "part": part_text, "r2": r2_text}
-    environment.filters.update(filters, difference=difference_text)
+    environment.filters.update(filters, significant=significant, probability=probability, part=part_text)
     text = environment.get_template(template.name).render(plotly=get_plotlyjs(), **content)
     with written_file(path) as partial:
         partial.write_text(text, encoding="utf-8")
@@ -118,19 +135,6 @@ def probability(value: float) -> str:
     return "< 0.0001" if value < 1e-4 else f"{value:.4f}"
 
 
-def r2_text(value: float) -> str:
-    """An R2, without decimals where it says that a simulation is lost."""
-    if not math.isfinite(value):
-        return "diverges"
-    text = f"{value:.3f}" if value > -10 else f"{value:.0f}"
-    return text.replace("-", "\N{MINUS SIGN}")
-
-
-def difference_text(value: float) -> str:
-    """How far a criterion is above the lowest."""
-    return f"{value:.1f}" if math.isfinite(value) else "\N{INFINITY}"
-
-
 def part_text(part: Part) -> str:
     """Which part of a record."""
     return "whole" if (part.start, part.stop) == (0.0, 1.0) else f"{part.start:g} to {part.stop:g}"
@@ -151,13 +155,9 @@ def _run(run: FreeRun, section: IdentificationSection) -> dict[str, Any]:
     second = second_scale(run.output, display)
     return {
         "run": run,
-        "seconds": float(run.time[-1]),
-        "r2": run.scores.r2,
-        "fit": run.scores.fit_percent,
         "rmse": amount(shown, display.unit),
         "second": "" if second is None else amount(second[1] * shown, second[0]),
         "tests": [run.tests.get(key) for key in section.tests],
-        "again": run.again,
         "again_rmse": "" if run.again is None else amount(float(display.shown(run.again.output.rmse)), display.unit),
         "again_input": "" if run.again is None else amount(run.again.input.rmse, actuated.unit),
     }
@@ -174,3 +174,31 @@ def _parameters(section: IdentificationSection) -> Iterator[dict[str, Any]]:
             "share": 100.0 * (float(value) - item.low) / (item.high - item.low),
             "at_bound": at_bound(item, float(value)),
         }
+
+
+def _closed(section: ClosedLoopSection) -> dict[str, Any]:
+    from hybrid_sysid_ros.report import loop_figures
+
+    loop = section.loop
+    return {
+        "section": section,
+        "rmse": section.rmse,
+        "units": section.units,
+        "tracking": drawn(loop_figures.tracking(section), "tracking"),
+        "zooms": {
+            name: drawn(loop_figures.zoom(section, name), f"zoom-{number}") for number, name in enumerate(section.zooms)
+        },
+        "delays": drawn(loop_figures.delays(section), "delays"),
+        "timing": loop.delays() if loop.is_real_time else loop.turnarounds(),
+    }
+
+
+def _hashes(
+    identification: IdentificationSection, closed_loop: ClosedLoopSection | None, provenance: Provenance
+) -> dict[str, str]:
+    """SHA-256 of everything that the report rests on, by name."""
+    found = dict(provenance.hashes)
+    found.update({f"record, {run.record}": run.digest for run in identification.runs})
+    if closed_loop is not None:
+        found[f"loop, {closed_loop.loop.name}"] = closed_loop.loop.digest
+    return {name: digest for name, digest in found.items() if digest}

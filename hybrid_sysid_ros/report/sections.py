@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import System, Variable, rollouts
+from hybrid_sysid_ros.core import Variable, rollouts
 from hybrid_sysid_ros.identification import Part, Scores, score
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, k_step_errors
@@ -53,10 +53,10 @@ SMOOTH = ("sine", "multisine", "swept_sine")
 class FreeRun:
     """One output of a model's free run over a record, or a part of it; SI units."""
 
+    name: str
+    """What tables and figures call it."""
     record: str
     output: Variable
-    alone: bool
-    """Whether the model has no other output."""
     display: Display
     digest: str
     part: Part
@@ -84,11 +84,6 @@ class FreeRun:
     """The experiment done again in closed loop."""
     skipped: str
     """Why it was not."""
-
-    @property
-    def name(self) -> str:
-        """What tables and figures call it."""
-        return self.record if self.alone else f"{self.record}, {self.output.name}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,12 +187,13 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRun]:
     names = [item.name for item in system.inputs]
     found = []
     for k, output in enumerate(system.outputs):
+        name = record.name if len(system.outputs) == 1 else f"{record.name}, {output.name}"
         reference = used.channels.get(rig.channel("reference", output.name))
         found.append(
             FreeRun(
+                name=name,
                 record=record.name,
                 output=output,
-                alone=len(system.outputs) == 1,
                 display=rig.display[k],
                 digest=record.digest,
                 part=part,
@@ -210,7 +206,7 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRun]:
                 residual_time=np.asarray(sampling.period * np.arange(experiment.samples)),
                 residuals=residuals[:, k],
                 tests=_tests(residuals[:-1, k], inputs, names, None if reference is None else reference[::stride]),
-                horizons=replace(k_step_errors(system, experiment, output=k), name=_label(record, output, system)),
+                horizons=replace(k_step_errors(system, experiment, output=k), name=name),
                 again=again.get(record.name) if k == 0 else None,
                 skipped=skipped.get(record.name, ""),
             )
@@ -232,9 +228,9 @@ def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopS
                 windows[piece.name] = Window(output=piece.output, start=piece.start, stop=piece.stop)
                 smooth |= {piece.name} if piece.excitation.kind in SMOOTH else set()
     if not windows:
-        windows = {
-            _whole(rig, k, loop.tracked): Window(output=k, start=0.0, stop=float(time[-1])) for k in loop.tracked
-        }
+        several = len(loop.tracked) > 1
+        names = {k: f"whole, {rig.system.outputs[k].name}" if several else "whole" for k in loop.tracked}
+        windows = {name: Window(output=k, start=0.0, stop=float(time[-1])) for k, name in names.items()}
     known = np.isfinite(loop.reference) & (time >= 0.0)[:, None]
     windows = {
         name: item
@@ -261,11 +257,6 @@ def _followed(loop: LoopRecord, schedule: Schedule) -> bool:
         if not inside.any() or np.median(np.abs(shown - wanted[:, k])[inside]) > SAME_REFERENCE * peak:
             return False
     return bool(loop.tracked)
-
-
-def _whole(rig: Rig, output: int, tracked: Sequence[int]) -> str:
-    """Name of a window that is the whole loop."""
-    return "whole" if len(tracked) == 1 else f"whole, {rig.system.outputs[output].name}"
 
 
 def _largest_step(loop: LoopRecord, window: Window) -> tuple[float, float]:
@@ -300,11 +291,6 @@ def _seen(model: Model, record: Record, part: Part) -> bool | None:
     if not record.digest or not model.records or not all(entry.get("sha256") for entry in model.records):
         return None
     return any(overlaps(entry) for entry in model.records)
-
-
-def _label(record: Record, output: Variable, system: System) -> str:
-    """Name of a curve."""
-    return record.name if len(system.outputs) == 1 else f"{record.name}, {output.name}"
 
 
 def _further(name: str) -> str:

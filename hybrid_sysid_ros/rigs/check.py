@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Sensitivities, System, compiled, rollouts, stepped
-from hybrid_sysid_ros.core.call import call_slopes, call_value
+from hybrid_sysid_ros.core.call import call_slopes
 from hybrid_sysid_ros.core.compilation import kernel
+from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
-from hybrid_sysid_ros.rigs.experiments import ExperimentController, excitation
+from hybrid_sysid_ros.rigs.experiments import driven, excitation
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import LowPassFilter
@@ -78,7 +79,7 @@ def _at_origin(system: System, where: str) -> Iterator[str]:
     try:
         system.motion()
         x, u = np.zeros(len(system.states)), np.zeros(len(system.inputs))
-        following, outputs = stepped(system, x, u, step=1e-3), _outputs(system, x, u)
+        following, outputs = stepped(system, x, u, step=1e-3), output_of(system, x, u)
         system.check()
     except UserError as error:
         yield f"{where}: {error}"
@@ -86,17 +87,6 @@ def _at_origin(system: System, where: str) -> Iterator[str]:
     for item, value in zip((*system.states, *system.outputs), (*following, *outputs), strict=True):
         if not np.isfinite(value):
             yield f"{where}: {item.name} is {value:g} a step from the origin; bound what it is divided or rooted by"
-
-
-def _outputs(system: System, x: Array, u: Array) -> Array:
-    y = np.empty(len(system.outputs))
-    _valued(compiled(system).output, x, u, system.values, system.weights, y)
-    return y
-
-
-@kernel
-def _valued(address: int, x: Array, u: Array, p: Array, w: Array, y: Array) -> None:
-    call_value(address, x, u, p, w, 0.0, 0.0, y)
 
 
 def _sensors(rig: Rig) -> Iterator[str]:
@@ -124,18 +114,16 @@ def _experiment(rig: Rig) -> tuple[Array, Array]:
         wanted = excitation(rig, name, seed=0, duration=SECONDS, times=times)
     else:
         levels = np.random.default_rng(0).uniform(0.0, 1.0, (8, len(rig.actuators))).repeat(-(-steps // 8), axis=0)
-        low, high = (np.array([getattr(actuator, end) for actuator in rig.actuators]) for end in ("low", "high"))
+        low, high = rig.limits
         wanted = low + (high - low) * levels
-    for index, loop in rig.experiments.loops.items():
-        wanted[:, index] *= rig.sensors[loop.output].scale
-    plant, controller = Plant(rig, seed=0, noisy=False), ExperimentController(rig)
+        for index, loop in rig.experiments.loops.items():
+            wanted[:, index] *= rig.sensors[loop.output].scale
+    plant = Plant(rig, seed=0, noisy=False)
     states, inputs = np.empty((steps + 1, len(rig.system.states))), np.empty((steps, len(rig.actuators)))
+    states[0] = plant.state
     with np.errstate(all="ignore"):
-        for k in range(steps):
-            states[k] = plant.state
-            inputs[k] = controller.inputs(wanted[k], plant.measure())
-            plant.advance(inputs[k])
-        states[steps] = plant.state
+        for k, inputs[k] in enumerate(driven(plant, wanted[:steps])):
+            states[k + 1] = plant.state
     return states, inputs
 
 
@@ -164,12 +152,12 @@ def _sloped(
 def _on_grid(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
     """Steps and outputs over twice the range of the experiment: finite, and alike in both forms."""
     system, random = rig.system, np.random.default_rng(0)
-    low, high = (np.array([getattr(actuator, end) for actuator in rig.actuators]) for end in ("low", "high"))
+    low, high = rig.limits
     points = 2.0 * magnitudes * random.uniform(-1.0, 1.0, (POINTS, len(magnitudes)))
     inputs = low + (high - low) * random.uniform(size=(POINTS, len(low)))
     told = {"step": symbolic_step(system, step=rig.step), "output": symbolic_output(system)}
     for x, u in zip(points, inputs, strict=True):
-        made = {"step": stepped(system, x, u, step=rig.step), "output": _outputs(system, x, u)}
+        made = {"step": stepped(system, x, u, step=rig.step), "output": output_of(system, x, u)}
         for kind, values in made.items():
             named = system.states if kind == "step" else system.outputs
             bad = np.flatnonzero(~np.isfinite(values))

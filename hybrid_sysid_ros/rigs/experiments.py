@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags import METADATA, Series, joint_states, joint_trajectories, write
 from hybrid_sysid_ros.rigs.plant import Measurement, Plant
@@ -23,7 +25,7 @@ SEEDS = 7919
 
 
 def excitation(rig: Rig, name: str, *, seed: int, duration: float, times: Array) -> Array:
-    """The signals (times, inputs) of one of a rig's experiments: the input itself, or the shown reference of its loop.
+    """The signals (times, inputs) of one of a rig's experiments: the input itself, or the reference of its loop [SI].
 
     Raises UserError for an experiment that the rig has not.
     """
@@ -33,67 +35,56 @@ def excitation(rig: Rig, name: str, *, seed: int, duration: float, times: Array)
     signals = np.zeros((len(times), len(rig.actuators)))
     for index, chosen in known[name].items():
         signals[:, index] = chosen.signal(seed=seed + SEEDS * index, duration=duration)(times)
+    for index, loop in rig.experiments.loops.items():
+        signals[:, index] *= rig.sensors[loop.output].scale
     return signals
 
 
-class ExperimentController:
-    """The controller that drives a rig's experiments: :class:`.Loop` where an input has one, else the excitation."""
+def driven(plant: Plant, wanted: Array) -> Iterator[Array]:
+    """Drive a plant through an experiment: the inputs (inputs,) of each step, when it is done.
 
-    def __init__(self, rig: Rig) -> None:
-        self._rig = rig
-        self._integrals = np.zeros(len(rig.actuators))
+    wanted (steps, inputs): the reference of the :class:`~.rig.Loop` [SI] where an input has one, else the input itself.
+    Inputs are within the actuators' limits; an integral part stands still beyond them.
+    """
+    rig = plant.rig
+    integrals = np.zeros(len(rig.actuators))
+    for row in wanted:
+        shown, inputs = plant.measure(), np.empty(len(row))
+        for index, actuator in enumerate(rig.actuators):
+            value, loop = float(row[index]), rig.experiments.loops.get(index)
+            if loop is not None:
+                error = float((value - shown.filtered[loop.output]) / rig.sensors[loop.output].scale)
+                value = loop.gain * error + integrals[index]
+                if actuator.low <= value <= actuator.high:  # else it would wind up
+                    integrals[index] += loop.gain * loop.integral * error * rig.step
+            inputs[index] = actuator.bounded(value)
+        plant.advance(inputs)
+        yield inputs
 
-    def inputs(self, wanted: Array, shown: Measurement) -> Array:
-        """Inputs (inputs,) within the actuators' limits, for wanted (inputs,) references [SI] or inputs."""
-        found = np.empty(len(wanted))
-        for index, actuator in enumerate(self._rig.actuators):
-            loop = self._rig.experiments.loops.get(index)
-            if loop is None:
-                found[index] = actuator.bounded(float(wanted[index]))
-                continue
-            error = float((wanted[index] - shown.filtered[loop.output]) / self._rig.sensors[loop.output].scale)
-            value = loop.gain * error + self._integrals[index]
-            found[index] = actuator.bounded(value)
-            if actuator.low <= value <= actuator.high:  # else it would wind up
-                self._integrals[index] += loop.gain * loop.integral * error * self._rig.step
-        return found
 
-
-def simulate(
-    rig: Rig, kind: str, out: Path, *, seed: int, duration: float, rate: float, bias: ArrayLike | None = None
-) -> Path:
+def simulate(rig: Rig, kind: str, out: Path, *, seed: int, duration: float, rate: float) -> Path:
     """Drive the simulated rig through an experiment as the real one is driven, and write the bag.
 
-    rate: of the bag's samples [Hz]; each carries the mean inputs since the one before. bias: see :class:`.Plant`; that
-    of the rig's node by default. Raises UserError for a rate that does not divide the rig's, an experiment that the
-    rig has not, and a place that can't be written.
+    rate: of the bag's samples [Hz]; each carries the mean inputs since the one before. Raises UserError for a rate that
+    does not divide the rig's, an experiment that the rig has not, and a place that can't be written.
     """
     every = round(1.0 / (rate * rig.step))
     if every < 1 or abs(every * rig.step * rate - 1.0) > 1e-9:
         raise UserError(f"rate {rate:g} Hz does not divide the rig's {1 / rig.step:g} Hz; choose one that does")
     check_folder(out, marker=METADATA)
-    offsets = rig.bias if bias is None else np.broadcast_to(np.asarray(bias, dtype=float), len(rig.actuators))
     samples = round(duration * rate) + 1
     times = np.arange((samples - 1) * every + 1, dtype=np.float64) * rig.step
     wanted = excitation(rig, kind, seed=seed, duration=duration, times=times)
-    for index, loop in rig.experiments.loops.items():
-        wanted[:, index] = rig.sensors[loop.output].scale * wanted[:, index]
-    plant, controller = Plant(rig, seed=seed, bias=offsets), ExperimentController(rig)
-    shown: list[Measurement] = []
-    applied = np.full((samples, len(rig.actuators)), np.nan)
-    total = np.zeros(len(rig.actuators))
-    for k in range(samples):
+    plant = Plant(rig, seed=seed, bias=rig.bias)
+    steps = driven(plant, wanted)
+    shown, applied = [plant.measure()], [np.zeros(len(rig.actuators))]
+    for _ in range(samples - 1):
+        applied.append(sum(islice(steps, every), start=np.zeros(len(rig.actuators))) / every)
         shown.append(plant.measure())
-        applied[k] = total / every
-        total[:] = 0.0
-        for step in range(every if k < samples - 1 else 0):
-            u = controller.inputs(wanted[k * every + step], plant.measure())
-            plant.advance(u)
-            total += u
     stamps = START + np.round(np.arange(samples) / rate * 1e9).astype(np.int64)
-    told = ", ".join(f"{value:g} {item.unit}" for value, item in zip(offsets, rig.system.inputs, strict=True))
+    told = ", ".join(f"{value:g} {item.unit}" for value, item in zip(rig.bias, rig.system.inputs, strict=True))
     made_by = f"simulated {rig.name}, {kind}, seed {seed}, {duration:g} s at {rate:g} Hz, bias {told}"
-    series = [_measurements(rig, stamps, shown, applied)]
+    series = [_measurements(rig, stamps, shown, np.array(applied))]
     if rig.experiments.loops:
         series.append(_references(rig, stamps, wanted[::every]))
     return write(out, series, replace=True, notes={"made_by": made_by})

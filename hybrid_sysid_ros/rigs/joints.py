@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hybrid_sysid_ros.bags.signals import Given, Signal
-from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core import System, Variable
 from hybrid_sysid_ros.rigs.sensor import Sensor
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import built
@@ -83,33 +83,29 @@ class Joints:
     def signals(self, system: System, sensors: Sequence[Sensor]) -> Given:
         """Inputs, outputs and channels of records, as these topics carry them; see :meth:`.Rig.channel`."""
 
-        def signal(
-            topic: str, name: str, unit: str, form: str = "{field}[{joint}]", holds: str = "preceding"
-        ) -> Signal:
-            joint, field = self.place(name)
-            return Signal(topic=topic, field=form.format(joint=joint, field=field), unit=unit, holds=holds)
-
-        inputs = {item.name: signal(MEASUREMENTS, item.name, item.unit) for item in system.inputs}
-        outputs = {item.name: signal(MEASUREMENTS, item.name, item.unit) for item in system.outputs}
-        channels = {}
-        alone = len(outputs) == 1, len(inputs) == 1
-        for item, sensor in zip(system.outputs, sensors, strict=True):
-            if sensor.low_pass:
-                form = "{field}[{joint}_filtered]"
-                channels[FILTERED if alone[0] else f"{FILTERED}_{item.name}"] = signal(
-                    MEASUREMENTS, item.name, item.unit, form
+        def signals(
+            variables: Sequence[Variable], topic: str, form: str = "{field}[{joint}]", holds: str = "preceding"
+        ) -> dict[str, Signal]:
+            found = {}
+            for item in variables:
+                joint, field = self.place(item.name)
+                told = form.format(
+                    joint=joint, field=field, fields="positions" if field == "position" else "velocities"
                 )
-        for item in system.outputs:
-            form = (
-                "points[0].{field}s[{joint}]"
-                if self.place(item.name)[1] == "position"
-                else "points[0].velocities[{joint}]"
-            )
-            channels["reference" if alone[0] else f"reference_{item.name}"] = signal(
-                REFERENCES, item.name, item.unit, form
-            )
-        for item in system.inputs:
-            channels["command" if alone[1] else f"command_{item.name}"] = signal(
-                COMMANDS, item.name, item.unit, holds="following"
-            )
-        return inputs, outputs, channels
+                found[item.name] = Signal(topic=topic, field=told, unit=item.unit, holds=holds)
+            return found
+
+        def channels(kind: str, of: Sequence[Variable], found: dict[str, Signal]) -> dict[str, Signal]:
+            return {kind if len(of) == 1 else f"{kind}_{name}": signal for name, signal in found.items()}
+
+        inputs, outputs = system.inputs, system.outputs
+        low_passed = [item for item, sensor in zip(outputs, sensors, strict=True) if sensor.low_pass]
+        filtered = signals(low_passed, MEASUREMENTS, "{field}[{joint}_filtered]")
+        references = signals(outputs, REFERENCES, "points[0].{fields}[{joint}]")
+        commands = signals(inputs, COMMANDS, holds="following")
+        further = {
+            **channels(FILTERED, outputs, filtered),
+            **channels("reference", outputs, references),
+            **channels("command", inputs, commands),
+        }
+        return signals(inputs, MEASUREMENTS), signals(outputs, MEASUREMENTS), further

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.core import System, Variable
@@ -93,6 +96,11 @@ class Rig:
         return tuple(sensor.display for sensor in self.sensors)
 
     @property
+    def limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lowest and highest value of each input, (inputs,) each."""
+        return np.array([item.low for item in self.actuators]), np.array([item.high for item in self.actuators])
+
+    @property
     def bias(self) -> tuple[float, ...]:
         """Of each input of the simulated rig (inputs,): the constant added to it, which no model knows."""
         plant = section(section(self.content, "nodes", str(self.file)), "plant", f"{self.file}: nodes")
@@ -149,8 +157,8 @@ def _read(found: folders.RigFolder) -> Rig:
     system, structures = folders.systems_of(found)
     for other in structures.values():
         _check_alike(system, other, str(found.path / folders.SYSTEM))
-    sensors = _parts(content, "sensors", system.outputs, where, Sensor, _plain_sensor)
-    actuators = _parts(content, "actuators", system.inputs, where, Actuator, None)
+    sensors = _sensors(_told(content, "sensors", system.outputs, where), system, f"{where}: sensors")
+    actuators = _actuators(_told(content, "actuators", system.inputs, where), system, f"{where}: actuators")
     joints = Joints.of(section(content, "joints", where), system, f"{where}: joints")
     namespace = str(content.get("namespace") or found.name).strip("/")
     derived = joints.signals(system, sensors)
@@ -181,38 +189,36 @@ def _check_alike(system: System, other: System, where: str) -> None:
             raise UserError(f"{where}: {name} has the {kind} {', '.join(its)}, the rig's are {', '.join(mine)}")
 
 
-def _plain_sensor(output: Variable) -> Sensor:
-    return Sensor(unit=output.unit)
-
-
-def _parts(
-    content: Mapping[str, Any],
-    key: str,
-    variables: tuple[Variable, ...],
-    where: str,
-    kind: type[Any],
-    plain: Callable[[Variable], Any] | None,
-) -> tuple[Any, ...]:
-    """A sensor for each output, an actuator for each input; ``plain`` stands where none is told."""
-    told = section(content, key, where)
-    names = [item.name for item in variables]
+def _told(content: Mapping[str, Any], key: str, variables: tuple[Variable, ...], where: str) -> dict[str, Any]:
+    """A section with a part for each variable, by their names."""
+    told, names = section(content, key, where), [item.name for item in variables]
     for name in told:
         if name not in names:
             raise UserError(f"{where}: {key}.{name}: the system has no such {key[:-1]}; known are {', '.join(names)}")
+    return told
+
+
+def _sensors(told: Mapping[str, Any], system: System, where: str) -> tuple[Sensor, ...]:
+    """A sensor for each output, a plain one where none is told."""
     found = []
-    for item in variables:
-        if item.name not in told and plain is None:
-            raise UserError(f"{where}: {key}.{item.name} is missing: it needs low and high [{item.unit}]")
-        value = told.get(item.name)
-        if isinstance(value, dict) and kind is Sensor:
-            value = {"unit": item.unit, **value}
-        found.append(plain(item) if value is None and plain else built(kind, value, f"{where}: {key}.{item.name}"))
-        if kind is Sensor and found[-1].scale == 1.0 and found[-1].unit != item.unit:
+    for item in system.outputs:
+        value, here = told.get(item.name), f"{where}.{item.name}"
+        sensor = built(Sensor, {"unit": item.unit, **(value or {})} if isinstance(value, dict | None) else value, here)
+        if sensor.scale == 1.0 and sensor.unit != item.unit:
             raise UserError(
-                f"{where}: {key}.{item.name}: readings are in {found[-1].unit}, the output is in {item.unit}: "
-                f"give scale, in {item.unit} per {found[-1].unit}"
+                f"{where}.{item.name}: readings are in {sensor.unit}, the output is in {item.unit}: "
+                f"give scale, in {item.unit} per {sensor.unit}"
             )
+        found.append(sensor)
     return tuple(found)
+
+
+def _actuators(told: Mapping[str, Any], system: System, where: str) -> tuple[Actuator, ...]:
+    """An actuator for each input."""
+    for item in system.inputs:
+        if item.name not in told:
+            raise UserError(f"{where}.{item.name} is missing: it needs low and high [{item.unit}]")
+    return tuple(built(Actuator, told[item.name], f"{where}.{item.name}") for item in system.inputs)
 
 
 def _above_zero(content: Mapping[str, Any], key: str, where: str) -> float:

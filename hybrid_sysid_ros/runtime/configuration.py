@@ -1,10 +1,9 @@
-"""Configuration: what the library takes from the nodes' parameters and a rig's values, and how topics are carried."""
+"""Configuration: what the library takes from the nodes' parameters and a rig's values."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,12 @@ from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.parameters import DECLARATIONS, Parameter, defaults, parameters
+from hybrid_sysid_ros.runtime.parameters import Parameter, defaults, parameters
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import numbers, read_mapping, section
+from hybrid_sysid_ros.support.structured import numbers
 
 __all__ = [
-    "CAMERA", "Parameter", "Quality", "defaults", "estimator_tuning", "mpc_problem", "parameters", "qualities",
-    "shipped", "spread_of",
+    "CAMERA", "Parameter", "defaults", "estimator_tuning", "mpc_problem", "parameters", "shipped", "spread_of",
 ]  # fmt: skip
 
 CAMERA = "camera"
@@ -29,59 +27,16 @@ OWN_NOISE = 0.05
 NONE = 1e9
 """A bound of a state from which on it is none."""
 TRAINED = Path(__file__).parents[1] / "trained"
-RELIABILITIES = ("reliable", "best_effort")
-DURABILITIES = ("volatile", "transient_local")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Quality:
-    """How a topic is carried: reliable or best_effort, volatile or transient_local, and how many messages wait."""
-
-    reliability: str
-    durability: str
-    depth: int
-
-    def __post_init__(self) -> None:
-        if self.reliability not in RELIABILITIES or self.durability not in DURABILITIES:
-            allowed = f"{' or '.join(RELIABILITIES)}, {' or '.join(DURABILITIES)}"
-            raise UserError(f"{self.reliability}, {self.durability}: needs {allowed}")
-        if type(self.depth) is not int or not 1 <= self.depth <= 100_000:
-            raise UserError(f"depth is {self.depth!r}: it needs a whole number from 1 to 100000")
 
 
 def shipped(rig: str, kind: str) -> Path:
-    """Folder of what comes trained with the package for a rig; kind: model or policy.
-
-    Raises:
-        UserError: nothing does.
+    """Folder of what comes trained with the package for a rig; kind: model or policy. Raises UserError where nothing
+    does.
     """
     folder = TRAINED / rig / kind
     if not folder.is_dir():
         raise UserError(f"no {kind} comes with the package for the rig {rig} ({folder}): give the path of one")
     return folder
-
-
-def qualities(path: Path = DECLARATIONS) -> dict[str, Quality]:
-    """How each topic is carried, by its name as in msgs_config/nodes.yaml.
-
-    Raises:
-        UserError: a class is not described as it should be, or names a topic that another has.
-    """
-    found: dict[str, Quality] = {}
-    for name, entry in section(read_mapping(path), "qos", str(path), needed=True).items():
-        try:
-            content = dict(entry)
-            topics = list(content.pop("topics"))
-            quality = Quality(**content)
-        except (KeyError, TypeError, ValueError) as error:
-            raise UserError(f"{path}: qos.{name}: needs reliability, durability, depth and topics") from error
-        except UserError as error:
-            raise UserError(f"{path}: qos.{name}: {error}") from error
-        for topic in topics:
-            if topic in found:
-                raise UserError(f"{path}: qos.{name}: topic {topic} is in another class already")
-            found[topic] = quality
-    return found
 
 
 def in_si(values: Sequence[float], rig: Rig) -> tuple[float, ...]:
@@ -92,11 +47,9 @@ def in_si(values: Sequence[float], rig: Rig) -> tuple[float, ...]:
 def estimator_tuning(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> Tuning:
     """Tuning of the estimators from the parameters of the node `estimator`; outputs come into SI.
 
-    system: the model that the estimator predicts with, by default the rig's own. Of the states that it has alone,
-    those without a unit, such as hidden units of a network, drift by OWN_NOISE, others not.
-
-    Raises:
-        UserError: `followed` is no list of NAME=DRIFT.
+    system: the model that the estimator predicts with, by default the rig's own. Of the states that it has alone, those
+    without a unit, such as hidden units of a network, drift by OWN_NOISE, others not. Raises UserError where `followed`
+    is no list of NAME=DRIFT.
     """
     system, camera = system or rig.system, rig.display[0].scale * values["camera_noise"]
     states, inputs, outputs = len(rig.system.states), len(rig.actuators), len(rig.sensors)
@@ -143,9 +96,7 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
     """Problem of the exact MPC from the parameters of the node `controller`; outputs are weighed as they are shown.
 
     system: the model that the MPC predicts with, by default the rig's own. States that it has alone have no bounds.
-
-    Raises:
-        UserError: a number makes no problem.
+    Raises UserError where a number makes no problem.
     """
     system = system or rig.system
     states, inputs, outputs = len(rig.system.states), len(rig.actuators), len(rig.sensors)
@@ -187,10 +138,7 @@ def by_state(values: Sequence[float], rig: Rig, model: System) -> tuple[float, .
 def spread_of(rig: Rig, model: System | None = None) -> Spread:
     """What the closed loops are made of that a policy learns from, from the section policy_training of its rig.
 
-    model: whose states are pushed, by default the rig's own system.
-
-    Raises:
-        UserError: it lacks a number.
+    model: whose states are pushed, by default the rig's own system. Raises UserError where it lacks a number.
     """
     told, where = rig.section("policy_training"), f"{rig.file}: policy_training"
     system = rig.system

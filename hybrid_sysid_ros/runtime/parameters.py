@@ -11,7 +11,7 @@ from typing import Any
 
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import read_mapping, refuse_unknown, section
+from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_unknown, section
 
 DECLARATIONS = Path(__file__).parents[1] / "msgs_config" / "nodes.yaml"
 EACH = ("input", "output", "state")
@@ -52,10 +52,8 @@ class Parameter:
         return float if self.each else type(self.default)
 
     def checked(self, value: Any) -> Any:
-        """Return the value as the parameter's kind (an integer does for a number); a list at its full length.
-
-        Raises:
-            UserError: it is of another kind or length, out of range or none of the choices.
+        """Return the value as the parameter's kind (an integer does for a number); a list at its full length. Raises
+        UserError where it is of another kind or length, out of range or none of the choices.
         """
         if not self.each:
             return self._one(value)
@@ -68,16 +66,13 @@ class Parameter:
             )
         return items * (self.count if len(items) == 1 else 1)
 
-    def _holds(self, value: Any) -> bool:
-        """Whether a value is of the parameter's kind; a truth value is no number."""
-        return type(value) is self.kind
-
     def _one(self, value: Any) -> Any:
-        if self.kind is float and type(value) is int:
+        kind: Any = self.kind
+        if kind is float and type(value) is int:
             value = float(value)
-        if not self._holds(value):
-            raise UserError(f"parameter {self.name} is {value!r}: it needs {_KINDS[self.kind]}")
-        if self.kind in (int, float) and not (math.isfinite(value) and self.low <= value <= self.high):
+        if type(value) is not kind:  # a truth value is no number
+            raise UserError(f"parameter {self.name} is {value!r}: it needs {_KINDS[kind]}")
+        if kind in (int, float) and not (math.isfinite(value) and self.low <= value <= self.high):
             unit = f" {self.unit}" if self.unit else ""
             raise UserError(f"parameter {self.name} is {value}{unit}: it must be within [{self.low:g}, {self.high:g}]")
         if self.choices and value not in self.choices:
@@ -86,10 +81,8 @@ class Parameter:
 
 
 def parameters(rig: Rig | str, node: str) -> dict[str, Parameter]:
-    """Parameters of a node of a rig, by name; their defaults are the rig's values.
-
-    Raises:
-        UserError: there is no such rig or node, or one of the rig's values is not allowed.
+    """Parameters of a node of a rig, by name; their defaults are the rig's values. Raises UserError where there is no
+    such rig or node, or one of the rig's values is not allowed.
     """
     rig = rig if isinstance(rig, Rig) else load(rig)
     declared, where = declarations(), str(rig.file)
@@ -112,11 +105,7 @@ def parameters(rig: Rig | str, node: str) -> dict[str, Parameter]:
 
 
 def defaults(rig: Rig | str, node: str) -> dict[str, Any]:
-    """Value of each parameter of a node that nobody sets.
-
-    Raises:
-        UserError: see parameters().
-    """
+    """Value of each parameter of a node that nobody sets. Raises UserError: see parameters()."""
     return {name: parameter.default for name, parameter in parameters(rig, node).items()}
 
 
@@ -153,14 +142,7 @@ def _unit(entry: Mapping[str, Any], rig: Rig) -> str:
 
 
 def _parameter(name: str, entry: Mapping[str, Any], where: str) -> Parameter:
-    content = dict(entry)
-    try:
-        if "range" in content:
-            content["low"], content["high"] = content.pop("range")
-        content["choices"] = tuple(content.get("choices", ()))
-        return Parameter(name=name, **content)
-    except (TypeError, ValueError) as error:
-        known = "default, description, unit, range, choices, each and live"
-        raise UserError(f"{where}: has wrong keys: known are {known}") from error
-    except UserError as error:
-        raise UserError(f"{where}: {error}") from error
+    content = {"name": name, **entry}
+    if "range" in content:
+        content["low"], content["high"] = numbers(content.pop("range"), f"{where}.range", count=2)
+    return built(Parameter, {**content, "choices": tuple(content.get("choices", ()))}, where)

@@ -9,14 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.bags.bag import name_of
+from hybrid_sysid_ros.bags.bag import name_of, opened
 from hybrid_sysid_ros.bags.columns import SECOND, Columns, MissingInMessageError
-from hybrid_sysid_ros.bags.contents import Contents, contents
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256
-
-Array = NDArray[np.float64]
 
 MEASUREMENT, COMMAND, REFERENCE = "joint_states", "joint_command", "reference"
 ONE_CLOCK = SECOND  # ns, largest median distance of a measurement's stamp from its logging if both are of one clock
@@ -75,15 +73,11 @@ class LoopRecord:
     digest: str = ""
 
     @classmethod
-    def from_bag(cls, path: Path | str, rig: Rig, *, namespace: str | None = None, recover: bool = False) -> LoopRecord:
-        """Read joint_states, joint_command and reference of a rig; namespace: by default the rig's own.
-
-        Raises:
-            UserError: there is no such bag, topic or field, a number is missing, or stamps run backwards.
+    def from_bag(cls, path: Path | str, rig: Rig) -> LoopRecord:
+        """Read joint_states, joint_command and reference of a rig. Raises UserError where there is no such bag, topic
+        or field, a number is missing, or stamps run backwards.
         """
-        path = Path(path)
-        within = rig.namespace if namespace is None else namespace
-        return _Reading(path, rig, "/" + within.strip("/"), recover=recover).loop()
+        return _Reading(Path(path), rig).loop()
 
     @property
     def is_real_time(self) -> bool:
@@ -107,10 +101,8 @@ class LoopRecord:
     def tracking_rmse(self, start: float = 0.0, stop: float = np.inf, *, output: int | None = None) -> float:
         """Root mean square of reference minus measured output from `start` to `stop` [s], as the output is shown.
 
-        output: which one, by default the first that is tracked.
-
-        Raises:
-            UserError: the bag has no sample with a reference there.
+        output: which one, by default the first that is tracked. Raises UserError where the bag has no sample with a
+        reference there.
         """
         chosen = next(iter(self.tracked), 0) if output is None else output
         error = self.error[self.within(start, stop), chosen]
@@ -138,24 +130,21 @@ class LoopRecord:
 class _Reading:
     """One bag on its way into a LoopRecord."""
 
-    def __init__(self, path: Path, rig: Rig, namespace: str, *, recover: bool) -> None:
+    def __init__(self, path: Path, rig: Rig) -> None:
         self.path = path
         self.rig = rig
-        prefix = namespace.rstrip("/")
-        self.names = {topic: f"{prefix}/{topic}" for topic in (MEASUREMENT, COMMAND, REFERENCE)}
-        self.contents: Contents = contents(path, set(self.names.values()), recover=recover)
-        self.columns = {topic: self.messages(topic) for topic in self.names}
-
-    def messages(self, topic: str) -> Columns:
-        name = self.names[topic]
-        if name not in self.contents.topics:
-            raise UserError(
-                f"{self.path}: no topic {name}: the bag has {self.contents.listing}; a closed loop needs all of "
-                f"{', '.join(self.names.values())}"
-            )
-        if not self.contents.messages[name].data:
-            raise UserError(f"{self.path}: topic {name} has no messages: was its publisher running?")
-        return Columns(self.contents.messages[name], self.contents.typestore)
+        self.names = {topic: f"/{rig.namespace.strip('/')}/{topic}" for topic in (MEASUREMENT, COMMAND, REFERENCE)}
+        with opened(path) as bag:
+            messages = bag.whole(self.names.values())
+        for name in self.names.values():
+            if name not in messages:
+                raise UserError(
+                    f"{self.path}: no topic {name}: the bag has {bag.listing}; a closed loop needs all of "
+                    f"{', '.join(self.names.values())}"
+                )
+            if not messages[name].data:
+                raise UserError(f"{self.path}: topic {name} has no messages: was its publisher running?")
+        self.columns = {topic: Columns(messages[name], bag.typestore) for topic, name in self.names.items()}
 
     def values(self, topic: str, field: str) -> Array:
         try:

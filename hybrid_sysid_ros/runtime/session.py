@@ -90,10 +90,8 @@ class Session:
         self.stop()
 
     def command(self, node: str, values: Mapping[str, Any]) -> list[str]:
-        """Command that starts a node with these parameters; the others have their defaults.
-
-        Raises:
-            UserError: a parameter is unknown or not allowed.
+        """Command that starts a node with these parameters; the others have their defaults. Raises UserError where a
+        parameter is unknown or not allowed.
         """
         known = configuration.parameters(self.rig, node)
         command = [sys.executable, "-m", f"hybrid_sysid_ros.nodes.{node}", "--ros-args"]
@@ -125,10 +123,8 @@ class Session:
             child.listeners[-1].start()
 
     def wait_for(self, word: str, nodes: Sequence[str], timeout: float) -> None:
-        """Wait until each of the nodes has said a word ("ready", "started").
-
-        Raises:
-            UserError: one of all the nodes ended, or the time is over.
+        """Wait until each of the nodes has said a word ("ready", "started"). Raises UserError where one of all the
+        nodes ended, or the time is over.
         """
         end = time.monotonic() + timeout
         while waiting := [node for node in nodes if word not in self.children[node].words]:
@@ -139,10 +135,8 @@ class Session:
                 raise UserError(f"{', '.join(waiting)} not {word} after {timeout:g} s: is the machine overloaded?")
 
     def wait_for_end(self, nodes: Sequence[str], progress: Callable[[float], None]) -> None:
-        """Wait until one of these nodes has ended well; `progress` gets the seconds waited.
-
-        Raises:
-            UserError: a node ended that should not, or did not end well.
+        """Wait until one of these nodes has ended well; `progress` gets the seconds waited. Raises UserError where a
+        node ended that should not, or did not end well.
         """
         begin = time.monotonic()
         while True:
@@ -241,12 +235,12 @@ def run(
     rig: name or path, the default one by default. rate: of measurements [Hz], the rig's by default. reference: a kind,
     or one of the rig's by name, its first by default. duration: of the reference [s]; 0: its own, or until Ctrl-C.
     lockstep: as fast as the nodes are, in simulated time. bag: folder to record all topics into. priority: of plant,
-    estimator and controller as real-time processes; None: a modest one where the system permits it. parameters: more
-    of them, by node and name. tell: gets lines for the user. progress: gets the seconds since the start, and how many
+    estimator and controller as real-time processes; None: a modest one where the system permits it. parameters: more of
+    them, by node and name. tell: gets lines for the user. progress: gets the seconds since the start, and how many
     there will be (0: unknown).
 
-    Raises:
-        UserError: no ROS, a parameter is wrong, the bag can't be written, or a node could not start or ended too early.
+    Raises UserError without ROS, and where a parameter is wrong, the bag can't be written, or a node could not start or
+    ended too early.
     """
     described = rigs.load(rig or rigs.default())
     if bag is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hybrid_sysid_ros.control import Controller
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop, simulate_loop
@@ -14,40 +14,33 @@ from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 
 def simulated_loop(
     rig: Rig,
     model: Model,
     controller: Controller,
+    reference: Callable[[ArrayLike], Array],
     *,
+    duration: float,
     seed: int = 0,
-    reference: Callable[[ArrayLike], Array] | None = None,
-    duration: float = 0.0,
 ) -> ClosedLoop:
-    """A loop under a controller at its own period, without delays of computation.
+    """A loop of ``duration`` [s] under a controller at its own period, without delays of computation.
 
-    reference: times (samples,) [s] in, the outputs as they are shown (samples, p) out; by default the rig's first, as
-    long as it lasts [s].
+    reference: times (samples,) [s] in, the outputs as they are shown (samples, p) out.
     """
-    followed, lasting = reference, duration
-    if followed is None or not lasting:
-        schedule = rig.schedule()
-        followed, lasting = followed or schedule, lasting or schedule.duration
     tuning = configuration.estimator_tuning(configuration.defaults(rig.name, "estimator"), rig, model.system)
     estimator = ExtendedKalmanFilter(model.system, tuning, period=controller.period, latency=0.0)
     scales = np.array([display.scale for display in rig.display])
-    wanted = followed
     controller.reset()
     return simulate_loop(
         Plant(rig, seed=seed, bias=rig.bias),
         estimator,
         controller,
-        lambda t: scales * wanted(t),
+        lambda t: scales * reference(t),
         inputs=len(rig.system.inputs),
-        duration=lasting,
+        duration=duration,
         period=controller.period,
         lead=model.system.delay,
     )

@@ -1,4 +1,4 @@
-"""Independent pieces of work side by side, in processes or threads, and results that the next run finds again.
+"""Independent pieces of work side by side, in processes, and results that the next run finds again.
 
 A lost process (killed, out of memory) costs the piece it was at, which runs again; an interruption costs what is under
 way; what is finished is in the store. Each process has one thread of linear algebra: more get into each other's way.
@@ -15,7 +15,7 @@ import warnings
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -147,25 +147,6 @@ class Here(Workers[Item, Result]):
         return future
 
 
-class Threads(Workers[Item, Result]):
-    """Threads of this process, for work in compiled code that lets them run side by side. jobs: see :func:`count`."""
-
-    def __init__(self, work: Callable[[Item], Result], *, jobs: int = 0, **more: Any) -> None:
-        super().__init__(work, **more)
-        self._size = count(jobs)
-        self._pool = ThreadPoolExecutor(self._size)
-
-    @property
-    def size(self) -> int:
-        return self._size
-
-    def submit(self, item: Item) -> Future[Result]:
-        return self._pool.submit(_alone, self.work, item)
-
-    def close(self) -> None:
-        self._pool.shutdown(wait=True, cancel_futures=True)
-
-
 class Processes(Workers[Item, Result]):
     """Processes of this machine, by joblib's executor. Each is a pool of its own: it breaks alone when it is killed.
 
@@ -214,46 +195,37 @@ class Processes(Workers[Item, Result]):
             process.shutdown(kill_workers=True)  # type: ignore[call-arg]  # loky's
 
 
-def workers_for(
-    work: Callable[[Item], Result], *, jobs: int = 0, threads: bool = False, **more: Any
-) -> Workers[Item, Result]:
-    """Processes or threads; for one job this process itself."""
-    if count(jobs) == 1:
-        return Here(work, **more)
-    return Threads(work, jobs=jobs, **more) if threads else Processes(work, jobs=jobs, **more)
-
-
-def write_arrays(arrays: Any, folder: Path) -> None:
-    """Named arrays as one file."""
-    (folder / ARRAYS).write_bytes(save({name: np.ascontiguousarray(value) for name, value in arrays.items()}))
-
-
-def read_arrays(folder: Path) -> Any:
-    """What :func:`write_arrays` wrote."""
-    try:
-        return dict(load_file(folder / ARRAYS))
-    except SafetensorError as error:
-        raise ValueError(f"{folder}: can't be read") from error
+def workers_for(work: Callable[[Item], Result], *, jobs: int = 0, **more: Any) -> Workers[Item, Result]:
+    """Processes; for one job this process itself."""
+    return Here(work, **more) if count(jobs) == 1 else Processes(work, jobs=jobs, **more)
 
 
 class Store(Generic[Result]):
     """Finished results in a folder. Each is found again by all that it depends on, and was written whole or not at all.
 
-    purpose: what all of them depend on; results of another purpose are not found again. write(result, folder),
-    read(folder): how a result is kept, named arrays by default; what can't be read is not there.
+    purpose: what all of them depend on; results of another purpose are not found again. Results are named arrays; a
+    subclass may keep others.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        purpose: str = "",
-        *,
-        write: Callable[[Result, Path], object] = write_arrays,
-        read: Callable[[Path], Result] = read_arrays,
-    ) -> None:
+    def __init__(self, folder: Path, purpose: str = "") -> None:
         self.folder = folder
         self.purpose = purpose
-        self._write, self._read = write, read
+
+    @property
+    def kept(self) -> int:
+        """Number of results that are there, of whatever purpose."""
+        return sum(1 for _ in self.folder.glob(f"*/{FINISHED}"))
+
+    def write(self, result: Result, folder: Path) -> None:
+        """Write a result into a folder of its own."""
+        arrays: Any = result
+        content = save({name: np.ascontiguousarray(value) for name, value in arrays.items()})
+        (folder / ARRAYS).write_bytes(content)
+
+    def read(self, folder: Path) -> Result:
+        """What was written there; what raises an error is not there."""
+        found: Any = load_file(folder / ARRAYS)
+        return found  # type: ignore[no-any-return]
 
     def find(self, key: Any) -> Result | None:
         """The result of a key, None where it is not there or can't be read. key: plain data, or told by its repr()."""
@@ -261,14 +233,14 @@ class Store(Generic[Result]):
         if not (place / FINISHED).is_file():
             return None
         try:
-            return self._read(place)
-        except (OSError, ValueError, KeyError, TypeError, UserError):
+            return self.read(place)
+        except (OSError, SafetensorError, ValueError, KeyError, TypeError, UserError):
             return None
 
     def keep(self, key: Any, result: Result) -> None:
         """Write a result. Raises UserError where the place can't be written."""
         with written_folder(self._place(key), marker=FINISHED, force=True) as partial:
-            self._write(result, partial)
+            self.write(result, partial)
             (partial / FINISHED).write_text(_text(key), encoding="utf-8")
 
     def remove(self) -> None:
@@ -288,7 +260,6 @@ def run(
     pieces: Sequence[Item],
     *,
     workers: int = 0,
-    threads: bool = False,
     store: Store[Result] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Result]:
@@ -300,7 +271,7 @@ def run(
     """
     found: dict[int, Result] = {}
     jobs = min(count(workers), max(len(pieces), 1))
-    crew: Workers[tuple[int, Item], Result] = workers_for(partial(_numbered, work), jobs=jobs, threads=threads)
+    crew: Workers[tuple[int, Item], Result] = workers_for(partial(_numbered, work), jobs=jobs)
     with crew:
         for (number, _), result, _ in resumed(
             crew, list(enumerate(pieces)), store=store, key=lambda item: item[1], finish=True

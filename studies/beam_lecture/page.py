@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.identification.selection.criteria import Judgement
 from hybrid_sysid_ros.report.rendering import check_available, drawn, identification_content, write_page
 from hybrid_sysid_ros.report.sections import Provenance
+from studies.beam_lecture.criteria import Judgement
 from studies.beam_lecture.report import ProtocolSection, StructureResult
 
 
@@ -43,7 +44,7 @@ def write_protocol(path: Path | str, section: ProtocolSection, provenance: Prove
         "provenance": provenance,
         "hashes": {name: digest for name, digest in hashes.items() if digest},
     }
-    return write_page(path, Path(__file__).parent / "protocol.html", content)
+    return write_page(path, Path(__file__).parent / "protocol.html", content, r2=r2_text, difference=difference_text)
 
 
 def _row(section: ProtocolSection, result: StructureResult) -> dict[str, Any]:
@@ -86,3 +87,16 @@ def _criterion(judgement: Judgement, number: int) -> float:
     """A column of the table of criteria."""
     found = judgement.plain, judgement.effective
     return found[number // 2].bic if number % 2 else found[number // 2].aicc
+
+
+def r2_text(value: float) -> str:
+    """An R2, without decimals where it says that a simulation is lost."""
+    if not math.isfinite(value):
+        return "diverges"
+    text = f"{value:.3f}" if value > -10 else f"{value:.0f}"
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
+def difference_text(value: float) -> str:
+    """How far a criterion is above the lowest."""
+    return f"{value:.1f}" if math.isfinite(value) else "\N{INFINITY}"

@@ -14,8 +14,6 @@ from rich.table import Table
 
 from hybrid_sysid_ros import report
 from hybrid_sysid_ros.commands.terminal import InputHandling, Period, Step, console, print_table, sampling_of, status
-from hybrid_sysid_ros.identification.selection.candidate import Candidate, store_of
-from hybrid_sysid_ros.identification.selection.comparison import RULE, Comparison, compare
 from hybrid_sysid_ros.models import STRUCTURES
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
@@ -23,6 +21,8 @@ from hybrid_sysid_ros.support.files import beside, check_file, check_folder, wri
 from hybrid_sysid_ros.support.parallel import Store
 from hybrid_sysid_ros.support.progress import progress_bars
 from studies.beam_lecture import lecture
+from studies.beam_lecture.candidate import Candidate, CandidateStore
+from studies.beam_lecture.comparison import RULE, Comparison, compare
 from studies.beam_lecture.lecture import Protocol, table_name
 from studies.beam_lecture.page import write_protocol
 from studies.beam_lecture.report import StructureResult, protocol_section
@@ -66,7 +66,7 @@ def command(
     protocol = lecture.arrange(lecture.read_folder(folder), number)
     structures = list(dict.fromkeys(chosen))
     place = out or as_json or page
-    store = None if place is None else store_of(beside(place, ".fits"))
+    store = None if place is None else CandidateStore(beside(place, ".fits"))
     done: list[Candidate] = []
     try:
         with progress_bars(status) as update:

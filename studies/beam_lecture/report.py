@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.identification import Part, free_run
+from hybrid_sysid_ros.identification import Part, Scores, free_run
 from hybrid_sysid_ros.identification.identify import experiment_of
-from hybrid_sysid_ros.identification.selection.criteria import Judgement, judge
-from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, averaged
+from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.report.sections import IdentificationSection, identification_section
 from hybrid_sysid_ros.rigs.sensor import Display
 from hybrid_sysid_ros.support.errors import UserError
+from studies.beam_lecture.criteria import Judgement, judge
 
 Array = NDArray[np.float64]
 
@@ -138,3 +138,30 @@ def _judged(models: Mapping[str, Model], training: Sequence[tuple[Record, Part]]
         if all(np.isfinite(error).all() for error in errors):
             residuals[name] = (errors, model.free_numbers)
     return judge(residuals) if residuals else {}
+
+
+def averaged(name: str, curves: Sequence[HorizonErrors]) -> HorizonErrors:
+    """One curve for several records, at the horizons that all of them have: root mean squares of their errors, means of
+    their R2.
+
+    Raises:
+        UserError: no curves, or no horizon that is common to all.
+    """
+    common = sorted(set.intersection(*(set(curve.horizons.tolist()) for curve in curves))) if curves else []
+    if not common:
+        raise UserError(f"{name}: the records have no common horizon to average over; give k_step_errors the horizons")
+    chosen = [np.isin(curve.horizons, common) for curve in curves]
+    limits = [curve.free_run for curve in curves]
+    return HorizonErrors(
+        name=name,
+        horizons=np.array(common, dtype=np.int64),
+        seconds=curves[0].seconds[chosen[0]],
+        rmse=np.sqrt(np.mean([curve.rmse[c] ** 2 for curve, c in zip(curves, chosen, strict=True)], axis=0)),
+        r2=np.mean([curve.r2[c] for curve, c in zip(curves, chosen, strict=True)], axis=0),
+        rollouts=sum(curve.rollouts for curve in curves),
+        free_run=Scores(
+            r2=float(np.mean([scores.r2 for scores in limits])),
+            rmse=float(np.sqrt(np.mean([scores.rmse**2 for scores in limits]))),
+            fit_percent=float(np.mean([scores.fit_percent for scores in limits])),
+        ),
+    )

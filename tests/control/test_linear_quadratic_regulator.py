@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from benchmarks.linear_quadratic_regulator import LinearQuadraticRegulator
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
-from hybrid_sysid_ros.control.linear_quadratic_regulator import LinearQuadraticRegulator
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.support.errors import UserError
 from tests.control import two_inputs

@@ -29,8 +29,7 @@ def stationarity(program):
 
 def test_bounded_variables_are_those_of_bounded_least_squares():
     random = np.random.default_rng(0)
-    memory = quadratic_program(12, 0)
-    program = memory.program
+    program, _memory = quadratic_program(12, 0)
     for _ in range(20):
         fill(program, random, 0)
         assert solve(program, ALL)
@@ -43,8 +42,7 @@ def test_bounded_variables_are_those_of_bounded_least_squares():
 @pytest.mark.parametrize("warm", [False, True])
 def test_with_rows_the_optimality_conditions_hold_from_any_start(warm):
     random = np.random.default_rng(1)
-    memory = quadratic_program(10, 8)
-    program = memory.program
+    program, _memory = quadratic_program(10, 8)
     solved = 0
     for _ in range(30):
         fill(program, random, 8)
@@ -67,10 +65,9 @@ def test_with_rows_the_optimality_conditions_hold_from_any_start(warm):
 
 def test_a_soft_row_is_violated_at_its_price():
     """min x^2 / 2 - 3 x, x <= 1 softly at 0.5 s + 2 s^2: 1 + s - 3 + 0.5 + 4 s = 0, so s = 0.3."""
-    memory = quadratic_program(
+    program, _memory = quadratic_program(
         1, 1, soft_rows=np.array([True]), soft_linear=np.array([0.5]), soft_quadratic=np.array([2.0])
     )
-    program = memory.program
     program.hessian[:], program.gradient[:], program.rows[:] = 1.0, -3.0, 1.0
     program.lower[:], program.upper[:] = [-10.0, -1.0], [10.0, 1.0]
     assert solve(program, ALL)
@@ -78,8 +75,7 @@ def test_a_soft_row_is_violated_at_its_price():
 
 
 def test_a_program_without_solution_is_told():
-    memory = quadratic_program(1, 1)
-    program = memory.program
+    program, _memory = quadratic_program(1, 1)
     program.rows[:] = 1.0
     program.lower[:], program.upper[:] = [-1.0, 2.0], [1.0, 3.0]
     assert not solve(program, ALL)
@@ -89,9 +85,9 @@ def test_a_program_without_solution_is_told():
 
 
 def test_numbers_that_are_none_have_no_solution():
-    memory = quadratic_program(3, 0)
-    memory.program.gradient[:] = np.nan
-    assert not solve(memory.program, ALL) or not np.all(np.isfinite(memory.program.solution))
-    memory.program.gradient[:] = 0.1
-    assert solve(memory.program, ALL)
-    np.testing.assert_allclose(memory.program.solution, -0.1)
+    program, _memory = quadratic_program(3, 0)
+    program.gradient[:] = np.nan
+    assert not solve(program, ALL) or not np.all(np.isfinite(program.solution))
+    program.gradient[:] = 0.1
+    assert solve(program, ALL)
+    np.testing.assert_allclose(program.solution, -0.1)

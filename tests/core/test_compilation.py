@@ -34,7 +34,7 @@ class Block(System):
 
 with event.install_recorder("numba:run_pass") as passes:
     end = simulate(Block(), np.zeros(2), np.full((10, 1), 3.0), step=0.01)[-1]
-    sensitivities, out = Sensitivities(Block()), np.empty((3, 1, 1 + 8 + 2 + 1))
+    sensitivities, out = Sensitivities(Block()), np.empty((3, 1, 1 + 8 + 2))
     starts = np.array([[0, 0, 3, 0]])
     sensitivities.rollouts(Block(), starts, np.zeros((1, 2)), np.ones((3, 1)), step=0.01, every=1, out=out)
 print(len(passes.buffer), *end, out.sum())

@@ -24,7 +24,7 @@ def simulated(system, state, inputs):
 
 
 def carried(system, state, inputs):
-    """Derivatives (samples, outputs, columns) by parameters, weights, initial states and input offsets."""
+    """Derivatives (samples, outputs, columns) by parameters, weights and initial states."""
     sensitivities = Sensitivities(system)
     out = np.empty((SAMPLES, len(system.outputs), sensitivities.count))
     starts = np.array([[0, 0, SAMPLES, 0]])
@@ -38,18 +38,17 @@ def difference(system, moved, h):
 
 
 def test_on_a_linear_beam_they_are_the_powers_of_its_matrix():
-    """Closed form: the state's derivative by the initial state after k steps is A^k, by an offset the sum of A^j b."""
+    """Closed form: the state's derivative by the initial state after k steps is A^k."""
     system = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
     half = 0.5 * STEP * system.damping
     velocity = np.array([-STEP * system.stiffness, 1.0 - half]) / (1.0 + half)
     a = np.array([np.array([1.0, 0.0]) + STEP * velocity, velocity])
-    b = STEP * system.gain / (1.0 + half) * np.array([STEP, 1.0])
-    out = carried(system, np.array([0.02, 0.3]), drive())[:, 0, -3:]
-    forced, power = np.zeros(2), np.eye(2)
+    out = carried(system, np.array([0.02, 0.3]), drive())[:, 0, -2:]
+    power = np.eye(2)
     for sample in range(1, SAMPLES):
         for _ in range(EVERY):
-            forced, power = a @ forced + b, a @ power
-        np.testing.assert_allclose(out[sample], [*power[0], forced[0]], rtol=1e-9, atol=1e-14)
+            power = a @ power
+        np.testing.assert_allclose(out[sample], power[0], rtol=1e-9, atol=1e-14)
 
 
 @pytest.mark.parametrize("name", ["linear", "stribeck", "dahl", "lugre", "gray", "hybrid", "black_box"])
@@ -104,18 +103,18 @@ def test_a_polynomials_initial_states_are_all_of_its_lags():
 
 
 def test_two_inputs_of_different_delays_and_an_output_that_is_no_state():
-    """Every column of both outputs, with the delays, the direct part of the output and the offsets of both inputs."""
+    """Every column of both outputs, with the delays, the direct part of the output."""
     system, state = TwoTanks(), np.array([0.4, 0.1])
     inputs = np.column_stack([drive(0)[:, 0], drive(1)[:, 0]])
     out = carried(system, state, inputs)
-    assert out.shape == (SAMPLES, 2, 4 + 2 + 2)
+    assert out.shape == (SAMPLES, 2, 4 + 2)
 
     def moved(column, change):
-        values, begin, offset = system.values, state.copy(), np.zeros(2)
-        (values, begin, offset)[(column > 3) + (column > 5)][column - (0, 4, 6)[(column > 3) + (column > 5)]] += change
-        return system.with_values(values), begin, inputs + offset
+        values, begin = system.values, state.copy()
+        (values, begin)[column > 3][column - 4 * (column > 3)] += change
+        return system.with_values(values), begin, inputs
 
-    for column in range(8):
+    for column in range(6):
         expected = difference(system, lambda h, c=column: moved(c, h), 1e-6)
         np.testing.assert_allclose(out[..., column], expected, rtol=1e-6, atol=1e-7, err_msg=str(column))
 
@@ -123,10 +122,10 @@ def test_two_inputs_of_different_delays_and_an_output_that_is_no_state():
 @pytest.mark.parametrize("name", ["gray", "hybrid"])
 @pytest.mark.parametrize("horizon", [20, None])
 def test_the_jacobian_of_a_fit_is_what_its_residuals_differ_by(linear_records, name, horizon):
-    """With initial states and biases of every record, whose columns reach into no other record."""
+    """With initial states of every record, whose columns reach into no other record."""
     system = structure(name)
     experiments = [prepare(record, system, Sampling()) for record in linear_records]
-    problem = Problem(system, experiments, bias=0.1)
+    problem = Problem(system, experiments)
     random = np.random.default_rng(2)
     lower, upper = problem.bounds
     point = np.clip(problem.start + 0.02 * random.normal(size=len(problem.start)), lower, upper)

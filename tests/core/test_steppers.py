@@ -9,8 +9,7 @@ from scipy.linalg import expm
 
 from hybrid_sysid_ros.core import Recurrence, RungeKutta, System, bounded, simulate, stepped
 from hybrid_sysid_ros.core.mathematics import cos, sin
-from hybrid_sysid_ros.core.symbolic import symbolic_step
-from tests.evaluation import evaluated
+from tests.evaluation import evaluated, parametric_step
 from tests.one_joint import Linear
 
 
@@ -81,9 +80,8 @@ def test_runge_kutta_is_of_order_four():
 def test_the_slopes_of_a_runge_kutta_step_are_casadis():
     """Stages and chain rule are loops about the printed law in one form, and written out in the other."""
     system, h = Pendulum(), 0.05
-    step = symbolic_step(system, step=h, parametric=True)
-    x, u, p = (casadi.SX.sym(name, size) for name, size in (("x", 2), ("u", 1), ("p", 2)))
-    expected = casadi.Function("j", [x, u, p], [casadi.jacobian(step(x, u, p), casadi.vertcat(x, u, p))])
+    x, u, p, following = parametric_step(system, step=h)
+    expected = casadi.Function("j", [x, u, p], [casadi.jacobian(following, casadi.vertcat(x, u, p))])
     random = np.random.default_rng(0)
     for _ in range(20):
         state, drive = random.normal(size=2), random.normal(size=1)

@@ -7,7 +7,7 @@ import pytest
 from hybrid_sysid_ros.core import simulate, stepped
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
-from tests.evaluation import evaluated
+from tests.evaluation import evaluated, parametric_step
 from tests.structures import DEFLECTION, MOTIONS, RANGE, SYSTEMS, Cart, TwoTanks, structure
 
 
@@ -79,11 +79,8 @@ CORNERLESS = ("dahl", "lugre", "narx", "recurrent")
 def test_the_slopes_of_a_step_are_those_of_the_casadi_form(name, smoothing):
     system = SYSTEMS[name]()
     states, inputs = len(system.states), len(system.inputs)
-    step = symbolic_step(system, step=0.005, smoothing=smoothing, parametric=True)
+    x, u, p, following = parametric_step(system, step=0.005, smoothing=smoothing)
     free = [i for i, item in enumerate(system.parameters) if not item.fixed]
-    x, u = casadi.SX.sym("x", states), casadi.SX.sym("u", inputs)
-    p = casadi.SX.sym("p", len(system.parameters))
-    following = step(x, u, p)
     by = casadi.vertcat(x, u, p[free]) if free else casadi.vertcat(x, u)
     expected = casadi.Function("j", [x, u, p], [following, casadi.jacobian(following, by)])
     random = np.random.default_rng(3)

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from hybrid_sysid_ros.core import stepped
 from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.estimation import METHODS, Tuning
-from hybrid_sysid_ros.estimation.consistency import Window, band, normalised_errors
+from hybrid_sysid_ros.estimation.consistency import band, normalised_errors
 from hybrid_sysid_ros.estimation.square_root import solve, solve_transposed, triangle
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 
@@ -169,11 +169,3 @@ def test_equations_are_solved_where_something_has_no_variance():
 def test_a_band_is_the_chi_square_one(samples, degrees):
     exact = chi2.ppf([0.025, 0.975], samples * degrees) / samples
     np.testing.assert_allclose(band(samples, degrees), exact, rtol=1e-2 if samples * degrees < 100 else 1e-3)
-
-
-def test_a_window_forgets():
-    window = Window(3)
-    assert np.isnan(window.mean)
-    for value in (9.0, 1.0, np.nan, 2.0, 3.0):
-        window.add(value)
-    assert (len(window), window.mean) == (3, 2.0)

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from hybrid_sysid_ros.identification.selection import comparison
 from hybrid_sysid_ros.models import load
 from studies.beam_lecture import __main__ as study
+from studies.beam_lecture import comparison
 from tests.command_line import PLACES, refused, refused_place
 
 BAGS = Path(__file__).parents[2] / "bags"

@@ -7,10 +7,10 @@ import pytest
 
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.selection.candidate import Candidate
-from hybrid_sysid_ros.identification.selection.comparison import Comparison
 from hybrid_sysid_ros.identification.selection.cross_validation import Validation
 from hybrid_sysid_ros.models import STRUCTURES
+from studies.beam_lecture.candidate import Candidate
+from studies.beam_lecture.comparison import Comparison
 from studies.beam_lecture.lecture import COLUMNS, PUBLISHED, Protocol
 from studies.beam_lecture.protocol import table
 

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from pathlib import Path
+from string import Template
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.export.c_templates import CORRECTION, FOLLOWED, HEADER, SOURCE, TEST
 from hybrid_sysid_ros.control.export.vectors import Vectors, parts
 from hybrid_sysid_ros.control.policy.adaptation import FARTHEST
-from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.control.policy.policy import Policy, named_layers
 from hybrid_sysid_ros.core.networks import Layers
+from hybrid_sysid_ros.support.arrays import Array
 
-Array = NDArray[np.float64]
 WIDTH = 118
+TEMPLATES = Path(__file__).parent / "c"
+"""policy.h, policy.c and policy_test.c; what stands behind an @ is filled in."""
+
+
+class Text(Template):
+    """C has no use for @, but format strings for %."""
+
+    delimiter = "@"
 
 
 def sources(
@@ -27,7 +35,8 @@ def sources(
     [unit of the inputs].
     """
     correction = policy.correction
-    layers = policy.layers if correction is None else (*policy.layers, *correction.layers)
+    names = () if correction is None else correction.names
+    followed: Layers = () if correction is None else correction.layers
     values = {
         "name": name,
         "NAME": name.upper(),
@@ -37,28 +46,22 @@ def sources(
         "inputs": policy.inputs,
         "outputs": policy.outputs,
         "stages": policy.stages,
-        "parameters": 0 if correction is None else len(correction.names),
-        "widest": max(max(matrix.shape) for matrix, _ in layers),
+        "parameters": len(names),
+        "names": ", ".join(names) or "none",
+        "widest": max(max(matrix.shape) for matrix, _ in (*policy.layers, *followed)),
         "tracked": len(policy.tracked),
         "reach": number(policy.training_range.reach),
         "farthest": number(FARTHEST),
         "tolerance": number(tolerance),
         "vectors": len(vectors),
-        "signature": "" if correction is None else f"\n    const double parameters[{name.upper()}_PARAMETERS],",
-        "followed": "" if correction is None else FOLLOWED.substitute(names=", ".join(correction.names)),
-        "asked": "" if correction is None else "vectors[i].parameters, ",
-        "field": "" if correction is None else f"double parameters[{name.upper()}_PARAMETERS]; ",
         "weights": _weights(policy),
-        "network": _network("network", policy.layers, ""),
-        "sensitivity": "" if correction is None else _network("sensitivity", correction.layers, "S"),
-        "correct": "" if correction is None else "        correct(z, parameters, answers);\n",
+        "layers": _layers(policy.layers, ""),
+        "corrections": _layers(followed, "S"),
         "table": _table(policy, vectors),
     }
-    values["corrected"] = "" if correction is None else CORRECTION.substitute(values)
     return {
-        f"{name}.h": HEADER.substitute(values),
-        f"{name}.c": SOURCE.substitute(values),
-        f"{name}_test.c": TEST.substitute(values),
+        f"{name}{ending}": Text((TEMPLATES / f"policy{ending}").read_text(encoding="utf-8")).substitute(values)
+        for ending in (".h", ".c", "_test.c")
     }
 
 
@@ -88,34 +91,17 @@ def _weights(policy: Policy) -> str:
     arrays += [("input_low", np.array(problem.input_low)), ("input_high", np.array(problem.input_high))]
     arrays += [("rate_limit", np.array(problem.rate_limits)), ("output_map", policy.output_map)]
     arrays += [("lowest", inside.low), ("highest", inside.high), ("whitening", triangle)]
+    arrays += named_layers("", policy.layers).items()
     if policy.correction is not None:
         arrays += [("nominal", policy.correction.nominal), ("spread", policy.correction.spread)]
-    for prefix, layers in _networks(policy):
-        for index, (matrix, bias) in enumerate(layers):
-            arrays += [(f"{prefix}W{index}", matrix), (f"{prefix}b{index}", bias)]
+        arrays += named_layers("S", policy.correction.layers).items()
     tracked = f"static const int tracked[{len(policy.tracked)}] = {{{', '.join(map(str, policy.tracked))}}};\n"
     return "\n".join([tracked, *(_array(name, values) for name, values in arrays)])
 
 
-def _networks(policy: Policy) -> Sequence[tuple[str, Layers]]:
-    plain = ("", policy.layers)
-    return (plain,) if policy.correction is None else (plain, ("S", policy.correction.layers))
-
-
-def _network(function: str, layers: Layers, prefix: str) -> str:
-    """One call of layer() for each; the values go to and fro between two arrays."""
-    begin = f"static void {function}(const double z[FEATURES], double answers[{len(layers[-1][1])}])\n{{\n"
-    lines = ["double one[WIDEST], other[WIDEST];" if len(layers) > 2 else "double one[WIDEST];", ""]
-    come, go = "z", "one"
-    for index, (matrix, _) in enumerate(layers):
-        rows, columns = matrix.shape
-        last = index == len(layers) - 1
-        target = "answers" if last else go
-        activation = "STRAIGHT" if last else "TANH"
-        weights, biases = f"{prefix}W{index}", f"{prefix}b{index}"
-        lines.append(f"layer({weights}, {biases}, {come}, {columns}, {target}, {rows}, {activation});")
-        come, go = target, "other" if target == "one" else "one"
-    return begin + "".join(f"    {line}\n" if line else "\n" for line in lines) + "}\n"
+def _layers(layers: Layers, prefix: str) -> str:
+    sizes = [matrix.shape for matrix, _ in layers]
+    return ",\n".join(f"    {{{prefix}W{k}, {prefix}b{k}, {wide}, {high}}}" for k, (high, wide) in enumerate(sizes))
 
 
 def _table(policy: Policy, vectors: Vectors) -> str:

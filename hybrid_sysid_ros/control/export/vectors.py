@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.control.controller import Status
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.support.arrays import Array
 
-Array = NDArray[np.float64]
 Truths = NDArray[np.bool_]
 
 NAMES = ("x", "d", "u_previous", "preview", "parameters")
@@ -36,14 +36,6 @@ class Vectors:
 
     def __len__(self) -> int:
         return len(self.instances)
-
-    def __add__(self, other: Vectors) -> Vectors:
-        return Vectors(
-            instances=np.concatenate([self.instances, other.instances]),
-            inputs=np.concatenate([self.inputs, other.inputs]),
-            answered=np.concatenate([self.answered, other.answered]),
-            inside=np.concatenate([self.inside, other.inside]),
-        )
 
     def difference(self, inputs: Array, answered: Truths, inside: Truths) -> float:
         """Largest difference of the inputs; infinite where one is no number, or a truth is another."""
@@ -74,7 +66,8 @@ def vectors(policy: Policy) -> Vectors:
     known = asked(policy, instances)
     inputs = bounded(answers, parts(policy, instances)[2], policy.problem)
     edge = asked(policy, _edge(policy, instances))
-    return replace(known, inputs=inputs, answered=np.ones_like(known.answered)) + edge
+    known = replace(known, inputs=inputs, answered=np.ones_like(known.answered))
+    return Vectors(**{name: np.concatenate([values, getattr(edge, name)]) for name, values in vars(known).items()})
 
 
 def bounded(answers: Array, previous_inputs: Array, problem: Problem) -> Array:

@@ -8,15 +8,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.control.stage_cost import stage_cost
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 LEAST_CURVATURE = 1e-9
 """Added to the Hessian's diagonal, in shares of its largest entry: inputs without weight must not make it singular."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.mpc.horizon import Horizon
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 LEAST_SHIFT = 1e-4
 """Added to the diagonal of a Hessian that is not positive, in shares of Gauss-Newton's largest entry; doubled until it

@@ -16,8 +16,7 @@ from hybrid_sysid_ros.control.stage_cost import StageWeights
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.shared import Shared
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 
 class Instance(NamedTuple):
@@ -31,6 +30,10 @@ class Instance(NamedTuple):
     """(m,), the inputs before."""
     preview: Array
     """(N, p), reference of the outputs at the end of each interval."""
+
+    def take(self, state: Array, disturbance: Array, previous: Array, preview: Array) -> None:
+        """Write what is asked into these arrays."""
+        self.state[:], self.disturbance[:], self.previous[:], self.preview[:] = state, disturbance, previous, preview
 
 
 @inner
@@ -159,36 +162,29 @@ def new_horizon(system: System, problem: Problem) -> Horizon:
     """The memory of a problem that is sized."""
     n, m, p, count = len(system.states), len(system.inputs), len(system.outputs), problem.horizon
     weights, rate = problem.weights, np.array(problem.rate_limits)
+    shapes: list[tuple[tuple[int, ...], str]] = [
+        ((count + 1, n), "states moved simulated adjoint kept_states"),
+        ((count, m), "inputs step planned kept_inputs"),
+        ((m,), "disturbance kept_disturbance"),
+        ((count, p), "outputs"),
+        ((count, n, n), "A free"),
+        ((count, n, m), "B"),
+        ((count, p, n), "C"),
+        ((count, p, m), "D"),
+        ((count, n), "reached forced"),
+        ((count, n, count * m), "driven"),
+        ((count, p, count * m), "seen"),
+        ((count, n + m, n + m), "curvature"),
+        ((count, n + 1, n + m), "before"),
+        ((3,), "progress"),
+        ((6, n + p, n + m), "work"),
+    ]
     return Horizon(
-        states=np.zeros((count + 1, n)),
-        inputs=np.zeros((count, m)),
-        disturbance=np.zeros(m),
-        outputs=np.zeros((count, p)),
-        A=np.zeros((count, n, n)),
-        B=np.zeros((count, n, m)),
-        C=np.zeros((count, p, n)),
-        D=np.zeros((count, p, m)),
-        reached=np.zeros((count, n)),
-        free=np.zeros((count, n, n)),
-        driven=np.zeros((count, n, count * m)),
-        forced=np.zeros((count, n)),
-        seen=np.zeros((count, p, count * m)),
         weights=weights,
         low=np.array(problem.input_low),
         high=np.array(problem.input_high),
         rate=rate,
         rated=np.flatnonzero(np.isfinite(rate)),
         bounded=np.flatnonzero(np.isfinite(weights.low) | np.isfinite(weights.high)),
-        step=np.zeros((count, m)),
-        moved=np.zeros((count + 1, n)),
-        simulated=np.zeros((count + 1, n)),
-        adjoint=np.zeros((count + 1, n)),
-        curvature=np.zeros((count, n + m, n + m)),
-        before=np.zeros((count, n + 1, n + m)),
-        progress=np.zeros(3),
-        planned=np.zeros((count, m)),
-        kept_states=np.zeros((count + 1, n)),
-        kept_inputs=np.zeros((count, m)),
-        kept_disturbance=np.zeros(m),
-        work=np.zeros((6, n + p, n + m)),
+        **{name: np.zeros(shape) for shape, names in shapes for name in names.split()},  # type: ignore[arg-type]
     )

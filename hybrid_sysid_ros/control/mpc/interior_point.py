@@ -6,16 +6,14 @@ from typing import Any
 
 import casadi
 import numpy as np
-from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.controller import Plan, Status
+from hybrid_sysid_ros.control.controller import Plan, Status, held
 from hybrid_sysid_ros.control.mpc.horizon import new_horizon, new_instance
 from hybrid_sysid_ros.control.mpc.shooting import bounded, one_delay
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 
 class InteriorPointMpc:
@@ -50,10 +48,8 @@ class InteriorPointMpc:
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`."""
         instance = self._instance
-        instance.state[:] = state
-        instance.disturbance[:] = disturbance
-        instance.previous[:] = np.clip(previous_input, self.problem.input_low, self.problem.input_high)
-        instance.preview[:] = preview
+        previous = np.clip(previous_input, self.problem.input_low, self.problem.input_high)
+        instance.take(state, disturbance, previous, preview)
         if not np.isfinite(self._flat).all():
             return self._planned(Status.FAILED)
         if self._cold:
@@ -69,12 +65,11 @@ class InteriorPointMpc:
 
     def _planned(self, status: Status) -> Plan:
         """The last solution, or where there is none the input before, within the bounds."""
-        previous, inputs = self._instance.previous, self._inputs.copy()
         if self._cold:
-            inputs[:] = np.where(np.isfinite(previous), previous, 0.0)
-        bounded(self._limits, previous, inputs)
-        states = self._states[1:] if not self._cold else self._states[:0]
-        return Plan(input=inputs[0].copy(), inputs=inputs, states=states.copy(), status=status)
+            return held(self._instance.previous, self.problem, status)
+        inputs = self._inputs.copy()
+        bounded(self._limits, self._instance.previous, inputs)
+        return Plan(input=inputs[0].copy(), inputs=inputs, states=self._states[1:].copy(), status=status)
 
 
 def _statement(system: System, problem: Problem, tolerance: float) -> tuple[Any, dict[str, Array]]:

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Prediction
 from hybrid_sysid_ros.core.call import call_slopes, call_value, pointer
-from hybrid_sysid_ros.core.compilation import inner, kernel
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.core.compilation import inner
+from hybrid_sysid_ros.support.arrays import Array
 
 DIFFERENCE = 1e-7
 """Of states and inputs, to their size and at least to 1, by which derivatives are differentiated."""
@@ -49,12 +45,6 @@ def linearise(prediction: Prediction, horizon: Horizon, smoothing: float, single
         if single:
             assign(horizon.states[i + 1], horizon.reached[i])
         _observe(prediction, horizon, i)
-
-
-@kernel
-def linearised(prediction: Prediction, horizon: Horizon) -> None:
-    """:func:`linearise` for Python."""
-    linearise(prediction, horizon, prediction.smoothing, False)
 
 
 @inner

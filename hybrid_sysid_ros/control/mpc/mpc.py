@@ -5,11 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
-
-from hybrid_sysid_ros.control.controller import Plan, Status
-from hybrid_sysid_ros.control.mpc import sensitivity as derivatives
+from hybrid_sysid_ros.control.controller import Plan, Status, held
 from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import factorise
 from hybrid_sysid_ros.control.mpc.shooting import (
@@ -24,8 +20,7 @@ from hybrid_sysid_ros.control.mpc.shooting import (
 )
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 BETWEEN_LOOKS = 4
 """Iterations between two looks at the clock."""
@@ -63,7 +58,7 @@ class ExactMpc:
         self._time_limit = time_limit
         self._clock = clock
         self._shooting = shooting(system, problem)
-        self._flat, self._instance = new_instance(system, self.problem)
+        _, self._instance = new_instance(system, self.problem)
         self.iterations = 0
         self.residual = math.inf
         # What only a late answer needs is compiled or loaded now, not when it is late.
@@ -112,10 +107,7 @@ class ExactMpc:
         the last one; where there is none, the previous input, or zero if that is no number either.
         """
         mpc, instance = self._shooting, self._instance
-        instance.state[:] = state
-        instance.disturbance[:] = disturbance
-        instance.previous[:] = previous_input
-        instance.preview[:] = preview
+        instance.take(state, disturbance, previous_input, preview)
         iterate = self.real_time and self._prepared and not self._cold
         self._prepared = False
         most, share = self.problem.max_iterations, self.problem.max_iterations
@@ -136,13 +128,6 @@ class ExactMpc:
         self._cold = False
         return self._planned(status)
 
-    def sensitivity(self) -> Array:
-        """Derivatives (m, n + 2 m + N p) of the first inputs by [x, d, u_previous, q_1, ..., q_N], at the solution that
-        :meth:`control` just gave with SOLVED; NaN where it has none. See :mod:`~.sensitivity`.
-        """
-        inputs = self._instance.previous.shape[0]
-        return derivatives.sensitivity(self._shooting, self._flat)[:inputs]
-
     def _go_on(self, began: float) -> Status:
         """Iterate until solved, out of iterations or out of time."""
         mpc, most, status = self._shooting, self.problem.max_iterations, Status.NOT_CONVERGED
@@ -159,13 +144,10 @@ class ExactMpc:
 
     def _rest(self, status: Status) -> Plan:
         """What is left of the last plan, or the previous input."""
-        horizon, last = self._shooting.horizon, self._instance.previous
-        if not self._cold:
-            plan(horizon, self._instance)
-            return self._planned(status)
-        held = np.clip(np.where(np.isfinite(last), last, 0.0), horizon.low, horizon.high)
-        inputs = np.tile(held, (self.horizon, 1))
-        return Plan(input=inputs[0].copy(), inputs=inputs, states=horizon.states[:0].copy(), status=status)
+        if self._cold:
+            return held(self._instance.previous, self.problem, status)
+        plan(self._shooting.horizon, self._instance)
+        return self._planned(status)
 
     def _planned(self, status: Status) -> Plan:
         horizon = self._shooting.horizon

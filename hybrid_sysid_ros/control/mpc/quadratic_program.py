@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.shared import Shared
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 MATRICES, GRADIENT, BOUNDS, STATES = 1 | 2, 4, 8, 16
 """What has changed since the last solution: hessian and rows, gradient, bounds, states of the constraints."""
@@ -118,14 +117,6 @@ class Program(Shared):
     addresses: NDArray[np.int64]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class QuadraticProgram:
-    """The memory of a program; it must outlive all use of ``program``."""
-
-    program: Program
-    memory: tuple[Any, ...]
-
-
 def quadratic_program(
     variables: int,
     rows: int,
@@ -133,8 +124,8 @@ def quadratic_program(
     soft_rows: NDArray[np.bool_] | None = None,
     soft_linear: Array | None = None,
     soft_quadratic: Array | None = None,
-) -> QuadraticProgram:
-    """A program of so many variables, bounded each, and so many rows.
+) -> tuple[Program, tuple[Any, ...]]:
+    """A program of so many variables, bounded each, and so many rows; and its memory, which must outlive all its use.
 
     soft_rows (rows,): which may be violated by s at the price of soft_linear s + soft_quadratic s^2, (rows,) each.
     Raises UserError where the installed solver is not the one whose structures are known here.
@@ -187,9 +178,8 @@ def quadratic_program(
         weigh(place, *(values.ctypes.data for values in (quadratic, quadratic, linear, linear)))
     functions = _address("daqp_update_ldp"), _address("daqp_solve")
     program.addresses[:] = ctypes.addressof(problem), place, ctypes.addressof(result), *functions
-    made = QuadraticProgram(program=program, memory=(problem, workspace, result))
     weakref.finalize(workspace, _release, place)
-    return made
+    return program, (problem, workspace, result)
 
 
 def _release(place: int) -> None:

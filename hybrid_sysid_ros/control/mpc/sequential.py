@@ -8,9 +8,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.condensing import condense, cost_of, cut, evaluate, find_adjoint, residual
 from hybrid_sysid_ros.control.mpc.curvature import add_curvature, keep_derivatives, update_curvature
@@ -19,8 +16,6 @@ from hybrid_sysid_ros.control.mpc.linearisation import assign, find_curvature, l
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, Program
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
-
-Array = NDArray[np.float64]
 
 HALVINGS = 8
 """Times that a step may be halved in search of a cost that is no higher."""

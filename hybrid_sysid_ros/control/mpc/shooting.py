@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.condensing import (
@@ -22,16 +22,15 @@ from hybrid_sysid_ros.control.mpc.condensing import (
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction, new_horizon, prediction
 from hybrid_sysid_ros.control.mpc.linearisation import advance, assign, linearise
-from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, STATES, Program, QuadraticProgram
+from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, STATES, Program
 from hybrid_sysid_ros.control.mpc.sequential import SolverResult, solve
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.stage_cost import StageWeights, excess, stage_cost
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 DOUBT = 0.05
 """Share by which a plan of a feedback phase may cost more than was predicted."""
@@ -44,7 +43,8 @@ class Shooting:
     prediction: Prediction
     horizon: Horizon
     program: Program
-    memory: QuadraticProgram
+    memory: tuple[Any, ...]
+    """Of the program."""
 
 
 def shooting(system: System, problem: Problem) -> Shooting:
@@ -56,7 +56,7 @@ def shooting(system: System, problem: Problem) -> Shooting:
     one_delay(system, problem)
     horizon, count, m = new_horizon(system, problem), problem.horizon, len(system.inputs)
     hard, soft = count * len(horizon.rated), count * len(horizon.bounded)
-    memory = quadratic.quadratic_program(
+    program, memory = quadratic.quadratic_program(
         count * m,
         hard + soft,
         soft_rows=np.arange(hard + soft) >= hard,
@@ -65,10 +65,10 @@ def shooting(system: System, problem: Problem) -> Shooting:
     )
     for r, j in enumerate(horizon.rated):
         for i in range(count):
-            memory.program.rows[r * count + i, i * m + j] = 1.0
+            program.rows[r * count + i, i * m + j] = 1.0
             if i > 0:
-                memory.program.rows[r * count + i, (i - 1) * m + j] = -1.0
-    return Shooting(prediction=prediction(system, problem), horizon=horizon, program=memory.program, memory=memory)
+                program.rows[r * count + i, (i - 1) * m + j] = -1.0
+    return Shooting(prediction=prediction(system, problem), horizon=horizon, program=program, memory=memory)
 
 
 def one_delay(system: System, problem: Problem) -> None:

@@ -6,50 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 FARTHEST = 2.0
 """Spreads within which a parameter's deviation is believed: the correction is linear in it."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Adaptation:
-    """Parameters that are followed, and how far from the model's they are expected [their unit]; both (parameters,).
-
-    Raises UserError for a spread that is no number above 0.
-    """
-
-    names: tuple[str, ...] = ()
-    spread: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        if len(self.names) != len(self.spread):
-            raise UserError(
-                f"policy: {len(self.names)} followed parameters have {len(self.spread)} spreads; give each one"
-            )
-        for name, spread in zip(self.names, self.spread, strict=True):
-            if not 0.0 < spread < np.inf:
-                raise UserError(f"policy: {name} can't be followed by {spread:g}: give a spread above 0, in its unit")
-
-    def nominal(self, system: System) -> Array:
-        """The equation's own values (parameters,). Raises UserError where it has no such parameter."""
-        known = {item.name: float(value) for item, value in zip(system.parameters, system.values, strict=True)}
-        for name in self.names:
-            if name not in known:
-                raise UserError(f"policy: {type(system).__name__} has no parameter {name} to follow")
-        return np.array([known[name] for name in self.names])
-
-    def shifted(self, system: System, index: int, spreads: float) -> System:
-        """The equation with one of the parameters moved by so many of its spreads."""
-        names = [item.name for item in system.parameters]
-        values = system.values.copy()
-        values[names.index(self.names[index])] += spreads * self.spread[index]
-        return system.with_values(values)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

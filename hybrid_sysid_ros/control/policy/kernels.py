@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.compilation import OPTIONS, inner, kernel
 from hybrid_sysid_ros.core.networks import Layers, Perceptron
-from hybrid_sysid_ros.core.registers import added, load, plus_scaled, scratch, store, tanh, zero
+from hybrid_sysid_ros.core.networks.perceptron import column_sum
+from hybrid_sysid_ros.core.registers import load, scratch, store, tanh
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
 WIDEST = 4096
 """Features, and units of a layer: far above what answers in time, and room for it fits on a stack."""
 
@@ -106,21 +107,10 @@ def _padded(width: int) -> int:
 
 
 @inner
-def _block(w: Any, weights: int, biases: int, width: int, values: Any, count: int, lanes: int) -> Any:
-    """Biases + sum_j column_j value_j for one block of units, in two chains that don't wait for each other."""
-    even, odd = load(w, biases, lanes), zero(lanes)
-    for j in range(0, count - 1, 2):
-        even = plus_scaled(even, load(w, weights + j * width, lanes), values[j])
-        odd = plus_scaled(odd, load(w, weights + (j + 1) * width, lanes), values[j + 1])
-    if count % 2:
-        even = plus_scaled(even, load(w, weights + (count - 1) * width, lanes), values[count - 1])
-    return added(even, odd)
-
-
-@inner
 def _layer(w: Any, at: int, width: int, values: Any, count: int, straight: bool, out: Any, lanes: int) -> None:
     for block in range(0, width, lanes):
-        z = _block(w, at + block, at + count * width + block, width, values, count, lanes)
+        biases = load(w, at + count * width + block, lanes)
+        z = column_sum(w, at + block, width, values, count, biases, lanes)
         store(out, block, z if straight else tanh(z))
 
 

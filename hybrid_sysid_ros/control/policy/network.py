@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from itertools import pairwise
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from pytorch_optimizer import SOAP
 
 from hybrid_sysid_ros.control.policy.training_settings import Settings
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 AT_BOUND = 1 - 1e-4
 """From here on an input, in its limit, is at its bound."""
@@ -51,27 +50,6 @@ def descend(
         progress(epoch + 1, epochs)
 
 
-def passed(network: torch.nn.Module, inputs: torch.Tensor) -> tuple[torch.Tensor, list[torch.Tensor]]:
-    """The answers and the hidden layers on the way to them."""
-    *hidden, last = _linear(network)
-    values = []
-    for layer in hidden:
-        inputs = torch.tanh(layer(inputs))
-        values.append(inputs)
-    return last(inputs), values
-
-
-def slope_errors(
-    network: torch.nn.Module, hidden: list[torch.Tensor], slopes: torch.Tensor, answer: int = 0
-) -> torch.Tensor:
-    """Squared errors (samples,) of one answer's derivatives by the features, ``hidden`` from :func:`passed`."""
-    *layers, last = _linear(network)
-    rows = last.weight[answer] * (1 - hidden[-1] ** 2)
-    for layer, below in zip(layers[:0:-1], hidden[-2::-1], strict=True):
-        rows = (rows @ layer.weight) * (1 - below**2)
-    return torch.sum((rows @ layers[0].weight - slopes) ** 2, dim=1)
-
-
 def beyond_bounds(answers: torch.Tensor, targets: torch.Tensor) -> torch.Tensor:
     """Errors, where an answer beyond the bound counts as the bound: it is cut there anyway."""
     errors = answers - targets
@@ -88,27 +66,16 @@ def new_network(widths: list[int], seed: int) -> torch.nn.Sequential:
     return torch.nn.Sequential(*layers[:-1])
 
 
-def _linear(network: torch.nn.Module) -> list[torch.nn.Module]:
-    return [layer for layer in network if isinstance(layer, torch.nn.Linear)]
-
-
 def layers_of(network: torch.nn.Module) -> tuple[tuple[Array, Array], ...]:
     """Weights and biases as arrays."""
-    return tuple(
-        (layer.weight.detach().double().numpy(), layer.bias.detach().double().numpy()) for layer in _linear(network)
-    )
+    parts = [values.detach().double().numpy() for values in network.parameters()]
+    return tuple(zip(parts[::2], parts[1::2], strict=True))
 
 
 def in_double(network: torch.nn.Module, inputs: Array) -> Array:
     """What torch itself answers with these weights in double precision."""
-    values = torch.from_numpy(inputs)
     with torch.no_grad():
-        for layer in network:
-            if isinstance(layer, torch.nn.Linear):
-                values = values @ layer.weight.double().T + layer.bias.double()
-            else:
-                values = layer(values)
-    answers: Array = values.numpy()
+        answers: Array = deepcopy(network).double()(torch.from_numpy(inputs)).numpy()
     return answers
 
 

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.controller import Plan, Status
+from hybrid_sysid_ros.control.controller import Plan, Status, held
 from hybrid_sysid_ros.control.policy import kernels
 from hybrid_sysid_ros.control.policy.adaptation import Correction
 from hybrid_sysid_ros.control.policy.kernels import Packed, widths_of
@@ -20,9 +19,8 @@ from hybrid_sysid_ros.control.safety import certificate as certificates
 from hybrid_sysid_ros.control.safety.certificate import Certificate
 from hybrid_sysid_ros.core.networks import Layers
 from hybrid_sysid_ros.models import Model, storage
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 FORMAT = 3
 
@@ -168,10 +166,8 @@ class Policy:
             found = kernels.answer_in_parts()(*parts, sizes, numbers, plan)
         if found:
             return Plan(plan[0], plan, self._no_states, Status.POLICY)
-        last = np.asarray(previous_input, dtype=float)
-        held = np.where(np.isfinite(last), last, 0.0)
-        plan[:] = np.clip(held, self.problem.input_low, self.problem.input_high)
-        return Plan(plan[0], plan, self._no_states, Status.HELD)
+        kept = held(np.asarray(previous_input, dtype=float), self.problem, Status.HELD)
+        return kept._replace(inputs=kept.inputs[: self.stages])
 
     def inside(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> bool:
         """Whether an instance is like those of the training; never where something is not a number."""
@@ -200,20 +196,20 @@ class Policy:
             "range_whitening": self.training_range.whitening,
             "check_features": self.check[0],
             "check_inputs": self.check[1],
-            **_named("", self.layers),
+            **named_layers("", self.layers),
         }
         content = {
             "rig": self.rig,
             "model": self.model,
             "layers": len(self.layers),
-            "problem": {name: _plain(value) for name, value in asdict(self.problem).items()},
+            "problem": asdict(self.problem),
             "range_reach": self.training_range.reach,
             "correction": None,
             "training": dict(self.training),
         }
         if self.correction is not None:
             arrays |= {"nominal": self.correction.nominal, "spread": self.correction.spread}
-            arrays |= _named("S", self.correction.layers)
+            arrays |= named_layers("S", self.correction.layers)
             content["correction"] = {"names": self.correction.names, "layers": len(self.correction.layers)}
         storage.save(folder, kind="policy", version=FORMAT, content=content, arrays=arrays)
 
@@ -282,11 +278,7 @@ def _answers(layers: Layers, features: int) -> int:
     return widths[-1]
 
 
-def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _named(prefix: str, layers: Layers) -> dict[str, Array]:
+def named_layers(prefix: str, layers: Layers) -> dict[str, Array]:
     """W0, b0, W1, ... with a prefix."""
     return {f"{prefix}{kind}{i}": part for i, pair in enumerate(layers) for kind, part in zip("Wb", pair, strict=True)}
 

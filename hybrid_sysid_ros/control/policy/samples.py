@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -13,13 +13,11 @@ from hybrid_sysid_ros.control import scenarios
 from hybrid_sysid_ros.control.controller import Controller, Plan, Status
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
-from hybrid_sysid_ros.control.policy.adaptation import Adaptation
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread, magnitude
 from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.core import System
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 UNMOVED = 0.3
 """Share of the periods in which the MPC is asked at the state and the previous input as they are."""
@@ -42,44 +40,22 @@ class Samples:
     """(samples, n + 2 m + N p): [x, d, u_previous, q_1 (p,), ..., q_N (p,)]."""
     plans: Array
     """(samples, N, m)."""
-    slopes: Array
-    """(samples, m, n + 2 m + N p), derivatives of the first inputs by the instance, NaN where they were not taken."""
     shifts: Array
     """(samples, parameters, N, m), derivatives of the plan by the followed parameters, per spread."""
     costs: Array
     """(samples,), mean stage cost of its loop."""
-    dropped: int
-    """Answers that did not converge."""
-
-    @classmethod
-    def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Samples:
-        """From :attr:`arrays`."""
-        parts = {name: values for name, values in arrays.items() if name != "dropped"}
-        return cls(**parts, dropped=int(arrays["dropped"][0]))
+    dropped: NDArray[np.int64]
+    """(loops,), answers that did not converge."""
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
         """As they are kept on disk."""
-        return {item.name: np.atleast_1d(getattr(self, item.name)) for item in fields(self)}
+        return {item.name: getattr(self, item.name) for item in fields(self)}
 
     @classmethod
-    def joined(cls, parts: list[Samples]) -> Samples:
-        """All samples of several sets."""
-        names = [item.name for item in fields(cls) if item.name != "dropped"]
-        arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-        return cls(**arrays, dropped=sum(part.dropped for part in parts))
-
-    def feature_slopes(self, output_map: Array, tracked: tuple[int, ...], outputs: int) -> Array:
-        """Derivatives (samples, m, features) of the first inputs by a policy's features.
-
-        With the errors e = q - C x held, x takes the references along: d/dx = du/dx + sum_i du/dq_i C.
-        """
-        count, inputs, _ = self.slopes.shape
-        first = output_map.shape[1] + 2 * inputs
-        previews = self.slopes[:, :, first:].reshape(count, inputs, -1, outputs)[..., list(tracked)]
-        slopes = self.slopes[:, :, :first].copy()
-        slopes[:, :, : output_map.shape[1]] += previews.sum(axis=2) @ output_map
-        return np.concatenate([slopes, previews.reshape(count, inputs, -1)], axis=2)
+    def joined(cls, parts: Sequence[Mapping[str, NDArray[Any]]]) -> Samples:
+        """All samples of several sets of :attr:`arrays`."""
+        return cls(**{item.name: np.concatenate([part[item.name] for part in parts]) for item in fields(cls)})
 
 
 def scenario_of(
@@ -99,18 +75,9 @@ def scenario_of(
     motion = steady_motion(system, problem, np.array(spread.centre))
     moved = size * (random.uniform(size=(periods, 1)) > UNMOVED)
     errors = random.normal(size=(periods, len(spread.push))) * np.array(spread.push)
-    scenario = Scenario(
-        plant=scenarios.plant_near(system, spread.parameters, random),
-        begins=begins,
-        states=scenarios.beginnings(random, problem, spread, motion, wanted[:periods], size),
-        inputs=scenarios.inputs_within(random, problem, periods),
-        references=wanted,
-        disturbances=scenarios.jumping(random, spread.disturbance, begins),
-        pushes=size * scenarios.pushes(random, spread, periods),
-        state_errors=JITTER * moved * errors,
-        disturbance_errors=np.zeros((periods, len(spread.disturbance))),
-    )
-    return scenario, moved * random.normal(size=scenario.inputs.shape) * np.array(spread.input_jitter)
+    scenario = scenarios.drawn(random, system, problem, spread, motion, wanted, begins, size)
+    jitter = moved * random.normal(size=scenario.inputs.shape) * np.array(spread.input_jitter)
+    return scenario._replace(state_errors=JITTER * moved * errors), jitter
 
 
 def sample(
@@ -120,27 +87,25 @@ def sample(
     seed: int,
     *,
     driver: Controller | None = None,
-    slope_share: float = 0.0,
-    adaptation: Adaptation | None = None,
+    followed: Mapping[str, float] | None = None,
 ) -> Samples:
     """One closed loop in which the exact MPC is asked at each period.
 
-    driver: who drives the loop, the MPC itself by default (DAgger: Ross, Gordon, Bagnell 2011, AISTATS). slope_share:
-    share of the answers whose derivatives are taken. adaptation: parameters by which plans are differentiated, by
-    central differences over half their spread. The plant's parameters are spread, the MPC's are not.
+    driver: who drives the loop, the MPC itself by default (DAgger: Ross, Gordon, Bagnell 2011, AISTATS). followed:
+    parameters by which plans are differentiated, and their spreads, by central differences over half of them. The
+    plant's parameters are spread, the MPC's are not.
     """
     random = np.random.default_rng(seed)
     problem, spread = problem.sized(system), spread.sized(system)
     scenario, jitter = scenario_of(system, problem, spread, random)
-    expert = _Expert(system, problem, adaptation or Adaptation(), len(scenario.begins))
-    taken = random.uniform(size=len(scenario.begins)) < slope_share
+    expert = _Expert(system, problem, followed or {}, len(scenario.begins))
     low, high = np.array(problem.input_low), np.array(problem.input_high)
 
     def control(k: int, asked: Instance) -> Array:
         if scenario.begins[k]:
             expert.reset()
         moved = np.clip(asked.previous + jitter[k], low, high)
-        plan = expert.answer(k, asked._replace(previous=moved), slopes=bool(taken[k]))
+        plan = expert.answer(k, asked._replace(previous=moved))
         return plan.input if driver is None else driver.control(*asked).input
 
     loop = scenarios.run(scenario, problem, control)
@@ -154,23 +119,27 @@ def sampled(
     seed: int,
     *,
     driver: Controller | None,
-    slope_share: float,
-    adaptation: Adaptation,
+    followed: Mapping[str, float],
 ) -> dict[str, NDArray[Any]]:
     """:func:`sample` for a process of its own: what it gives as arrays. Such a process needs no torch."""
-    found = sample(system, problem, spread, seed, driver=driver, slope_share=slope_share, adaptation=adaptation)
-    return found.arrays
+    return sample(system, problem, spread, seed, driver=driver, followed=followed).arrays
+
+
+def shifted(system: System, name: str, change: float) -> System:
+    """The system with one of its parameters moved."""
+    named = system.named
+    return system.with_values([*(named | {name: named[name] + change}).values()])
 
 
 class _Expert:
     """The exact MPC, and those of moved parameters, asked once a period; what they answered."""
 
-    def __init__(self, system: System, problem: Problem, adaptation: Adaptation, periods: int) -> None:
+    def __init__(self, system: System, problem: Problem, followed: Mapping[str, float], periods: int) -> None:
         self._mpc = ExactMpc(system, problem)
         self._period = problem.period
-        followed = range(len(adaptation.names))
         self._shifted = [
-            [ExactMpc(adaptation.shifted(system, i, side), problem) for side in (-0.5, 0.5)] for i in followed
+            [ExactMpc(shifted(system, name, side * spread), problem) for side in (-0.5, 0.5)]
+            for name, spread in followed.items()
         ]
         inputs = len(system.inputs)
         size = len(system.states) + 2 * inputs + problem.horizon * len(system.outputs)
@@ -178,7 +147,6 @@ class _Expert:
         self._found = {
             "instances": np.zeros((periods, size)),
             "plans": np.zeros((periods, problem.horizon, inputs)),
-            "slopes": np.full((periods, inputs, size), np.nan),
             "shifts": np.zeros((periods, len(followed), problem.horizon, inputs)),
         }
 
@@ -186,15 +154,13 @@ class _Expert:
         for mpc in (self._mpc, *(mpc for pair in self._shifted for mpc in pair)):
             mpc.reset()
 
-    def answer(self, k: int, asked: Instance, *, slopes: bool) -> Plan:
+    def answer(self, k: int, asked: Instance) -> Plan:
         """The answer at period k, which is kept if it converged."""
         found = self._found
         plan = self._solved(self._mpc, asked)
         found["instances"][k] = np.concatenate([np.ravel(part) for part in asked])
         found["plans"][k] = plan.inputs
         solved = plan.status is Status.SOLVED
-        if slopes and solved:
-            found["slopes"][k] = self._mpc.sensitivity()
         self._mpc.prepare(self._period)
         for index, pair in enumerate(self._shifted):
             below, above = (self._solved(mpc, asked) for mpc in pair)
@@ -214,5 +180,5 @@ class _Expert:
     def samples(self, cost: float) -> Samples:
         """What was kept; cost: mean stage cost of the loop."""
         arrays = {name: values[self._kept] for name, values in self._found.items()}
-        dropped = int(np.sum(~self._kept))
-        return Samples(**arrays, costs=np.full(int(self._kept.sum()), cost), dropped=dropped)
+        costs, dropped = np.full(int(self._kept.sum()), cost), np.array([np.sum(~self._kept)])
+        return Samples(**arrays, costs=costs, dropped=dropped)

@@ -13,16 +13,14 @@ import torch
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.policy.adaptation import Correction
+from hybrid_sysid_ros.control.policy.idle_states import without_idle
 from hybrid_sysid_ros.control.policy.network import (
-    AT_BOUND,
     beyond_bounds,
     descend,
     in_double,
     layers_of,
     new_network,
-    passed,
     single,
-    slope_errors,
 )
 from hybrid_sysid_ros.control.policy.policy import Policy, features_of
 from hybrid_sysid_ros.control.policy.samples import Samples, sampled
@@ -33,11 +31,11 @@ from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support import parallel
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Store
 from hybrid_sysid_ros.support.threads import one_torch_thread
 
-Array = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 Progress = Callable[[str, int, int], None]
 """progress(stage, done, of)"""
@@ -72,23 +70,21 @@ def train(
     that an interrupted training goes on. Raises UserError where the MPC finds no solution.
     """
     began, sampling, progress = time.perf_counter(), 0.0, progress or _silent
-    settings.adaptation.nominal(model.system)
+    for name in settings.followed:
+        if name not in model.system.named:
+            raise UserError(f"policy: {type(model.system).__name__} has no parameter {name} to follow")
     problem, spread = problem.sized(model.system), spread.sized(model.system)
-    parts: list[Samples] = []
-    held: list[Samples] = []
+    parts: list[Arrays] = []
+    held: list[Arrays] = []
     policy: Policy | None = None
     network: torch.nn.Module | None = None
     with one_torch_thread(torch):
         for number, episodes in enumerate(settings.episodes):
             started = time.perf_counter()
-            share = settings.slope_share if settings.slope_weight else 0.0
-            work = partial(
-                sampled, model.system, problem, spread, driver=policy, slope_share=share, adaptation=settings.adaptation
-            )
+            work = partial(sampled, model.system, problem, spread, driver=policy, followed=settings.followed)
             seeds = [seed * 1_000_003 + MOST_EPISODES * number + index for index in range(episodes)]
             report = partial(progress, f"round {number + 1}: closed loops of the exact MPC")
-            found = parallel.run(work, seeds, workers=settings.workers, store=store, progress=report)
-            new = [Samples.of(arrays) for arrays in found]
+            new = parallel.run(work, seeds, workers=settings.workers, store=store, progress=report)
             sampling += time.perf_counter() - started
             validation = max(1, round(VALIDATION_SHARE * episodes))
             held += new[:validation]
@@ -99,7 +95,7 @@ def train(
             data = _Data.of(model, problem, spread, Samples.joined(parts), Samples.joined(held))
             network, policy = _fit(model, data, settings, epochs, seed, network, report)
     assert policy is not None
-    if settings.adaptation.names:
+    if settings.followed:
         policy = _corrected(policy, model, data, settings, seed, progress)
     measured = {
         **policy.training,
@@ -107,7 +103,7 @@ def train(
         "rounds": list(settings.episodes),
         "samples": len(data.samples.plans),
         "validation_samples": len(data.held.plans),
-        "dropped": data.samples.dropped + data.held.dropped,
+        "dropped": int(data.samples.dropped.sum() + data.held.dropped.sum()),
         "sampling_seconds": round(sampling, 1),
         "seconds": round(time.perf_counter() - began, 1),
     }
@@ -128,8 +124,10 @@ class _Data:
     tracked: tuple[int, ...]
     samples: Samples
     held: Samples
+    still: Array
+    """(features, features), which takes from raw features what nothing depends on."""
     features: Array
-    """(samples, features), raw."""
+    """(samples, features), without that."""
     centre: Array
     """(features,)."""
     scale: Array
@@ -147,6 +145,9 @@ class _Data:
         tracked = tuple(k for k, weight in enumerate(problem.output_weights) if weight > 0)
         low, high = np.array(problem.input_low), np.array(problem.input_high)
         features = features_of(samples.instances, output_map, tracked, len(low), len(problem.output_weights))
+        states, still = len(model.system.states), np.eye(features.shape[1])
+        still[:states, :states] = without_idle(model.system, problem)
+        features = features @ still.T
         deviation = features.std(axis=0)
         return cls(
             problem=problem,
@@ -154,6 +155,7 @@ class _Data:
             tracked=tracked,
             samples=samples,
             held=held,
+            still=still,
             features=features,
             centre=features.mean(axis=0),
             scale=np.where(deviation > LEAST_DEVIATION, deviation, 1.0),
@@ -166,14 +168,21 @@ class _Data:
         return features_of(instances, self.output_map, self.tracked, len(self.half), len(self.problem.output_weights))
 
     @property
-    def standardised(self) -> torch.Tensor:
-        return single((self.features - self.centre) / self.scale)
+    def onto_raw(self) -> Array:
+        """(features, features): what standardised features are of standardised raw ones. Layers and ranges that are
+        multiplied by it take these, so that a policy need not know what is idle.
+        """
+        folded: Array = self.still * self.scale / self.scale[:, None]
+        return folded.copy()
+
+    def folded(self, network: torch.nn.Module) -> tuple[tuple[Array, Array], ...]:
+        """The layers of a network on standardised raw features."""
+        (weights, bias), *others = layers_of(network)
+        return (weights @ self.onto_raw, bias), *others
 
     @property
-    def slopes(self) -> torch.Tensor:
-        """(samples, m, features) of the first inputs by the standardised features."""
-        raw = self.samples.feature_slopes(self.output_map, self.tracked, len(self.problem.output_weights))
-        return single(raw * self.scale / self.half[:, None])
+    def standardised(self) -> torch.Tensor:
+        return single((self.features - self.centre) / self.scale)
 
 
 def _fit(
@@ -195,18 +204,10 @@ def _fit(
     weights = weights.ravel()
     counts = (samples.costs + LEAST_COST * samples.costs.mean()) ** -settings.levelling
     shares = single(counts / counts.mean())
-    slopes = data.slopes if settings.slope_weight else None
 
     def loss(network: torch.nn.Module, rows: torch.Tensor) -> torch.Tensor:
-        answers, hidden = passed(network, inputs[rows])
-        errors = (beyond_bounds(answers, targets[rows]) ** 2) @ weights
-        if slopes is not None:
-            # At a bound the answer is cut, and flat: a network made flat up to there would be wrong on the near side.
-            for j in range(count):
-                known = torch.isfinite(slopes[rows, j, 0]) & (targets[rows, j].abs() < AT_BOUND)
-                off = slope_errors(network, [values[known] for values in hidden], slopes[rows[known], j], j)
-                errors = errors.index_add(0, torch.nonzero(known)[:, 0], settings.slope_weight / count * off)
-        return torch.mean(shares[rows] * errors)
+        errors = beyond_bounds(network(inputs[rows]), targets[rows])
+        return torch.mean(shares[rows] * (errors**2 @ weights))
 
     network = new_network([inputs.shape[1], *settings.hidden, stages * count], seed)
     if start is not None:
@@ -214,7 +215,7 @@ def _fit(
     descend(network, loss, len(targets), settings, epochs, seed, progress)
     held = data.held.instances
     check = data.features_of(held[:: max(1, len(held) // CHECKS)][:CHECKS])
-    answers = in_double(network, (check - data.centre) / data.scale).reshape(len(check), stages, count)
+    answers = in_double(network, (check @ data.still.T - data.centre) / data.scale).reshape(len(check), stages, count)
     policy = Policy(
         problem=problem,
         model=model.seal,
@@ -222,8 +223,8 @@ def _fit(
         output_map=data.output_map,
         centre=data.centre,
         scale=data.scale,
-        layers=layers_of(network),
-        training_range=TrainingRange.of(data.features, data.centre, data.scale),
+        layers=data.folded(network),
+        training_range=TrainingRange.of(data.features, data.centre, data.scale).onto(data.onto_raw),
         check=(check, data.middle + data.half * answers),
     )
     return network, replace(policy, training=_errors(policy, data))
@@ -231,7 +232,7 @@ def _fit(
 
 def _corrected(policy: Policy, model: Model, data: _Data, settings: Settings, seed: int, progress: Progress) -> Policy:
     """The policy with a second network for the derivatives of its answers by the followed parameters."""
-    adaptation, inputs = settings.adaptation, data.standardised
+    followed, inputs = settings.followed, data.standardised
     shifts = data.samples.shifts[:, :, : policy.stages] / data.half
     targets = single(shifts.reshape(len(shifts), -1))
 
@@ -242,10 +243,10 @@ def _corrected(policy: Policy, model: Model, data: _Data, settings: Settings, se
     report = partial(progress, "correction: epochs of training")
     descend(network, loss, len(targets), settings, settings.epochs, seed, report)
     correction = Correction(
-        names=adaptation.names,
-        nominal=adaptation.nominal(model.system),
-        spread=np.array(adaptation.spread),
-        layers=layers_of(network),
+        names=tuple(followed),
+        nominal=np.array([model.system.named[name] for name in followed]),
+        spread=np.array([*followed.values()]),
+        layers=data.folded(network),
     )
     return replace(policy, correction=correction)
 

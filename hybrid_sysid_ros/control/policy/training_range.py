@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 RIDGE = 1e-3
 """Variance added to every standardised feature, so that directions in which the data hardly vary are not counted as
 known to a hair: the previews of a smooth reference lie almost in a plane."""
+
+UNBOUNDED = 1e12
+"""Of a feature whose box says nothing."""
 
 ROUNDING = 1e-9
 """Relative, far above that of the numbers themselves."""
@@ -52,6 +53,14 @@ class TrainingRange:
         hair = ROUNDING * np.maximum(np.abs(low), np.abs(high))
         reach = float(np.sqrt(squares.max()) * (1 + ROUNDING))
         return cls(low=low - hair, high=high + hair, whitening=whitening, reach=reach)
+
+    def onto(self, raw: Array) -> TrainingRange:
+        """The same of standardised raw features, of which these are the map ``raw`` (features, features), lower
+        triangular: of what they don't depend on alone the box says nothing.
+        """
+        free = np.any(raw != np.eye(len(raw)), axis=0) | np.any(raw != np.eye(len(raw)), axis=1)
+        low, high = np.where(free, -UNBOUNDED, self.low), np.where(free, UNBOUNDED, self.high)
+        return replace(self, low=low, high=high, whitening=self.whitening @ raw)
 
     @property
     def packed(self) -> Array:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hybrid_sysid_ros.control.policy.adaptation import Adaptation
 from hybrid_sysid_ros.support.errors import UserError
 
 MOST_EPISODES = 10_000
@@ -25,9 +25,8 @@ class Settings:
     same everywhere, at 1 in the share that it adds to its loop's cost, so that little is left for the lively ones.
 
     sequence: the network gives the whole plan and not its first input alone. plan_weight: of all inputs after the first
-    together, which has weight 1. slope_weight: of the first input's derivatives by the standardised features, in input
-    limits (Sobolev training: Czarnecki et al. 2017, NeurIPS); slope_share: share of the samples that have them.
-    adaptation: parameters for whose estimates the policy learns a correction.
+    together, which has weight 1. followed: parameters for whose estimates the policy learns a correction,
+    and how far from the model's they are expected [their unit].
     """
 
     episodes: tuple[int, ...] = (800, 800, 800)
@@ -39,9 +38,7 @@ class Settings:
     sequence: bool = True
     levelling: float = 0.3
     plan_weight: float = 0.3
-    slope_weight: float = 0.0
-    slope_share: float = 0.2
-    adaptation: Adaptation = field(default_factory=Adaptation)
+    followed: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.episodes or min(self.episodes) < 2:
@@ -53,6 +50,8 @@ class Settings:
         if max(self.hidden) > WIDEST or len(self.hidden) > DEEPEST:
             widths = ", ".join(map(str, self.hidden))
             raise UserError(f"policy: layers of {widths}: takes at most {DEEPEST}, each of at most {WIDEST}")
-        weights = self.levelling, self.plan_weight, self.slope_weight
-        if not (all(0 <= weight < math.inf for weight in weights) and 0 <= self.slope_share <= 1):
-            raise UserError("policy: weights must be numbers that are not negative, and shares within 0 and 1")
+        if not all(0 <= weight < math.inf for weight in (self.levelling, self.plan_weight)):
+            raise UserError("policy: weights must be numbers that are not negative")
+        for name, spread in self.followed.items():
+            if not 0.0 < spread < math.inf:
+                raise UserError(f"policy: {name} can't be followed by {spread:g}: give a spread above 0, in its unit")

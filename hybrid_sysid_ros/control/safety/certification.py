@@ -29,10 +29,10 @@ from hybrid_sysid_ros.control.safety.online_check import REASONS
 from hybrid_sysid_ros.control.scenarios import DISTURBED, PUSHED
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.support import parallel
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Store
 
-Array = NDArray[np.float64]
 Arrays = dict[str, NDArray[Any]]
 Progress = Callable[[str, int, int], None]
 """progress(stage, done, of)"""

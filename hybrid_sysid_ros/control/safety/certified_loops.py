@@ -10,19 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control import scenarios
-from hybrid_sysid_ros.control.controller import Status
+from hybrid_sysid_ros.control.controller import Plan, Status
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.shooting import rollout
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.online_check import REASONS, Tolerances
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
-from hybrid_sysid_ros.control.scenarios import LENGTH, LoopRun, Scenario, Spread, expanded
+from hybrid_sysid_ros.control.scenarios import LENGTH, LoopRun, Scenario, Spread
 from hybrid_sysid_ros.control.steady_motion import SteadyMotion, steady_motion
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.structured import numbers
 
-Array = NDArray[np.float64]
 Values = tuple[float, ...]
 
 DRIVERS = EXACT, NETWORK, SUPERVISED = range(3)
@@ -101,18 +102,17 @@ class Certification:
             plant, model = ([item.name for item in getattr(each, kind)] for each in (self.plant, self.model))
             if plant != model:
                 raise UserError(f"certificate: the plant's {kind} {plant} are not the model's {model}")
-        given, inputs = self.distribution, len(self.model.inputs)
-        states = len(self.model.states)
-        distribution = Distribution(
+        given, criteria = self.distribution, self.criteria
+        n, m = len(self.model.states), len(self.model.inputs)
+        distribution = replace(
+            given,
             spread=given.spread.sized(self.model),
-            seconds=given.seconds,
-            state_error=expanded("certificate: state_error", given.state_error, states),
-            disturbance_error=expanded("certificate: disturbance_error", given.disturbance_error, inputs),
-            plant=given.plant,
+            state_error=numbers(given.state_error, "certificate: state_error", count=n),
+            disturbance_error=numbers(given.disturbance_error, "certificate: disturbance_error", count=m),
         )
-        eta = expanded("certificate: input_error", self.criteria.input_error, inputs)
+        eta = numbers(criteria.input_error, "certificate: input_error", count=m)
         object.__setattr__(self, "distribution", distribution)
-        object.__setattr__(self, "criteria", replace(self.criteria, input_error=eta))
+        object.__setattr__(self, "criteria", replace(criteria, input_error=eta))
 
     @property
     def periods(self) -> int:
@@ -132,19 +132,10 @@ class Certification:
         longest = LENGTH * problem.horizon * problem.period
         start = random.uniform(0.0, max(longest - given.seconds, 0.0))
         wanted = target(start + problem.period * np.arange(1, periods + problem.horizon))
-        begins = np.arange(periods) == 0
         offsets = random.normal(size=len(given.disturbance_error)) * np.array(given.disturbance_error)
-        return Scenario(
-            plant=scenarios.plant_near(self.plant, spread.parameters, random),
-            begins=begins,
-            states=scenarios.beginnings(random, problem, spread, self._motion, wanted[:periods]),
-            inputs=scenarios.inputs_within(random, problem, periods),
-            references=wanted,
-            disturbances=scenarios.jumping(random, spread.disturbance, begins),
-            pushes=scenarios.pushes(random, spread, periods),
-            state_errors=random.normal(size=(periods, self.policy.states)) * np.array(given.state_error),
-            disturbance_errors=np.tile(offsets, (periods, 1)),
-        )
+        found = scenarios.drawn(random, self.plant, problem, spread, self._motion, wanted, np.arange(periods) == 0)
+        errors = random.normal(size=found.states.shape) * np.array(given.state_error)
+        return found._replace(state_errors=errors, disturbance_errors=np.tile(offsets, (periods, 1)))
 
     def run(self, scenario: Scenario, driver: int) -> Driven:
         """One loop of a driver."""
@@ -177,8 +168,7 @@ class Drivers:
         model, self._policy = certification.model, certification.policy
         self._problem = self._policy.problem
         self._input_error = np.array(certification.criteria.input_error)
-        self._beside = _Beside(model, self._policy, self._input_error)
-        mpc = ExactMpc(model, self._problem, tolerance=KKT_TOLERANCE)
+        self._beside, mpc = (ExactMpc(model, self._problem, tolerance=KKT_TOLERANCE) for _ in range(2))
         self._supervisor = Supervisor(self._policy, mpc, certification.tolerances)
         names = "input_low", "input_high", "rate_limits"
         self._low, self._high, self._rates = (np.array(getattr(self._problem, name)) for name in names)
@@ -195,14 +185,16 @@ class Drivers:
             own.reset()
 
         def control(k: int, asked: Instance) -> Array:
-            exact[k] = given = beside.answer(asked)
+            first = answer = beside.control(*asked)
+            given = first.input
             if own is not None:
                 given = own.control(*asked).input
                 own.prepare(self._problem.period)
-                exact[k] = beside.answer_near(asked, given)
+                answer = self._cheaper(asked, given, first)
             if isinstance(own, Supervisor):
                 reasons[k] = own.reason
-            answered[k], solved[k] = beside.answered, beside.solved
+            exact[k], answered[k] = answer.input, answer.status is not Status.FAILED
+            solved[k] = first.status is Status.SOLVED
             beside.prepare(self._problem.period)
             return given
 
@@ -219,63 +211,29 @@ class Drivers:
         inside = np.all((self._low <= inputs) & (inputs <= self._high))
         return bool(inside and np.all(changes <= self._rates + ROUNDING))
 
+    def _cheaper(self, asked: Instance, given: Array, first: Plan) -> Plan:
+        """The exact MPC's answer to an instance, the ``first`` one unless a driver's inputs (m,) are off it.
 
-class _Beside:
-    """The exact MPC beside a driver.
-
-    Its problem may have several local solutions, so where the driver is off by more than it may be, it begins at the
-    network's plan once more, and the cheaper solution is the answer.
-    """
-
-    def __init__(self, model: System, policy: Policy, input_error: Array) -> None:
-        self._mpc = ExactMpc(model, policy.problem, tolerance=KKT_TOLERANCE)
-        self._policy = policy
-        self._error = input_error.tolist()
-        self._answer = np.zeros(policy.inputs)
-        self._status = Status.FAILED
-        self.solved = False
-        """Whether the first answer converged."""
-
-    def reset(self) -> None:
-        self._mpc.reset()
-
-    def prepare(self, elapsed: float) -> None:
-        self._mpc.prepare(elapsed)
-
-    @property
-    def answered(self) -> bool:
-        """Whether there is an answer."""
-        return self._status is not Status.FAILED
-
-    def answer(self, asked: Instance) -> Array:
-        """The first inputs (m,)."""
-        plan = self._mpc.control(*asked)
-        self._answer, self._status = plan.input, plan.status
-        self.solved = plan.status is Status.SOLVED
-        return self._answer
-
-    def answer_near(self, asked: Instance, given: Array) -> Array:
-        """The first inputs of the cheaper of two solutions, where those given are off."""
-        apart = zip(given.tolist(), self._answer.tolist(), self._error, strict=True)
-        if self.answered and all(abs(u - answer) <= allowed for u, answer, allowed in apart):
-            return self._answer
-        plan = self._policy.control(*asked)
+        Its problem may have several local solutions, so where the driver is off by more than it may be, it begins at
+        the network's plan once more, and the cheaper solution is the answer.
+        """
+        near = np.all(np.abs(given - first.input) <= self._input_error)
+        plan = first if near and first.status is not Status.FAILED else self._policy.control(*asked)
         if plan.status is not Status.POLICY:
-            return self._answer
-        horizon = self._mpc.shooting.horizon
-        first = horizon.inputs.copy(), horizon.states.copy()
-        cost = self._follow(asked, first[0])[0]
-        self._mpc.adopt(asked.disturbance, plan.inputs, self._follow(asked, plan.inputs)[1])
-        second = self._mpc.control(*asked)
+            return first
+        horizon = self._beside.shooting.horizon
+        solution = horizon.inputs.copy(), horizon.states.copy()
+        cost = self._follow(asked, solution[0])[0]
+        self._beside.adopt(asked.disturbance, plan.inputs, self._follow(asked, plan.inputs)[1])
+        second = self._beside.control(*asked)
         if second.status is Status.SOLVED and self._follow(asked, horizon.inputs)[0] <= cost:
-            self._answer, self._status = second.input, second.status
-        else:
-            self._mpc.adopt(asked.disturbance, *first)
-        return self._answer
+            return second
+        self._beside.adopt(asked.disturbance, *solution)
+        return first
 
     def _follow(self, asked: Instance, inputs: Array) -> tuple[float, Array]:
         """Cost of a plan, and the states that it leads to."""
-        mpc = self._mpc.shooting
+        mpc = self._beside.shooting
         states = np.empty_like(mpc.horizon.states)
         cost, _ = rollout(mpc.prediction, mpc.horizon.weights, asked, inputs.copy(), states)
         return float(cost), states

@@ -10,18 +10,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction, instance_of
-from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction
 from hybrid_sysid_ros.control.mpc.shooting import follow
 from hybrid_sysid_ros.control.policy.kernels import Packed, answer, inside
-from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.core.compilation import inner, kernel
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.arrays import Array
 
-Array = NDArray[np.float64]
 Values = tuple[float, ...]
 
 ACCEPTED, OUT_OF_RANGE, DISTURBED, INFEASIBLE, COSTLIER, WAITING = range(6)
@@ -54,72 +48,8 @@ class Tolerances(NamedTuple):
     """Instances in a row that the network must answer well after a rejection, before it drives again."""
 
 
-class OnlineCheck:
-    """The check of a policy by the model of an exact MPC, whose plan as it was moved on is the shifted last one.
-
-    A plan is accepted where the instance is one like those of the training and the disturbance is not too large, the
-    plan's simulation is finite and keeps the bounds of inputs and their changes, the states are outside of their bounds
-    by no more than those of the shifted plan, and it is not costlier.
-    """
-
-    def __init__(self, policy: Policy, mpc: ExactMpc, tolerances: Tolerances) -> None:
-        """Raises UserError for a policy that gives its first inputs alone, or of another problem."""
-        if policy.stages != policy.horizon:
-            raise UserError(
-                f"policy: gives the inputs of {policy.stages} of {policy.horizon} intervals, so that it can't be "
-                "checked or certified; train it to give the whole sequence, or use it alone and uncertified "
-                "(policy:=network)"
-            )
-        if policy.problem != mpc.problem:
-            raise UserError("policy: it imitates another problem than that of the exact MPC; train it again")
-        self._packed = policy.packed
-        self._mpc = mpc
-        self._tolerances = tolerances
-        most = np.broadcast_to(np.array(tolerances.disturbance, dtype=float), (policy.inputs,)).copy()
-        self._limits = most, float(tolerances.cost), float(tolerances.floor), float(tolerances.violation)
-        self._flat = np.zeros(policy.states + 2 * policy.inputs + policy.horizon * policy.outputs)
-        self._instance = instance_of(self._flat, policy.states, policy.inputs, policy.outputs)
-        self.inputs = np.zeros((policy.horizon, policy.inputs))
-        """The network's plan."""
-        self.states = np.zeros((policy.horizon + 1, policy.states))
-        """What it leads to."""
-        self._waiting = 0
-
-    def reset(self) -> None:
-        """Forget a rejection."""
-        self._waiting = 0
-
-    def __call__(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> int:
-        """One of the reasons; the network's plan and its states are then here, where they were accepted."""
-        instance, shooting = self._instance, self._mpc.shooting
-        instance.state[:] = state
-        instance.disturbance[:] = disturbance
-        instance.previous[:] = previous_input
-        instance.preview[:] = preview
-        if self._mpc.cold:
-            return WAITING
-        reason = int(
-            _check(
-                self._packed,
-                shooting.prediction,
-                shooting.horizon,
-                instance,
-                self._flat,
-                self._limits,
-                self.inputs,
-                self.states,
-            )
-        )
-        if reason != ACCEPTED:
-            self._waiting = self._tolerances.patience
-        elif self._waiting > 0:
-            self._waiting -= 1
-            return WAITING
-        return reason
-
-
 @kernel
-def _check(
+def check(
     policy: Packed,
     prediction: Prediction,
     horizon: Horizon,
@@ -129,7 +59,13 @@ def _check(
     inputs: Array,
     states: Array,
 ) -> int:
-    """See :class:`OnlineCheck`; limits: of disturbance, share and floor of the cost, violation."""
+    """What a policy's plan is found to be, beside the shifted one in the horizon of an exact MPC; the plan and where it
+    leads are then in ``inputs`` and ``states``. limits: of disturbance, share and floor of the cost, violation.
+
+    It is accepted where the instance is one like those of the training and the disturbance is not too large, the plan's
+    simulation is finite and keeps the bounds of inputs and their changes, the states are outside of their bounds by no
+    more than those of the shifted plan, and it is not costlier.
+    """
     sizes, numbers = policy
     disturbance, share, floor, violation = limits
     if not answer(sizes, numbers, flat, inputs):

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.controller import Plan, Status
+from hybrid_sysid_ros.control.controller import Plan, Status, held
+from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.control.safety.online_check import ACCEPTED, REASONS, WAITING, OnlineCheck, Tolerances
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.control.safety.online_check import ACCEPTED, REASONS, WAITING, Tolerances, check
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
 
 LAYERS = {
     Status.POLICY: "policy",
@@ -44,11 +44,24 @@ class Supervisor:
 
     def __init__(self, policy: Policy, mpc: ExactMpc, tolerances: Tolerances) -> None:
         """Raises UserError where policy and MPC have different problems, or the policy gives its first inputs alone."""
+        if policy.stages != policy.horizon:
+            raise UserError(
+                f"policy: gives the inputs of {policy.stages} of {policy.horizon} intervals, so that it can't be "
+                "checked or certified; train it to give the whole sequence, or use it alone and uncertified "
+                "(policy:=network)"
+            )
+        if policy.problem != mpc.problem:
+            raise UserError("policy: it imitates another problem than that of the exact MPC; train it again")
         self.policy = policy
         self.mpc = mpc
         self.horizon = mpc.horizon
         self.period = mpc.period
-        self._check = OnlineCheck(policy, mpc, tolerances)
+        most = np.broadcast_to(np.array(tolerances.disturbance, dtype=float), (policy.inputs,)).copy()
+        self._limits = most, float(tolerances.cost), float(tolerances.floor), float(tolerances.violation)
+        self._patience = tolerances.patience
+        self._flat, self._instance = new_instance(mpc.system, policy.problem)
+        self._inputs = np.zeros((policy.horizon, policy.inputs))
+        self._states = np.zeros((policy.horizon + 1, policy.states))
         self.layers: Counter[str] = Counter()
         self.reasons: Counter[str] = Counter()
         self.reason = WAITING
@@ -59,8 +72,7 @@ class Supervisor:
         """Forget the past; what was counted stays."""
         self.mpc.reset()
         self.policy.reset()
-        self._check.reset()
-        self._age = 0.0
+        self._age, self._waiting = 0.0, 0
 
     def prepare(self, elapsed: float) -> None:
         """Move the last plan on by the time until the next call [s]."""
@@ -69,10 +81,10 @@ class Supervisor:
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`."""
-        reason = self.reason = self._check(state, disturbance, previous_input, preview)
+        reason = self.reason = self.check(state, disturbance, previous_input, preview)
         if reason == ACCEPTED:
             self._age = 0.0
-            inputs, states = self._check.inputs.copy(), self._check.states
+            inputs, states = self._inputs.copy(), self._states
             self.mpc.adopt(disturbance, inputs, states)
             plan = Plan(input=inputs[0], inputs=inputs, states=states[1:].copy(), status=Status.POLICY)
         else:
@@ -81,6 +93,29 @@ class Supervisor:
         self.reasons[REASONS[reason]] += 1
         return plan
 
+    def check(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> int:
+        """One of the reasons, see :func:`~.online_check.check`: whether the network drives."""
+        if self.mpc.cold:
+            return WAITING
+        self._instance.take(state, disturbance, previous_input, preview)
+        shooting = self.mpc.shooting
+        parts = (
+            shooting.prediction,
+            shooting.horizon,
+            self._instance,
+            self._flat,
+            self._limits,
+            self._inputs,
+            self._states,
+        )
+        reason = int(check(self.policy.packed, *parts))
+        if reason != ACCEPTED:
+            self._waiting = self._patience
+        elif self._waiting > 0:
+            self._waiting -= 1
+            return WAITING
+        return reason
+
     def _fallback(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
         """The exact MPC's plan, or what is left of the last one, or the inputs applied last."""
         plan = self.mpc.control(state, disturbance, previous_input, preview)
@@ -88,8 +123,5 @@ class Supervisor:
             self._age = 0.0
             return plan
         if self.mpc.cold or self._age > (self.horizon - ROUNDING) * self.period:
-            problem = self.mpc.problem
-            last = np.where(np.isfinite(previous_input), previous_input, 0.0)
-            inputs = np.tile(np.clip(last, problem.input_low, problem.input_high), (self.horizon, 1))
-            return Plan(input=inputs[0], inputs=inputs, states=plan.states[:0], status=Status.HELD)
+            return held(previous_input, self.mpc.problem, Status.HELD)
         return plan

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,11 +48,10 @@ class GatedUnits(Block):
         reset_bias = matrix + 3 * self.units**2
         return bias, matrix, reset_bias, reset_bias + self.units
 
-    @property
-    def kernels(self) -> Kernels:
-        units, drives, readouts = self.units, self.inputs, self.readouts
-        bias, matrix, reset_bias, readout = self.places
-        wide = drives + units
+    def _gates(self) -> Callable[..., None]:
+        """gates(w, at, z, i, out): r, k, n and W_n h + c of unit i."""
+        units, drives = self.units, self.inputs
+        bias, matrix, reset_bias, _ = self.places
 
         @inner
         def gates(w: Any, at: int, z: Any, i: int, out: Any) -> None:
@@ -70,6 +69,14 @@ class GatedUnits(Block):
             r = 0.5 + 0.5 * math.tanh(0.5 * reset)
             out[0], out[1], out[2] = r, 0.5 + 0.5 * math.tanh(0.5 * keep), math.tanh(new + r * memory)
             out[3] = memory
+
+        return gates
+
+    @property
+    def kernels(self) -> Kernels:
+        units, drives, readouts, gates = self.units, self.inputs, self.readouts, self._gates()
+        _, matrix, _, readout = self.places
+        wide = drives + units
 
         @inner
         def value(w: Any, at: int, z: Any, y: Any) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -120,35 +120,29 @@ class Perceptron(Block):
         return [*layers, (matrix, [weights[at + k] for k in range(self.widths[-1])])]
 
     @property
+    def places(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Where the layers' values begin in a row of all, and where their weights do."""
+        columns = (self.widths[0], *self.padded[:-1])
+        sizes = [(1 + (k > 0)) * a * b + b for k, (a, b) in enumerate(zip(columns, self.padded, strict=True))]
+        return tuple(accumulate((self.widths[0], *self.padded), initial=0)), tuple(accumulate(sizes, initial=0))
+
+    @property
     def kernels(self) -> Kernels:
         features, lanes, widths, depth = self.widths[0], self.lanes, self.padded, len(self.padded)
-        columns = (features, *widths[:-1])
-        begins = tuple(int(total) for total in np.cumsum([0, features, *widths]))
-        doubled = tuple(int(layer > 0) for layer in range(depth))
-        sizes = [(1 + twice) * a * b + b for a, b, twice in zip(columns, widths, doubled, strict=True)]
-        starts = tuple(int(total) for total in np.cumsum([0, *sizes]))
+        columns, (begins, starts) = (features, *widths[:-1]), self.places
         outputs, last, widest = self.widths[-1], widths[-1], max(widths)
         memory_size = begins[-1]
 
         @inner
-        def product(w: Any, rows: int, width: int, vector: Any, begin: int, count: int, start: Any) -> Any:
-            """Start + sum_j row_j vector_j for one block of lanes, in two chains that don't wait for each other."""
-            even, odd = start, zero(lanes)
-            for j in range(0, count - 1, 2):
-                even = plus_scaled(even, load(w, rows + j * width, lanes), vector[begin + j])
-                odd = plus_scaled(odd, load(w, rows + (j + 1) * width, lanes), vector[begin + j + 1])
-            if count % 2:
-                even = plus_scaled(even, load(w, rows + (count - 1) * width, lanes), vector[begin + count - 1])
-            return added(even, odd)
-
-        @inner
-        def forward(w: Any, values: Any) -> None:
+        def forward(w: Any, z: Any, values: Any) -> None:
+            for j in range(features):
+                values[j] = z[j]
             for layer in range(depth):
                 width, count, begin = widths[layer], columns[layer], begins[layer]
                 for block in range(0, width, lanes):
                     bias = load(w, starts[layer] + count * width + block, lanes)
-                    z = product(w, starts[layer] + block, width, values, begin, count, bias)
-                    store(values, begins[layer + 1] + block, registers.tanh(z))
+                    total = column_sum(w, starts[layer] + block, width, behind(values, begin), count, bias, lanes)
+                    store(values, begins[layer + 1] + block, registers.tanh(total))
 
         @inner
         def output(w: Any, values: Any, k: int) -> float:
@@ -168,7 +162,7 @@ class Perceptron(Block):
                 width, count = widths[layer], columns[layer]
                 rows = starts[layer] + count * width + width
                 for block in range(0, count, lanes):
-                    total = product(w, rows + block, count, slopes, 0, width, zero(lanes))
+                    total = column_sum(w, rows + block, count, slopes, width, zero(lanes), lanes)
                     store(others, block, multiplied(total, tanh_slope(load(values, begins[layer] + block, lanes))))
                 slopes, others = others, slopes
             for j in range(features):
@@ -180,23 +174,17 @@ class Perceptron(Block):
         @inner
         def value(w: Any, at: int, z: Any, y: Any) -> None:
             memory, own = scratch(memory_size), behind(w, at)
-            for j in range(features):
-                memory[j] = z[j]
-            forward(own, memory)
+            forward(own, z, memory)
             for k in range(outputs):
                 y[k] = output(own, memory, k)
 
         @inner
         def slopes(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
-            memory, own, row = scratch(memory_size), behind(w, at), scratch(features)
-            for j in range(features):
-                memory[j] = z[j]
-            forward(own, memory)
+            memory, own = scratch(memory_size), behind(w, at)
+            forward(own, z, memory)
             for k in range(outputs):
                 y[k] = output(own, memory, k)
-                gradient(own, memory, k, row)
-                for j in range(features):
-                    by_z[k * features + j] = row[j]
+                gradient(own, memory, k, behind(by_z, k * features))
 
         return value, slopes, not_learnt
 
@@ -206,3 +194,18 @@ class Perceptron(Block):
         for rows, biases in hidden:
             values = [tanh(weighed(row, values, b)) for row, b in zip(rows, biases, strict=True)]
         return [weighed(row, values, b) for row, b in zip(matrix, bias, strict=True)]
+
+
+@inner
+def column_sum(w: Any, at: int, width: int, factors: Any, count: int, start: Any, lanes: int) -> Any:
+    """Start + sum_j column_j factor_j for ``lanes`` units, in two chains that don't wait for each other.
+
+    Columns are ``width`` numbers apart, the first at w[at:].
+    """
+    even, odd = start, zero(lanes)
+    for j in range(0, count - 1, 2):
+        even = plus_scaled(even, load(w, at + j * width, lanes), factors[j])
+        odd = plus_scaled(odd, load(w, at + (j + 1) * width, lanes), factors[j + 1])
+    if count % 2:
+        even = plus_scaled(even, load(w, at + (count - 1) * width, lanes), factors[count - 1])
+    return added(even, odd)

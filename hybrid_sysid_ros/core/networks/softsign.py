@@ -50,9 +50,7 @@ class Softsign(Block):
             for k in range(outputs):
                 y[k] = 0.0
             for i in range(units):
-                s = w[at + width * i + features]
-                for j in range(features):
-                    s += w[at + width * i + j] * z[j]
+                s = activation(w, at + width * i, z, features)
                 t = s / (1.0 + abs(s))
                 for k in range(outputs):
                     y[k] += w[at + width * i + features + 1 + k] * t
@@ -64,9 +62,7 @@ class Softsign(Block):
                 for j in range(features):
                     by_z[k * features + j] = 0.0
             for i in range(units):
-                s = w[at + width * i + features]
-                for j in range(features):
-                    s += w[at + width * i + j] * z[j]
+                s = activation(w, at + width * i, z, features)
                 slope = 1.0 / (1.0 + abs(s))
                 t = s * slope
                 slope *= slope
@@ -79,9 +75,7 @@ class Softsign(Block):
         @inner
         def weight_slopes(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
             for i in range(units):
-                s = w[at + width * i + features]
-                for j in range(features):
-                    s += w[at + width * i + j] * z[j]
+                s = activation(w, at + width * i, z, features)
                 slope = 1.0 / (1.0 + abs(s))
                 t = s * slope
                 total = 0.0
@@ -104,3 +98,12 @@ class Softsign(Block):
             t = s / (1.0 + absolute(s))
             y = [total + a * t for total, a in zip(y, of[self.features + 1 :], strict=True)]
         return y
+
+
+@inner
+def activation(w: Any, at: int, z: Any, features: int) -> float:
+    """W z + b of the unit whose weights begin ``at``."""
+    s = w[at + features]
+    for j in range(features):
+        s += w[at + j] * z[j]
+    return s

@@ -88,16 +88,7 @@ class Objective:
         object.__setattr__(self, "records", tuple(replace(record, channels={}) for record in self.records))
 
     def __call__(self, options: Options) -> Validation:
-        return cross_validate(
-            self.records,
-            self.rig,
-            self.structure,
-            sampling=self.sampling,
-            part=self.part,
-            options=options,
-            seed=self.seed,
-            folds=self.folds,
-        )
+        return cross_validate(self.records, self.rig, self.structure, options=options, folds=self.folds, **self._shared)
 
     @property
     def space(self) -> Mapping[str, Option]:
@@ -121,15 +112,11 @@ class Objective:
 
     def fit(self, options: Options) -> Model:
         """The structure fitted to the parts of all records."""
-        return identify(
-            self.records,
-            self.rig,
-            self.structure,
-            sampling=self.sampling,
-            part=self.part,
-            options=options,
-            seed=self.seed,
-        )
+        return identify(self.records, self.rig, self.structure, options=options, **self._shared)
+
+    @property
+    def _shared(self) -> dict[str, Any]:
+        return {"sampling": self.sampling, "part": self.part, "seed": self.seed}
 
 
 def search(

@@ -12,8 +12,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Variable
+from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.identification.experiment import Experiment
-from hybrid_sysid_ros.identification.selection.criteria import criteria
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
@@ -57,12 +57,9 @@ def select_terms(
     _check(experiments, max(output_lags, input_lags))
     signals = [np.concatenate([item.outputs for item in experiments]), np.concatenate([i.inputs for i in experiments])]
     squares = np.concatenate([np.mean(values**2, axis=0) for values in signals])
-    scales = np.array([float(f"{value:.4g}") or 1.0 for value in np.sqrt(squares)])
-    p = len(outputs)
-    parts = [
-        _regression(item.outputs / scales[:p], item.inputs / scales[p:], output_lags, input_lags)
-        for item in experiments
-    ]
+    scales = np.array([scale_of(value) for value in np.sqrt(squares)])
+    own, lags = (scales[: len(outputs)], scales[len(outputs) :]), (output_lags, input_lags)
+    parts = [_regression(item.outputs / own[0], item.inputs / own[1], *lags) for item in experiments]
     lagged, targets = (np.concatenate(blocks) for blocks in zip(*parts, strict=True))
     candidates = _exponents(lagged.shape[1], degree)
     values = np.stack([np.prod(lagged**term, axis=1) for term in candidates], axis=1)
@@ -136,11 +133,14 @@ def _forward(values: Array, target: Array, count: int) -> NDArray[np.intp]:
 
 
 def _count(values: Array, target: Array) -> int:
-    """The number of leading columns (rows, columns) with the least information criterion."""
+    """The number n of leading columns (rows, columns) with the least N ln s2 + n ln N, s2 the mean square of N errors.
+
+    The Bayesian information criterion of Schwarz (1978).
+    """
     exact = EXACT**2 * float(np.mean(target**2))
 
     def criterion(count: int) -> float:
         errors = target - values[:, :count] @ np.linalg.lstsq(values[:, :count], target, rcond=None)[0]
-        return criteria(max(float(np.mean(errors**2)), exact), len(target), count).bic
+        return float(len(target) * np.log(max(float(np.mean(errors**2)), exact)) + count * np.log(len(target)))
 
     return min(range(1, values.shape[1] + 1), key=criterion)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Recurrence, System, rollouts
+from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states, score
 from hybrid_sysid_ros.support.errors import UserError
@@ -38,9 +38,9 @@ class HorizonErrors:
 
 
 def k_step_errors(
-    system: System, experiment: Experiment, horizons: Sequence[int] | None = None, *, output: int = 0, stride: int = 1
+    system: System, experiment: Experiment, horizons: Sequence[int] | None = None, *, output: int = 0
 ) -> HorizonErrors:
-    """Errors k samples ahead: simulations from every ``stride``-th sample, with the measured state as initial one.
+    """Errors k samples ahead: simulations from every sample, with the measured state as initial one.
 
     horizons: in samples, 1 to :data:`LONGEST` (or half of the record) by default. All horizons share the initial
     samples, those from which the longest one ends within the record. The measured state is raw: at short horizons its
@@ -53,29 +53,19 @@ def k_step_errors(
     """
     chosen = default_horizons(min(LONGEST, experiment.samples // 2)) if horizons is None else horizons
     ahead = np.unique(np.asarray(chosen, dtype=np.int64))
-    if not len(ahead) or ahead[0] < 1 or ahead[-1] >= experiment.samples or stride < 1:
-        raise UserError(
-            f"{experiment.name}: horizons must be 1 to {experiment.samples - 1} samples, and the stride 1 or more"
-        )
+    if not len(ahead) or ahead[0] < 1 or ahead[-1] >= experiment.samples:
+        raise UserError(f"{experiment.name}: horizons must be 1 to {experiment.samples - 1} samples")
     longest, sampling = int(ahead[-1]), experiment.sampling
-    begins = np.arange(0, experiment.samples - longest, stride)
+    begins = np.arange(experiment.samples - longest)
     starts = np.zeros((len(begins), 4), dtype=np.int64)
     starts[:, 1] = begins * sampling.every
     starts[:, 2] = longest + 1
     starts[:, 3] = np.arange(len(begins)) * (longest + 1)
     run, simulated_run = free_run_states(system, experiment)
-    initial = experiment.states.copy()
-    if not isinstance(system, Recurrence):
-        hidden = [i for i in range(len(system.declared_states)) if i not in system.shown]
-        initial[:, hidden] = run[:, hidden]
-    _, outputs = rollouts(
-        system,
-        starts,
-        np.ascontiguousarray(initial[begins]),
-        experiment.inputs,
-        step=sampling.step,
-        every=sampling.every,
-    )
+    initial, hidden = experiment.states.copy(), system.hidden
+    initial[:, hidden] = run[:, hidden]
+    first, inputs = np.ascontiguousarray(initial[begins]), experiment.inputs
+    _, outputs = rollouts(system, starts, first, inputs, step=sampling.step, every=sampling.every)
     simulated = outputs[:, output].reshape(len(begins), longest + 1)[:, ahead]
     measured = experiment.outputs[:, output]
     with np.errstate(over="ignore", invalid="ignore"):
@@ -96,30 +86,3 @@ def k_step_errors(
 def default_horizons(longest: int) -> NDArray[np.int64]:
     """Some 25 horizons from 1 to ``longest`` samples, denser where they are short."""
     return np.unique(np.geomspace(1, max(longest, 1), 25).round().astype(np.int64))
-
-
-def averaged(name: str, curves: Sequence[HorizonErrors]) -> HorizonErrors:
-    """One curve for several records, at the horizons that all of them have: root mean squares of their errors, means of
-    their R2.
-
-    Raises:
-        UserError: no curves, or no horizon that is common to all.
-    """
-    common = sorted(set.intersection(*(set(curve.horizons.tolist()) for curve in curves))) if curves else []
-    if not common:
-        raise UserError(f"{name}: the records have no common horizon to average over; give k_step_errors the horizons")
-    chosen = [np.isin(curve.horizons, common) for curve in curves]
-    limits = [curve.free_run for curve in curves]
-    return HorizonErrors(
-        name=name,
-        horizons=np.array(common, dtype=np.int64),
-        seconds=curves[0].seconds[chosen[0]],
-        rmse=np.sqrt(np.mean([curve.rmse[c] ** 2 for curve, c in zip(curves, chosen, strict=True)], axis=0)),
-        r2=np.mean([curve.r2[c] for curve, c in zip(curves, chosen, strict=True)], axis=0),
-        rollouts=sum(curve.rollouts for curve in curves),
-        free_run=Scores(
-            r2=float(np.mean([scores.r2 for scores in limits])),
-            rmse=float(np.sqrt(np.mean([scores.rmse**2 for scores in limits]))),
-            fit_percent=float(np.mean([scores.fit_percent for scores in limits])),
-        ),
-    )

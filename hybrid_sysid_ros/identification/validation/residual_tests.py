@@ -37,18 +37,26 @@ class ResidualTest:
     values: Array
     """Coefficients, -1 to 1, (lags,)."""
     bound: float
-    """A single coefficient is within +-bound with probability ``confidence``."""
+    """A single coefficient is within +-bound with probability CONFIDENCE."""
     statistic: float
     """Of the tested lags together, chi-squared with ``degrees`` of freedom."""
     degrees: int
     p_value: float
     """Probability of a statistic at least as large."""
-    confidence: float
+
+    @classmethod
+    def of(
+        cls, lags: NDArray[np.int64], values: Array, variance: float, statistic: float, degrees: int
+    ) -> ResidualTest:
+        """From the variance of a coefficient where nothing is left, and the statistic of all."""
+        bound = float(norm.ppf(0.5 + 0.5 * CONFIDENCE) * np.sqrt(variance))
+        p_value = float(chi2.sf(statistic, degrees))
+        return cls(lags=lags, values=values, bound=bound, statistic=float(statistic), degrees=degrees, p_value=p_value)
 
     @property
     def passed(self) -> bool:
-        """Whether the statistic is one that nothing-left gives with probability `confidence`."""
-        return self.p_value >= 1.0 - self.confidence
+        """Whether the statistic is one that nothing-left gives with probability CONFIDENCE."""
+        return self.p_value >= 1.0 - CONFIDENCE
 
     @property
     def outside(self) -> int:
@@ -56,7 +64,7 @@ class ResidualTest:
         return int(np.sum(np.abs(self.values) > self.bound))
 
 
-def whiteness(residuals: Array, *, lags: int = LAGS, confidence: float = CONFIDENCE) -> ResidualTest:
+def whiteness(residuals: Array, *, lags: int = LAGS) -> ResidualTest:
     """Autocorrelation of residuals (samples,) at lags 1 to `lags`; their mean is taken off first.
 
     r(k) = R(k) / R(0), R(k) = 1/N sum e(t) e(t - k); bound N_a / sqrt N; Ljung (1999), System Identification, 2nd ed.,
@@ -71,19 +79,11 @@ def whiteness(residuals: Array, *, lags: int = LAGS, confidence: float = CONFIDE
     covariance = _covariances(centred, centred)
     positive = np.arange(1, lags + 1)
     values = covariance[samples - 1 + positive] / covariance[samples - 1]
-    statistic = float(samples * (samples + 2) * np.sum(values**2 / (samples - positive)))
-    return ResidualTest(
-        lags=positive,
-        values=values,
-        bound=_normal(confidence) / float(np.sqrt(samples)),
-        statistic=statistic,
-        degrees=lags,
-        p_value=float(chi2.sf(statistic, lags)),
-        confidence=confidence,
-    )
+    statistic = samples * (samples + 2) * np.sum(values**2 / (samples - positive))
+    return ResidualTest.of(positive, values, 1.0 / samples, statistic, lags)
 
 
-def independence(residuals: Array, signal: Array, *, lags: int = LAGS, confidence: float = CONFIDENCE) -> ResidualTest:
+def independence(residuals: Array, signal: Array, *, lags: int = LAGS) -> ResidualTest:
     """Cross-correlation of residuals with an input or reference, both (samples,), at lags -`lags` to `lags`.
 
     r(k) = 1/N sum e(t) u(t - k) / (deviation of e, of u). At positive lags stands what past inputs still explain; at
@@ -110,22 +110,11 @@ def independence(residuals: Array, signal: Array, *, lags: int = LAGS, confidenc
     variances, directions = np.linalg.eigh(toeplitz(products[middle : middle + lags + 1]))
     excited = variances > NO_POWER * variances[-1]
     amounts = directions.T[excited] @ values[lags:]
-    statistic = float(samples * np.sum(amounts**2 / variances[excited]))
-    degrees = int(np.sum(excited))
-    return ResidualTest(
-        lags=all_lags,
-        values=values,
-        bound=_normal(confidence) * float(np.sqrt(products[middle] / samples)),
-        statistic=statistic,
-        degrees=degrees,
-        p_value=float(chi2.sf(statistic, degrees)),
-        confidence=confidence,
-    )
+    statistic = samples * np.sum(amounts**2 / variances[excited])
+    return ResidualTest.of(all_lags, values, products[middle] / samples, statistic, int(np.sum(excited)))
 
 
-def correlation_tests(
-    residuals: Array, signal: Array, *, lags: int = LAGS, confidence: float = CONFIDENCE
-) -> dict[str, ResidualTest]:
+def correlation_tests(residuals: Array, signal: Array, *, lags: int = LAGS) -> dict[str, ResidualTest]:
     """The five tests that together see linear and nonlinear terms left in residuals e; e, u (samples,) without means.
 
         phi_ee(k) = E e(t) e(t - k)                 as from white noise: :func:`whiteness`
@@ -152,21 +141,8 @@ def correlation_tests(
     pairs = {"phi_ue": (e, u), "phi_e(eu)": (e, e * u)}
     if np.ptp(u**2) > 1e-9 * np.max(u**2):
         pairs |= {"phi_(u^2)'e": (e, u**2), "phi_(u^2)'e^2": (e**2, u**2)}
-    tests = {name: independence(*pair, lags=lags, confidence=confidence) for name, pair in pairs.items()}
-    return {"phi_ee": whiteness(residuals, lags=lags, confidence=confidence), **tests}
-
-
-def pair_tests(
-    residuals: Array, signals: Array, *, lags: int = LAGS, confidence: float = CONFIDENCE
-) -> dict[tuple[int, int], dict[str, ResidualTest]]:
-    """:func:`correlation_tests` of each output's residuals (samples, outputs) with each input or reference (samples,
-    signals), by the numbers of both.
-    """
-    return {
-        (output, signal): correlation_tests(e, u, lags=lags, confidence=confidence)
-        for output, e in enumerate(np.asarray(residuals).T)
-        for signal, u in enumerate(np.asarray(signals).T)
-    }
+    tests = {name: independence(*pair, lags=lags) for name, pair in pairs.items()}
+    return {"phi_ee": whiteness(residuals, lags=lags), **tests}
 
 
 def _covariances(first: Array, second: Array) -> Array:
@@ -190,8 +166,3 @@ def _centred(values: Array, name: str, lags: int) -> Array:
     if np.std(centred) <= 1e-12 * max(1.0, float(np.max(np.abs(values)))):
         raise UserError(f"residual test: the {name} are constant: there is nothing to correlate")
     return centred
-
-
-def _normal(confidence: float) -> float:
-    """Bound of a standard normal variable that holds with a probability, 2.58 for 99 %."""
-    return float(norm.ppf(0.5 + 0.5 * confidence))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.call import call_value
-from hybrid_sysid_ros.core.compilation import kernel
+from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.core.rollout import Dynamics, dynamics
 from hybrid_sysid_ros.identification.experiment import Experiment, prepare
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.validation.scores import Scores, initial_state, score
@@ -43,12 +45,10 @@ class Resimulation:
     name: str
     time: Array
     """The model's steps, or the record's samples where these are longer, (samples,) [s]."""
-    measured: Array
-    """Output in its unit, (samples,)."""
     simulated: Array
-    measured_input: Array
-    """Means between samples, (samples - 1,)."""
+    """Output in its unit, (samples,)."""
     simulated_input: Array
+    """Means between samples, (samples - 1,)."""
     output: Scores
     input: Scores
 
@@ -85,30 +85,25 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
     if not recorded:
         record = replace(record, channels={**record.channels, "filtered": _filtered(record, rig)})
     used = part.of(record, sampling)
-    _check_law(
-        used,
-        rig,
-        _count(rig) if recorded else DEVIATIONS * rig.sensors[0].noise,
-    )
+    sensor = rig.sensors[0]
+    count = sensor.quantiser.count if sensor.quantiser else 0.0
+    _check_law(used, rig, count if recorded else DEVIATIONS * sensor.noise)
     grid = Sampling(step=sampling.step, period=max(sampling.step, used.sampling_time), input="averaged")
     experiment = prepare(used, system, grid)
     steps = len(experiment.inputs)
     reference = _reference(used, rig, steps * ticks)
-    states, applied = np.empty((steps + 1, len(system.states))), np.empty(steps)
-    states[0] = initial_state(system, experiment)
-    low_pass = LowPassFilter(filtered, rig.step)
+    outputs, applied = np.empty(steps + 1), np.empty(steps)
+    low_pass = _settled(LowPassFilter(filtered, rig.step), record, rig, part.first(record, sampling))
     functions = compiled(system)
-    memory = _filter_state(record, rig, part.first(record, sampling), low_pass)
     hold = round(sampling.period / sampling.step) if sampling.input == "sampled" else 1
-    outputs = np.empty(steps + 1)
     _loop(
-        (functions.step, functions.output),
-        (system.values, system.weights, sampling.step, system.delay / sampling.step),
+        dynamics(functions.step, functions.output, system, sampling.step),
         (hold, 1 if ticks == 1 else SWEEPS),
         reference,
-        (low_pass.transition, low_pass.gain, low_pass.reading, memory),
+        (low_pass.transition, low_pass.gain, low_pass.reading),
+        low_pass.state,
         (rig.experiments.loops[0].gain / rig.display[0].scale, rig.actuators[0].low, rig.actuators[0].high),
-        states,
+        initial_state(system, experiment),
         outputs,
         applied,
     )
@@ -177,13 +172,9 @@ def _low_pass(rig: Rig) -> LowPass:
     found = rig.sensors[0].low_pass
     if not rig.experiments.loops or found is None:
         raise UserError(f"re-simulation: rig {rig.name} has no loop behind a low-pass that could be done again")
+    if rig.experiments.loops[0].integral:
+        raise UserError(f"re-simulation: the loop of rig {rig.name} has an integral part, which can't be done again")
     return found
-
-
-def _count(rig: Rig) -> float:
-    """The smallest step of the sensor's readings, in the unit of its display."""
-    quantiser = rig.sensors[0].quantiser
-    return 0.0 if quantiser is None else quantiser.count
 
 
 def _filtered(record: Record, rig: Rig) -> Array:
@@ -192,87 +183,97 @@ def _filtered(record: Record, rig: Rig) -> Array:
     ticks = rig.step * np.arange(round(record.time[-1] / rig.step) + 1)
     values = np.interp(ticks, record.time, record.output[:, 0])
     low_pass.reset(float(values[0]))
-    filtered = np.empty(len(ticks))
-    for tick, value in enumerate(values):
-        filtered[tick] = low_pass.value
-        low_pass.advance(float(value))
-    return np.asarray(np.interp(record.time, ticks, filtered))
+    return np.asarray(np.interp(record.time, ticks, _through(low_pass, values)))
 
 
-def _filter_state(record: Record, rig: Rig, first: int, low_pass: LowPassFilter) -> Array:
-    """Where the filter begins, at a sample of the record."""
+def _settled(low_pass: LowPassFilter, record: Record, rig: Rig, first: int) -> LowPassFilter:
+    """The filter as it begins at a sample of the record."""
     ticks = min(round(first * record.sampling_time / rig.step), round(WARM_UP / rig.step))
     times = record.sampling_time * first - rig.step * np.arange(ticks, 0, -1)
     before = np.interp(times, record.time, record.output[:, 0])
     filtered = record.channels["filtered"]
     settled = before[0] if ticks else filtered[0] if np.isfinite(filtered[0]) else record.output[0, 0]
     low_pass.reset(float(settled))
-    for value in before:
-        low_pass.advance(float(value))
-    return low_pass.state
+    _through(low_pass, before)
+    return low_pass
+
+
+def _through(low_pass: LowPassFilter, values: Array) -> Array:
+    """What a filter shows before it takes each of the values, (ticks,)."""
+    shown = np.empty(len(values))
+    for tick, value in enumerate(values.tolist()):
+        shown[tick] = low_pass.value
+        low_pass.advance(value)
+    return shown
 
 
 @kernel
 def _loop(
-    functions: tuple[int, int],
-    model: tuple[Array, Array, float, float],
+    model: Dynamics,
     timing: tuple[int, int],
     reference: Array,
-    low_pass: tuple[Array, Array, Array, Array],
+    low_pass: tuple[Array, Array, Array],
+    seen: Array,
     law: tuple[float, float, float],
-    states: Array,
+    x: Array,
     outputs: Array,
     applied: Array,
 ) -> None:
-    """Fill states (steps + 1, states) from their first row, outputs (steps + 1,), and applied (steps,), the mean input
-    over each step. functions: addresses of step and output; timing: samples that an input is held, sweeps.
+    """Fill outputs (steps + 1,), and applied (steps,), the mean input over each step; the filter's state ``seen`` and
+    the model's x (states,) move along. timing: samples that an input is held, sweeps.
     """
-    step, output = functions
-    p, w, h, delay = model
+    step, output, p, w, h, delays = model
     hold, sweeps = timing
-    transition, gain, reading, state = low_pass
-    feedback, low, high = law
     steps = applied.shape[0]
     ticks = reference.shape[0] // steps
-    whole = int(delay)
-    part = delay - whole
+    whole = int(delays[0])
+    part = delays[0] - whole
     driven, u, y = np.empty(steps), np.zeros(1), np.empty(1)
-    now, advanced = state.copy(), state.copy()
-    seen, following, before = state.copy(), states[0].copy(), states[0].copy()
-    call_value(output, following, u, p, w, h, 0.0, y)
+    now, room, following = seen.copy(), seen.copy(), x.copy()
+    call_value(output, x, u, p, w, h, 0.0, y)
     outputs[0] = y[0]
     for k in range(steps):
-        begin = outputs[k]
-        end = begin
-        before[:] = states[k]
+        wanted = reference[k * ticks : (k + 1) * ticks]
         for _ in range(sweeps):
             now[:] = seen
-            total = first = 0.0
-            for j in range(ticks):
-                filtered = 0.0
-                for i in range(now.shape[0]):
-                    filtered += reading[i] * now[i]
-                value = min(max(feedback * (reference[k * ticks + j] - filtered), low), high)
-                total += value
-                if j == 0:
-                    first = value
-                shown = begin + (end - begin) * j / ticks
-                for i in range(now.shape[0]):
-                    advanced[i] = gain[i] * shown
-                    for column in range(now.shape[0]):
-                        advanced[i] += transition[i, column] * now[column]
-                now[:] = advanced
-            applied[k] = total / ticks
-            driven[k] = applied[k]
+            mean, first = _over_a_step(wanted, outputs[k], y[0], low_pass, law, now, room)
+            applied[k] = driven[k] = mean
             if hold > 1:
                 driven[k] = first if k % hold == 0 else driven[k - 1]
             u[0] = (1.0 - part) * driven[max(k - whole, 0)] + part * driven[max(k - whole - 1, 0)]
-            call_value(step, before, u, p, w, h, 0.0, following)
+            call_value(step, x, u, p, w, h, 0.0, following)
             call_value(output, following, u, p, w, h, 0.0, y)
-            end = y[0]
         seen[:] = now
-        states[k + 1] = following
-        outputs[k + 1] = end
+        x[:] = following
+        outputs[k + 1] = y[0]
+
+
+@inner
+def _over_a_step(
+    wanted: Any, begin: float, end: float, low_pass: Any, law: Any, state: Any, room: Any
+) -> tuple[float, float]:
+    """Mean and first of the inputs over a step of the model, while its output goes from begin to end on a line; room:
+    for another state of the filter.
+    """
+    transition, gain, reading = low_pass
+    feedback, low, high = law
+    ticks = wanted.shape[0]
+    total = first = 0.0
+    for j in range(ticks):
+        filtered = 0.0
+        for i in range(state.shape[0]):
+            filtered += reading[i] * state[i]
+        value = min(max(feedback * (wanted[j] - filtered), low), high)
+        total += value
+        if j == 0:
+            first = value
+        shown = begin + (end - begin) * j / ticks
+        for i in range(state.shape[0]):
+            room[i] = gain[i] * shown
+            for column in range(state.shape[0]):
+                room[i] += transition[i, column] * state[column]
+        state[:] = room
+    return total / ticks, first
 
 
 def _compared(name: str, experiment: Experiment, simulated: Array, applied: Array) -> Resimulation:
@@ -282,9 +283,7 @@ def _compared(name: str, experiment: Experiment, simulated: Array, applied: Arra
     return Resimulation(
         name=name,
         time=np.asarray(experiment.sampling.period * np.arange(experiment.samples), dtype=float),
-        measured=measured,
         simulated=simulated,
-        measured_input=inputs,
         simulated_input=again,
         output=score(measured, simulated),
         input=score(inputs, again),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Recurrence, Sensitivities, System, rollouts
+from hybrid_sysid_ros.core import Sensitivities, System, rollouts
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -54,10 +54,6 @@ class Scores:
             outputs=found,
         )
 
-    def each(self, names: Sequence[str]) -> dict[str, Scores]:
-        """By output, whether there is one or several."""
-        return dict(self.outputs) or {names[0]: self}
-
 
 def score(measured: Array, simulated: Array) -> Scores:
     """Scores of one output, both (samples,). A simulation that diverged scores minus infinity.
@@ -101,15 +97,13 @@ def initial_state(system: System, experiment: Experiment) -> Array:
     """Where a free run begins, (states,): as the record's first sample shows it. Declared states that it does not show
     are those that meet the outputs of the first FIRST_SAMPLES samples best (Gauss-Newton, of least norm).
     """
-    first = experiment.states[0].copy()
-    shown = system.shown
-    hidden = [i for i in range(len(system.declared_states)) if i not in shown]
-    if isinstance(system, Recurrence) or not hidden:
+    first, hidden = experiment.states[0].copy(), system.hidden
+    if not hidden:
         return first
     samples, sampling = min(FIRST_SAMPLES, experiment.samples), experiment.sampling
     starts = np.array([[0, 0, samples, 0]])
     deviation = np.maximum(np.std(experiment.outputs, axis=0), 1e-12)
-    sensitivities = Sensitivities(system, parameters=(), states=hidden, inputs=())
+    sensitivities = Sensitivities(system, parameters=(), states=hidden)
     slopes = np.empty((samples, len(system.outputs), sensitivities.count))
     given: dict[str, Any] = {"step": sampling.step, "every": sampling.every}
     best, least = first.copy(), np.inf

@@ -37,7 +37,7 @@ class CamBeam(System):
         s = q and v in the pull within the range that was identified, so that no term grows outside it.
 
     The physics: an unbalanced beam (centre, stiffness: tau0 u - K0 (x1 + d0)) on a crank whose follower is pushed one
-    way and falls the other (asymmetry). The crank is in the records: fitted to all seven, cam_curvature is 49 with a
+    way and falls the other (asymmetry). The crank is in the records: fitted to all seven, cam_curvature is 52 with a
     standard error of 6 (the README's command for the simulated beam).
     """
 
@@ -48,22 +48,22 @@ class CamBeam(System):
     delays = {"drive": "input_delay"}
     doubtful_terms = ("stribeck", "damping_asymmetry", "creep")
 
-    gain: float = bounded(4.627, 0.1, 40.0, start=4.0, unit="rad/(s^2 V)")
+    gain: float = bounded(5.787, 0.1, 40.0, start=4.0, unit="rad/(s^2 V)")
     """Drive gain."""
-    centre: float = bounded(0.9393, -5.0, 5.0, start=1.0, unit="V")
+    centre: float = bounded(0.9394, -5.0, 5.0, start=1.0, unit="V")
     """Input that balances the beam at q = 0."""
-    stiffness: float = bounded(10.69, 0.0, 200.0, start=10.0, unit="1/s^2")
+    stiffness: float = bounded(12.9, 0.0, 200.0, start=10.0, unit="1/s^2")
     """Weak spring of the unbalance."""
-    damping: float = bounded(26.86, 0.0, 150.0, start=20.0, unit="1/s")
+    damping: float = bounded(34.01, 0.0, 150.0, start=20.0, unit="1/s")
     """Viscous friction."""
-    coulomb: float = bounded(2.297, 0.0, 40.0, start=1.5, unit="rad/s^2")
+    coulomb: float = bounded(2.882, 0.0, 40.0, start=1.5, unit="rad/s^2")
     """Coulomb friction level."""
-    input_delay: float = bounded(0.003326, 0.0, 0.03, start=0.004, unit="s")
+    input_delay: float = bounded(0.008241, 0.0, 0.03, start=0.004, unit="s")
     """Delay of the drive."""
-    asymmetry: float = bounded(0.03917, -0.5, 0.5, start=0.0, spread=0.1, unit="1", term="drive_asymmetry")
+    asymmetry: float = bounded(0.03862, -0.5, 0.5, start=0.0, spread=0.1, unit="1", term="drive_asymmetry")
     """Drive gain up against down."""
     quadratic_stiffness: float = bounded(
-        -62.68, -3e3, 3e3, start=0.0, spread=200.0, unit="1/(rad s^2)", term="quadratic_stiffness"
+        -79.63, -3e3, 3e3, start=0.0, spread=200.0, unit="1/(rad s^2)", term="quadratic_stiffness"
     )
     """Torque that grows with q^2."""
     damping_asymmetry: float = bounded(0.0, -0.8, 0.8, start=0.0, spread=0.1, unit="1", term="damping_asymmetry")
@@ -72,15 +72,15 @@ class CamBeam(System):
     """Friction at rest above the Coulomb level."""
     stribeck_speed: float = bounded(0.05, 0.005, 1.0, start=0.05, spread=0.05, unit="rad/s", term="stribeck")
     """Speed at which the excess is gone."""
-    friction_slope: float = bounded(0.05573, -20.0, 20.0, start=0.0, spread=3.0, unit="1/rad", term="position_friction")
+    friction_slope: float = bounded(-0.1432, -20.0, 20.0, start=0.0, spread=3.0, unit="1/rad", term="position_friction")
     """Friction over position, odd part."""
     friction_curvature: float = bounded(
-        26.89, -600.0, 600.0, start=0.0, spread=100.0, unit="1/rad^2", term="position_friction"
+        20.97, -600.0, 600.0, start=0.0, spread=100.0, unit="1/rad^2", term="position_friction"
     )
     """Friction over position, even part."""
     creep: float = bounded(0.0, 0.0, 0.1, start=0.002, spread=0.005, unit="rad/s", term="creep")
     """Speed below which dry friction is viscous."""
-    cam_curvature: float = bounded(48.84, 0.0, 120.0, start=0.0, spread=40.0, unit="1/rad^2", term="cam")
+    cam_curvature: float = bounded(51.78, 0.0, 120.0, start=0.0, spread=40.0, unit="1/rad^2", term="cam")
     """1 / A^2 of the crank."""
     range_low: float = bounded(-0.1241, -1.0, 1.0, fixed=True, unit="rad")
     """Lowest position that was identified."""

@@ -6,13 +6,18 @@ free-free resonance is at 7 Hz. The rig has what its models lack: an elastomer t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Bristles, Contact, Dry, System, Viscous, bounded
 from hybrid_sysid_ros.core.friction import stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,6 +30,7 @@ class Joint(System):
     states = ("motor_angle [rad]", "link_angle [rad]", "motor_speed [rad/s]", "link_speed [rad/s]")
     inputs = ("torque [N m]",)
     outputs = ("motor_angle", "link_speed")
+    features = ("twist [rad]", "motor_speed", "link_speed", "torque")
 
     motor_inertia: float = bounded(0.012, 0.002, 0.1, start=0.01, unit="kg m^2")
     """J, of motor and gear, at the joint."""
@@ -41,6 +47,21 @@ class Joint(System):
     def elastomer(self, twist: Scalar, rate: Scalar) -> Scalar:
         """Torque t of the spring [N m]."""
         return self.spring * twist
+
+    def feature(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        """Both turn on and on: what the twist is matters, and no angle."""
+        return x[0] - x[1], x[2], x[3], u[0]
+
+    @property
+    def shown(self) -> Mapping[int, tuple[int, bool]]:
+        """The motor's angle shows the link's, but for the twist."""
+        return {**super().shown, 1: (0, False)}
+
+    def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
+        """The twist, from what it does: I q'' = Ke (d - q)."""
+        states = super().observed(outputs, rates, inputs)
+        states[:, 1] -= self.link_inertia / self.spring * rates[:, 1]
+        return states
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,14 +86,15 @@ class StribeckJoint(ViscousJoint):
 
     coulomb: float = bounded(0.25, 0.0, 1.0, start=0.1, unit="N m")
     """fc."""
-    static: float = bounded(0.4, 0.0, 2.0, start=0.2, unit="N m")
-    """fs, at rest."""
-    stribeck_speed: float = bounded(0.3, 0.02, 3.0, start=0.5, unit="rad/s")
+    static_excess: float = bounded(0.15, 0.0, 1.0, start=0.1, spread=0.1, unit="N m")
+    """fs - fc: friction at rest above fc."""
+    stribeck_speed: float = bounded(0.3, 0.05, 3.0, start=0.5, spread=0.3, unit="rad/s")
     """vs."""
 
     def level(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
         """Friction level [rad/s^2]."""
-        return stribeck(x[2], self.coulomb, self.static, self.stribeck_speed) / self.motor_inertia
+        static = self.coulomb + self.static_excess
+        return stribeck(x[2], self.coulomb, static, self.stribeck_speed) / self.motor_inertia
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -86,32 +86,29 @@ def work(task: Task) -> Candidate:
     )
 
 
-def store_of(folder: Path) -> Store[Candidate]:
+class CandidateStore(Store[Candidate]):
     """Where finished candidates are kept: their models and their scores."""
-    return Store(folder, write=_write, read=_read)
 
+    def write(self, result: Candidate, folder: Path) -> None:
+        assert result.validation is not None
+        for number, model in enumerate(result.models):
+            model.save(folder / f"model_{number}")
+        content = {
+            "structure": result.structure,
+            "models": len(result.models),
+            "r2": result.r2,
+            "validation": asdict(result.validation),
+            "seconds": result.seconds,
+        }
+        (folder / CONTENT).write_text(json.dumps(content), encoding="utf-8")
 
-def _write(candidate: Candidate, folder: Path) -> None:
-    assert candidate.validation is not None
-    for number, model in enumerate(candidate.models):
-        model.save(folder / f"model_{number}")
-    content = {
-        "structure": candidate.structure,
-        "models": len(candidate.models),
-        "r2": candidate.r2,
-        "validation": asdict(candidate.validation),
-        "seconds": candidate.seconds,
-    }
-    (folder / CONTENT).write_text(json.dumps(content), encoding="utf-8")
-
-
-def _read(folder: Path) -> Candidate:
-    content = json.loads((folder / CONTENT).read_text(encoding="utf-8"))
-    return Candidate(
-        structure=content["structure"],
-        models=[load(folder / f"model_{number}") for number in range(content["models"])],
-        r2=content["r2"],
-        validation=Validation(**content["validation"]),
-        seconds=content["seconds"],
-        kept=True,
-    )
+    def read(self, folder: Path) -> Candidate:
+        content = json.loads((folder / CONTENT).read_text(encoding="utf-8"))
+        return Candidate(
+            structure=content["structure"],
+            models=[load(folder / f"model_{number}") for number in range(content["models"])],
+            r2=content["r2"],
+            validation=Validation(**content["validation"]),
+            seconds=content["seconds"],
+            kept=True,
+        )

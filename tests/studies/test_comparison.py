@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.identification import Part, evaluate
-from hybrid_sysid_ros.identification.selection import comparison
-from hybrid_sysid_ros.identification.selection.candidate import Candidate, store_of
-from hybrid_sysid_ros.identification.selection.comparison import RULE, Comparison, choose, compare
 from hybrid_sysid_ros.identification.selection.cross_validation import Validation
 from hybrid_sysid_ros.models import Model, Sampling, build
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.parallel import Lost
+from studies.beam_lecture import comparison
+from studies.beam_lecture.candidate import Candidate, CandidateStore
+from studies.beam_lecture.comparison import RULE, Comparison, choose, compare
 from tests.one_joint import Linear
 
 # Hand-made candidates
@@ -315,7 +315,7 @@ def test_an_interrupted_comparison_goes_on_with_what_it_kept(alone, linear_recor
             "part": Part(stop=0.8),
             "seeds": (0, 1),
             "jobs": 1,
-            "store": store_of(tmp_path / "fits"),
+            "store": CandidateStore(tmp_path / "fits"),
         }
         return compare(**{**arguments, **changes})
 

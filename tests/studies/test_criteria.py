@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from hybrid_sysid_ros.identification.selection.criteria import autocorrelation_time, criteria, judge
 from hybrid_sysid_ros.support.errors import UserError
+from studies.beam_lecture.criteria import autocorrelation_time, criteria, judge
 
 
 def coloured(seed, pole, samples):

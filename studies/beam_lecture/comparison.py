@@ -10,13 +10,13 @@ import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification.part import Part
-from hybrid_sysid_ros.identification.selection.candidate import Candidate, Task, work
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.structures import structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Lost, Store
+from studies.beam_lecture.candidate import Candidate, Task, work
 
 Told = Callable[[Candidate], object]
 RULE = "the fewest parameters within one standard error of the best cross-validated R2"

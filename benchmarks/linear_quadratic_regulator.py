@@ -1,4 +1,4 @@
-"""The linear quadratic regulator: the MPC's cost without bounds on a linear model, solved once and for all."""
+"""A peer of the MPC, the linear quadratic regulator: its cost without bounds on a linear model, solved once for all."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, null_space, solve_discrete_are
 
 from hybrid_sysid_ros.control.controller import Plan, Status
-from hybrid_sysid_ros.control.mpc.horizon import new_horizon, prediction
-from hybrid_sysid_ros.control.mpc.linearisation import linearised
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, Prediction, new_horizon, prediction
+from hybrid_sysid_ros.control.mpc.linearisation import linearise
 from hybrid_sysid_ros.control.mpc.shooting import bounded
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -104,6 +105,11 @@ class LinearQuadraticRegulator:
         )
 
 
+@kernel
+def _linearised(prediction: Prediction, horizon: Horizon) -> None:
+    linearise(prediction, horizon, prediction.smoothing, False)
+
+
 def _rest(system: System, problem: Problem, wanted: Array) -> Rest:
     """Newton's method for a point of rest with the tracked outputs at ``wanted`` (p,), as near as they get."""
     n, m = len(system.states), len(system.inputs)
@@ -111,7 +117,7 @@ def _rest(system: System, problem: Problem, wanted: Array) -> Rest:
     point = np.zeros(n + m)
     for _ in range(NEWTON_STEPS):
         horizon.states[:], horizon.inputs[:] = point[:n], point[n:]
-        linearised(model, horizon)
+        _linearised(model, horizon)
         found = Rest(
             point=point,
             outputs=horizon.outputs[0].copy(),

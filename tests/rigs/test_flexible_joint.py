@@ -1,0 +1,146 @@
+"""The flexible joint: its physics, what its hybrids see, and what ships for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.control.policy import policy
+from hybrid_sysid_ros.control.policy.idle_states import without_idle
+from hybrid_sysid_ros.core import simulate, stepped
+from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.models.structures import build, structure_of
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.runtime import configuration
+
+STEP = 1e-4
+MOTOR, LINK, MOTOR_SPEED, LINK_SPEED, DEFLECTION = range(5)
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return rigs.load("flexible_joint")
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_model(configuration.shipped("flexible_joint", "model"))
+
+
+def run(system: Any, torque: float, seconds: float, start: Any = None) -> Any:
+    """States at every step under a constant torque."""
+    begun = np.zeros(len(system.states)) if start is None else start
+    return simulate(system, begun, np.full((round(seconds / STEP), 1), torque), step=STEP)
+
+
+def test_what_the_motor_turns_the_link_gets(rig):
+    """J d'' + I q'' = tau without friction, whatever the elastomer does."""
+    system = replace(rig.system, coulomb=0.0, static_excess=0.0, viscous_friction=0.0, bristle_damping=0.0)
+    states = run(system, 0.7, 0.5)
+    momentum = system.motor_inertia * states[:, MOTOR_SPEED] + system.link_inertia * states[:, LINK_SPEED]
+    np.testing.assert_allclose(momentum, 0.7 * STEP * np.arange(len(states)), rtol=1e-9, atol=1e-12)
+
+
+def test_lugre_s_friction_at_a_steady_speed_is_stribeck_s_curve(rig):
+    """tau = fc + (fs - fc) exp(-(v / vs)^2) + fv v where nothing changes any more."""
+    system, torque = rig.system, 0.4
+    speed = run(system, torque, 20.0)[-1, MOTOR_SPEED]
+    excess = system.static_excess * np.exp(-((speed / system.stribeck_speed) ** 2))
+    assert torque == pytest.approx(system.coulomb + excess + system.viscous_friction * speed, rel=1e-4)
+
+
+def test_dahl_s_friction_while_it_slides_is_coulomb_s(rig):
+    """(J + I) times the acceleration, averaged over the ringing, is tau - fc."""
+    system, seconds = rig.structures["dahl"], 4.0
+    states = run(system, 1.0, seconds)
+    inertia = system.motor_inertia + system.link_inertia
+    speed = (system.motor_inertia * states[:, MOTOR_SPEED] + system.link_inertia * states[:, LINK_SPEED]) / inertia
+    late = round(2.0 / STEP)
+    assert (speed[-1] - speed[late]) / (seconds - 2.0) * inertia == pytest.approx(1.0 - system.coulomb, rel=1e-3)
+
+
+def test_below_the_static_friction_bristles_bend_and_the_motor_stays(rig):
+    """tau = s0 z at rest."""
+    system, torque = rig.system, 0.2
+    state = run(system, torque, 25.0)[-1]
+    assert state[DEFLECTION] == pytest.approx(torque / system.bristle_stiffness, rel=1e-3)
+    assert abs(state[MOTOR_SPEED]) < 1e-4
+
+
+def test_the_elastomer_stiffens_as_it_says(rig):
+    """t = Ke w + k3 w^3 + ce w'."""
+    system = rig.system
+    assert system.elastomer(0.1, 0.0) == pytest.approx(0.1 * system.spring + 0.001 * system.stiffening)
+    assert system.elastomer(0.0, 2.0) == pytest.approx(2.0 * system.elastomer_damping)
+
+
+def test_the_record_of_a_twisted_joint_shows_the_link_s_angle(rig):
+    """I q'' = Ke (d - q): the acceleration of the link tells the twist."""
+    system = rig.structures["linear"]
+    twist, angle = 0.03, 5.0
+    acceleration = system.spring * twist / system.link_inertia
+    states = system.observed(np.array([[angle, 1.0]]), np.array([[0.0, acceleration]]), np.zeros((1, 1)))
+    np.testing.assert_allclose(states[0, [MOTOR, LINK, LINK_SPEED]], [angle, angle - twist, 1.0])
+
+
+@pytest.mark.parametrize("structure", ["gray", "hybrid_linear", "hybrid_lugre"])
+def test_no_model_of_it_knows_how_often_it_has_turned(rig, structure):
+    """Moved by both angles alike, everything moves alike."""
+    system, _ = build(
+        structure, rig.system, scales=np.ones(5), features=np.ones(4), seed=0, boxes=rig.structures,
+        options={"everywhere": 1} if structure.startswith("hybrid") else {},
+    )  # fmt: skip
+    random = np.random.default_rng(1)
+    turned = np.zeros(len(system.states))
+    turned[[MOTOR, LINK]] = 40.0 * np.pi
+    for _ in range(20):
+        x, u = random.normal(size=len(system.states)), random.normal(size=1)
+        moved = stepped(system, x + turned, u, step=0.005) - stepped(system, x, u, step=0.005)
+        np.testing.assert_allclose(moved, turned, atol=1e-9)
+
+
+def test_its_gray_boxes_are_its_own(rig):
+    for name, system in rig.structures.items():
+        assert structure_of(name, rig.structures)[1] == name
+        built, _ = build(name, rig.system, scales=np.ones(5), seed=0, boxes=rig.structures)
+        assert type(built) is type(system)
+
+
+def test_only_the_difference_of_the_angles_is_left_of_them(rig, model):
+    problem = configuration.mpc_problem(configuration.defaults("flexible_joint", "controller"), rig, model.system)
+    still = without_idle(model.system, problem)
+    state = np.array([7.0, 6.9, 0.3, 0.2, 0.001])
+    np.testing.assert_allclose(still @ state, [0.0, -0.1, 0.3, 0.2, 0.001], atol=1e-9)
+
+
+def test_where_everything_matters_nothing_is_taken_away():
+    beam = rigs.load("cam_beam")
+    problem = configuration.mpc_problem(configuration.defaults("cam_beam", "controller"), beam)
+    np.testing.assert_array_equal(without_idle(beam.system, problem), np.eye(2))
+
+
+def test_what_ships_belongs_together(rig, model):
+    """Model, policy and certificate of one another, and of this rig's problem."""
+    shipped = policy.load(configuration.shipped("flexible_joint", "policy"), model=model)
+    values = configuration.defaults("flexible_joint", "controller")
+    assert model.rig == shipped.rig == "flexible_joint"
+    assert shipped.problem == configuration.mpc_problem(values, rig, model.system)
+    assert shipped.certificate is not None
+    assert min(shipped.certificate.bounds["binomial"]["supervised"][kept] for kept in ("bounds", "cost")) >= 0.99
+
+
+def test_the_shipped_policy_answers_alike_after_many_turns(model):
+    shipped = policy.load(configuration.shipped("flexible_joint", "policy"), model=model)
+    random = np.random.default_rng(3)
+    turned = np.array([40.0 * np.pi, 40.0 * np.pi, 0.0, 0.0, 0.0])
+    for _ in range(20):
+        x = 0.01 * random.normal(size=5)
+        preview = np.column_stack([np.zeros(shipped.horizon), np.full(shipped.horizon, random.normal())])
+        given = np.zeros(1), np.zeros(1), preview
+        np.testing.assert_allclose(
+            shipped.control(x, *given).inputs, shipped.control(x + turned, *given).inputs, atol=1e-6
+        )
+        assert shipped.inside(x, *given) == shipped.inside(x + turned, *given)
