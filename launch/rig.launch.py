@@ -48,16 +48,16 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             output="screen",
         )
 
-    reference = node("reference", kind=given["reference"], **lock)
-    found = [reference, node("estimator", **rate, **model, **latency)]
+    found = [node("reference", kind=given["reference"], **lock), node("estimator", **rate, **model, **latency)]
     found.append(node("controller", **driven, **model, **lock, **latency))
     if given["bag"]:
         found.append(node("recorder", path=given["bag"]))
     if given["simulated"] == "true":
         # Joint states go to estimator, reference and recorder: the rig waits for those that there are.
         found.append(node("plant", wait_for_readers=3 if given["bag"] else 2, **rate, **lock))
-    end = EmitEvent(event=Shutdown(reason="the reference has ended"))
-    return [*found, RegisterEventHandler(OnProcessExit(target_action=reference, on_exit=end))]
+    # The reference ends when it is over, any other node when something is wrong: the rest would wait for ever.
+    end = EmitEvent(event=Shutdown(reason="a node has ended"))
+    return [*found, *(RegisterEventHandler(OnProcessExit(target_action=item, on_exit=end)) for item in found)]
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -26,6 +26,7 @@ from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
 from hybrid_sysid_ros.rigs import rig as rigs
 from tests import two_carts
+from tests.compiling import compiled_functions
 from tests.node_bench import Bench, stamp_of
 
 SECOND = 1_000_000_000
@@ -153,8 +154,10 @@ def test_a_structure_with_states_of_its_own_drives_the_beam(
         problem = {"period": 0.05, "substeps": 1 if rate < 200.0 else 10}
         bench.start(ControllerNode, **given, **problem, lockstep=True, policy="exact")
         bench.start(PlantNode, lockstep=True, wait_for_readers=3, rate=rate)
+        compiled = compiled_functions()
         turns = round(1.5 * rate)
         bench.until(lambda: len(measurements) > turns and len(commands) > turns)
+        assert compiled_functions() == compiled  # the nodes were ready
     finally:
         bench.close()
     assert {own, f"{own}_ahead"} <= set(estimates[-1].name)

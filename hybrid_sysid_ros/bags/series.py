@@ -44,7 +44,7 @@ def repeated(topic: str, template: Any, stamps: ArrayLike, columns: Mapping[str,
 
     template: a message of rosbags (jazzy_types().types[...]); its lists have the lengths of every message.
     stamps: (messages,) ns; put into header.stamp where there is a header.
-    columns: (messages,) by field, such as "effort[0]", "points[0].positions[beam]".
+    columns: (messages,) by field, such as "effort[0]", "points[0].positions[arm]".
     """
     message_type = template.__msgtype__
     stamps = np.asarray(stamps, dtype=np.int64)

@@ -11,7 +11,7 @@ COMMANDS = [
     LateCommand("evaluate", f"{HERE}.evaluate", "Score a model on bags by free run and closed loop."),
     LateCommand("search", f"{HERE}.search", "Search the options of a structure."),
     LateCommand("run", f"{HERE}.run", "Run plant, estimator, controller and reference as ROS 2 processes."),
-    LateCommand("demo", f"{HERE}.demo", "From bags to a controlled beam: identify, run the loop, report."),
+    LateCommand("demo", f"{HERE}.demo", "From bags to a controlled rig: identify, run the loop, report."),
 ]
 POLICY_COMMANDS = [
     LateCommand("train", f"{HERE}.policy_train", "Train a network that imitates the exact MPC."),

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.arrays import Array
 
 if TYPE_CHECKING:
     from hybrid_sysid_ros.control.problem import Problem
 
 
-class StageWeights(NamedTuple):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StageWeights(Shared):
     """What stages cost: n states, m inputs, p outputs."""
 
     outputs: Array

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
 SMOOTHING_SECONDS = 0.051
-"""Window of the Savitzky-Golay velocity (order 3), as in the lecture's loader: 51 samples at 1 kHz."""
+"""Window of the Savitzky-Golay velocity (order 3): 51 samples at 1 kHz."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -22,7 +22,7 @@ class Sampling:
 
     step: integration step [s]. period: distance of the scored samples [s], a multiple of the step. input: "averaged"
     gives each step the mean of the record's input over it; "sampled" reads the input once every ``period`` and holds
-    it, as the lecture does: reference jumps then arrive up to one period late.
+    it: reference jumps then arrive up to one period late.
 
     Raises UserError where they are no such numbers, or the period is longer than :data:`LONGEST` or than
     :data:`MOST_STEPS` steps.

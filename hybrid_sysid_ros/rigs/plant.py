@@ -140,10 +140,11 @@ class Plant:
 @kernel
 def _moved(step: int, output: int, x: Array, u: Array, p: Array, w: Array, h: float, steps: int, y: Array) -> None:
     """Steps of x (states,) in place under u (inputs,), and the outputs y (outputs,), by addresses of compiled code."""
-    following = np.empty_like(x)
+    following = np.empty(x.shape[0])
     for _ in range(steps):
         call_value(step, x, u, p, w, h, 0.0, following)
-        x[:] = following
+        for i in range(x.shape[0]):
+            x[i] = following[i]
     call_value(output, x, u, p, w, h, 0.0, y)
 
 

@@ -5,6 +5,8 @@ Bock & Plitt (1984), IFAC World Congress.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance
@@ -25,8 +27,9 @@ def condense(horizon: Horizon, program: Program) -> None:
     """States and outputs as functions of the inputs, and with them the Gauss-Newton Hessian and the rows of bounds."""
     count, n = horizon.reached.shape
     m, p, v = horizon.inputs.shape[1], horizon.outputs.shape[1], program.gradient.shape[0]
-    program.hessian[:] = 0.0
     hessian, driven, seen = pointer(program.hessian), pointer(horizon.driven), pointer(horizon.seen)
+    for c in range(v * v):
+        hessian[c] = 0.0
     for i in range(count):
         _propagate(horizon, i)
         wide = (i + 1) * m
@@ -132,7 +135,8 @@ def evaluate(horizon: Horizon, program: Program, instance: Instance, off_instanc
     count, n = horizon.reached.shape
     m, p, v = horizon.inputs.shape[1], horizon.outputs.shape[1], program.gradient.shape[0]
     weights, inputs, gradient, seen = horizon.weights, horizon.inputs, pointer(program.gradient), pointer(horizon.seen)
-    program.gradient[:] = 0.0
+    for c in range(v):
+        gradient[c] = 0.0
     off = np.zeros(n)
     for i in range(count):
         before = instance.previous if i == 0 else inputs[i - 1]
@@ -232,8 +236,10 @@ def find_adjoint(horizon: Horizon, program: Program, instance: Instance) -> None
 def expand(horizon: Horizon, program: Program, instance: Instance) -> float:
     """The step of inputs and states that a solution of the program means, and the cost that it predicts."""
     (count, n), m, p = horizon.reached.shape, horizon.inputs.shape[1], horizon.outputs.shape[1]
-    y, u, before, x = np.empty(p), np.empty(m), instance.previous.copy(), np.empty(n)
+    y, u, before, x = np.empty(p), np.empty(m), np.empty(m), np.empty(n)
     cost = 0.0
+    for j in range(m):
+        before[j] = instance.previous[j]
     for a in range(n):
         horizon.moved[0, a] = instance.state[a] - horizon.states[0, a]
     for i in range(count):
@@ -277,12 +283,12 @@ def cut(horizon: Horizon, previous: Array, inputs: Array) -> None:
     """Keep inputs (N, m) within their bounds and rate limits, from ``previous`` (m,) on; what is no number is held."""
     for j in range(inputs.shape[1]):
         before = previous[j]
-        before = min(max(before, horizon.low[j]), horizon.high[j]) if np.isfinite(before) else np.nan
+        before = min(max(before, horizon.low[j]), horizon.high[j]) if math.isfinite(before) else math.nan
         for i in range(inputs.shape[0]):
             u = inputs[i, j]
-            if not np.isfinite(u):
-                u = before if np.isfinite(before) else 0.0
-            if np.isfinite(before):
+            if not math.isfinite(u):
+                u = before if math.isfinite(before) else 0.0
+            if math.isfinite(before):
                 u = min(max(u, before - horizon.rate[j]), before + horizon.rate[j])
             before = min(max(u, horizon.low[j]), horizon.high[j])
             inputs[i, j] = before

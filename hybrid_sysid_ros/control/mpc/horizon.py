@@ -5,6 +5,7 @@ N = horizon, n = states, m = inputs, p = outputs, v = N m: all inputs in a row, 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.stage_cost import StageWeights
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.compilation import inner
+from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.arrays import Array
 
 
@@ -42,7 +44,8 @@ def instance_of(flat: Array, n: int, m: int, p: int) -> Instance:
     return Instance(flat[:n], flat[n : n + m], flat[n + m : first], preview)
 
 
-class Prediction(NamedTuple):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prediction(Shared):
     """The model as compiled loops take it."""
 
     step: int
@@ -63,7 +66,8 @@ class Prediction(NamedTuple):
     smoothing: float
 
 
-class Horizon(NamedTuple):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Horizon(Shared):
     """With an initial state e off, inputs v off and the trajectory's own gaps, the states at the end of interval i are
     off by free_i e + driven_i v + forced_i, the outputs there by C_i of that + D_i of the inputs.
     """

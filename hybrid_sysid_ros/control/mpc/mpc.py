@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import numpy as np
-
 from hybrid_sysid_ros.control.controller import Plan, Status, held
 from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import factorise
@@ -19,7 +17,6 @@ from hybrid_sysid_ros.control.mpc.shooting import (
     restore,
     shift,
     shooting,
-    solve,
 )
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System
@@ -64,6 +61,9 @@ class ExactMpc:
         _, self._instance = new_instance(system, self.problem)
         self.iterations = 0
         self.residual = math.inf
+        # What only a late answer needs is compiled or loaded now, not when it is late.
+        restore(self._shooting.horizon, self._shooting.program)
+        plan(self._shooting.horizon, self._instance)
         self.reset()
 
     def reset(self) -> None:
@@ -115,7 +115,7 @@ class ExactMpc:
         if self._clock is not None:
             began, share = self._clock(), min(BETWEEN_LOOKS, most)
         parts = mpc.prediction, mpc.horizon, mpc.program, instance
-        found = answer(*parts, share, self._tolerance, self._cold, iterate)
+        found = answer(*parts, share, self._tolerance, self._cold, iterate, True)
         self.iterations, self.residual = found.iterations, found.residual
         if not found.iterations:
             return self._rest(Status.FAILED)
@@ -135,13 +135,11 @@ class ExactMpc:
         while status is Status.NOT_CONVERGED and self.iterations < most:
             if self._clock is not None and self._clock() - began > self._time_limit:
                 return Status.LATE
-            found = solve(*parts, min(BETWEEN_LOOKS, most - self.iterations), self._tolerance, False)
+            share = min(BETWEEN_LOOKS, most - self.iterations)
+            found = answer(*parts, share, self._tolerance, False, False, False)
             self.iterations += found.iterations
             self.residual = found.residual
             status = Status.SOLVED if found.solved else Status.NOT_CONVERGED if found.iterations else Status.FAILED
-        if not np.isfinite(mpc.horizon.inputs).all():
-            return Status.FAILED
-        plan(mpc.horizon, self._instance)
         return status
 
     def _rest(self, status: Status) -> Plan:

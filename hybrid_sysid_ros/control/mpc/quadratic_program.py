@@ -7,8 +7,10 @@ LDL' updates, IEEE TAC 67(8).
 from __future__ import annotations
 
 import ctypes
+import math
 import weakref
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import daqp
 import numpy as np
@@ -18,6 +20,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -92,7 +95,8 @@ def _solve(typingctx, function, result, workspace):  # type: ignore[no-untyped-d
     return types.void(types.int64, types.int64, types.int64), build
 
 
-class Program(NamedTuple):
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Program(Shared):
     """min x'H x / 2 + f'x over lower <= [x; R x] <= upper, as compiled code takes it.
 
     hessian (variables, variables), gradient (variables,), rows (rows, variables), lower and upper (variables + rows,),
@@ -193,7 +197,10 @@ def solve(program: Program, changed: int) -> bool:
     if _update(update, changed, workspace, problem) < 0:
         return False
     _solve(search, result, workspace)
-    return bool(program.result[8] > 0 and np.isfinite(program.solution).all())
+    sound = program.result[8] > 0
+    for i in range(program.solution.shape[0]):
+        sound = sound and math.isfinite(program.solution[i])
+    return sound
 
 
 @kernel

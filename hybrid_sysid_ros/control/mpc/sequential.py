@@ -14,7 +14,8 @@ from hybrid_sysid_ros.control.mpc.curvature import add_curvature, keep_derivativ
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction
 from hybrid_sysid_ros.control.mpc.linearisation import assign, find_curvature, linearise
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, Program
-from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.core.call import pointer
+from hybrid_sysid_ros.core.compilation import inner
 
 HALVINGS = 8
 """Times that a step may be halved in search of a cost that is no higher."""
@@ -44,7 +45,7 @@ class SolverResult(NamedTuple):
     """The largest entry of the gradient of the Lagrangian."""
 
 
-@kernel
+@inner
 def solve(
     prediction: Prediction,
     horizon: Horizon,
@@ -61,7 +62,7 @@ def solve(
     assign(horizon.disturbance, instance.disturbance)
     cut(horizon, instance.previous, horizon.inputs)
     if anew:
-        horizon.progress[:] = 0.0
+        horizon.progress[0] = horizon.progress[1] = horizon.progress[2] = 0.0
     linearise(prediction, horizon, prediction.smoothing, True)
     cost, last, done = cost_of(horizon, instance), horizon.progress[1], 0
     while True:
@@ -92,7 +93,9 @@ def _find_hessian(
     """
     made = horizon.progress[0]
     if made == 0:
-        horizon.curvature[:] = 0.0
+        curvature = pointer(horizon.curvature)
+        for c in range(horizon.curvature.size):
+            curvature[c] = 0.0
     else:
         find_adjoint(horizon, program, instance)
         if horizon.progress[2] > 0.0 and made > PATIENCE and error > STALLED * last:

@@ -6,6 +6,7 @@ Process Control 12(4).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,11 +86,12 @@ def one_delay(system: System, problem: Problem) -> None:
 # ---------------------------------------------------------------------- trajectories
 
 
-@kernel
+@inner
 def cold_start(prediction: Prediction, horizon: Horizon, instance: Instance) -> None:
     """The trajectory of the inputs before, held."""
     count, m = horizon.inputs.shape
-    drive, x, following = np.empty(m), instance.state.copy(), np.empty(instance.state.shape[0])
+    drive, x, following = np.empty(m), np.empty(instance.state.shape[0]), np.empty(instance.state.shape[0])
+    assign(x, instance.state)
     assign(horizon.disturbance, instance.disturbance)
     assign(horizon.states[0], x)
     for i in range(count):
@@ -105,7 +107,8 @@ def shift(prediction: Prediction, horizon: Horizon, fraction: float) -> None:
     """The trajectory that much of an interval later."""
     count, n = horizon.reached.shape
     m = horizon.inputs.shape[1]
-    drive, x, following = np.empty(m), horizon.states[count].copy(), np.empty(n)
+    drive, x, following = np.empty(m), np.empty(n), np.empty(n)
+    assign(x, horizon.states[count])
     for j in range(m):
         drive[j] = horizon.inputs[count - 1, j] + horizon.disturbance[j]
     advance(prediction, x, drive, following)
@@ -122,13 +125,22 @@ def shift(prediction: Prediction, horizon: Horizon, fraction: float) -> None:
 def rollout(
     prediction: Prediction, weights: StageWeights, instance: Instance, inputs: Array, states: Array
 ) -> tuple[float, float]:
+    """:func:`follow` for Python."""
+    return follow(prediction, weights, instance, inputs, states)  # type: ignore[no-any-return]
+
+
+@inner
+def follow(
+    prediction: Prediction, weights: StageWeights, instance: Instance, inputs: Array, states: Array
+) -> tuple[float, float]:
     """Simulate inputs (N, m) in the exact form into ``states`` (N + 1, n); their cost, and by how much a state is
     outside of its bounds at most.
     """
     n, m = instance.state.shape[0], inputs.shape[1]
-    drive, x, following = np.empty(m), instance.state.copy(), np.empty(n)
+    drive, x, following = np.empty(m), np.empty(n), np.empty(n)
     y = np.empty(instance.preview.shape[1])
     cost = largest = 0.0
+    assign(x, instance.state)
     assign(states[0], x)
     for i in range(inputs.shape[0]):
         for j in range(m):
@@ -165,7 +177,7 @@ def prepare(prediction: Prediction, horizon: Horizon, program: Program) -> None:
     condense(horizon, program)
 
 
-@kernel
+@inner
 def feedback(
     prediction: Prediction, horizon: Horizon, program: Program, instance: Instance, tolerance: float
 ) -> SolverResult:
@@ -180,7 +192,7 @@ def feedback(
     quadratic.keep_working_set(program)
     expected = expand(horizon, program, instance)
     move(horizon, 1.0)
-    found, _ = rollout(prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
+    found, _ = follow(prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
     if found <= (1.0 + DOUBT) * expected:
         assign(horizon.disturbance, instance.disturbance)
         return SolverResult(False, 1, np.inf)
@@ -201,16 +213,37 @@ def answer(
     tolerance: float,
     cold: bool,
     prepared: bool,
+    anew: bool,
 ) -> SolverResult:
-    """A call of the controller: the feedback phase where one is prepared, else as many steps as it takes.
+    """A call of the controller: the feedback phase if one is prepared, else as many steps as it takes. Not anew: more
+    steps for the last call.
 
     The plan is in ``horizon.planned``. A result of no iterations: the trajectory is what it was.
     """
-    if not (_finite(instance.state) and _finite(instance.disturbance) and _finite(instance.previous)):
+    if anew and not _begin(prediction, horizon, instance, cold):
         return SolverResult(False, 0, np.inf)
+    if prepared:
+        found = feedback(prediction, horizon, program, instance, tolerance)
+    else:
+        found = solve(prediction, horizon, program, instance, iterations, tolerance, anew)
+    sound = found.iterations > 0
+    for i in range(horizon.inputs.shape[0]):
+        sound = sound and _finite(horizon.inputs[i]) and _finite(horizon.states[i + 1])
+    if not sound:
+        take_back(horizon, program)
+        return SolverResult(False, 0, found.residual)
+    plan_within(horizon, instance)
+    return found
+
+
+@inner
+def _begin(prediction: Prediction, horizon: Horizon, instance: Instance, cold: bool) -> bool:
+    """Where a call begins, which is kept; False where something that was given is no number."""
+    if not (_finite(instance.state) and _finite(instance.disturbance) and _finite(instance.previous)):
+        return False
     for i in range(instance.preview.shape[0]):
         if not _finite(instance.preview[i]):
-            return SolverResult(False, 0, np.inf)
+            return False
     for j in range(instance.previous.shape[0]):
         instance.previous[j] = min(max(instance.previous[j], horizon.low[j]), horizon.high[j])
     if cold:
@@ -218,22 +251,17 @@ def answer(
     _copy(horizon.states, horizon.kept_states)
     _copy(horizon.inputs, horizon.kept_inputs)
     assign(horizon.kept_disturbance, horizon.disturbance)
-    if prepared:
-        found = feedback(prediction, horizon, program, instance, tolerance)
-    else:
-        found = solve(prediction, horizon, program, instance, iterations, tolerance, True)
-    sound = found.iterations > 0
-    for i in range(horizon.inputs.shape[0]):
-        sound = sound and _finite(horizon.inputs[i]) and _finite(horizon.states[i + 1])
-    if not sound:
-        restore(horizon, program)
-        return SolverResult(False, 0, found.residual)
-    plan(horizon, instance)
-    return found
+    return True
 
 
 @kernel
 def plan(horizon: Horizon, instance: Instance) -> None:
+    """:func:`plan_within` for Python."""
+    plan_within(horizon, instance)
+
+
+@inner
+def plan_within(horizon: Horizon, instance: Instance) -> None:
     """The inputs of the trajectory, within all limits after the input before."""
     _copy(horizon.inputs, horizon.planned)
     cut(horizon, instance.previous, horizon.planned)
@@ -241,6 +269,12 @@ def plan(horizon: Horizon, instance: Instance) -> None:
 
 @kernel
 def restore(horizon: Horizon, program: Program) -> None:
+    """:func:`take_back` for Python."""
+    take_back(horizon, program)
+
+
+@inner
+def take_back(horizon: Horizon, program: Program) -> None:
     """Take the trajectory back that was there before a solution, and forget what was found on the way."""
     _copy(horizon.kept_states, horizon.states)
     _copy(horizon.kept_inputs, horizon.inputs)
@@ -259,5 +293,5 @@ def _finite(values: Array) -> bool:
     """Whether all are numbers."""
     sound = True
     for i in range(values.shape[0]):
-        sound = sound and bool(np.isfinite(values[i]))
+        sound = sound and math.isfinite(values[i])
     return sound

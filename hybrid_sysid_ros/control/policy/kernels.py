@@ -6,6 +6,7 @@ cache on disk by the next process.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, NamedTuple
@@ -155,7 +156,7 @@ def _standardise(sizes: Any, numbers: Any, features: Any, z: Any) -> bool:
     centre, scale = sizes[CENTRE], sizes[SCALE]
     for j in range(sizes[FEATURES]):
         z[j] = (features[j] - numbers[centre + j]) * numbers[scale + j]
-        if not np.isfinite(z[j]):
+        if not math.isfinite(z[j]):
             return False
     return True
 
@@ -194,7 +195,7 @@ def answer(sizes: Any, numbers: Any, flat: Any, plan: Any) -> bool:
         last = min(max(flat[states + inputs + j], low), high)
         for k in range(sizes[STAGES]):
             u = answers[k * inputs + j]
-            if not np.isfinite(u):
+            if not math.isfinite(u):
                 return False
             u = min(max(u, last - rate), last + rate)
             last = min(max(u, low), high)

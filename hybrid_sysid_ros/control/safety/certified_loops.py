@@ -35,7 +35,7 @@ none or not converged; and by how much a state was outside of its bounds. An inp
 is no number makes EXCESS infinite."""
 
 KKT_TOLERANCE = 1e-3
-"""Of the exact MPC, cost per unit of the input: on the beam its inputs are then those of the solution to some mV."""
+"""Of the exact MPC, cost per unit of the input: its inputs are then those of the solution to some thousandths."""
 
 ROUNDING = 1e-9
 """By how much an input may be outside of its bounds [its unit]."""

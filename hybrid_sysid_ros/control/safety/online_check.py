@@ -7,12 +7,11 @@ the reference and the disturbance move and a network is never exact.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
-import numpy as np
-
-from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction, instance_of
-from hybrid_sysid_ros.control.mpc.shooting import rollout
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction
+from hybrid_sysid_ros.control.mpc.shooting import follow
 from hybrid_sysid_ros.control.policy.kernels import Packed, answer, inside
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.support.arrays import Array
@@ -54,6 +53,7 @@ def check(
     policy: Packed,
     prediction: Prediction,
     horizon: Horizon,
+    instance: Instance,
     flat: Array,
     limits: tuple[Array, float, float, float],
     inputs: Array,
@@ -68,7 +68,6 @@ def check(
     """
     sizes, numbers = policy
     disturbance, share, floor, violation = limits
-    instance = instance_of(flat, states.shape[1], inputs.shape[1], horizon.outputs.shape[1])
     if not answer(sizes, numbers, flat, inputs):
         return OUT_OF_RANGE
     for j in range(disturbance.shape[0]):
@@ -79,11 +78,11 @@ def check(
     if not _bounded(instance, horizon, inputs):
         return INFEASIBLE
     weights = horizon.weights
-    shifted_cost, shifted_outside = rollout(prediction, weights, instance, horizon.inputs, states)
-    cost, outside = rollout(prediction, weights, instance, inputs, states)
-    if not np.isfinite(cost):
+    shifted_cost, shifted_outside = follow(prediction, weights, instance, horizon.inputs, states)
+    cost, outside = follow(prediction, weights, instance, inputs, states)
+    if not math.isfinite(cost):
         return INFEASIBLE
-    if not np.isfinite(shifted_cost):
+    if not math.isfinite(shifted_cost):
         return ACCEPTED
     if outside > shifted_outside + violation:
         return INFEASIBLE

@@ -99,7 +99,15 @@ class Supervisor:
             return WAITING
         self._instance.take(state, disturbance, previous_input, preview)
         shooting = self.mpc.shooting
-        parts = shooting.prediction, shooting.horizon, self._flat, self._limits, self._inputs, self._states
+        parts = (
+            shooting.prediction,
+            shooting.horizon,
+            self._instance,
+            self._flat,
+            self._limits,
+            self._inputs,
+            self._states,
+        )
         reason = int(check(self.policy.packed, *parts))
         if reason != ACCEPTED:
             self._waiting = self._patience

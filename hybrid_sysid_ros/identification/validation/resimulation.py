@@ -25,15 +25,15 @@ from hybrid_sysid_ros.support.errors import UserError
 Array = NDArray[np.float64]
 WHOLE = Part()
 SWEEPS = 4
-"""On the beam two settle steps of 5 and 10 ms to the last digit; at 50 ms each is 15 times nearer, 4 within 1 mV."""
+"""Where two settle steps of 5 and 10 ms to the last digit, each is 15 times nearer at 50 ms."""
 STRAYED = 0.05
 """Share of a record's inputs that may be none of the rig's law, as where its recorder lost samples. On loops of the law
 recorded every 1 to 50 ms it is at most .02, on those of the MPC at least .6, with nine tenths of the gain mostly .5.
 """
 DEVIATIONS = 3.0
 """Of the sensor's noise, within which a filtered position that the record has not is known from its output."""
-ROUNDING = 1e-6
-"""Of an input [V], as of single precision at 10 V."""
+ROUNDING = 1e-7
+"""Of an input, in shares of its range, as of single precision."""
 WARM_UP = 1.0
 """Seconds of the measured output that a filter sees before a part; it forgets in a quarter of that."""
 
@@ -56,7 +56,7 @@ class Resimulation:
 def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, part: Part = WHOLE) -> Resimulation:
     """Run an experiment of a rig again on a model of it: u = clip(gain (reference - yf), +-limit).
 
-    yf is the output behind the rig's filter, 20 Hz Butterworth of order 6 on the beam. Reference and initial state come
+    yf is the output behind the low-pass of the rig's sensor. Reference and initial state come
     from the record, everything else is simulated, so an error of the model acts back on its input as on the rig.
 
     The controller and its filter work at the rig's step (1 ms), the model at its own, a multiple: its parameters
@@ -144,7 +144,7 @@ def _check_law(record: Record, rig: Rig, tolerance: float) -> None:
 
     Between two samples the law's input goes from clip(gain (reference - filtered)) at the one to that at the other, and
     its mean, which the record has, lies between them: widened by how far the filtered position bends away from its
-    straight line, an eighth of its second differences, and by ``tolerance``, of the filtered position [V].
+    straight line, an eighth of its second differences, and by ``tolerance``, of the filtered output as it is shown.
     """
     if "reference" not in record.channels:
         return
@@ -158,7 +158,8 @@ def _check_law(record: Record, rig: Rig, tolerance: float) -> None:
     high = np.clip(np.maximum(told[:-1], told[1:]) + slack, low_limit, high_limit)
     known = np.isfinite(low + high)
     given = record.input[:-1, 0]
-    strayed = (given < low - ROUNDING) | (given > high + ROUNDING)
+    rounding = ROUNDING * (high_limit - low_limit)
+    strayed = (given < low - rounding) | (given > high + rounding)
     if known.any() and np.mean(strayed[known]) > STRAYED:
         raise UserError(
             f"{record.name}: {np.mean(strayed[known]):.0%} of its inputs are not those of the rig's controller, "

@@ -1,0 +1,73 @@
+"""Nothing of the package names a rig, its units or its records, but the rig's own folder."""
+
+import re
+from functools import cache
+from pathlib import Path
+
+from hybrid_sysid_ros.models import STRUCTURES
+
+ROOT = Path(__file__).parents[2]
+RIGS = sorted(path.parent for path in (ROOT / "hybrid_sysid_ros" / "rigs").glob("[!_]*/system.py"))
+STUDIES = [path.name for path in (ROOT / "studies").iterdir() if (path / "__init__.py").is_file()]
+BAGS = [path.name for path in (ROOT / "bags").iterdir() if path.is_dir()]
+ANYBODYS = {"joint", *STRUCTURES}
+"""Words of rigs that any rig may have."""
+
+OWN = {*RIGS, ROOT / "hybrid_sysid_ros" / "trained"}
+TEXT = {".py", ".yaml", ".toml", ".cfg", ".xml", ".html", ".md", ".json", ".txt", ""}
+SEARCHED = [
+    "hybrid_sysid_ros",
+    "nodes",
+    "launch",
+    "msgs_config",
+    "resource",
+    "package.xml",
+    "pyproject.toml",
+    "setup.py",
+]
+
+
+def files():
+    for name in SEARCHED:
+        start = ROOT / name
+        for path in sorted(start.rglob("*")) if start.is_dir() else [start]:
+            own = OWN.intersection(path.parents) or "__pycache__" in path.parts
+            if path.is_file() and path.suffix in TEXT and not own:
+                yield path
+
+
+@cache
+def pattern() -> re.Pattern[str]:
+    words = {*BAGS, "lecture", r"[mr]s_0\d", "volts?"}
+    for name in (*(path.name for path in RIGS), *STUDIES):
+        parts = name.split("_")
+        words |= {name, " ".join(parts), "-".join(parts), *parts}
+    for path in RIGS:
+        source = (path / "system.py").read_text(encoding="utf-8")
+        words |= set(re.findall(r"^class (\w+)", source, re.MULTILINE))
+        structures = re.search(r"^STRUCTURES.*?= *\{(.*?)\}", source, re.MULTILINE | re.DOTALL)
+        words |= set(re.findall(r'"(\w+)":', structures[1])) if structures else set()
+    words = {word for word in words if word.lower() not in ANYBODYS}
+    named = rf"(?<![A-Za-z])(?i:{'|'.join(sorted(words))})(?![A-Za-z])"
+    return re.compile(rf"{named}|\[m?V\]|\d m?V\b|\bmV\b")
+
+
+def test_the_words_of_rigs_are_found_where_they_are():
+    """Or the other test says nothing."""
+    assert len(RIGS) > 1
+    for path in RIGS:
+        assert pattern().search((path / "rig.yaml").read_text(encoding="utf-8"))
+    assert len(list(files())) > 150
+    for text in ("a Beam", "cam_beam.yaml", "[V]", "10 mV", "beam_multisine", "ms_05", "flexible joint"):
+        assert pattern().search(text)
+    for text in ("came", "camera", "V = H P H'", "a joint", "ms_to"):
+        assert not pattern().search(text)
+
+
+def test_no_file_outside_of_a_rig_s_folder_names_it():
+    found = []
+    for path in files():
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            if pattern().search(line):
+                found.append(f"{path.relative_to(ROOT)}:{number}: {line.strip()}")
+    assert found == []
