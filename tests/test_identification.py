@@ -21,15 +21,20 @@ FAST = Sampling(step=0.001, period=0.045)
 
 
 def test_a_simulated_beam_gives_its_parameters_back(simulated_records, rig):
-    """All within three standard errors, and those that shape every motion within ten percent."""
+    """All within three standard errors where there is noise, which is what those count; without any the fit ends where
+    sticking begins or ends a sample too late, at .2 % of the output: then within two percent. Those that shape every
+    motion.
+    """
     model = identify(simulated_records, rig, "gray", sampling=FAST)
-    for name, error in model.standard_errors.items():
-        assert abs(getattr(model.system, name) - getattr(rig.system, name)) < 3 * error, name
+    noisy = min(scores["r2"] for scores in model.scores.values()) < 0.9999
+    if noisy:
+        for name, error in model.standard_errors.items():
+            assert abs(getattr(model.system, name) - getattr(rig.system, name)) < 3 * error, name
     for name in ("gain", "damping", "coulomb"):
-        assert getattr(model.system, name) == pytest.approx(getattr(rig.system, name), rel=0.1)
-    assert model.system.named["centre"] == pytest.approx(rig.system.named["centre"], abs=0.02)
-    assert model.system.delay == pytest.approx(rig.system.delay, abs=0.003)
-    assert all(scores["r2"] > 0.995 for scores in model.scores.values())
+        assert getattr(model.system, name) == pytest.approx(getattr(rig.system, name), rel=0.1 if noisy else 0.02)
+    assert model.system.named["centre"] == pytest.approx(rig.system.named["centre"], abs=0.02 if noisy else 0.002)
+    assert model.system.delay == pytest.approx(rig.system.delay, abs=0.003 if noisy else 0.0005)
+    assert all(scores["r2"] > (0.995 if noisy else 0.99998) for scores in model.scores.values())
 
 
 TRUTH = np.array([5.0, 0.9, 24.0, 22.0, 0.0085])
