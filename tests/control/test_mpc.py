@@ -150,13 +150,24 @@ def test_the_input_is_finite_and_bounded_whatever_it_is_asked(beam_mpc, place, v
 
 
 def test_after_an_absurd_question_it_solves_sensible_ones(beam_mpc):
+    """A question that can be answered, absurd as it is, is where the next search begins: that may end at another of
+    stick-slip's optima, which costs hardly more. One that cannot leaves nothing.
+    """
+    asked, problem = instance(1), beam_mpc.problem
+    yardstick = InteriorPointMpc(beam_mpc.system, dataclasses.replace(problem, max_iterations=500), tolerance=1e-9)
+    best = cost_by_hand(problem, yardstick.control(*asked), *asked[2:])
     beam_mpc.reset()
-    expected = beam_mpc.control(*instance(1)).input
+    cold = beam_mpc.control(*asked).inputs
     for value in ABSURD:
-        beam_mpc.control(np.array([value, 0.0]), *instance(1)[1:])
-        plans = [beam_mpc.control(*instance(1)) for _ in range(2)]
-        assert plans[-1].status is Status.SOLVED
-        np.testing.assert_allclose(plans[-1].input, expected, atol=0.05)
+        answered = beam_mpc.control(np.array([value, 0.0]), *asked[1:]).status is not Status.FAILED
+        for _ in range(2):
+            plan = beam_mpc.control(*asked)
+            assert plan.status is Status.SOLVED
+            assert cost_by_hand(problem, plan, *asked[2:]) < 1.001 * best
+            if not answered:
+                np.testing.assert_allclose(plan.inputs, cold, atol=1e-5)
+        beam_mpc.reset()
+        np.testing.assert_allclose(beam_mpc.control(*asked).inputs, cold, atol=1e-5)
 
 
 @pytest.mark.parametrize("real_time", [False, True])
@@ -388,6 +399,36 @@ def test_on_the_beam_it_finds_what_an_interior_point_solver_finds(rig, option):
     assert max(ratios) < 1.005
     assert np.mean(ratios) < 1.0005
     assert np.mean(np.abs(np.array(ratios) - 1.0) < 1e-6) >= 0.4
+
+
+MILD: dict[str, dict[str, Any]] = {
+    "cheap to be too fast": {
+        "state_low": (-np.inf, -0.4),
+        "state_high": (np.inf, 0.3),
+        "soft_quadratic": (1.0 / 0.0227**2,),
+    },
+    "all at once": {
+        "state_low": (-0.03, -0.4),
+        "state_high": (0.03, 0.3),
+        "soft_linear": (1.0 / 0.0227, 0.1 / 0.0227),
+        "soft_quadratic": (100.0 / 0.0227**2, 10.0 / 0.0227**2),
+        "rate_limits": (1.5,),
+        "input_low": (-2.0,),
+    },
+}
+
+
+@pytest.mark.parametrize("option", [*OPTIONS, *MILD])
+def test_cold_starts_on_the_beam_are_solved(rig, option):
+    """Far from the reference the dynamics bend the other way across active bounds, by many times Gauss-Newton's
+    curvature: steps must not become short for it.
+    """
+    changes = {**OPTIONS, **MILD}[option]
+    problem = dataclasses.replace(PROBLEM, output_scales=(rig.display[0].scale,), max_iterations=50, **changes)
+    exact = ExactMpc(rig.system, problem, tolerance=1e-7)
+    for seed in range(60):
+        exact.reset()
+        assert exact.control(*instance(seed)).status is Status.SOLVED
 
 
 def test_changes_of_the_input_stay_within_their_limit(rig):

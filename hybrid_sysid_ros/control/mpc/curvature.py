@@ -17,8 +17,10 @@ LEAST_SHIFT = 1e-4
 is. More than it takes makes steps short, and much less long ones.
 """
 
-HOLD = 10.0
-"""Curvature across active constraints, in Gauss-Newton's largest entry."""
+HOLD = 100.0
+"""Curvature across active constraints, in shares of the largest entry of a Hessian that is not positive: far from the
+reference it is many times Gauss-Newton's.
+"""
 
 
 @inner
@@ -108,16 +110,22 @@ def add_curvature(horizon: Horizon, program: Program) -> None:
 
 @inner
 def _make_positive(horizon: Horizon, program: Program, largest: float) -> None:
-    """Make the Hessian positive definite, if it is not, without changing it where inputs are free: first by curvature
-    across the active constraints (Nocedal & Wright 2006, section 17.3), else by a shift of its diagonal.
+    """Make the Hessian positive definite, if it is not, without changing it where inputs are free: by curvature across
+    the active constraints (Nocedal & Wright 2006, section 17.3), and only where that leaves it indefinite, by a shift
+    of its diagonal, which shortens all steps.
     """
     hessian, factor = program.hessian, np.empty_like(program.hessian)
     if _factorise(hessian, factor):
         return
-    _hold_active(horizon, program, HOLD * largest)
+    most = largest
+    for c in range(hessian.shape[0]):
+        most = max(most, abs(hessian[c, c]))
+    _hold_active(horizon, program, HOLD * most)
     if _factorise(hessian, factor):
         return
-    _hold_active(horizon, program, -HOLD * largest)
+    _price_active(horizon, program)
+    if _factorise(hessian, factor):
+        return
     shift = LEAST_SHIFT * largest
     for _ in range(60):  # one that is no number stays as it is
         for c in range(hessian.shape[0]):
@@ -143,6 +151,25 @@ def _hold_active(horizon: Horizon, program: Program, hold: float) -> None:
                     program.hessian[c - m, c - m] += hold
                     program.hessian[c, c - m] -= hold
                     program.hessian[c - m, c] -= hold
+
+
+@inner
+def _price_active(horizon: Horizon, program: Program) -> None:
+    """Add the curvature that their price has across the soft bounds that the last solution met. The program has it too,
+    but outside of its Hessian, which must be positive alone; more would hold a state that is to move outside of them.
+    """
+    count, v = horizon.inputs.shape[0], program.gradient.shape[0]
+    first, hessian, rows = v + horizon.rated.shape[0] * count, pointer(program.hessian), pointer(program.rows)
+    for r in range(horizon.bounded.shape[0]):
+        price = 2.0 * horizon.weights.quadratic[horizon.bounded[r]]
+        for i in range(count):
+            if program.multipliers[first + r * count + i] != 0.0:
+                row = (first - v + r * count + i) * v
+                for c in range(v):
+                    slope = price * rows[row + c]
+                    if slope != 0.0:
+                        for d in range(v):
+                            hessian[c * v + d] += slope * rows[row + d]
 
 
 @inner
