@@ -13,7 +13,19 @@ from studies.beam_lecture import __main__ as study
 from studies.beam_lecture import comparison
 from tests.command_line import PLACES, refused, refused_place
 
-BAGS = Path(__file__).parents[2] / "bags"
+SHIPPED = Path(__file__).parents[2] / "bags"
+BAGS = "bags"
+"""The beam's among them, in the folder where a test runs."""
+
+
+@pytest.fixture(autouse=True)
+def bags(tmp_path_factory, monkeypatch):
+    """A folder with the beam's bags only: a protocol takes all that it finds."""
+    place = tmp_path_factory.mktemp("protocol")
+    (place / BAGS).mkdir()
+    for bag in SHIPPED.glob("beam_*"):
+        (place / BAGS / bag.name).symlink_to(bag)
+    monkeypatch.chdir(place)
 
 
 @pytest.fixture
