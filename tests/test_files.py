@@ -134,6 +134,16 @@ def test_asking_leaves_nothing_behind(tmp_path):
     assert names(tmp_path) == []
 
 
+def test_a_pipe_or_a_device_is_never_replaced_by_a_file(tmp_path):
+    """A rename would: /dev/null itself, where the user may."""
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(UserError, match="device or a pipe"):
+        check_file(tmp_path / "pipe")
+    with pytest.raises(UserError, match="device or a pipe"), written_file(tmp_path / "pipe"):
+        pytest.fail("the body must not run")
+    assert (tmp_path / "pipe").is_fifo()
+
+
 def test_what_may_not_be_replaced_is_told_before_the_work(tmp_path):
     (tmp_path / "metadata.yaml").touch()
     with pytest.raises(UserError, match="is a folder, not a file"):

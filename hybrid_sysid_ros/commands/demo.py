@@ -125,6 +125,7 @@ def demo(out: Path, records: Records | None = None, *, rig: str = "", train: boo
     described = load_rig(rig or default())
     plan = Plan.of(described)
     report.check_available()
+    session.check_ros()
     make_folder(out)
     for file in ("report.html", "summary.json"):
         check_file(out / file)

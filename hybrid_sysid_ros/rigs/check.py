@@ -55,6 +55,9 @@ def check(rig: Rig) -> Findings:
         problems += (f"{where}: structure {name}: {line.partition(': ')[2]}" for line in _at_origin(other, where))
     if problems:
         return Findings(problems=tuple(problems), remarks=(), states=np.zeros(0))
+    if rig.step * WINDOWS * 2 > SECONDS:
+        told = f"{rig.file}: step: {rig.step:g} s is too long to see anything in {SECONDS:g} s; give it below "
+        return Findings(problems=(f"{told}{SECONDS / (2 * WINDOWS):g} s",), remarks=(), states=np.zeros(0))
     problems, remarks = list(_sensors(rig)), list[str]()
     states, inputs = _experiment(rig)
     steady = np.isfinite(states).all()
@@ -99,8 +102,8 @@ def _sensors(rig: Rig) -> Iterator[str]:
         if sensor.hum is not None and sensor.hum.hertz > 0.5 / rig.step:
             yield f"{where}.hum: {sensor.hum.hertz:g} Hz can't be shown at a step of {rig.step:g} s; make it smaller"
     for item, value, actuator in zip(rig.system.inputs, rig.bias, rig.actuators, strict=True):
-        if not actuator.low < value < actuator.high:
-            yield f"{rig.file}: nodes.plant.bias: {value:g} {item.unit} is beyond the limits of {item.name}"
+        if not actuator.low <= value <= actuator.high:
+            yield f"{rig.file}: nodes.plant.bias: {value:g} {item.unit} is beyond what {item.name} may be"
 
 
 def _experiment(rig: Rig) -> tuple[Array, Array]:

@@ -22,6 +22,8 @@ START = 1_000_000_000
 """Stamp of the first sample [ns]: zero means "no time yet" to ROS."""
 SEEDS = 7919
 """Between the seeds of the inputs' excitations."""
+BEYOND = 1e9
+"""No state or output of a rig is that large, whatever its unit."""
 
 
 def excitation(rig: Rig, name: str, *, seed: int, duration: float, times: Array) -> Array:
@@ -66,7 +68,8 @@ def simulate(rig: Rig, kind: str, out: Path, *, seed: int, duration: float, rate
     """Drive the simulated rig through an experiment as the real one is driven, and write the bag.
 
     rate: of the bag's samples [Hz]; each carries the mean inputs since the one before. Raises UserError for a rate that
-    does not divide the rig's, an experiment that the rig has not, and a place that can't be written.
+    does not divide the rig's, an experiment that the rig has not, one in which a state grows beyond :data:`BEYOND`, and
+    a place that can't be written.
     """
     every = round(1.0 / (rate * rig.step))
     if every < 1 or abs(every * rig.step * rate - 1.0) > 1e-9:
@@ -81,6 +84,11 @@ def simulate(rig: Rig, kind: str, out: Path, *, seed: int, duration: float, rate
     for _ in range(samples - 1):
         applied.append(sum(islice(steps, every), start=np.zeros(len(rig.actuators))) / every)
         shown.append(plant.measure())
+        if not np.all(np.abs(np.append(plant.state, shown[-1].outputs)) < BEYOND):
+            raise UserError(
+                f"experiment {kind}: the simulated {rig.name} grows beyond all numbers, or its output is none, at "
+                f"{plant.time:.3g} s; hold it by a loop (experiments.loops in {rig.file})"
+            )
     stamps = START + np.round(np.arange(samples) / rate * 1e9).astype(np.int64)
     told = ", ".join(f"{value:g} {item.unit}" for value, item in zip(rig.bias, rig.system.inputs, strict=True))
     made_by = f"simulated {rig.name}, {kind}, seed {seed}, {duration:g} s at {rate:g} Hz, bias {told}"

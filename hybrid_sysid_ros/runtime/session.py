@@ -62,6 +62,12 @@ class Child:
     complaint: str = ""
 
 
+def check_ros() -> None:
+    """Raises UserError without ROS for this Python, before long work that ends in nodes."""
+    if importlib.util.find_spec("rclpy") is None:
+        raise UserError("no rclpy for this Python: install hybrid_sysid_ros[ros], or source a ROS 2 Jazzy")
+
+
 class Session:
     """Processes of nodes, as a context that leaves none behind. `tell` gets what they log, line by line."""
 
@@ -70,8 +76,7 @@ class Session:
 
         Raises UserError without ROS for this Python.
         """
-        if importlib.util.find_spec("rclpy") is None:
-            raise UserError("no rclpy for this Python: install hybrid_sysid_ros[ros], or source a ROS 2 Jazzy")
+        check_ros()
         if domain is not None and not 0 <= domain <= 232:
             raise UserError(f"ROS domain {domain}: it must be within 0 and 232")
         self.rig = rigs.load(rig).source

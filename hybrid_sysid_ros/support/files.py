@@ -111,6 +111,8 @@ def sha256(path: Path | str) -> str:
 def _check_no_folder(path: Path, target: Path) -> None:
     if os.path.isdir(target):
         raise UserError(f"{path}: is a folder, not a file: choose another name")
+    if os.path.exists(target) and not os.path.isfile(target):
+        raise UserError(f"{path}: is a device or a pipe, which can't be replaced by a file: choose another name")
 
 
 def _check_replaceable(path: Path, target: Path, *, marker: str, replace: bool, force: bool) -> None:

@@ -10,9 +10,13 @@ import pytest
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.core import System, bounded
 from hybrid_sysid_ros.core.mathematics import log, sqrt
+from hybrid_sysid_ros.rigs.actuator import Actuator
 from hybrid_sysid_ros.rigs.check import check, step_responses
+from hybrid_sysid_ros.rigs.excitation import Excitation
+from hybrid_sysid_ros.rigs.experiments import simulate
 from hybrid_sysid_ros.rigs.rig import Experiments, Loop, load
 from hybrid_sysid_ros.rigs.sensor import LowPass, Sensor
+from hybrid_sysid_ros.support.errors import UserError
 from tests.command_line import refused
 from tests.rigs.toys import Lags, rig_of
 
@@ -130,3 +134,21 @@ def test_problems_are_lines_and_the_status_is_2(tmp_path, command):
 @pytest.mark.parametrize("name", ["cam_beam", "flexible_joint"])
 def test_the_rigs_of_the_package_pass(name):
     assert check(load(name)).problems == ()
+
+
+def test_a_step_too_long_to_see_anything_is_told():
+    assert "step: 1 s is too long" in problems(rig_of(Mass(), step=1.0))
+
+
+def test_an_input_may_rest_at_its_limit():
+    """A valve: from shut to open."""
+    assert problems(rig_of(Mass(), actuators=(Actuator(low=0.0, high=10.0),))) == ""
+
+
+def test_what_leaves_all_numbers_is_not_written_as_a_bag(tmp_path):
+    """q grows by e^80 in 40 s."""
+    steps = Excitation(kind="random_steps", numbers={"amplitude": 1.0, "hold": 1.0})
+    rig = rig_of(Mass(growth=4.0), experiments=Experiments(excitations={"steps": {0: steps}}))
+    with pytest.raises(UserError, match="grows beyond all numbers"):
+        simulate(rig, "steps", tmp_path / "bag", seed=0, duration=40.0, rate=100.0)
+    assert not (tmp_path / "bag").exists()

@@ -76,10 +76,10 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
             f"re-simulation: the model's step of {1e3 * sampling.step:g} ms is no multiple of the rig's "
             f"{1e3 * rig.step:g} ms; identify with a --step that is"
         )
+    if not rig.experiments.loops:
+        raise UserError(f"re-simulation: rig {rig.name} has no loop (experiments.loops) to simulate again")
     if len(system.inputs) != 1 or len(system.outputs) != 1:
-        raise UserError(
-            f"re-simulation: rig {rig.name} has a controller of one input and one output; the model has more"
-        )
+        raise UserError(f"re-simulation: only loops of one input and output are simulated again; {rig.name} has more")
     filtered = _low_pass(rig)
     recorded = "filtered" in record.channels
     if not recorded:
