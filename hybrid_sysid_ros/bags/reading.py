@@ -209,7 +209,7 @@ class _Reading:
     def right_one(self) -> str:
         """What to do where a bag has other topics or fields than the signals say."""
         where = f" in {self.signals.source}" if self.signals.source else ""
-        return f"name the right one{where} (--signals)"
+        return f"name the right one{where} (--signals), or the rig (--rig)"
 
     def at(self, signal: Signal) -> str:
         """Bag and topic, for messages to the user."""

@@ -77,6 +77,8 @@ class Plan:
     def of(cls, rig: Rig) -> Plan:
         """Raises UserError where the section is missing or names what is not there."""
         told, where = rig.section("demo"), f"{rig.file}: demo"
+        if not told:
+            raise UserError(f"{where}: is missing: give it bags to learn from, {{learn: [NAME, ...]}}")
         refuse_unknown(told, KEYS, where)
         usual = Sampling()
         step, period = (numbers(told.get(key, getattr(usual, key)), where, count=1)[0] for key in ("step", "period"))

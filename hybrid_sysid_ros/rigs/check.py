@@ -90,6 +90,10 @@ def _at_origin(system: System, where: str) -> Iterator[str]:
     for item, value in zip((*system.states, *system.outputs), (*following, *outputs), strict=True):
         if not np.isfinite(value):
             yield f"{where}: {item.name} is {value:g} a step from the origin; bound what it is divided or rooted by"
+    names = [item.name for item in system.states]
+    for position, velocity in system.kinematics.items():
+        if any(contact.on == names[position] for contact in system.contacts):
+            yield f"{where}: a contact is on {names[position]}; friction acts on its velocity, {names[velocity]}"
 
 
 def _sensors(rig: Rig) -> Iterator[str]:

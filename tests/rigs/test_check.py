@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.commands import app
-from hybrid_sysid_ros.core import System, bounded
+from hybrid_sysid_ros.core import Dry, System, bounded
 from hybrid_sysid_ros.core.mathematics import log, sqrt
 from hybrid_sysid_ros.rigs.actuator import Actuator
 from hybrid_sysid_ros.rigs.check import check, step_responses
@@ -32,6 +32,15 @@ class Mass(System):
 
     def law(self, x: Any, u: Any) -> Any:
         return x[1], u[0] + self.growth * x[0]
+
+
+class Misplaced(Mass):
+    """Friction on where it is."""
+
+    contacts = (Dry(on="position", level="level"),)
+
+    def level(self, x: Any, u: Any) -> Any:
+        return 1.0
 
 
 class Blind(Mass):
@@ -87,6 +96,7 @@ def test_what_grows_without_a_loop_is_named_and_held_by_one():
         (Rooted(), "not finite for level"),
         (HalfRooted(), "level is not finite at position -"),
         (Mass(growth=20.0), "parameter growth = 20"),
+        (Misplaced(), "friction acts on its velocity, velocity"),
     ],
 )
 def test_equations_that_make_no_sense_are_told(system, message):
