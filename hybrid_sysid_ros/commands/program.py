@@ -66,8 +66,8 @@ def run_program(program: Commands) -> None:
     except UserError as error:
         sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
         sys.exit(2)
-    except OSError as error:  # a full disk behind standard output, a pipe that closed
-        sys.stderr.write(f"error: {error.filename or 'standard output'}: {error.strerror or error}; make room there\n")
+    except OSError as error:  # such as a full disk behind standard output, or a pipe that closed
+        sys.stderr.write(f"error: {error.filename or 'standard output'}: {error.strerror or error}\n")
         sys.exit(2)
     except (Interrupted, KeyboardInterrupt) as error:
         sys.stderr.write(": ".join(filter(None, ("interrupted", str(error)))) + "\n")
