@@ -30,7 +30,7 @@ compiling takes a quarter less memory and a tenth less time in a node.
 """
 
 PARTS_FOR = "0.68."
-"""The release of numba whose own passes parts rest on. With another one all is compiled as usual, which takes longer."""
+"""The release of numba whose own passes parts rest on. With another one all is compiled as usual: it takes longer."""
 
 
 def _part_options() -> dict[str, Any]:
