@@ -1,7 +1,7 @@
 # make demo | test | bench | lint | clean: each sets up what it needs in .venv, with nothing but python3 and make.
 #   make demo RIG=NAME     of another rig, by its name or path, into out/demo_NAME
 #   make demo TRAIN=1      trains the shipped policy afresh (adds torch)
-#   make PYTHON=python3.12 another interpreter, where python3 is too old or too new
+#   make PYTHON=python3.12 another interpreter, where python3 is too old or too new; a .venv of another one is made anew
 PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
@@ -15,7 +15,7 @@ ifneq ($(ROS_DISTRO)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
 unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 endif
 
-.PHONY: demo test bench lint clean
+.PHONY: demo test bench lint clean again
 .NOTPARALLEL:
 
 demo: .venv/ros $(if $(TRAINED),.venv/train)
@@ -37,6 +37,9 @@ clean: # out/ may hold recordings: it stays
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Stamps: a set-up is repeated only when what it installs may have changed. torch is large, so it has its own.
+ifneq ($(origin PYTHON),file)
+.venv/python: $(if $(filter $(lastword $(shell $(PYTHON) --version 2>/dev/null)),$(lastword $(shell $(BIN)/python --version 2>/dev/null))),,again)
+endif
 .venv/python:
 	$(if $(shell $(PYTHON) -c 'import sys; print((3, 10) <= sys.version_info[:2] <= (3, 13) or "")' 2>/dev/null),,$(error \
 	hybrid_sysid_ros needs Python 3.10 to 3.13, but $(PYTHON) is $(or $(shell $(PYTHON) --version 2>/dev/null),missing): try make PYTHON=python3.12))

@@ -18,7 +18,6 @@ from hybrid_sysid_ros.nodes.messages import SECOND, joint_state, lists, nanoseco
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.rigs.joints import FILTERED
 from hybrid_sysid_ros.rigs.plant import Plant
-from hybrid_sysid_ros.support.errors import UserError
 
 LOCKSTEP_START = SECOND  # stamp of the first measurement: 0 means "no time yet" to ROS
 EARLY = 0.1  # periods that a timer may be early; late ones never reach into the next period
@@ -35,11 +34,7 @@ class PlantNode(RigNode):
     def __init__(self, **options: Any) -> None:
         super().__init__("plant", **options)
         settings, rig = self.settings, self.rig
-        self.steps = round(1.0 / (settings["rate"] * rig.step))
-        if abs(self.steps * rig.step * settings["rate"] - 1.0) > 1e-9:
-            raise UserError(
-                f"parameter rate is {settings['rate']:g} Hz: its period must be a whole number of {rig.step:g} s"
-            )
+        self.steps = rig.steps(1.0 / settings["rate"], f"parameter rate is {settings['rate']:g} Hz: its period")
         self.lockstep: bool = settings["lockstep"]
         self.plant = Plant(rig, seed=settings["seed"], bias=settings["bias"])
         self.plant.advance([actuator.rest for actuator in rig.actuators])  # compiles

@@ -1,26 +1,8 @@
-"""Compiled functions called once from Python, for tests."""
+"""The CasADi form of systems, for tests."""
 
 import casadi
-import numpy as np
 
-from hybrid_sysid_ros.core import compiled, trace
-from hybrid_sysid_ros.core.call import call_slopes
-from hybrid_sysid_ros.core.compilation import kernel
-
-
-@kernel
-def _call(address, x, u, p, w, h, s, out, slopes):
-    call_slopes(address, x, u, p, w, h, s, out, slopes)
-
-
-def evaluated(system, x, u, step, *, output=False, smoothing=0.0, learn=False):
-    """The step or the output map at x (states,), u (inputs,), and its slopes (rows, columns)."""
-    address, columns = compiled(system).slopes(output=output, smooth=smoothing > 0.0, learn=learn)
-    rows = len(system.outputs) if output else len(system.states)
-    out, slopes = np.full(rows, np.nan), np.full((rows, columns.count), np.nan)
-    given = np.array(x, dtype=float), np.array(u, dtype=float), system.values, system.weights
-    _call(address, *given, step, smoothing, out, slopes)
-    return out, slopes
+from hybrid_sysid_ros.core import trace
 
 
 def parametric_step(system, *, step, smoothing=0.0):

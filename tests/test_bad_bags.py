@@ -56,7 +56,7 @@ def test_a_folder_whose_files_are_gone_or_changed_is_named(tmp_path):
     assert bags.read(bag, SIGNALS).samples == 100  # the messages are all there
     (bag / "metadata.yaml").write_text(metadata)
     (bag / "run.mcap").unlink()
-    refused(bag, "missing")
+    refused(bag, "is no bag: a bag has an .mcap")
 
 
 def test_a_bag_without_messages_is_named(tmp_path):

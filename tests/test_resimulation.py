@@ -222,7 +222,7 @@ def test_a_record_without_its_filtered_position_begins_settled(loop):
 
 
 def test_a_step_that_the_rig_has_not_is_refused(loop):
-    with pytest.raises(UserError, match=r"step of 2\.5 ms is no multiple of the rig's 1 ms"):
+    with pytest.raises(UserError, match="no multiple of the step"):
         resimulate(RIG.system, loop, RIG, sampling=Sampling(step=0.0025))
 
 

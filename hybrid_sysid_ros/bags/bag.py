@@ -262,10 +262,10 @@ def _check_ends(path: Path) -> None:
     if not path.exists():
         raise UserError(f"{path}: no such file or folder")
     files = _storage_files(path)
-    if path.is_dir() and not files and not (path / METADATA).exists():
-        if not any(path.iterdir()):
-            raise UserError(f"{path}: is an empty folder: a bag has {METADATA} and an .mcap file")
-        raise UserError(f"{path}: is no bag: there is no {METADATA} and no .mcap file in it")
+    packed = (path / METADATA).exists() and any({*STORAGE}.intersection(file.suffixes) for file in path.iterdir())
+    if path.is_dir() and not (files or packed):
+        there = "is no bag: " if any(path.iterdir()) else "is an empty folder: "
+        raise UserError(f"{path}: {there}a bag has an .mcap or .db3 file beside {METADATA}; copy the whole folder")
     if not path.is_dir() and path.suffix not in STORAGE:
         hint = ": convert it with rosbags-convert" if path.suffix == ".bag" else ": give a rosbag2 folder or .mcap file"
         raise UserError(f"{path}: is no ROS 2 bag{hint}")

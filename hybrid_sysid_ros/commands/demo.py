@@ -98,11 +98,13 @@ class Plan:
             scored=scored,
         )
 
+    def places(self, rig: Rig) -> tuple[list[Path], list[Path]]:
+        """Those to learn from and those to test. Raises UserError where one is missing."""
+        return [_bag(rig, name) for name in self.learn], [_bag(rig, name) for name in self.test]
+
     def records(self, rig: Rig) -> Records:
         """The bags, from the rig's folder or those that ship. Raises UserError where one is missing."""
-        learnt, kept = (
-            [bags.read(_bag(rig, name), rig.signals) for name in names] for names in (self.learn, self.test)
-        )
+        learnt, kept = ([bags.read(place, rig.signals) for place in places] for places in self.places(rig))
         rest = Part(start=self.part.stop) if self.part.stop < 1.0 else Part(stop=self.part.start)
         halves = [(record, rest) for record in learnt if (self.part.start, self.part.stop) != (0.0, 1.0)]
         return Records(training=learnt, part=self.part, tests=[*halves, *((record, Part()) for record in kept)])
@@ -215,7 +217,9 @@ def _bag(rig: Rig, name: str) -> Path:
     for place in places:
         if place.is_dir():
             return place
-    raise UserError(f"{rig.file}: demo names the bag {name}, which is in none of {', '.join(map(str, places))}")
+    raise UserError(
+        f"{rig.file}: demo: no bag {name} in {places[0].parent}: record it there, or hybrid-sysid simulate it"
+    )
 
 
 def make_folder(path: Path) -> None:

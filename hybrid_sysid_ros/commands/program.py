@@ -28,7 +28,18 @@ class LateCommand(TyperCommand):
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
         app.command(self.name)(importlib.import_module(self.module).command)
-        return typer.main.get_command(app).make_context(info_name, args, parent=parent, **extra)
+        made: Any = typer.main.get_command(app)
+        if "--help" in args:
+            _tell_default_rig(made)
+        return made.make_context(info_name, args, parent=parent, **extra)
+
+
+def _tell_default_rig(made: Any) -> None:
+    from hybrid_sysid_ros.rigs.rig import default
+
+    for option in made.params:
+        if option.name == "rig" and not option.required and not option.callback:
+            option.show_default = default()
 
 
 class Commands(TyperGroup):

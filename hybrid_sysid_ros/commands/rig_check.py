@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Annotated, Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import typer
 from numpy.typing import NDArray
 from rich.table import Table
 
+from hybrid_sysid_ros.commands.demo import Plan
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.rigs.check import check, step_responses
 from hybrid_sysid_ros.rigs.rig import Rig, load
@@ -46,16 +47,18 @@ def command(
 def _facts(rig: Rig) -> Table:
     """What the rig consists of."""
     system = rig.system
-    table = Table("what", "name", "unit", "carried as", "", title=f"{rig.name}, {rig.folder}")
+    table = Table("what", "name", "unit", "carried as", "", title=f"{rig.name}, {rig.folder}: {type(system).__name__}")
     for item in system.states:
         table.add_row("state", item.name, item.unit, "", "")
-    for item, actuator in zip(system.inputs, rig.actuators, strict=True):
+    for item, actuator, delay in zip(system.inputs, rig.actuators, system.input_delays, strict=True):
         joint, field = rig.joints.place(item.name)
-        table.add_row("input", item.name, item.unit, f"{field}[{joint}]", f"{actuator.low:g} to {actuator.high:g}")
+        limits = f"{actuator.low:g} to {actuator.high:g}{f', {1e3 * delay:g} ms late' if delay else ''}"
+        table.add_row("input", item.name, item.unit, f"{field}[{joint}]", limits)
     for item, sensor in zip(system.outputs, rig.sensors, strict=True):
         joint, field = rig.joints.place(item.name)
+        read = f"1 {sensor.unit} is {sensor.scale:.6g} {item.unit}" if sensor.scale != 1.0 else ""
         noise = f"noise {sensor.noise:.3g} {sensor.unit} rms" if sensor.noise else ""
-        table.add_row("output", item.name, item.unit, f"{field}[{joint}]", noise)
+        table.add_row("output", item.name, item.unit, f"{field}[{joint}]", ", ".join(filter(None, (read, noise))))
     return table
 
 
@@ -67,25 +70,29 @@ def _values(rig: Rig) -> Iterator[str]:
     except UserError as error:
         yield str(error)
         return
-    controller, reference, estimator = (defaults(rig, node) for node in ("controller", "reference", "estimator"))
+    controller, reference, estimator, plant = (
+        defaults(rig, node) for node in ("controller", "reference", "estimator", "plant")
+    )
     needed = controller["horizon"] * controller["period"] + controller["latency"] + rig.system.delay
     if reference["preview_seconds"] < needed + reference["publish_period"]:
         yield (
             f"{rig.file}: nodes.reference.preview_seconds is {reference['preview_seconds']:g} s: the controller's "
             f"horizon, the delays and a publish period take {needed + reference['publish_period']:g} s"
         )
-    made: list[Any] = [
-        lambda: configuration.mpc_problem(controller, rig),
-        lambda: configuration.estimator_tuning(estimator, rig),
+    made: list[tuple[str, Callable[[], Any]]] = [
+        ("nodes.plant.rate", lambda: rig.steps(1.0 / plant["rate"], f"the period of {plant['rate']:g} Hz")),
+        ("nodes.controller.period", lambda: rig.steps(controller["period"], "the period")),
+        ("nodes", lambda: configuration.mpc_problem(controller, rig)),
+        ("nodes", lambda: configuration.estimator_tuning(estimator, rig)),
+        ("policy_training", lambda: configuration.spread_of(rig)),
+        ("demo", lambda: Plan.of(rig).places(rig)),
     ]
-    if "policy_training" in rig.content:
-        made.append(lambda: configuration.spread_of(rig))
-    for make in made:
+    for section, make in made:
         try:
-            make()
+            _ = make() if section.startswith("nodes") or section in rig.content else None
         except UserError as error:
             text = str(error)
-            yield text if text.startswith(str(rig.file)) else f"{rig.file}: nodes: {text}"
+            yield text if text.startswith(str(rig.file)) else f"{rig.file}: {section}: {text}"
 
 
 def _responses(rig: Rig, seconds: float) -> Table:

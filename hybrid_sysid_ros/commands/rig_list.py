@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.rigs.folder import names
+from hybrid_sysid_ros.commands.terminal import print_table, status
+from hybrid_sysid_ros.rigs.folder import find, names
+from hybrid_sysid_ros.support.errors import UserError
 
 
 def command() -> None:
     """List the rigs that are known by name: of this package, and of entry points of others."""
-    table = Table("rig", "package")
-    for name, package in names().items():
-        table.add_row(name, package)
+    table, rows, problems = Table("rig", "package", "folder"), dict[Path, list[str]](), list[str]()
+    for name in names():
+        try:
+            folder = find(name)
+            rows.setdefault(folder.path.resolve(), [folder.package]).insert(-1, name)
+        except UserError as error:
+            problems.append(f"error: {error}")
+    for path, (*called, package) in rows.items():
+        table.add_row(", ".join(called), package, str(path))
     print_table(table)
+    for problem in problems:
+        status.print(problem)
+    if problems:
+        raise typer.Exit(2)

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from hybrid_sysid_ros.commands.terminal import console
-from hybrid_sysid_ros.rigs.folder import HOME, SYSTEM, VALUES, names
+from hybrid_sysid_ros.rigs.folder import HOME, SYSTEM, VALUES, check_name
 from hybrid_sysid_ros.support.errors import UserError
 
 TEMPLATE = HOME / "_template"
@@ -17,11 +17,7 @@ TEMPLATE = HOME / "_template"
 
 def command(folder: Annotated[Path, typer.Argument(help="Folder to make; its name is the rig's.")]) -> None:
     """Write a small working rig, a sled on a rail, to be made your own."""
-    name = folder.resolve().name
-    if not (name.isidentifier() and name.isascii()):
-        raise UserError(f"{folder}: the folder's name is the rig's, in topics too: use letters, digits and underscores")
-    if name in names():
-        raise UserError(f"{folder}: a rig is called {name} already, in {names()[name]}; take another name")
+    check_name(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UserError(f"{folder}: is there already and not empty; give the name of a new folder")
     try:

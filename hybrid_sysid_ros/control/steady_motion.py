@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.core import System, compiled
-from hybrid_sysid_ros.core.call import call_slopes
-from hybrid_sysid_ros.core.compilation import kernel
+from hybrid_sysid_ros.core import System, sloped
 from hybrid_sysid_ros.support.arrays import Array
 
 NEWTON_STEPS = 30
@@ -88,16 +86,6 @@ def slopes_at(system: System, problem: Problem, x: Array, u: Array, *, output: b
     """A step of the prediction, or the outputs, and the derivatives by states x (n,) and by inputs u (m,), stick-slip
     rounded.
     """
-    address, columns = compiled(system).slopes(output=output, smooth=problem.smoothing > 0.0)
-    rows = len(system.outputs if output else system.states)
-    value, slopes = np.empty(rows), np.empty((rows, columns.count))
-    step = problem.period / problem.substeps
-    _at(address, x.copy(), u.copy(), system.values, system.weights, step, problem.smoothing, value, slopes)
-    return value, slopes[:, : columns.states], slopes[:, columns.states :]
-
-
-@kernel
-def _at(
-    address: int, x: Array, u: Array, p: Array, w: Array, h: float, smoothing: float, value: Array, slopes: Array
-) -> None:
-    call_slopes(address, x, u, p, w, h, smoothing, value, slopes)
+    step, n = problem.period / problem.substeps, len(x)
+    value, slopes = sloped(system, x, u, step=step, smoothing=problem.smoothing, output=output)
+    return value, slopes[:, :n], slopes[:, n:]

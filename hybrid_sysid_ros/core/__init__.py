@@ -5,7 +5,7 @@ from hybrid_sysid_ros.core.contacts import Bristles, Contact, Dry, Viscous
 from hybrid_sysid_ros.core.declaration import Variable
 from hybrid_sysid_ros.core.networks import Perceptron, Softsign
 from hybrid_sysid_ros.core.parameters import Parameter, bounded
-from hybrid_sysid_ros.core.rollout import Sensitivities, rollouts, simulate, stepped
+from hybrid_sysid_ros.core.rollout import Sensitivities, rollouts, simulate, sloped, stepped
 from hybrid_sysid_ros.core.runge_kutta import RungeKutta
 from hybrid_sysid_ros.core.steppers import ImplicitFriction, Sampled, Stepper
 from hybrid_sysid_ros.core.system import Recurrence, System
@@ -30,5 +30,6 @@ __all__ = [
     "compiled",
     "rollouts",
     "simulate",
+    "sloped",
     "stepped",
 ]

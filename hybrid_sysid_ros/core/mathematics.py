@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from numbers import Real
 from typing import Any
 
 import casadi
+
+from hybrid_sysid_ros.support.errors import UserError
 
 Scalar = Any
 """A float, or a casadi.SX while a law is traced."""
@@ -69,6 +72,17 @@ def saturate(x: Scalar, limit: Scalar, smoothing: Scalar | None = None) -> Scala
     return 0.5 * (casadi.sqrt(above * above + smoothing**2) - casadi.sqrt(below * below + smoothing**2))
 
 
-def rows(values: Scalar | Sequence[Scalar]) -> list[Scalar]:
-    """The values of a sequence, or of a column as CasADi has it."""
-    return list(casadi.vertsplit(values)) if isinstance(values, casadi.SX) else list(values)
+def rows(values: Scalar | Iterable[Scalar], count: int, what: str, of: str) -> list[Scalar]:
+    """The values of a sequence, or of a column as CasADi has it, that ``what`` gives. Raises UserError where these are
+    not ``count`` scalars.
+    """
+    if isinstance(values, casadi.SX):
+        found = list(casadi.vertsplit(values))
+    else:
+        found = list(values) if isinstance(values, Iterable) and not isinstance(values, str | Mapping) else [values]
+    if not all(isinstance(item, Real) or (isinstance(item, casadi.SX) and item.is_scalar()) for item in found):
+        shown = " ".join(repr(values).split())[:60]
+        raise UserError(f"{what} gives {shown}: it needs {count} numbers, or expressions of states and inputs")
+    if len(found) != count:
+        raise UserError(f"{what} gives {len(found)} values for {count} {of}")
+    return found

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hybrid_sysid_ros.core.call import call_slopes, call_value, pointer
 from hybrid_sysid_ros.core.compilation import inner, kernel
@@ -129,6 +129,31 @@ def output_of(system: System, x: Array, u: Array) -> Array:
     given = np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(u, dtype=float)
     advance(compiled(system).output, *given, system.values, system.weights, 0.0, outputs)
     return outputs
+
+
+def sloped(
+    system: System, x: ArrayLike, u: ArrayLike, *, step: float,
+    smoothing: float = 0.0, output: bool = False, learn: bool = False,
+) -> tuple[Array, Array]:  # fmt: skip
+    """The states a step [s] after x (states,) under inputs u (inputs,) that act now, or the outputs there, and their
+    slopes (rows, columns) by states and inputs, and with ``learn`` by parameters and weights.
+
+    smoothing: over which stick-slip is rounded, in the unit of the velocity; 0: it is not.
+    """
+    address, columns = compiled(system).slopes(output=output, smooth=smoothing > 0.0, learn=learn)
+    rows = len(system.outputs if output else system.states)
+    value, slopes = np.empty(rows), np.empty((rows, columns.count))
+    given = np.array(x, dtype=float), np.array(u, dtype=float)
+    _fitting(system, given[0][None], given[1][None])
+    _sloped(address, *given, system.values, system.weights, step, smoothing, value, slopes)
+    return value, slopes
+
+
+@kernel
+def _sloped(
+    address: int, x: Array, u: Array, p: Array, w: Array, h: float, smoothing: float, value: Array, slopes: Array
+) -> None:
+    call_slopes(address, x, u, p, w, h, smoothing, value, slopes)
 
 
 class Sensitivities:

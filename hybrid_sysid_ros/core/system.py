@@ -95,10 +95,7 @@ class System:
         return Motion(rates=self._rates, contacts=self.contacts, field=self._field, names=names)
 
     def _rates(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        rates, count = rows(self.law(x, u)), len(self.declared_states)
-        if len(rates) != count:
-            raise UserError(f"{type(self).__name__}: law(x, u) gives {len(rates)} rates for {count} states")
-        return rates
+        return rows(self.law(x, u), len(self.declared_states), f"{type(self).__name__}: law(x, u)", "states")
 
     def _field(self, value: Field, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
         """A field of a contact: a number, a parameter, a method or a function (system, x, u)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -59,10 +60,7 @@ def output_of(system: System, *, weights: casadi.SX | None = None) -> Trace:
     """The outputs."""
 
     def output(bound: System, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
-        found, count = rows(bound.output(x, u)), len(system.outputs)
-        if len(found) != count:
-            raise UserError(f"{type(system).__name__}: output(x, u) gives {len(found)} values for {count} outputs")
-        return found
+        return rows(bound.output(x, u), len(system.outputs), f"{type(system).__name__}: output(x, u)", "outputs")
 
     return _traced(system, "output(x, u)", output, weights)
 
@@ -104,11 +102,12 @@ def _traced(system: System, what: str, function: Traced, weights: casadi.SX | No
     p, h, s = casadi.SX.sym("p", len(system.parameters)), casadi.SX.sym("h"), casadi.SX.sym("s")
     kind = type(system).__name__
     try:
-        with tracing(Calls(weights=weights)) as calls:
+        with tracing(Calls(weights=weights)) as calls, warnings.catch_warnings():
+            warnings.filterwarnings("error", r"\s*casadi: a numpy function", FutureWarning)
             result = casadi.vertcat(*function(system.bound(_split(p)), _split(x), _split(u), h, s))
     except UserError:
         raise
-    except Exception as error:  # what a user writes can raise anything
+    except (Exception, SystemExit) as error:  # what a user writes can raise anything
         raise UserError(f"{kind}: {what} can't be traced: {_cause(error)}") from error
     traced = Trace(x=x, u=u, p=p, h=h, s=s, result=casadi.SX(result), calls=tuple(calls.made))
     values = system.values
@@ -133,8 +132,10 @@ def _split(column: casadi.SX) -> list[Scalar]:
     return list(casadi.vertsplit(column)) if column.numel() else []
 
 
-def _cause(error: Exception) -> str:
+def _cause(error: BaseException) -> str:
     text = " ".join(str(error).split())
     if "truth value" in text or "scalar nodes" in text.lower() or "__bool__" in text:
         return "Python's if, and, min and max can't look at a state; use select, minimum and maximum"
+    if isinstance(error, FutureWarning):
+        return "numpy's functions can't take a state or an input; use those of core.mathematics"
     return f"{type(error).__name__}: {text[:200]}"

@@ -17,6 +17,7 @@ from safetensors.numpy import save as serialised
 
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256, written_file, written_folder
+from hybrid_sysid_ros.support.structured import Dumper, Loader
 
 ARRAYS = "weights.safetensors"
 MADE_BY = {"model": "identify", "policy": "policy train", "certificate": "policy certify"}
@@ -74,7 +75,7 @@ def load_sheet(path: Path, *, kind: str, version: int) -> dict[str, Any]:
     Raises UserError, naming the file, where it is unreadable, altered since it was saved, or of another format.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise UserError(f"{path}: can't be read as YAML; restore it or {_again(kind)}") from error
     if not isinstance(content, dict) or not isinstance(content.get("format"), int):
@@ -98,7 +99,7 @@ def digest(folder: Path | str, *, kind: str) -> str:
     """
     path = _sheet(folder, kind)
     try:
-        return str(yaml.safe_load(path.read_text(encoding="utf-8"))["seal"])
+        return str(yaml.load(path.read_text(encoding="utf-8"), Loader)["seal"])
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
         raise UserError(f"{path}: can't be read; restore it or {_again(kind)}") from error
 
@@ -128,7 +129,7 @@ def _text(version: int, content: dict[str, Any]) -> str:
     """The content as YAML, its format first and its seal last."""
     body = {"format": version, **_plain(content)}
     body["seal"] = _seal(body)
-    return str(yaml.safe_dump(body, sort_keys=False, allow_unicode=True, width=120))
+    return str(yaml.dump(body, Dumper=Dumper, sort_keys=False, allow_unicode=True, width=120))
 
 
 def _seal(body: dict[str, Any]) -> str:

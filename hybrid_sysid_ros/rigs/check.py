@@ -8,9 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Sensitivities, System, compiled, rollouts, stepped
-from hybrid_sysid_ros.core.call import call_slopes
-from hybrid_sysid_ros.core.compilation import kernel
+from hybrid_sysid_ros.core import Sensitivities, System, rollouts, sloped, stepped
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.rigs.experiments import driven, excitation
@@ -33,6 +31,8 @@ BLIND = 1e-9
 """Ratio of the least to the greatest effect of a state (in its magnitude) on the outputs, below which it has none."""
 GROWTH = 1e-3
 """Rate [1/s] from which on a linearised system counts as unstable."""
+MOST_DELAYS = 1000
+"""Of all loops together [steps]; where there are more, their poles are not looked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,21 +58,16 @@ def check(rig: Rig) -> Findings:
     if rig.step * WINDOWS * 2 > SECONDS:
         told = f"{rig.file}: step: {rig.step:g} s is too long to see anything in {SECONDS:g} s; give it below "
         return Findings(problems=(f"{told}{SECONDS / (2 * WINDOWS):g} s",), remarks=(), states=np.zeros(0))
-    problems, remarks = list(_sensors(rig)), list[str]()
+    problems, remarks = list(_values(rig)), list(_remarks(rig.system))
     states, inputs = _experiment(rig)
     steady = np.isfinite(states).all()
     magnitudes = np.maximum(np.max(np.abs(states[np.isfinite(states).all(axis=1)]), axis=0), 1e-6)
-    growth, grown = _growth(rig.system, magnitudes, rig.step)
-    if growth > GROWTH and not rig.experiments.loops:
-        problems.append(
-            f"{where}: unstable at the origin: {grown} grow by e in {1 / growth:.3g} s; give the experiments in "
-            f"{rig.file.name} a loop that holds it"
-        )
+    if growing := list(_growing(rig, magnitudes, where)):
+        problems += growing
     elif not steady:
         problems.append(f"{where}: the states grow beyond all numbers in the experiments of {rig.file.name}")
-    if steady:
-        problems += _on_grid(rig, magnitudes, where)
-        problems += _blind(rig, states, inputs, magnitudes, where)
+    else:
+        problems += (*_on_grid(rig, magnitudes, where), *_blind(rig, states, inputs, magnitudes, where))
         remarks += _reached(rig, states)
     return Findings(problems=tuple(problems), remarks=tuple(remarks), states=magnitudes)
 
@@ -96,7 +91,8 @@ def _at_origin(system: System, where: str) -> Iterator[str]:
             yield f"{where}: a contact is on {names[position]}; friction acts on its velocity, {names[velocity]}"
 
 
-def _sensors(rig: Rig) -> Iterator[str]:
+def _values(rig: Rig) -> Iterator[str]:
+    """Numbers of rig.yaml that can't be true."""
     for item, sensor in zip(rig.system.outputs, rig.sensors, strict=True):
         where = f"{rig.file}: sensors.{item.name}"
         if sensor.low_pass is not None:
@@ -108,6 +104,24 @@ def _sensors(rig: Rig) -> Iterator[str]:
     for item, value, actuator in zip(rig.system.inputs, rig.bias, rig.actuators, strict=True):
         if not actuator.low <= value <= actuator.high:
             yield f"{rig.file}: nodes.plant.bias: {value:g} {item.unit} is beyond what {item.name} may be"
+    for name, chosen in rig.experiments.excitations.items():
+        for index, signal in chosen.items():
+            item, actuator = rig.system.inputs[index], rig.actuators[index]
+            told = "" if index in rig.experiments.loops else signal.beyond(actuator.low, actuator.high)
+            if told:
+                yield (
+                    f"{rig.file}: experiments.excitations.{name}: {told} is beyond what {item.name} may be, "
+                    f"{actuator.low:g} to {actuator.high:g} {item.unit}; make it smaller"
+                )
+
+
+def _remarks(system: System) -> Iterator[str]:
+    """Units that are missing, and delays that a controller can't have."""
+    names = [item.name for item in (*system.states, *system.inputs, *system.outputs) if not item.unit]
+    if names:
+        yield f'{", ".join(dict.fromkeys(names))}: no unit is told; write "angle [rad]", and [1] for plain numbers'
+    if len({*system.input_delays}) > 1:
+        yield "the delays of the inputs differ: simulations, fits and estimators have each, the MPC needs one for all"
 
 
 def _experiment(rig: Rig) -> tuple[Array, Array]:
@@ -134,26 +148,61 @@ def _experiment(rig: Rig) -> tuple[Array, Array]:
     return states, inputs
 
 
-def _growth(system: System, magnitudes: Array, step: float) -> tuple[float, str]:
-    """Fastest growth [1/s] of the system linearised at the origin, stick-slip rounded, and the states that grow."""
-    n, m = len(system.states), len(system.inputs)
-    address, _ = compiled(system).slopes(smooth=True)
-    slopes, following = np.zeros((n, n + m)), np.zeros(n)
-    smoothing = float(np.max(magnitudes))
-    _sloped(address, np.zeros(n), np.zeros(m), system.values, system.weights, step, smoothing, following, slopes)
-    values, vectors = np.linalg.eig(slopes[:, :n])
-    fastest = int(np.argmax(np.abs(values)))
-    share = np.abs(vectors[:, fastest]) / magnitudes
-    rate = np.log(max(float(np.abs(values[fastest])), 1e-300)) / step
-    grown = [item.name for item, part in zip(system.states, share, strict=True) if part > 0.3 * np.max(share)]
-    return float(rate), " and ".join(grown)
+def _growing(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
+    """The fastest mode that grows at rest, under the loops of the experiments: a pole of the linearised rig, stick-slip
+    rounded over the speeds of the experiment, outside the unit circle. What integrates has one on it.
+    """
+    names, loops = [item.name for item in rig.system.states], rig.experiments.loops
+    late = sum(rig.system.input_delays[index] + rig.sensors[loop.output].delay for index, loop in loops.items())
+    if late > MOST_DELAYS * rig.step:
+        return
+    rounding = max((magnitudes[names.index(contact.on)] for contact in rig.system.contacts), default=1.0)
+    matrix = _under_loops(rig, float(rounding))
+    # Of A - 1: where a state integrates there are zeros to the last bit, which a chain of them needs.
+    values, vectors = np.linalg.eig(matrix - np.eye(len(matrix)))
+    growth = np.log(np.maximum(np.abs(1.0 + values), 1e-300)) / rig.step
+    fastest = int(np.argmax(growth))
+    if growth[fastest] > GROWTH:
+        share = np.abs(vectors[: len(names), fastest]) / magnitudes
+        grown = " and ".join(name for name, part in zip(names, share, strict=True) if part > 0.3 * np.max(share))
+        told = f"unstable at the origin in {grown}, by e in {1 / growth[fastest]:.3g} s"
+        if loops:
+            yield f"{rig.file}: experiments.loops: with them {told}; change their gain or integral"
+        else:
+            yield f"{where}: {told}; give the experiments in {rig.file.name} a loop that holds it"
 
 
-@kernel
-def _sloped(
-    address: int, x: Array, u: Array, p: Array, w: Array, h: float, s: float, out: Array, slopes: Array
-) -> None:
-    call_slopes(address, x, u, p, w, h, s, out, slopes)
+def _under_loops(rig: Rig, rounding: float) -> Array:
+    """A step at rest of all that moves while the loops of the experiments drive their inputs: the system's states, and
+    of each loop its low-pass, its integral part and the inputs that are under way (all, all). A sensor's delay counts
+    as its loop's: it may as well be the input's.
+    """
+    system, m = rig.system, len(rig.system.inputs)
+    rest = np.zeros(len(system.states)), np.zeros(m)
+    found = [sloped(system, *rest, step=rig.step, smoothing=rounding, output=output)[1] for output in (False, True)]
+    step, output = (np.nan_to_num(slopes, posinf=0.0, neginf=0.0) for slopes in found)  # a root's is infinite at rest
+    loops, sizes = [], [len(step)]
+    for index, loop in rig.experiments.loops.items():
+        sensor = rig.sensors[loop.output]
+        whole, part = divmod((system.input_delays[index] + sensor.delay) / rig.step, 1.0)
+        low_pass = LowPassFilter(sensor.low_pass, rig.step) if sensor.low_pass else None
+        loops.append((index, loop, sensor.scale, low_pass, int(whole), part))
+        sizes += [len(low_pass.state) if low_pass else 0, 1, int(whole) + 2]
+    state, *kept = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])  # each row in terms of all numbers
+    acted, acting, following = np.zeros((m, sum(sizes))), np.zeros((m, sum(sizes))), []
+    for (index, *_, whole, part), past in zip(loops, kept[2::3], strict=True):
+        acted[index] = (1.0 - part) * past[whole] + part * past[whole + 1]
+    shown = output @ np.vstack([state, acted])
+    for (index, loop, scale, low_pass, whole, part), filtered, integral, past in zip(
+        loops, kept[::3], kept[1::3], kept[2::3], strict=True
+    ):
+        error = -(low_pass.reading @ filtered if low_pass else shown[loop.output]) / scale
+        past = np.vstack([loop.gain * error + integral, past[:-1]])
+        acting[index] = (1.0 - part) * past[whole] + part * past[whole + 1]
+        if low_pass:
+            filtered = low_pass.transition @ filtered + np.outer(low_pass.gain, shown[loop.output])
+        following += [filtered, integral + loop.gain * loop.integral * rig.step * error, past]
+    return np.vstack([step @ np.vstack([state, acting]), *following])
 
 
 def _on_grid(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import refuse_unknown
+from hybrid_sysid_ros.support.structured import numbers, refuse_unknown
 
 Array = NDArray[np.float64]
 Reference = Callable[[ArrayLike], Array]
@@ -106,11 +106,17 @@ class Excitation:
             if name not in values and parameters[name].default is inspect.Parameter.empty:
                 raise UserError(f"{where}: {name} is missing")
         for name, value in values.items():
-            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-                raise UserError(f"{where}.{name} is {value!r}: it needs a number")
-            if (name in ("hold", "period") and value <= 0) or (name == "lines" and value < 1):
-                raise UserError(f"{where}.{name} is {value:g}: it must be above 0")
+            (values[name],) = numbers(value, f"{where}.{name}", count=1)
+            if values[name] < {"hold": 1e-9, "period": 1e-9, "lines": 1}.get(name, -math.inf):
+                raise UserError(f"{where}.{name} is {values[name]:g}: it must be above 0")
         return cls(kind=kind, numbers=values)
+
+    def beyond(self, low: float, high: float) -> str:
+        """What an input of these limits can't do, as words; of one to one side of 0 what is beyond 0 does not count."""
+        name = "level" if "level" in self.numbers else "amplitude"
+        value, most = self.numbers[name], (min if low < 0.0 < high else max)(-low, high)
+        within = low <= value <= high if name == "level" else abs(value) <= most
+        return "" if within else f"{name} {value:g}"
 
     def signal(self, *, seed: int = 0, duration: float = math.inf) -> Reference:
         """As a function of time. duration [s]: of a sweep, of steps, and the period of a multisine without one."""

@@ -73,9 +73,7 @@ def simulate(
     does not divide the rig's, an experiment that the rig has not, one in which a state grows beyond :data:`BEYOND`, and
     a place that can't be written.
     """
-    every = round(1.0 / (rate * rig.step))
-    if every < 1 or abs(every * rig.step * rate - 1.0) > 1e-9:
-        raise UserError(f"rate {rate:g} Hz does not divide the rig's {1 / rig.step:g} Hz; choose one that does")
+    every = rig.steps(1.0 / rate, f"rate {rate:g} Hz: its period")
     check_folder(out, marker=METADATA, replace=overwrite)
     samples = round(duration * rate) + 1
     times = np.arange((samples - 1) * every + 1, dtype=np.float64) * rig.step

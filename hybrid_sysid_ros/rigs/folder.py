@@ -47,25 +47,13 @@ def find(rig: str | Path) -> RigFolder:
     text = str(rig)
     if isinstance(rig, Path) or "/" in text or text.startswith((".", "~")):
         return _by_path(Path(rig).expanduser())
-    points = [point for point in _points() if point.name == text]
-    own = (HOME / text / VALUES).is_file() and text.isidentifier()
     if path := next((path for path in outside.told() if path.name == text), None):
         return _by_path(path)
-    places = [*(["hybrid_sysid_ros"] if own else []), *(point.value for point in points)]
-    if len(places) > 1:
-        raise UserError(f"two rigs are called {text}: in {' and '.join(places)}; uninstall one, or give its path")
-    if own:
-        return RigFolder(name=text, path=HOME / text, package=f"{__package__}.{text}")
-    if not points:
-        near = f"; to run ./{text}, write ./{text}" if Path(text).is_dir() else ""
-        known = ", ".join(names()) or "none"
-        raise UserError(f"no rig {text!r}: known are {known}; give your own by its folder, as in ./my_rig{near}")
-    try:
-        module = importlib.import_module(points[0].value)
-        path = Path(str(module.__file__)).parent
-    except Exception as error:  # another package's code can raise anything
-        raise UserError(f"rig {text}: entry point {points[0].value} can't be imported: {error}") from error
-    return _checked(RigFolder(name=text, path=path, package=points[0].value))
+    if text in names():
+        return _named(text)
+    near = f"; to run ./{text}, write ./{text}" if Path(text).is_dir() else ""
+    known = ", ".join(names()) or "none"
+    raise UserError(f"no rig {text!r}: known are {known}; give your own by its folder, as in ./my_rig{near}")
 
 
 def systems_of(folder: RigFolder) -> tuple[System, dict[str, System]]:
@@ -90,8 +78,34 @@ def systems_of(folder: RigFolder) -> tuple[System, dict[str, System]]:
     return _made(chosen, f"{path}: SYSTEM"), made
 
 
+def check_name(path: Path) -> None:
+    """Raise UserError where the name of a folder can be no rig's, or is another rig's."""
+    folder = path.resolve()
+    if not (folder.name.isidentifier() and folder.name.isascii()):
+        raise UserError(f"{path}: the folder's name is the rig's, in topics too: use letters, digits and underscores")
+    other = next((path for path in outside.told() if path.name == folder.name and path != folder), None)
+    if place := other or names().get(folder.name):
+        raise UserError(f"{path}: a rig is called {folder.name} already, in {place}; give the folder another name")
+
+
 def _points() -> list[importlib.metadata.EntryPoint]:
-    return sorted(entry_points(group=GROUP), key=lambda point: point.name)
+    return sorted(set(entry_points(group=GROUP)), key=lambda point: (point.name, point.value))
+
+
+def _named(name: str) -> RigFolder:
+    """The folder of a known name, which may be found in more than one way."""
+    own = RigFolder(name=name, path=HOME / name, package=f"{__package__}.{name}")
+    found = [own] if (own.path / VALUES).is_file() else []
+    for point in (point for point in _points() if point.name == name):
+        try:
+            path = Path(str(importlib.import_module(point.value).__file__)).parent
+        except (Exception, SystemExit) as error:  # another package's code can raise anything
+            raise UserError(f"rig {name}: entry point {point.value} can't be imported: {_told(error)}") from error
+        found.append(RigFolder(name=name, path=path, package=point.value))
+    if len({folder.path.resolve() for folder in found}) > 1:
+        places = " and ".join(folder.package for folder in found)
+        raise UserError(f"two rigs are called {name}: in {places}; uninstall one, or rename it")
+    return _checked(found[0])
 
 
 def _by_path(path: Path) -> RigFolder:
@@ -100,14 +114,9 @@ def _by_path(path: Path) -> RigFolder:
         raise UserError(f"{path}: is a file; a rig is a folder that holds {SYSTEM} and {VALUES}")
     if not folder.is_dir():
         raise UserError(f"{path}: no such folder; hybrid-sysid rig new {path} makes a small rig to begin with")
-    if folder.parent == HOME:
-        return _checked(RigFolder(name=folder.name, path=folder, package=f"{__package__}.{folder.name}"))
-    if not (folder.name.isidentifier() and folder.name.isascii()):
-        raise UserError(f"{path}: the folder's name is the rig's, in topics too: use letters, digits and underscores")
-    other = next((path for path in outside.told() if path.name == folder.name and path != folder), None)
-    if other or folder.name in names():
-        place = other or names()[folder.name]
-        raise UserError(f"{path}: a rig is called {folder.name} already, in {place}; rename the folder")
+    if folder.name in names() and (known := _named(folder.name)).path.resolve() == folder:
+        return known
+    check_name(path)
     return _checked(RigFolder(name=folder.name, path=folder))
 
 
@@ -129,21 +138,22 @@ def _imported(folder: RigFolder) -> ModuleType:
             return importlib.import_module(f"{folder.package}.{path.stem}")
         outside.tell(folder.path)
         return importlib.import_module(outside.module_of(folder.path))
-    except Exception as error:  # a user's code can raise anything
-        kind = "" if isinstance(error, UserError) else f"{type(error).__name__}: "
-        raise UserError(f"{path}: {_place(error, path)}{kind}{_line(error)}") from error
+    except (Exception, SystemExit) as error:  # a user's code can raise anything
+        raise UserError(f"{path}: {_place(error, path)}{_told(error)}") from error
 
 
-def _place(error: Exception, path: Path) -> str:
+def _place(error: BaseException, path: Path) -> str:
     if isinstance(error, SyntaxError):
         return f"line {error.lineno}: "
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
     return f"line {lines[-1]}: " if lines else ""
 
 
-def _line(error: Exception) -> str:
+def _told(error: BaseException) -> str:
+    """Kind and text of an error, in a line."""
     text = error.msg if isinstance(error, SyntaxError) else str(error)
-    return " ".join(text.split())[:200]
+    kind = "" if isinstance(error, UserError) else f"{type(error).__name__}: "
+    return kind + " ".join(text.split())[:200]
 
 
 def _is_system(item: object) -> bool:
@@ -158,5 +168,5 @@ def _made(item: object, where: str) -> System:
         raise UserError(f"{where} is {item!r}: it needs a System, or a class of one")
     try:
         return item()  # type: ignore[operator,no-any-return]
-    except Exception as error:  # a user's code can raise anything
-        raise UserError(f"{where}: can't be made: {type(error).__name__}: {_line(error)}") from error
+    except (Exception, SystemExit) as error:  # a user's code can raise anything
+        raise UserError(f"{where}: can't be made: {_told(error)}") from error

@@ -26,6 +26,8 @@ SECTIONS = (
     "policy_training", "policy_certificate", "demo",
 )  # fmt: skip
 
+PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Loop:
@@ -99,6 +101,15 @@ class Rig:
     def limits(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lowest and highest value of each input, (inputs,) each."""
         return np.array([item.low for item in self.actuators]), np.array([item.high for item in self.actuators])
+
+    def steps(self, period: float, what: str) -> int:
+        """Its steps in a period [s], called ``what`` where they are no whole number: then UserError is raised."""
+        count = round(period / self.step)
+        if count < 1 or abs(count * self.step / period - 1.0) > 1e-9:
+            raise UserError(
+                f"{what}, {period:g} s, is no multiple of the step of {self.name}, {self.step:g} s; change one of them"
+            )
+        return count
 
     @property
     def bias(self) -> tuple[float, ...]:
@@ -204,13 +215,25 @@ def _sensors(told: Mapping[str, Any], system: System, where: str) -> tuple[Senso
     for item in system.outputs:
         value, here = told.get(item.name), f"{where}.{item.name}"
         sensor = built(Sensor, {"unit": item.unit, **(value or {})} if isinstance(value, dict | None) else value, here)
-        if sensor.scale == 1.0 and sensor.unit != item.unit:
+        factor = _factor(sensor.unit, item.unit)
+        unknown = factor is None and (sensor.scale != 1.0 or not item.unit)
+        if not (unknown or (factor and math.isclose(abs(sensor.scale), factor, rel_tol=0.01))):
             raise UserError(
-                f"{where}.{item.name}: readings are in {sensor.unit}, the output is in {item.unit}: "
-                f"give scale, in {item.unit} per {sensor.unit}"
+                f"{here}: readings are in {sensor.unit}, the output is in {item.unit}, and scale is {sensor.scale:g}: "
+                f"give scale, in {item.unit} per {sensor.unit}{f', which is {factor:g}' if factor else ''}"
             )
         found.append(sensor)
     return tuple(found)
+
+
+def _factor(unit: str, si: str) -> float | None:
+    """How many ``si`` make a ``unit``, where their names tell it: one with a prefix, or degrees."""
+    if unit == si:
+        return 1.0
+    if unit.replace("deg", "rad") == si:
+        return math.pi / 180.0
+    plain = si and "^" not in si.partition("/")[0]  # mm^2 is no thousandth of m^2
+    return next((factor for prefix, factor in PREFIXES.items() if plain and unit == prefix + si), None)
 
 
 def _actuators(told: Mapping[str, Any], system: System, where: str) -> tuple[Actuator, ...]:
@@ -223,7 +246,7 @@ def _actuators(told: Mapping[str, Any], system: System, where: str) -> tuple[Act
 
 def _above_zero(content: Mapping[str, Any], key: str, where: str) -> float:
     (value,) = numbers(content.get(key), f"{where}: {key}", count=1)
-    if not (value > 0 and math.isfinite(value)):
+    if not value > 0:
         raise UserError(f"{where}: {key} is {value:g}: it needs more than 0")
     return value
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import NoneType, UnionType
@@ -16,14 +18,38 @@ T = TypeVar("T")
 _KINDS = {float: "a number", int: "a whole number", str: "text", bool: "true or false"}
 
 
+class Loader(yaml.SafeLoader):
+    """Plain data; a key that a mapping has twice is an error."""
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        node, known = super().compose_mapping_node(anchor), set[str]()
+        for key, _ in node.value:
+            if str(key.value) in known:
+                raise yaml.MarkedYAMLError(
+                    problem=f"key {key.value!r} is there twice: keep one", problem_mark=key.start_mark
+                )
+            known.add(str(key.value))
+        return node
+
+
+class Dumper(yaml.SafeDumper):
+    """What :class:`Loader` reads as it was."""
+
+
+for _kind in (Loader, Dumper):  # 1e9 and 1.0e9 are numbers to everybody but YAML 1.1, which wants 1.0e+9
+    _kind.add_implicit_resolver(
+        "tag:yaml.org,2002:float", re.compile(r"[-+]?(\.\d+|\d+(\.\d*)?)[eE][-+]?\d+$"), list("-+.0123456789")
+    )
+
+
 def read_mapping(path: Path | str) -> dict[str, Any]:
     """Read a YAML file that holds a mapping.
 
     Raises:
-        UserError: no such file, not readable, no YAML or no mapping.
+        UserError: no such file, not readable, no YAML or no mapping, or a number that is none or without end.
     """
     try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        content = yaml.load(Path(path).read_text(encoding="utf-8"), Loader)
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:
@@ -36,7 +62,18 @@ def read_mapping(path: Path | str) -> dict[str, Any]:
         ) from error
     if not isinstance(content, dict):
         raise UserError(f"{path}: holds no keys: it needs sections with a name each, such as 'signals:'")
+    _refuse_endless(content, f"{path}:")
     return content
+
+
+def _refuse_endless(value: Any, where: str) -> None:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise UserError(f"{where} is {value}: it needs a number")
+    if isinstance(value, dict):
+        for key, item in value.items():
+            _refuse_endless(item, f"{where}{' ' if where.endswith(':') else '.'}{key}")
+    for item in value if isinstance(value, list) else ():
+        _refuse_endless(item, where)
 
 
 def section(content: Mapping[str, Any], key: str, where: str, *, needed: bool = False) -> dict[str, Any]:

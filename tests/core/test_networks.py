@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from benchmarks.network_plant import WEIGHTS, NetworkPlant, layers
-from hybrid_sysid_ros.core import Perceptron, Softsign, System, stepped
+from hybrid_sysid_ros.core import Perceptron, Softsign, System, sloped, stepped
 from hybrid_sysid_ros.core.blocks import Block
 from hybrid_sysid_ros.core.networks import GatedUnits, Polynomial
 from hybrid_sysid_ros.core.steppers import Sampled
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.support.errors import UserError
-from tests.evaluation import evaluated
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +50,7 @@ class Given(System):
 
 def through(block, weights, z):
     """Outputs, and slopes by features and weights."""
-    out, slopes = evaluated(Given(blocks=(block,), numbers=weights), [0.0], z, 1.0, output=True, learn=True)
+    out, slopes = sloped(Given(blocks=(block,), numbers=weights), [0.0], z, step=1.0, output=True, learn=True)
     return out, slopes[:, 1 : 1 + len(z)], slopes[:, 1 + len(z) :]
 
 
@@ -153,7 +152,7 @@ def test_a_block_may_read_what_another_gives_and_each_has_its_own_weights():
         return softsigns(second, weights[15:], softsigns(first, weights[:15], z))
 
     system = Given(blocks=(first, second), numbers=weights)
-    out, slopes = evaluated(system, [0.0], z, 1.0, output=True, learn=True)
+    out, slopes = sloped(system, [0.0], z, step=1.0, output=True, learn=True)
     np.testing.assert_allclose(out, written(z, weights), rtol=1e-13)
     np.testing.assert_allclose(slopes[:, 1:3], moved(lambda z: written(z, weights), z), rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(slopes[:, 3:], moved(lambda w: written(z, w), weights), rtol=1e-6, atol=1e-8)
@@ -169,7 +168,7 @@ def test_perceptrons_behind_each_other_have_their_own_weights():
     ]
     weights = np.concatenate([first.packed(parts[0]), second.packed(parts[1])])
     z = random.normal(size=2)
-    out, _ = evaluated(Given(blocks=(first, second), numbers=weights), [0.0], z, 1.0, output=True)
+    out, _ = sloped(Given(blocks=(first, second), numbers=weights), [0.0], z, step=1.0, output=True)
     np.testing.assert_allclose(out, by_hand(parts[1], by_hand(parts[0], z)), rtol=1e-12)
 
 

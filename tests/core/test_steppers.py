@@ -7,9 +7,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from hybrid_sysid_ros.core import Recurrence, RungeKutta, System, bounded, simulate, stepped
+from hybrid_sysid_ros.core import Recurrence, RungeKutta, System, bounded, simulate, sloped, stepped
 from hybrid_sysid_ros.core.mathematics import cos, sin
-from tests.evaluation import evaluated, parametric_step
+from tests.evaluation import parametric_step
 from tests.one_joint import Linear
 
 
@@ -92,7 +92,7 @@ def test_the_slopes_of_a_runge_kutta_step_are_casadis():
 
 def slopes(system, x, u, h):
     """By states, inputs and parameters."""
-    return evaluated(system, x, u, h, learn=True)[1]
+    return sloped(system, x, u, step=h, learn=True)[1]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,10 +4,10 @@ import casadi
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.core import simulate, stepped
+from hybrid_sysid_ros.core import simulate, sloped, stepped
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
-from tests.evaluation import evaluated, parametric_step
+from tests.evaluation import parametric_step
 from tests.structures import DEFLECTION, MOTIONS, RANGE, SYSTEMS, Cart, TwoTanks, structure
 
 
@@ -87,7 +87,7 @@ def test_the_slopes_of_a_step_are_those_of_the_casadi_form(name, smoothing):
     for _ in range(20):
         state = random.uniform(-1, 1, states) * np.append(RANGE[:2], np.full(states - 2, DEFLECTION))
         drive = random.uniform(-1, 1, inputs) * RANGE[2]
-        out, slopes = evaluated(system, state, drive, 0.005, smoothing=smoothing, learn=True)
+        out, slopes = sloped(system, state, drive, step=0.005, smoothing=smoothing, learn=True)
         value, jacobian = expected(state, drive, system.values)
         np.testing.assert_allclose(out, np.array(value).ravel(), rtol=1e-9, atol=1e-12)
         found = slopes[:, : states + inputs + len(free)]
@@ -97,8 +97,8 @@ def test_the_slopes_of_a_step_are_those_of_the_casadi_form(name, smoothing):
 def test_what_rounding_does_to_bristles_goes_with_it():
     system = structure("lugre")
     state, drive = np.array([0.01, 0.2, 1e-4]), np.array([3.0])
-    exact = evaluated(system, state, drive, 0.005)[1]
-    errors = [np.abs(evaluated(system, state, drive, 0.005, smoothing=s)[1] - exact).max() for s in (1e-2, 1e-3, 1e-4)]
+    exact, *rounded = (sloped(system, state, drive, step=0.005, smoothing=s)[1] for s in (0.0, 1e-2, 1e-3, 1e-4))
+    errors = [np.abs(slopes - exact).max() for slopes in rounded]
     assert errors[0] > 10.0 * errors[1] > 100.0 * errors[2]
 
 
@@ -108,7 +108,7 @@ def test_the_output_map_and_its_slopes_are_the_exported_ones(system):
     x, u = casadi.SX.sym("x", 2), casadi.SX.sym("u", 2)
     jacobian = casadi.Function("j", [x, u], [casadi.jacobian(output(x, u), casadi.vertcat(x, u))])
     state, drive = np.array([0.3, -0.2]), np.array([1.0, 2.0])
-    out, slopes = evaluated(system, state, drive, 0.01, output=True)
+    out, slopes = sloped(system, state, drive, step=0.01, output=True)
     np.testing.assert_allclose(out, np.array(output(state, drive)).ravel(), rtol=1e-13)
     np.testing.assert_allclose(slopes, np.array(jacobian(state, drive)), rtol=1e-13)
 

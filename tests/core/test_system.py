@@ -256,10 +256,12 @@ def singular(self, x, u):
 
 
 LAWS = {
-    "too few rates": (lambda self, x, u: (x[1],), "1 rates for 2 states"),
+    "too few rates": (lambda self, x, u: (x[1],), "1 values for 2 states"),
     "Python's if": (branching, "select"),
     "Python's max": (lambda self, x, u: (x[1], max(x[0], 0.0)), "maximum"),
     "Python's sine": (of_python, "mathematics"),
+    "numpy's sine": (lambda self, x, u: (x[1], np.sin(x[0])), "core.mathematics"),
+    "text": (lambda self, x, u: "ab", "gives 'ab'"),
     "another unpacking": (lambda self, x, u: (x[1], sum(a for a, b, c in [x]) + u[0]), "unpack"),
     "no numbers": (lambda self, x, u: (x[1], "fast"), "law"),
     "nothing": (lambda self, x, u: None, "law"),

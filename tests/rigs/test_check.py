@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from scipy import optimize, signal
 
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.core import Dry, System, bounded
@@ -14,7 +15,7 @@ from hybrid_sysid_ros.rigs.actuator import Actuator
 from hybrid_sysid_ros.rigs.check import check, step_responses
 from hybrid_sysid_ros.rigs.excitation import Excitation
 from hybrid_sysid_ros.rigs.experiments import simulate
-from hybrid_sysid_ros.rigs.rig import Experiments, Loop, load
+from hybrid_sysid_ros.rigs.rig import Experiments, Loop, default, load
 from hybrid_sysid_ros.rigs.sensor import LowPass, Sensor
 from hybrid_sysid_ros.support.errors import UserError
 from tests.command_line import refused
@@ -47,6 +48,15 @@ class Blind(Mass):
     """Only its speed is measured: nobody can tell where it is."""
 
     outputs = ("velocity",)
+
+
+class Bare(Mass):
+    """An output in nobody's unit."""
+
+    outputs = ("third",)
+
+    def output(self, x: Any, u: Any) -> Any:
+        return (x[0] / 3.0,)
 
 
 class Rooted(Mass):
@@ -85,9 +95,51 @@ def test_a_state_that_the_outputs_do_not_tell_is_named():
 def test_what_grows_without_a_loop_is_named_and_held_by_one():
     """q'' = 4 q + u grows by e in half a second."""
     falling = Mass(growth=4.0)
-    assert "position and velocity grow by e in 0.5 s" in problems(rig_of(falling))
+    assert "in position and velocity, by e in 0.5 s" in problems(rig_of(falling))
     held = Experiments(loops={0: Loop(output=0, gain=6.0)})
     assert problems(rig_of(falling, experiments=held)) == ""
+
+
+def test_a_loop_that_is_too_weak_is_told_with_what_grows():
+    """q'' = 4 q - q."""
+    weak = rig_of(Mass(growth=4.0), experiments=Experiments(loops={0: Loop(output=0, gain=1.0)}))
+    found = problems(weak)
+    assert f"with them unstable at the origin in position and velocity, by e in {3**-0.5:.3g} s" in found
+    assert "do not tell" not in found
+
+
+@pytest.mark.parametrize("share", [0.97, 1.03])
+def test_a_loop_is_stable_up_to_the_gain_at_which_its_phase_is_180_degrees(share):
+    """k (1 + a / s) F(s) e^(-s T) / (1 + s / 2): delays of input, sensor and half a step, F of 5 Hz (scipy's)."""
+    late, integral, low_pass = 0.0125 + 0.02 + 0.0005, 1.5, LowPass(hertz=5.0, order=2)
+    numerator, denominator = signal.butter(2, 2 * np.pi * low_pass.hertz, analog=True)
+
+    def along(w):
+        s = 1j * w
+        filtered = np.polyval(numerator, s) / np.polyval(denominator, s)
+        return (1 + integral / s) * filtered * np.exp(-s * late) / (1 + 0.5 * s)
+
+    crossing = optimize.brentq(lambda w: along(w).imag, 5.0, 40.0)
+    loop = Loop(output=0, gain=share / abs(along(crossing)), integral=integral)
+    sensors = {"first": Sensor(unit="m", delay=0.02, low_pass=low_pass)}
+    found = problems(rig_of(Lags(), sensors=sensors, experiments=Experiments(loops={0: loop})))
+    assert ("unstable at the origin in first" in found) == (share > 1.0)
+
+
+def test_an_excitation_beyond_the_limits_is_told_by_its_key():
+    def rig(low, high, amplitude):
+        steps = Excitation(kind="random_steps", numbers={"amplitude": amplitude, "hold": 0.5})
+        experiments = Experiments(excitations={"steps": {0: steps}})
+        return rig_of(Mass(), actuators=(Actuator(low=low, high=high),), experiments=experiments)
+
+    assert problems(rig(-2.0, 2.0, 2.0)) == problems(rig(0.0, 2.0, 2.0)) == ""
+    for low, high in ((-2.0, 1.0), (0.0, 1.9)):
+        assert "experiments.excitations.steps: amplitude 2 " in problems(rig(low, high, 2.0))
+
+
+def test_variables_without_a_unit_are_remarked():
+    assert any(line.startswith("third:") for line in check(rig_of(Bare())).remarks)
+    assert check(rig_of(Mass())).remarks == ()
 
 
 @pytest.mark.parametrize(
@@ -132,13 +184,27 @@ def test_a_new_rig_passes_its_check_and_its_files_are_short(tmp_path, command):
     refused(command("rig", "new", str(tmp_path / "my rig")), "letters, digits")
 
 
-def test_problems_are_lines_and_the_status_is_2(tmp_path, command):
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ("process_noise: [1.0e-5, 0.02]", "process_noise: [1, 2, 3]", "nodes.estimator: parameter process_noise"),
+        ("controller: {", "controller: {period: 0.0105, ", "nodes.controller.period"),
+        ("nodes:\n", "nodes:\n  plant: {rate: 300.0}\n", "nodes.plant.rate"),
+        ("nodes:\n", "demo: {learn: [nowhere]}\nnodes:\n", "demo: no bag nowhere"),
+        ("nodes:\n", "demo: {period: 0.007}\nnodes:\n", "demo: "),
+    ],
+)
+def test_problems_are_lines_and_the_status_is_2(tmp_path, command, old, new, key):
     folder = tmp_path / "sledge"
     command("rig", "new", str(folder))
     values = (folder / "rig.yaml").read_text()
-    (folder / "rig.yaml").write_text(values.replace("process_noise: [1.0e-5, 0.02]", "process_noise: [1, 2, 3]"))
-    refused(command("rig", "check", str(folder)), folder, "nodes.estimator: parameter process_noise has 3 numbers")
-    refused(command("rig", "check", str(tmp_path / "crane")), "no such folder")
+    (folder / "rig.yaml").write_text(values.replace(old, new))
+    refused(command("rig", "check", str(folder)), folder / "rig.yaml", key)
+
+
+def test_the_rig_that_is_meant_where_none_is_named_stands_in_the_help(command):
+    status, shown, _ = command("simulate", "--help")
+    assert (status, f"[default: ({default()})]" in " ".join(shown.split())) == (0, True)
 
 
 @pytest.mark.parametrize("name", ["cam_beam", "flexible_joint"])

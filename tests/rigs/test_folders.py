@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.core import compiled, simulate, stepped
+from hybrid_sysid_ros.commands import app
+from hybrid_sysid_ros.core import simulate, sloped, stepped
 from hybrid_sysid_ros.rigs import folder as folders
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.rigs.check import _sloped
 from hybrid_sysid_ros.rigs.folder import HOME
 from hybrid_sysid_ros.support.errors import UserError
+from tests.command_line import refused
 
 TANK = """
 from dataclasses import dataclass
@@ -139,10 +140,29 @@ def test_a_package_offers_a_rig_by_an_entry_point(make, monkeypatch):
     assert type(rig.system).__module__ == "offered_tanks.system"
     twin = importlib.metadata.EntryPoint(name="cam_beam", value="offered_tanks", group=folders.GROUP)
     monkeypatch.setattr(folders, "entry_points", lambda group: [twin])
-    with pytest.raises(UserError, match="two rigs are called cam_beam: in hybrid_sysid_ros and offered_tanks"):
+    with pytest.raises(UserError, match=r"two rigs are called cam_beam: in .* and offered_tanks"):
         rigs.load("cam_beam")
     for name in [name for name in sys.modules if name.startswith("offered_tanks")]:
         del sys.modules[name]
+
+
+def test_a_rig_that_is_found_twice_is_one(call, monkeypatch):
+    """By a package that is installed twice, and by another name for a rig of this package."""
+    own, other = (
+        importlib.metadata.EntryPoint(name=name, value="hybrid_sysid_ros.rigs.cam_beam", group=folders.GROUP)
+        for name in ("cam_beam", "beam")
+    )
+    monkeypatch.setattr(folders, "entry_points", lambda group: [own, other, own])
+    assert rigs.load("cam_beam") is rigs.load("beam") is rigs.load(HOME / "cam_beam")
+    status, shown, _ = call(app.main, "hybrid-sysid", "rig", "list")
+    assert (status, shown.count(str(HOME / "cam_beam"))) == (0, 1)
+
+
+def test_two_rigs_of_one_name_are_told_in_the_list(call, monkeypatch):
+    other = "hybrid_sysid_ros.rigs.flexible_joint"
+    twin = importlib.metadata.EntryPoint(name="cam_beam", value=other, group=folders.GROUP)
+    monkeypatch.setattr(folders, "entry_points", lambda group: [twin])
+    refused(call(app.main, "hybrid-sysid", "rig", "list"), "two rigs are called cam_beam")
 
 
 def test_an_entry_point_that_fails_is_told(monkeypatch):
@@ -158,7 +178,7 @@ def test_a_rig_of_the_package_is_the_same_by_name_and_by_path(make):
 
 
 def test_two_rigs_of_one_name_are_told(make):
-    with pytest.raises(UserError, match="a rig is called cam_beam already, in hybrid_sysid_ros; rename the folder"):
+    with pytest.raises(UserError, match="a rig is called cam_beam already, in hybrid_sysid_ros"):
         rigs.load(make("cam_beam"))
     first = make("a")
     (first / "tanks").mkdir()
@@ -191,6 +211,7 @@ CASES = {
     "a syntax error": ("x = 1\nclass :", TANK_VALUES, r"system\.py: line 2: SyntaxError"),
     "an error": ("x = 1\ny = x / 0", TANK_VALUES, r"system\.py: line 2: ZeroDivisionError: division by zero"),
     "an import": ("import no_such_module", TANK_VALUES, r"system\.py: line 1: ModuleNotFoundError"),
+    "an end": ("import sys\nsys.exit(0)", TANK_VALUES, r"system\.py: line 2: SystemExit"),
     "no system": ("x = 1", TANK_VALUES, r"system\.py: needs one System"),
     "two systems": (TANK + TANK.replace("Tanks(", "Others("), TANK_VALUES, "it has Tanks, Others"),
     "no system in SYSTEM": (TANK + "SYSTEM = 3", TANK_VALUES, "SYSTEM is 3: it needs a System"),
@@ -218,6 +239,17 @@ CASES = {
     "a section unknown": (TANK, TANK_VALUES + "colour: red", "unknown key 'colour'"),
     "no step": (TANK, TANK_VALUES.replace("step: 0.1", ""), "step is None"),
     "a step of 0": (TANK, TANK_VALUES.replace("step: 0.1", "step: 0"), "step is 0: it needs more than 0"),
+    "a key twice": (TANK, TANK_VALUES + "step: 0.2", r"rig\.yaml: .* line \d+ \(key 'step'"),
+    "a gain that is no number": (
+        TANK,
+        TANK_VALUES + "  loops: {pump: {gain: .nan}}",
+        r"rig\.yaml: experiments\.loops\.pump\.gain is nan",
+    ),
+    "a limit without end": (
+        TANK,
+        TANK_VALUES.replace("high: 100.0", "high: .inf"),
+        r"rig\.yaml: actuators\.heater\.high is inf",
+    ),
     "a sensor of no output": (
         TANK,
         TANK_VALUES.replace("  heat: {", "  glow: {"),
@@ -237,6 +269,11 @@ CASES = {
         TANK,
         TANK_VALUES.replace("unit: mm, scale: 0.001", "unit: mm"),
         r"sensors\.lower: .* give scale, in m per mm",
+    ),
+    "a scale that is not its unit's": (
+        TANK,
+        TANK_VALUES.replace("scale: 0.001", "scale: 0.01"),
+        r"sensors\.lower: .* scale is 0\.01: .* 0\.001",
     ),
     "a part unknown": (TANK, TANK_VALUES.replace("delay: 1.0", "lag: 1.0"), r"sensors\.heat: unknown key 'lag'"),
     "noise that is text": (TANK, TANK_VALUES.replace("white_noise: 1.0", "white_noise: much"), "it needs a number"),
@@ -324,10 +361,8 @@ def test_the_flexible_joint_rings_at_the_frequency_of_its_spring():
 def test_bristles_at_rest_give_way_to_a_small_torque(structure):
     """The slope of the motor's speed by the torque is that of a small step, not zero: optimisers begin there."""
     system = rigs.load("flexible_joint").structures[structure]
-    address, _ = compiled(system).slopes(smooth=True)
     n, small = len(system.states), 1e-6
-    slopes, following = np.zeros((n, n + 1)), np.zeros(n)
-    _sloped(address, np.zeros(n), np.zeros(1), system.values, system.weights, 1e-3, 0.01, following, slopes)
+    _, slopes = sloped(system, np.zeros(n), np.zeros(1), step=1e-3, smoothing=0.01)
     moved = stepped(system, np.zeros(n), np.array([small]), step=1e-3) / small
     np.testing.assert_allclose(slopes[:, n], moved, rtol=1e-4)
     assert moved[2] > 0.0

@@ -70,12 +70,7 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
         UserError: the record has no reference or was driven by another controller, the rig has more than one input or
             output, the step is no multiple of the rig's, or the record does not fit the sampling.
     """
-    ticks = round(sampling.step / rig.step)
-    if ticks < 1 or abs(ticks * rig.step - sampling.step) > 1e-9:
-        raise UserError(
-            f"re-simulation: the model's step of {1e3 * sampling.step:g} ms is no multiple of the rig's "
-            f"{1e3 * rig.step:g} ms; identify with a --step that is"
-        )
+    ticks = rig.steps(sampling.step, "re-simulation: the model's step")
     if not rig.experiments.loops:
         raise UserError(f"re-simulation: rig {rig.name} has no loop (experiments.loops) to simulate again")
     if len(system.inputs) != 1 or len(system.outputs) != 1:
