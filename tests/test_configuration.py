@@ -13,7 +13,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration, parameters
 from hybrid_sysid_ros.runtime.configuration import Parameter
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import Dumper, Loader
+from hybrid_sysid_ros.support.yaml_text import Dumper, parsed
 
 NODES = ("plant", "estimator", "controller", "reference", "recorder")
 
@@ -127,8 +127,8 @@ def test_an_unknown_rig_is_told() -> None:
 
 @pytest.mark.parametrize("content", [1e9, 1.0e-9, "1e9", "1.0E+9", "12e", 3, None])
 def test_numbers_and_text_are_read_as_they_were_written(content: Any) -> None:
-    assert yaml.load(yaml.dump({"a": content}, Dumper=Dumper), Loader) == {"a": content}
+    assert parsed(yaml.dump({"a": content}, Dumper=Dumper)) == {"a": content}
 
 
 def test_a_number_needs_no_sign_in_its_exponent() -> None:
-    assert yaml.load("[1e9, 1.0e9, -.5E-3]", Loader) == [1e9, 1e9, -0.5e-3]
+    assert parsed("[1e9, 1.0e9, -.5E-3]") == [1e9, 1e9, -0.5e-3]

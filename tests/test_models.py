@@ -199,8 +199,8 @@ BAD = {
     "no seal": (text(lambda t: t[: t.index("seal: ")]), r"model\.yaml: was altered"),
     "cut yaml": (text(lambda t: t[: len(t) // 2]), r"model\.yaml: (was altered|can't be read)"),
     "empty yaml": (text(lambda t: ""), r"model\.yaml: has no format number"),
-    "not yaml": (text(lambda t: "a: [b"), r"model\.yaml: can't be read as YAML"),
-    "code": (text(lambda t: t + "x: !!python/object/apply:os.getcwd []\n"), r"model\.yaml: can't be read as YAML"),
+    "not yaml": (text(lambda t: "a: [b"), r"model\.yaml: is no valid YAML"),
+    "code": (text(lambda t: t + "x: !!python/object/apply:os.getcwd []\n"), r"model\.yaml: is no valid YAML"),
     "newer format": (text(lambda t: t.replace("format: 2", "format: 3")), r"model\.yaml: format 3 is newer than 2"),
     "older format": (text(lambda t: t.replace("format: 2", "format: 1")), r"model\.yaml: format 1 is older than 2"),
     "out of bounds": (

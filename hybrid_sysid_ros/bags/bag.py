@@ -3,31 +3,38 @@
 from __future__ import annotations
 
 import logging
+import struct
+import sys
 from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.highlevel import AnyReader
-from rosbags.rosbag2.reader import DirectoryReader
-from rosbags.rosbag2.storage_mcap import McapReader
-from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
-from hybrid_sysid_ros.bags.mcap import MAGIC, Batch, DamagedError, McapFile, Schema
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+from hybrid_sysid_ros.bags import mcap, metadata, sqlite
+from hybrid_sysid_ros.bags.definitions import types_of
+from hybrid_sysid_ros.bags.layout import Types
+from hybrid_sysid_ros.bags.mcap import LARGEST_CHUNK, MAGIC, Batch, DamagedError, McapFile, Schema, Stated
 from hybrid_sysid_ros.support.errors import UserError
 
 logger = logging.getLogger(__name__)
 
-METADATA = "metadata.yaml"  # what makes a folder a bag
+METADATA = metadata.FILE
 STORAGE = (".mcap", ".db3")
+MOST_TIMES = 1000  # what a file packed as a whole may be larger when it is unpacked, beside LARGEST_CHUNK
 LONGEST = 150  # characters of a library's message that are passed on
 BLOCK = 1 << 15  # messages of a topic that are handed out together, and
 BLOCK_BYTES = 1 << 23  # bytes; a block may exceed them by what one chunk of the file holds
 SMALLEST_BLOCK = 16  # messages, however large, so that a sampling time can be seen in them
+LONGEST_MESSAGE = 1 << 22  # bytes of a message that signals are read from
 
 Source = Callable[[Collection[str]], Iterable[dict[str, Batch]]]
 
@@ -49,11 +56,12 @@ class Topic:
 class Messages:
     """Serialised messages of one topic, in the order of the bag, and when each was logged (messages,) [ns].
 
-    first: number of the first of them among all of the topic.
+    types: fields of its type and of those that it is made of. first: number of the first of them in the topic.
     """
 
     topic: str
     type: str
+    types: Types
     logged: NDArray[np.int64]
     data: list[bytes]
     first: int = 0
@@ -65,7 +73,7 @@ class Bag:
 
     path: Path
     topics: dict[str, Topic]
-    typestore: Typestore
+    schemas: dict[str, Schema]
     source: Source
 
     @property
@@ -90,7 +98,10 @@ class Bag:
                     held = pending.setdefault(name, Batch())
                     held.logged += batch.logged
                     held.data += batch.data
-                    size[name] = size.get(name, 0) + sum(map(len, batch.data))
+                    added = sum(map(len, batch.data))
+                    if added > LONGEST_MESSAGE and max(map(len, batch.data)) > LONGEST_MESSAGE:
+                        raise DamagedError(f"a message of {name} has more than {LONGEST_MESSAGE >> 20} MiB")
+                    size[name] = size.get(name, 0) + added
                     count = len(held.data)
                     if count >= BLOCK or (size[name] >= BLOCK_BYTES and count >= SMALLEST_BLOCK):
                         yield self._block(name, pending.pop(name), first)
@@ -117,7 +128,8 @@ class Bag:
             logged, data = logged[order], [data[k] for k in order]
         start = first.get(name, 0)
         first[name] = start + len(data)
-        return Messages(topic=name, type=self.topics[name].type, logged=logged, data=data, first=start)
+        types = types_of(self.schemas[name])
+        return Messages(topic=name, type=self.topics[name].type, types=types, logged=logged, data=data, first=start)
 
 
 @contextmanager
@@ -136,7 +148,7 @@ def opened(path: Path | str, *, recover: bool = False) -> Iterator[Bag]:
             with _in_a_clear_line(path):
                 bag = _whole(path, stack)
                 if recover:
-                    for _ in bag.source(()):
+                    for _ in bag.source(bag.topics):
                         pass
         except DamagedBagError:
             if not recover:
@@ -164,36 +176,92 @@ def topics(path: Path | str) -> dict[str, Topic]:
 def _whole(path: Path, stack: ExitStack) -> Bag:
     """An undamaged bag. A folder whose metadata.yaml was lost is read as its MCAP files."""
     _check_ends(path)
-    sources = _storage_files(path) if path.is_dir() and not (path / METADATA).exists() else [path]
-    reader = stack.enter_context(AnyReader(sources, default_typestore=get_typestore(Stores.ROS2_JAZZY)))
-    counts: dict[str, int] = {}
-    for connection in reader.connections:
-        counts[connection.topic] = counts.get(connection.topic, 0) + connection.msgcount
-    topics = {
-        connection.topic: Topic(name=connection.topic, type=connection.msgtype, messages=counts[connection.topic])
-        for connection in reader.connections
-    }
-    files = _mcap_files(reader)
+    told = metadata.load(path) if path.is_dir() and (path / METADATA).exists() else None
+    files = list(told.files) if told else _storage_files(path)
+    if told and told.packing == "file":
+        folder = Path(stack.enter_context(TemporaryDirectory()))
+        files = [_unpacked(file, folder / f"{number}_{file.stem}") for number, file in enumerate(files)]
+    parts = [(file, _stated(file)) for file in files]
+    schemas, counts = dict[str, Schema](), dict[str, int]()
+    for _, said in parts:
+        for topic, schema in said.schemas.items():
+            if schemas.setdefault(topic, schema) != schema:
+                raise DamagedError(f"its files define the type of {topic} in two ways")
+            counts[topic] = counts.get(topic, 0) + (said.counts or {}).get(topic, 0)
+    if told:
+        _check_alike(told, schemas, counts)
+    packed = told is not None and told.packing == "message"
 
     def source(wanted: Collection[str]) -> Iterator[dict[str, Batch]]:
-        if files is None:
-            yield from _by_rosbags(reader, wanted)
-            return
-        for file in files:
-            found = McapFile(file, wanted)
-            yield from found.batches()
-            if found.damage:
-                raise DamagedError(f"{file.name}: {found.damage}")
+        for file, said in parts:
+            for batches in _batches(file, said, wanted):
+                yield {name: _without_packing(batch) for name, batch in batches.items()} if packed else batches
 
-    return Bag(path=path, topics=topics, typestore=reader.typestore, source=source)
+    return Bag(path=path, topics=_topics(schemas, counts), schemas=schemas, source=source)
+
+
+def _stated(file: Path) -> Stated:
+    """What a file says it holds; of one that does not say it, what it holds."""
+    if file.suffix == ".db3":
+        return sqlite.stated(file)
+    said = mcap.stated(file)
+    if said.counts is not None and (said.schemas or not said.messages):
+        return said
+    scan = McapFile(file, None)
+    for _ in scan.batches():
+        pass
+    if reason := scan.damage or mcap.differences(said, scan.found):
+        raise DamagedError(f"{file.name} {reason}")
+    return scan.found
+
+
+def _batches(file: Path, said: Stated, wanted: Collection[str]) -> Iterator[dict[str, Batch]]:
+    """Messages of a file; in the end whether they are what it says."""
+    if file.suffix == ".db3":
+        yield from sqlite.batches(file, wanted)
+        return
+    found = McapFile(file, wanted)
+    yield from found.batches()
+    if reason := found.damage or mcap.differences(said, found.found):
+        raise DamagedError(f"{file.name} {reason}")
+
+
+def _check_alike(told: metadata.Metadata, schemas: dict[str, Schema], counts: dict[str, int]) -> None:
+    """Compare metadata.yaml with the files; a topic without messages need not be in them, and is added."""
+    for topic in {**told.counts, **counts}:
+        said, found = told.counts.get(topic, 0), counts.get(topic, 0)
+        if said != found:
+            raise DamagedError(f"has {found} messages of {topic} where {METADATA} says {said}")
+        if topic in told.types and schemas.setdefault(topic, Schema(name=told.types[topic])).name != told.types[topic]:
+            raise DamagedError(f"has {schemas[topic].name} in {topic} where {METADATA} says {told.types[topic]}")
+
+
+def _unpacked(packed: Path, place: Path) -> Path:
+    """Unpack a file, within what can be the content of one so large."""
+    limit = LARGEST_CHUNK + MOST_TIMES * packed.stat().st_size
+    with zstd.open(packed, "rb") as source, place.open("wb") as target:
+        while part := source.read(1 << 20):
+            if target.tell() + len(part) > limit:
+                raise DamagedError(f"{packed.name} unpacks to more than {limit} bytes")
+            target.write(part)
+    return place
+
+
+def _without_packing(batch: Batch) -> Batch:
+    data = [mcap.unpacked(packed, LONGEST_MESSAGE) for packed in batch.data]
+    return Batch(logged=batch.logged, data=data)
+
+
+def _topics(schemas: dict[str, Schema], counts: dict[str, int]) -> dict[str, Topic]:
+    return {name: Topic(name=name, type=schema.name, messages=counts.get(name, 0)) for name, schema in schemas.items()}
 
 
 def _cut(path: Path) -> Bag:
     """What is left of a damaged bag."""
     files = _storage_files(path)
-    schemas: dict[str, Schema] = {}
-    counts: dict[str, int] = {}
+    schemas, counts = dict[str, Schema](), dict[str, int]()
     ends: list[int] = []
+    said = 0
     for file in files:
         found = McapFile(file, None)
         for batches in found.batches():
@@ -201,47 +269,19 @@ def _cut(path: Path) -> Bag:
                 counts[name] = counts.get(name, 0) + len(batch.data)
                 ends = [min([*ends, *batch.logged]), max([*ends, *batch.logged])]
         schemas.update(found.schemas)
+        with suppress(DamagedError, struct.error, UnicodeDecodeError):
+            said += mcap.stated(file).messages or 0
     if not counts:
         raise UserError(f"{path}: not one message can be recovered")
-    try:
-        typestore = _typestore(schemas.values())
-    except (TypesysError, AssertionError, LookupError, ValueError) as error:
-        raise UserError(f"{path}: cannot be recovered ({_shortened(error)})") from error
-    logger.warning("%s: recovered %d messages of %.1f s", path, sum(counts.values()), (ends[1] - ends[0]) * 1e-9)
+    lost = f", of {said} that it says it has" if said else ""
+    seconds = (ends[1] - ends[0]) * 1e-9
+    logger.warning("%s: recovered %d messages of %.1f s%s", path, sum(counts.values()), seconds, lost)
     return Bag(
         path=path,
-        topics={
-            name: Topic(name=name, type=schema.name, messages=counts.get(name, 0)) for name, schema in schemas.items()
-        },
-        typestore=typestore,
+        topics=_topics(schemas, counts),
+        schemas=schemas,
         source=lambda wanted: (batches for file in files for batches in McapFile(file, wanted).batches()),
     )
-
-
-def _mcap_files(reader: AnyReader) -> list[Path] | None:
-    """MCAP files that a bag consists of, in their order; None if it is of another kind."""
-    files: list[Path] = []
-    for part in reader.readers:
-        storage = getattr(part, "storage", None)
-        if isinstance(storage, DirectoryReader) and storage.metadata.compression_mode == "message":
-            return None
-        for file in storage.storages if isinstance(storage, DirectoryReader) else [storage]:
-            if not isinstance(file, McapReader):
-                return None
-            files.append(Path(str(file.path)))
-    return files
-
-
-def _by_rosbags(reader: AnyReader, wanted: Collection[str]) -> Iterator[dict[str, Batch]]:
-    chosen = [connection for connection in reader.connections if connection.topic in wanted]
-    messages = reader.messages(connections=chosen) if chosen else iter(())
-    while run := list(islice(messages, 1000)):
-        batches: dict[str, Batch] = {}
-        for connection, stamp, raw in run:
-            batch = batches.setdefault(connection.topic, Batch())
-            batch.logged.append(stamp)
-            batch.data.append(raw)
-        yield batches
 
 
 def _storage_files(path: Path) -> list[Path]:
@@ -305,21 +345,6 @@ def _refusal(path: Path, damage: str) -> UserError:
     if not any(file.suffix == ".mcap" for file in _storage_files(path)):
         return UserError(f"{path}: {damage}: only MCAP files can be recovered")
     return DamagedBagError(f"{path}: {damage}: read the part before it with --recover")
-
-
-def _typestore(schemas: Iterable[Schema]) -> Typestore:
-    """Types by the definitions in the bag."""
-    store = get_typestore(Stores.EMPTY)
-    for schema in schemas:
-        if schema.encoding == "ros2msg":
-            store.register(get_types_from_msg(schema.text, schema.name))
-            continue
-        separator = "=" * 80 + "\n"
-        for part in schema.text.split(separator):
-            text = part.split("\n", 1)[1] if part.startswith("IDL: ") else part
-            if text.strip():
-                store.register(get_types_from_idl(text))
-    return store
 
 
 def _shortened(error: Exception) -> str:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.typesys.store import Typestore
 
 from hybrid_sysid_ros.bags.bag import Messages
 from hybrid_sysid_ros.bags.layout import (
+    MOST_FIELDS,
     Group,
     Layout,
     MissingFieldError,
@@ -32,11 +32,10 @@ class MissingInMessageError(LookupError):
 class Columns:
     """Fields of a topic as arrays: numbers are taken at once out of all messages that share a layout."""
 
-    def __init__(self, messages: Messages, typestore: Typestore, *, stamped: bool | None = None) -> None:
+    def __init__(self, messages: Messages, *, stamped: bool | None = None) -> None:
         """stamped: whether their headers were ever given a stamp; None: see whether one of these was."""
         self.messages = messages
         self._known_stamped = stamped
-        self._typestore = typestore
         self._columns: dict[tuple[Step, ...], NDArray[np.float64]] = {}
 
     def values(self, field: str) -> NDArray[np.float64]:
@@ -111,16 +110,19 @@ class Columns:
     @cached_property
     def _groups(self) -> list[tuple[Layout, Group]]:
         """Messages by their layouts, the first one's first."""
-        found, waiting = [], groups_of(self.messages.data)
+        found, waiting, fields = [], groups_of(self.messages.data), 0
         while waiting:
             group = waiting.pop()
             first = int(group[0][0])
             try:
-                layout = Layout.of(self.messages.data[first], self.messages.type, self._typestore)
+                layout = Layout.of(self.messages.data[first], self.messages.type, self.messages.types)
             except UnknownLayoutError as error:
                 raise self._missing(first, f"it is no {self.messages.type}: {error}") from error
             sharers, others = sharing(layout, group)
             found.append((layout, sharers))
+            fields += layout.count
+            if fields > MOST_FIELDS:
+                raise self._missing(first, f"the messages up to it have more than {MOST_FIELDS} fields of their own")
             waiting += others
         return sorted(found, key=lambda item: int(item[1][0][0]))
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +12,17 @@ from rosbags.interfaces import Nodetype
 
 from hybrid_sysid_ros.bags.signals import Step
 
-if TYPE_CHECKING:
-    from rosbags.typesys.store import Typestore
-
 HEADER = 4  # bytes of encapsulation before the message; alignment counts from their end
 NUMBERS = {
     "bool": "u1", "byte": "u1", "char": "u1", "uint8": "u1", "int8": "i1", "uint16": "u2", "int16": "i2",
     "uint32": "u4", "int32": "i4", "uint64": "u8", "int64": "i8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
+MOST_FIELDS = 1_000_000  # of the layouts of messages that are in memory together; a list of numbers is one
+DEEPEST = 32  # messages in one another
 NAME_LISTS = ("name", "joint_names")  # where a message keeps the names of its joints
+
+Types = Mapping[str, Any]
+"""Constants and fields of each message type, by its name."""
 
 
 class UnknownLayoutError(ValueError):
@@ -31,7 +33,7 @@ class MissingFieldError(LookupError):
     """The message has not got the field; the text says which part of the path is missing and what is there."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Place:
     """Where one number is: offset [bytes] in the message and its numpy type."""
 
@@ -48,7 +50,7 @@ class Place:
         rows[:, self.offset : self.offset + self.dtype.itemsize] = values
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Places:
     """A list of numbers that follow one another."""
 
@@ -69,13 +71,15 @@ class Layout:
 
     fields: the message as nested mappings and lists, with Place and Places for its numbers and text as it is.
     fixed: bytes whose value makes the structure (lengths, text): messages that agree in them share the layout.
+    count: number of its fields.
     """
 
     fields: dict[str, Any]
     fixed: NDArray[np.intp]
+    count: int
 
     @classmethod
-    def of(cls, raw: bytes, message_type: str, typestore: Typestore) -> Layout:
+    def of(cls, raw: bytes, message_type: str, types: Types) -> Layout:
         """Layout of a serialised message.
 
         Raises:
@@ -83,9 +87,9 @@ class Layout:
         """
         if len(raw) < HEADER or bytes(raw[:2]) not in (b"\x00\x00", b"\x00\x01"):
             raise UnknownLayoutError("not plain CDR")
-        walk = _Walk(raw, typestore)
+        walk = _Walk(raw, types)
         fields = walk.message(message_type)
-        return cls(fields=fields, fixed=np.array([0, 1, *walk.fixed], dtype=np.intp))
+        return cls(fields=fields, fixed=np.flatnonzero(np.frombuffer(walk.fixed, dtype=np.uint8)), count=walk.count)
 
 
 Group = tuple[NDArray[np.intp], NDArray[np.uint8]]
@@ -164,19 +168,32 @@ def _alike(keys: NDArray[np.intp]) -> list[NDArray[np.intp]]:
 class _Walk:
     """One pass over a serialised message, in the order of the definition of its type."""
 
-    def __init__(self, raw: bytes, typestore: Typestore) -> None:
+    def __init__(self, raw: bytes, types: Types) -> None:
         self.raw = raw
         self.order: Literal["little", "big"] = "little" if raw[1] else "big"
-        self.typestore = typestore
+        self.types = types
         self.position = HEADER
-        self.fixed: list[int] = []
+        self.fixed = bytearray(len(raw))  # 1 where a byte is
+        self.fixed[:2] = b"\1\1"
+        self.count = self.depth = 0
 
     def message(self, message_type: str) -> dict[str, Any]:
-        if message_type not in self.typestore.fielddefs:
+        if message_type not in self.types:
             raise UnknownLayoutError(f"the bag does not define the type {message_type}")
-        return {name: self.field(kind) for name, kind in self.typestore.fielddefs[message_type][1]}
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise UnknownLayoutError(f"{message_type} is one of more than {DEEPEST} messages in one another")
+        fields = self.types[message_type][1]
+        if not fields:  # one byte stands for it, as in C++
+            self.advance(1)
+        found = {name: self.field(kind) for name, kind in fields}
+        self.depth -= 1
+        return found
 
     def field(self, kind: Any) -> Any:
+        self.count += 1
+        if self.count > MOST_FIELDS:
+            raise UnknownLayoutError(f"it has more than {MOST_FIELDS} fields")
         node, detail = kind
         if node == Nodetype.NAME:
             return self.message(detail)
@@ -210,7 +227,7 @@ class _Walk:
         """The next bytes, which make the structure."""
         start = self.position
         self.advance(count)
-        self.fixed.extend(range(start, start + count))
+        self.fixed[start : start + count] = b"\1" * count
         return bytes(self.raw[start : start + count])
 
     def align(self, size: int) -> None:

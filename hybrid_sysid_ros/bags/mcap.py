@@ -8,6 +8,7 @@ import zlib
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import BinaryIO
 
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 
@@ -17,11 +18,17 @@ else:
     from backports.zstd import ZstdDecompressor
 
 MAGIC = b"\x89MCAP0\r\n"
-SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 0x03, 0x04, 0x05, 0x06, 0x0F
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS, DATA_END = 0x02, 0x03, 0x04, 0x05, 0x06, 0x0B, 0x0F
 BATCH = 1 << 20  # bytes of messages that lie outside chunks and are taken at once
+LARGEST_CHUNK = 1 << 26  # bytes that a packed chunk may unpack to; recorders make chunks of some 1 MB
+LARGEST_RECORD = 1 << 20  # bytes of a record that is no message: definitions of types, names
 _RECORD = struct.Struct("<BQ")  # code and size
 _START = struct.Struct("<BQH4xQ8x")  # the same, and of a message its channel and time of logging
 _CHUNK = struct.Struct("<16xQII")  # unpacked size, checksum, length of the compression's name
+CHECKSUM_PLACE = _RECORD.size + 24  # in a chunk's record
+_FOOTER = struct.Struct("<BQQQI")  # code, size, where the summary begins and its second part, checksum
+_STATISTICS = struct.Struct("<QHIIIIQQI")  # messages, schemas, channels, -, -, chunks, -, -, bytes of the table behind
+_COUNT = struct.Struct("<HQ")  # channel and its messages
 
 
 class DamagedError(ValueError):
@@ -30,11 +37,11 @@ class DamagedError(ValueError):
 
 @dataclass(frozen=True, kw_only=True)
 class Schema:
-    """Name and definition of a message type; encoding is ros2msg or ros2idl."""
+    """Name and definition of a message type; encoding is ros2msg or ros2idl, "" where there is no definition."""
 
     name: str
-    encoding: str
-    text: str
+    encoding: str = ""
+    text: str = ""
 
 
 @dataclass(kw_only=True)
@@ -43,6 +50,46 @@ class Batch:
 
     logged: list[int] = field(default_factory=list)
     data: list[bytes] = field(default_factory=list)
+
+
+@dataclass(kw_only=True)
+class Stated:
+    """What a file says of itself, or what was found in it: schemas and numbers of messages by topic, and of all
+    messages and chunks; None where it does not say.
+    """
+
+    schemas: dict[str, Schema] = field(default_factory=dict)
+    counts: dict[str, int] | None = None
+    messages: int | None = None
+    chunks: int | None = None
+
+
+class _Channels:
+    """Schemas and channels of a file, by its own numbers."""
+
+    def __init__(self) -> None:
+        self.known: dict[int, Schema] = {}
+        self.topics: dict[int, str] = {}
+        self.schemas: dict[str, Schema] = {}
+
+    def add_schema(self, record: bytes) -> None:
+        (number,) = struct.unpack_from("<H", record)
+        name, position = _text(record, 2)
+        encoding, position = _text(record, position)
+        text, _ = _text(record, position)
+        self.known[number] = Schema(name=name, encoding=encoding, text=text)
+
+    def add_channel(self, record: bytes) -> int | None:
+        """The channel's number if it is a new one."""
+        number, schema_number = struct.unpack_from("<HH", record)
+        if number in self.topics:
+            return None
+        topic, _ = _text(record, 4)
+        if schema_number and schema_number not in self.known:
+            raise DamagedError(f"topic {topic} has no type")
+        self.topics[number] = topic
+        self.schemas[topic] = self.known.get(schema_number, Schema(name="unknown"))
+        return int(number)
 
 
 class McapFile:
@@ -55,12 +102,27 @@ class McapFile:
     def __init__(self, path: Path, wanted: Collection[str] | None) -> None:
         """wanted: topics whose messages are taken; None for all."""
         self.path = path
-        self.schemas: dict[str, Schema] = {}
         self.damage = ""
         self._wanted = wanted
-        self._known: dict[int, Schema] = {}  # by the file's own numbers
-        self._topics: dict[int, str] = {}
-        self._batches: dict[int, Batch] = {}  # by channel; channels of one topic share theirs
+        self._channels = _Channels()
+        self._held: dict[str, Batch] = {}
+        self._batches: dict[int, Batch] = {}  # the same by channel; channels of one topic share theirs
+        self._counts: dict[str, int] = {}
+        self._others = self._chunks = 0
+
+    @property
+    def schemas(self) -> dict[str, Schema]:
+        return self._channels.schemas
+
+    @property
+    def found(self) -> Stated:
+        """What was met so far; the counts are those of the wanted topics."""
+        return Stated(
+            schemas=self.schemas,
+            counts=self._counts,
+            messages=sum(self._counts.values()) + self._others,
+            chunks=self._chunks,
+        )
 
     def batches(self) -> Iterator[dict[str, Batch]]:
         """Messages by topic, in the order of the file, up to its end or the first damage.
@@ -78,7 +140,7 @@ class McapFile:
     def _contents(self) -> Iterator[bytes]:
         """Records outside of chunks, in runs, and those inside of each chunk."""
         end = self.path.stat().st_size
-        loose = bytearray()
+        loose, any_loose = bytearray(), False
         with self.path.open("rb") as stream:
             if stream.read(len(MAGIC)) != MAGIC:
                 raise DamagedError("no MCAP file")
@@ -92,16 +154,18 @@ class McapFile:
                     yield bytes(loose)
                     loose.clear()
                 if code == DATA_END:
+                    if any_loose:  # those in chunks have their chunk's checksum
+                        _check_sum(stream, 0, place, struct.unpack("<I", stream.read(4))[0], "data")
                     return
                 if code == 0 or place + _RECORD.size + size > end:
                     self.damage = f"cut or damaged at byte {place}"
                 if code == CHUNK:
-                    inside, whole = _unpacked(stream.read(min(size, end)))
-                    if not whole:
-                        self.damage = f"chunk at byte {place} cut or damaged"
+                    inside, self.damage = _unpacked(stream, min(size, end - place - _RECORD.size), place)
+                    self._chunks += 1
                     yield inside
                 elif code in (SCHEMA, CHANNEL, MESSAGE) and not self.damage:
                     loose += head + stream.read(size)
+                    any_loose = True
                 elif not self.damage:
                     stream.seek(size, 1)
                 if self.damage:
@@ -111,7 +175,7 @@ class McapFile:
 
     def _walk(self, content: bytes) -> None:
         """Take the records of a chunk."""
-        position, end = 0, len(content)
+        position, end, others = 0, len(content), 0
         batches, unpack = self._batches, _START.unpack_from
         content += bytes(_START.size)  # the last record may be shorter
         while position + 9 <= end:
@@ -125,64 +189,154 @@ class McapFile:
                     batch = batches[number]
                     batch.logged.append(stamp)
                     batch.data.append(content[start + 22 : position])
+                else:
+                    others += 1
             elif code == SCHEMA:
-                number, schema = _schema(content[start:position])
-                self._known[number] = schema
+                self._channels.add_schema(_small(content, start, size))
             elif code == CHANNEL:
-                self._add_channel(content[start:position])
+                self._add_channel(_small(content, start, size))
+        self._others += others
         if position != end:
             raise DamagedError("cut record")
 
     def _add_channel(self, record: bytes) -> None:
-        number, schema_number = struct.unpack_from("<HH", record)
-        topic, _ = _text(record, 4)
-        if number in self._topics or schema_number not in self._known:
+        number = self._channels.add_channel(record)
+        if number is None:
             return
-        self.schemas[topic] = self._known[schema_number]
-        same = next((known for known, name in self._topics.items() if name == topic), None)
-        self._topics[number] = topic
+        topic = self._channels.topics[number]
         if self._wanted is None or topic in self._wanted:
-            self._batches[number] = Batch() if same is None else self._batches[same]
+            self._batches[number] = self._held.setdefault(topic, Batch())
 
     def _taken(self) -> dict[str, Batch]:
         """Hand out the messages taken, and start anew."""
-        taken = {self._topics[number]: batch for number, batch in self._batches.items()}
-        fresh = {topic: Batch() for topic in taken}
-        self._batches = {number: fresh[self._topics[number]] for number in self._batches}
-        return {topic: batch for topic, batch in taken.items() if batch.data}
+        taken = {}
+        for topic, batch in self._held.items():
+            if batch.data:
+                taken[topic] = Batch(logged=batch.logged, data=batch.data)
+                self._counts[topic] = self._counts.get(topic, 0) + len(batch.data)
+                batch.logged, batch.data = [], []
+        return taken
 
 
-def _unpacked(chunk: bytes) -> tuple[bytes, bool]:
-    """Records inside a chunk, as far as they can be unpacked, and whether that is all of them, undamaged."""
+def stated(path: Path) -> Stated:
+    """What the summary of a file says of it, as far as it goes; where there is no summary, nothing.
+
+    Raises:
+        DamagedError: the summary or the file's end are damaged.
+    """
+    channels, found = _Channels(), Stated()
+    by_number, count = dict[int, int](), 0
+    with path.open("rb") as stream:
+        end = path.stat().st_size - len(MAGIC) - _FOOTER.size
+        if end < len(MAGIC):
+            raise DamagedError("no footer")
+        stream.seek(end)
+        code, size, start, _, checksum = _FOOTER.unpack(stream.read(_FOOTER.size))
+        if code != FOOTER or size != 20 or (start and not len(MAGIC) <= start <= end):
+            raise DamagedError("no footer")
+        if not start:
+            return found
+        _check_sum(stream, start, end + _FOOTER.size - 4, checksum, "summary")
+        stream.seek(start)
+        while stream.tell() < end:
+            code, size = _RECORD.unpack(stream.read(_RECORD.size))
+            if stream.tell() + size > end:
+                raise DamagedError("cut summary")
+            if code not in (SCHEMA, CHANNEL, STATISTICS):
+                stream.seek(size, 1)
+                continue
+            record = _small(stream.read(min(size, LARGEST_RECORD + 1)), 0, size)
+            if code == SCHEMA:
+                channels.add_schema(record)
+            elif code == CHANNEL:
+                channels.add_channel(record)
+            else:
+                found.messages, _, count, _, _, found.chunks, _, _, table = _STATISTICS.unpack_from(record)
+                by_number = dict(_COUNT.iter_unpack(record[_STATISTICS.size : _STATISTICS.size + table]))
+    if len(channels.topics) not in (0, count):  # a file need not repeat them behind its data
+        raise DamagedError(f"the summary counts {count} channels and lists {len(channels.topics)}")
+    found.schemas = channels.schemas
+    if sum(by_number.values()) == found.messages and set(by_number) <= set(channels.topics):
+        found.counts = dict.fromkeys(channels.schemas, 0)
+        for number, count in by_number.items():
+            found.counts[channels.topics[number]] += count
+    elif by_number and channels.topics:
+        raise DamagedError("the numbers of messages in the summary contradict each other")
+    return found
+
+
+def differences(said: Stated, found: Stated) -> str:
+    """In what a file is other than it says, "" where it is not. found: of a whole pass."""
+    for what, one, other in (("chunks", said.chunks, found.chunks), ("messages", said.messages, found.messages)):
+        if one is not None and one != other:
+            return f"has {other} {what} where its summary says {one}"
+    for topic, count in (found.counts or {}).items():
+        told = count if said.counts is None else said.counts.get(topic, 0)
+        if told != count:
+            return f"has {count} messages of {topic} where its summary says {told}"
+    for topic in said.schemas.keys() & found.schemas.keys():
+        if said.schemas[topic] != found.schemas[topic]:
+            return f"defines the type of {topic} in two ways"
+    return ""
+
+
+def unpacked(packed: bytes | memoryview, limit: int) -> bytes:
+    """What zstd packed; its first bytes where that is more than the limit, of which it is never more than one more."""
+    return ZstdDecompressor().decompress(packed, limit + 1)
+
+
+def _unpacked(stream: BinaryIO, length: int, place: int) -> tuple[bytes, str]:
+    """Records inside the chunk that follows, as far as they can be unpacked, and what is wrong with them, if anything.
+
+    No more is unpacked than the chunk says it holds, and no more than LARGEST_CHUNK.
+    """
+    damage = f"chunk at byte {place} cut or damaged"
+    chunk = stream.read(length)
     if len(chunk) < 32:
-        return b"", False
-    size, checksum, length = _CHUNK.unpack_from(chunk)
-    compression = chunk[32 : 32 + length].decode("ascii", "replace")
-    packed = memoryview(chunk)[32 + length + 8 :]
+        return b"", damage
+    size, checksum, name = _CHUNK.unpack_from(chunk)
+    compression = chunk[32 : 32 + name].decode("ascii", "replace")
+    packed = memoryview(chunk)[32 + name + 8 :]
+    if compression and size > LARGEST_CHUNK:
+        return b"", f"chunk at byte {place} says it unpacks to {size} bytes, of at most {LARGEST_CHUNK}"
     try:
         if compression == "zstd":
-            inside = ZstdDecompressor().decompress(packed)
+            inside = unpacked(packed, size)
         elif compression == "lz4":
-            inside = LZ4FrameDecompressor().decompress(packed)
-        else:
+            inside = LZ4FrameDecompressor().decompress(packed, size + 1)
+        elif not compression:
             inside = bytes(packed)
+        else:
+            return b"", f"chunk at byte {place} is packed by {compression[:20]!r}, not by zstd or lz4"
     except Exception:  # zstd and lz4 each have an error of their own for damaged data
-        return b"", False
-    whole = len(inside) == size
-    if whole and checksum and zlib.crc32(inside) != checksum:
-        return b"", False
-    return inside, whole
+        return b"", damage
+    if len(inside) > size:
+        return b"", f"chunk at byte {place} holds more than the {size} bytes that it says"
+    if len(inside) == size and checksum and zlib.crc32(inside) != checksum:
+        return b"", damage
+    return inside, "" if len(inside) == size else damage
 
 
-def _schema(record: bytes) -> tuple[int, Schema]:
-    (number,) = struct.unpack_from("<H", record)
-    name, position = _text(record, 2)
-    encoding, position = _text(record, position)
-    text, _ = _text(record, position)
-    return number, Schema(name=name, encoding=encoding, text=text)
+def _check_sum(stream: BinaryIO, start: int, end: int, checksum: int, what: str) -> None:
+    """Raise DamagedError where the bytes from start to end have another CRC, unless it is 0: not told."""
+    stream.seek(start)
+    found, left = 0, end - start
+    while checksum and left > 0:
+        part = stream.read(min(left, BATCH))
+        found, left = zlib.crc32(part, found), left - max(len(part), 1)
+    if checksum and found != checksum:
+        raise DamagedError(f"{what} damaged: its checksum is another")
+
+
+def _small(content: bytes, start: int, size: int) -> bytes:
+    if size > LARGEST_RECORD:
+        raise DamagedError(f"a definition of {size} bytes")
+    return content[start : start + size]
 
 
 def _text(record: bytes, position: int) -> tuple[str, int]:
     (length,) = struct.unpack_from("<I", record, position)
     start = position + 4
+    if start + length > len(record):
+        raise DamagedError("cut text")
     return record[start : start + length].decode(), start + length

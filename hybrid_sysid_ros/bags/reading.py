@@ -98,7 +98,7 @@ class _Reading:
     def columns(self, topics: Collection[str]) -> Iterator[Columns]:
         """Messages of topics, block by block, of those that the bag has."""
         for block in self.bag.blocks([name for name in topics if name in self.bag.topics]):
-            yield Columns(block, self.bag.typestore, stamped=self.stamped.get(block.topic))
+            yield Columns(block, stamped=self.stamped.get(block.topic))
 
     def add(self, columns: Columns) -> None:
         """Take the signals of a block."""

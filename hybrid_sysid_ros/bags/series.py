@@ -49,7 +49,7 @@ def repeated(topic: str, template: Any, stamps: ArrayLike, columns: Mapping[str,
     message_type = template.__msgtype__
     stamps = np.asarray(stamps, dtype=np.int64)
     raw = bytes(jazzy_types().serialize_cdr(template, message_type, little_endian=True))
-    layout = Layout.of(raw, message_type, jazzy_types())
+    layout = Layout.of(raw, message_type, jazzy_types().fielddefs)
     rows = np.tile(np.frombuffer(raw, dtype=np.uint8), (len(stamps), 1))
     values: dict[str, ArrayLike] = dict(columns)
     if "header" in layout.fields:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import zlib
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -19,6 +20,7 @@ else:
     from backports import zstd
 
 from hybrid_sysid_ros.bags.bag import METADATA
+from hybrid_sysid_ros.bags.mcap import CHECKSUM_PLACE
 from hybrid_sysid_ros.bags.series import Series, jazzy_types
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import written_folder
@@ -63,8 +65,10 @@ class BagWriter:
             for key, text in self._notes.items():
                 self._writer.set_custom_data(key, text)
             stack.enter_context(self._writer)
-            if self._compressed and isinstance(self._writer.storage, McapWriter):
-                self._writer.storage.compressor = _packed
+            if isinstance(self._writer.storage, McapWriter):
+                self._writer.storage.__class__ = _CheckedWriter
+                if self._compressed:
+                    self._writer.storage.compressor = _packed
             self._stack = stack.pop_all()
         return self
 
@@ -107,6 +111,18 @@ class BagWriter:
             raise UserError(f"{self.path}: topic {topic}: message type {message_type!r} is not one of ROS 2 Jazzy")
         self._connections[topic] = self._writer.add_connection(topic, full, typestore=jazzy_types())
         return self._connections[topic]
+
+
+class _CheckedWriter(McapWriter):
+    """Gives each chunk its checksum, which rosbags leaves out."""
+
+    def close_chunk(self) -> None:
+        checksum, start = zlib.crc32(self.chunk.bio.getbuffer()), self.bio.tell()
+        super().close_chunk()
+        end = self.bio.tell()
+        self.bio.seek(start + CHECKSUM_PLACE)
+        self.bio.write(checksum.to_bytes(4, "little"))
+        self.bio.seek(end)
 
 
 def _packed(chunk: bytes) -> bytes:

@@ -15,9 +15,9 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file
 from safetensors.numpy import save as serialised
 
+from hybrid_sysid_ros.support import yaml_text
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256, written_file, written_folder
-from hybrid_sysid_ros.support.structured import Dumper, Loader
 
 ARRAYS = "weights.safetensors"
 MADE_BY = {"model": "identify", "policy": "policy train", "certificate": "policy certify"}
@@ -65,7 +65,7 @@ def load(folder: Path | str, *, kind: str, version: int) -> tuple[dict[str, Any]
         raise UserError(f"{arrays_path}: was altered since it was saved; restore it or {_again(kind)}")
     try:
         return content, load_file(arrays_path)
-    except (SafetensorError, OSError) as error:
+    except (SafetensorError, OSError, ValueError, LookupError, OverflowError) as error:  # kinds that numpy has not got
         raise UserError(f"{arrays_path}: can't be read; restore it or {_again(kind)}") from error
 
 
@@ -75,9 +75,11 @@ def load_sheet(path: Path, *, kind: str, version: int) -> dict[str, Any]:
     Raises UserError, naming the file, where it is unreadable, altered since it was saved, or of another format.
     """
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UserError(f"{path}: can't be read as YAML; restore it or {_again(kind)}") from error
+        content = yaml_text.read(path)
+    except yaml_text.TextError as error:
+        raise UserError(f"{path}: {error}; restore it or {_again(kind)}") from error
+    except OSError as error:
+        raise UserError(f"{path}: can't be read ({error.strerror}); restore it or {_again(kind)}") from error
     if not isinstance(content, dict) or not isinstance(content.get("format"), int):
         raise UserError(f"{path}: has no format number; restore it or {_again(kind)}")
     if content["format"] > version:
@@ -99,8 +101,8 @@ def digest(folder: Path | str, *, kind: str) -> str:
     """
     path = _sheet(folder, kind)
     try:
-        return str(yaml.load(path.read_text(encoding="utf-8"), Loader)["seal"])
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
+        return str(yaml_text.read(path)["seal"])
+    except (OSError, yaml_text.TextError, KeyError, TypeError) as error:
         raise UserError(f"{path}: can't be read; restore it or {_again(kind)}") from error
 
 
@@ -129,7 +131,7 @@ def _text(version: int, content: dict[str, Any]) -> str:
     """The content as YAML, its format first and its seal last."""
     body = {"format": version, **_plain(content)}
     body["seal"] = _seal(body)
-    return str(yaml.dump(body, Dumper=Dumper, sort_keys=False, allow_unicode=True, width=120))
+    return str(yaml.dump(body, Dumper=yaml_text.Dumper, sort_keys=False, allow_unicode=True, width=120))
 
 
 def _seal(body: dict[str, Any]) -> str:

@@ -144,7 +144,7 @@ class _Reading:
                 )
             if not messages[name].data:
                 raise UserError(f"{self.path}: topic {name} has no messages: was its publisher running?")
-        self.columns = {topic: Columns(messages[name], bag.typestore) for topic, name in self.names.items()}
+        self.columns = {topic: Columns(messages[name]) for topic, name in self.names.items()}
 
     def values(self, topic: str, field: str) -> Array:
         try:

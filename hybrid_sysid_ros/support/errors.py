@@ -1,11 +1,19 @@
 """What a user can cause: an error, and an early end."""
 
+LONGEST = 2000
+"""Characters of an error."""
+
 
 class UserError(Exception):
     """What is wrong, where (file, topic, parameter, sample) and what to do, in one line.
 
-    The command line prints it and exits with status 2.
+    The command line prints it and exits with status 2. Text out of a file can't break the line, drive the terminal or
+    fill it: what is not printable becomes a space, and what is longer than LONGEST is cut.
     """
+
+    def __init__(self, text: str) -> None:
+        line = "".join(one if one.isprintable() else " " for one in text[:LONGEST])
+        super().__init__(line if len(text) <= LONGEST else f"{line} ...")
 
 
 class Interrupted(Exception):

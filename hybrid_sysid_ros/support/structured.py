@@ -4,42 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
-import yaml
-
+from hybrid_sysid_ros.support import yaml_text
 from hybrid_sysid_ros.support.errors import UserError
 
 T = TypeVar("T")
 _KINDS = {float: "a number", int: "a whole number", str: "text", bool: "true or false"}
-
-
-class Loader(yaml.SafeLoader):
-    """Plain data; a key that a mapping has twice is an error."""
-
-    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
-        node, known = super().compose_mapping_node(anchor), set[str]()
-        for key, _ in node.value:
-            if str(key.value) in known:
-                raise yaml.MarkedYAMLError(
-                    problem=f"key {key.value!r} is there twice: keep one", problem_mark=key.start_mark
-                )
-            known.add(str(key.value))
-        return node
-
-
-class Dumper(yaml.SafeDumper):
-    """What :class:`Loader` reads as it was."""
-
-
-for _kind in (Loader, Dumper):  # 1e9 and 1.0e9 are numbers to everybody but YAML 1.1, which wants 1.0e+9
-    _kind.add_implicit_resolver(
-        "tag:yaml.org,2002:float", re.compile(r"[-+]?(\.\d+|\d+(\.\d*)?)[eE][-+]?\d+$"), list("-+.0123456789")
-    )
 
 
 def read_mapping(path: Path | str) -> dict[str, Any]:
@@ -49,17 +23,11 @@ def read_mapping(path: Path | str) -> dict[str, Any]:
         UserError: no such file, not readable, no YAML or no mapping, or a number that is none or without end.
     """
     try:
-        content = yaml.load(Path(path).read_text(encoding="utf-8"), Loader)
+        content = yaml_text.read(Path(path))
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise UserError(f"{path}: is no text file, so no YAML") from error
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" in line {mark.line + 1}" if mark else ""
-        raise UserError(
-            f"{path}: is no valid YAML{where} ({getattr(error, 'problem', None) or 'unreadable'})"
-        ) from error
+    except yaml_text.TextError as error:
+        raise UserError(f"{path}: {error}") from error
     if not isinstance(content, dict):
         raise UserError(f"{path}: holds no keys: it needs sections with a name each, such as 'signals:'")
     _refuse_endless(content, f"{path}:")
