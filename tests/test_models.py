@@ -197,7 +197,7 @@ BAD = {
     "a date": (text(lambda t: t.replace("seed: 0", "seed: 2024-01-01")), r"model\.yaml: was altered"),
     "mixed keys": (text(lambda t: t + "1: 2\nnull: 3\n"), r"model\.yaml: was altered"),
     "no seal": (text(lambda t: t[: t.index("seal: ")]), r"model\.yaml: was altered"),
-    "cut yaml": (text(lambda t: t[: len(t) // 2]), r"model\.yaml: (was altered|can't be read)"),
+    "cut yaml": (text(lambda t: t[: len(t) // 2]), r"model\.yaml: (was altered|is no valid YAML)"),
     "empty yaml": (text(lambda t: ""), r"model\.yaml: has no format number"),
     "not yaml": (text(lambda t: "a: [b"), r"model\.yaml: is no valid YAML"),
     "code": (text(lambda t: t + "x: !!python/object/apply:os.getcwd []\n"), r"model\.yaml: is no valid YAML"),

@@ -80,6 +80,21 @@ class Certificate:
     worst: Sequence[Mapping[str, Any]]
     made: Mapping[str, Any]
 
+    def __post_init__(self) -> None:
+        """Raises UserError for what no certificate says: nodes and reports rely on it."""
+        if type(self.loops) is not int or not 0 < self.loops < 1 << 53:
+            raise UserError(f"loops is {self.loops!r}: it needs a whole number above 0")
+        if type(self.delta) is not float or not 0.0 < self.delta < 1.0:
+            raise UserError(f"delta is {self.delta!r}: it needs a number between 0 and 1")
+        for name in ("distribution", "criteria", "rates", "bounds", "check", "exact", "made"):
+            if not isinstance(getattr(self, name), Mapping):
+                raise UserError(f"{name} is {getattr(self, name)!r}: it needs keys")
+        for name in ("hoeffding", "binomial"):
+            if _criteria(self.bounds.get(name, {})) != _criteria(self.rates):
+                raise UserError(f"bounds.{name} has other drivers or criteria than rates")
+        if any("all" not in names for names in _criteria(self.rates).values()):
+            raise UserError("rates lack criterion all")
+
     @property
     def margin(self) -> float:
         return margin(self.loops, self.delta)
@@ -96,6 +111,16 @@ class Certificate:
         storage.save_sheet(Path(folder) / FILE, version=FORMAT, content=content)
 
 
+def _criteria(rates: Any) -> dict[str, set[str]]:
+    """Drivers and the criteria of each. Raises UserError where a rate is none."""
+    parts = rates.items() if isinstance(rates, Mapping) else ()
+    for driver, found in parts:
+        numbers: list[Any] = list(found.values()) if isinstance(found, Mapping) else [None]
+        if any(type(rate) not in (int, float) or not 0.0 <= rate <= 1.0 for rate in numbers):
+            raise UserError(f"rates of {driver} need numbers between 0 and 1")
+    return {driver: set(found) for driver, found in parts}
+
+
 def find(folder: Path | str, *, policy: str, model: str) -> Certificate | None:
     """The certificate in a policy's folder, None where there is none.
 
@@ -109,6 +134,8 @@ def find(folder: Path | str, *, policy: str, model: str) -> Certificate | None:
     content = storage.load_sheet(path, kind="certificate", version=FORMAT)
     try:
         found = Certificate(**{item.name: content[item.name] for item in fields(Certificate)})
+    except UserError as error:
+        raise UserError(f"{path}: {error}; {again}") from error
     except (KeyError, TypeError) as error:
         raise UserError(f"{path}: {error!r} is missing or malformed; {again}") from error
     if found.policy != policy:

@@ -1,0 +1,1 @@
+"""Readers under mutated files: see __main__."""
