@@ -98,7 +98,7 @@ def cdr(rng: random.Random) -> bytes:
     if chosen == 2:
         return head + frame + struct.pack("<I", rng.choice((1 << 16, 1 << 20))) + bytes(1000)
     if chosen == 3:  # a list of many empty texts
-        count = rng.choice((1000, 100_000, 1_000_000))
+        count = rng.choice((*[1000, 10_000, 100_000] * 4, 1_000_001))
         return head + frame + struct.pack("<I", count) + bytes(4 * count)
     return head + bytes(rng.choice((10, 1000, 5_000_000, 20_000_000)))
 
@@ -192,7 +192,7 @@ SQL = (
     "DROP TABLE topics",
     "DELETE FROM messages WHERE rowid % 2",
     "DELETE FROM topics",
-    "UPDATE messages SET data = NULL",
+    "UPDATE messages SET data = x''",
     "UPDATE messages SET data = 'text'",
     "UPDATE messages SET data = 5 WHERE rowid = 7",
     "UPDATE messages SET timestamp = 'then'",
@@ -200,7 +200,7 @@ SQL = (
     "UPDATE messages SET timestamp = -9223372036854775808",
     "UPDATE messages SET topic_id = 99 WHERE rowid > 5",
     "UPDATE messages SET data = zeroblob(100000000) WHERE rowid = 3",
-    "UPDATE topics SET type = NULL",
+    "UPDATE topics SET type = ''",
     "UPDATE topics SET name = x'ff', type = 7",
     "UPDATE message_definitions SET encoded_message_definition = 'a/A a'",
     "UPDATE message_definitions SET encoding = 'none'",

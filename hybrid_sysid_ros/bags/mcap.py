@@ -119,7 +119,7 @@ class McapFile:
         """What was met so far; the counts are those of the wanted topics."""
         return Stated(
             schemas=self.schemas,
-            counts=self._counts,
+            counts={**dict.fromkeys(self._wanted or (), 0), **self._counts},
             messages=sum(self._counts.values()) + self._others,
             chunks=self._chunks,
         )

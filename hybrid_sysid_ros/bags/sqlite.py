@@ -22,10 +22,8 @@ def stated(path: Path) -> Stated:
     with closing(_connected(path)) as base:
         definitions = dict[str, Schema]()
         if _columns(base, "message_definitions"):
-            query = (
-                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions "
-                f"WHERE length(encoded_message_definition) <= {LARGEST_RECORD} ORDER BY id DESC"
-            )
+            shortened = f"substr(encoded_message_definition, 1, {LARGEST_RECORD})"
+            query = f"SELECT topic_type, encoding, {shortened} FROM message_definitions ORDER BY id DESC"
             for name, encoding, text in base.execute(query):
                 definitions[str(name)] = Schema(name=str(name), encoding=str(encoding), text=str(text))
         found = Stated(counts={})

@@ -127,7 +127,7 @@ def load(folder: Path | str, *, rig: str | Path = "") -> Model:
             )
         system = system.with_values([values[name] for name in expected])
         system.check()
-        names, covariance = tuple(content["free"]), arrays["covariance"]
+        names, covariance = tuple(map(str, content["free"])), arrays["covariance"]
         if covariance.shape != (len(names), len(names)):
             raise UserError(f"covariance has shape {covariance.shape} for {len(names)} free parameters; fit again")
         ranges = {name: (float(a), float(b)) for name, (a, b) in content["training_range"].items()}
@@ -176,7 +176,7 @@ def _changed(before: Mapping[str, Sequence[str]], now: Mapping[str, Sequence[str
 
 def _rig_of(content: Mapping[str, Any], given: str | Path) -> rigs.Rig:
     """The rig by what the user named, else by its name where it is known by that."""
-    name, place = str(content["rig"]), str(content.get("place") or "")
+    name, place = rigs.name_in(content), str(content.get("place") or "")
     try:
         rig = rigs.load(given or name)
     except UserError as error:

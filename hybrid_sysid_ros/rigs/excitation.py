@@ -97,7 +97,7 @@ class Excitation:
         """From ``{kind: multisine, amplitude: 2, ...}``. Raises UserError for other keys than the kind has."""
         values = dict(content) if isinstance(content, Mapping) else {}
         kind = values.pop("kind", None)
-        if kind not in KINDS:
+        if not isinstance(kind, str) or kind not in KINDS:
             raise UserError(f"{where}: kind is {kind!r}: choose one of {', '.join(KINDS)}")
         parameters = inspect.signature(KINDS[kind]).parameters
         known = tuple(name for name in parameters if name not in GIVEN)

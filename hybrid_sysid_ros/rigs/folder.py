@@ -7,6 +7,7 @@ the path that the user gave, from this package, or from a package that the user 
 from __future__ import annotations
 
 import importlib
+import os
 import traceback
 from dataclasses import dataclass
 from importlib.metadata import entry_points
@@ -51,7 +52,7 @@ def find(rig: str | Path) -> RigFolder:
         return _by_path(path)
     if text in names():
         return _named(text)
-    near = f"; to run ./{text}, write ./{text}" if Path(text).is_dir() else ""
+    near = f"; to run ./{text}, write ./{text}" if os.path.isdir(text) else ""
     known = ", ".join(names()) or "none"
     raise UserError(f"no rig {text!r}: known are {known}; give your own by its folder, as in ./my_rig{near}")
 

@@ -26,6 +26,7 @@ SECTIONS = (
     "policy_training", "policy_certificate", "demo",
 )  # fmt: skip
 
+LONGEST_NAME = 100  # characters
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
 
 
@@ -152,6 +153,18 @@ def load(rig: str | Path) -> Rig:
     if found.path not in _LOADED:
         _LOADED[found.path] = _read(found)
     return _LOADED[found.path]
+
+
+def name_in(content: Mapping[str, Any]) -> str:
+    """The rig's name in a model's or a policy's file, which could be a path: whose Python nobody asked to run.
+
+    Raises:
+        UserError: it is no name.
+    """
+    name = content["rig"]
+    if not isinstance(name, str) or not name.isidentifier() or len(name) > LONGEST_NAME:
+        raise UserError(f"its rig is {name!r}: that is no rig's name")
+    return name
 
 
 def default() -> str:

@@ -19,6 +19,7 @@ from hybrid_sysid_ros.control.safety import certificate as certificates
 from hybrid_sysid_ros.control.safety.certificate import Certificate
 from hybrid_sysid_ros.core.networks import Layers
 from hybrid_sysid_ros.models import Model, storage
+from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -239,7 +240,7 @@ def load(folder: Path | str, *, model: Model | None = None, certified: bool = Tr
         policy = Policy(
             problem=Problem(**content["problem"]),
             model=content["model"],
-            rig=content["rig"],
+            rig=rigs.name_in(content),
             output_map=arrays["output_map"],
             centre=arrays["centre"],
             scale=arrays["scale"],
