@@ -281,7 +281,7 @@ def test_values_are_counted_as_often_as_aliases_repeat_them():
 def test_a_model_s_rig_is_a_name_and_never_a_path_whose_python_would_run(tmp_path, kind):
     evil = tmp_path / "evil"
     evil.mkdir()
-    (evil / "rig.yaml").touch()
+    (evil / "rig.yaml").write_text("step: 0.001")
     (evil / "system.py").write_text(f"import pathlib; pathlib.Path({str(tmp_path / 'ran')!r}).touch()")
     content, arrays = storage.load(TRAINED / kind, kind=kind, version={"model": 2, "policy": 3}[kind])
     kept = {key: item for key, item in content.items() if key not in ("seal", "format", "arrays")}
