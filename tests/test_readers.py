@@ -212,6 +212,18 @@ def test_a_file_packed_as_a_whole_is_bounded(tmp_path):
     assert highest() < before + 100
 
 
+def test_messages_packed_one_by_one_are_unpacked_piece_by_piece(tmp_path):
+    writer = Writer(tmp_path / "run", version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection(TOPIC, "sensor_msgs/msg/JointState", typestore=jazzy_types())
+        for stamp in range(2000):
+            writer.write(connection, stamp, bytes(4_000_000))
+    before = highest()
+    refused(tmp_path / "run")
+    assert highest() < before + 250
+
+
 @pytest.mark.parametrize("statements", [one for one in crafted.SQL if "-9223372036854775808" not in one])
 def test_a_spoiled_sqlite_bag_is_refused(tmp_path, statements):
     topic = states(300)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import struct
-import sys
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -14,27 +13,20 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
-
-from hybrid_sysid_ros.bags import mcap, metadata, sqlite
+from hybrid_sysid_ros.bags import mcap, metadata, part
 from hybrid_sysid_ros.bags.definitions import types_of
 from hybrid_sysid_ros.bags.layout import Types
-from hybrid_sysid_ros.bags.mcap import LARGEST_CHUNK, MAGIC, Batch, DamagedError, McapFile, Schema, Stated
+from hybrid_sysid_ros.bags.mcap import LONGEST_MESSAGE, MAGIC, Batch, DamagedError, McapFile, Schema
 from hybrid_sysid_ros.support.errors import UserError
 
 logger = logging.getLogger(__name__)
 
 METADATA = metadata.FILE
 STORAGE = (".mcap", ".db3")
-MOST_TIMES = 1000  # what a file packed as a whole may be larger when it is unpacked, beside LARGEST_CHUNK
 LONGEST = 150  # characters of a library's message that are passed on
 BLOCK = 1 << 15  # messages of a topic that are handed out together, and
 BLOCK_BYTES = 1 << 23  # bytes; a block may exceed them by what one chunk of the file holds
 SMALLEST_BLOCK = 16  # messages, however large, so that a sampling time can be seen in them
-LONGEST_MESSAGE = 1 << 22  # bytes of a message that signals are read from
 
 Source = Callable[[Collection[str]], Iterable[dict[str, Batch]]]
 
@@ -180,8 +172,8 @@ def _whole(path: Path, stack: ExitStack) -> Bag:
     files = list(told.files) if told else _storage_files(path)
     if told and told.packing == "file":
         folder = Path(stack.enter_context(TemporaryDirectory()))
-        files = [_unpacked(file, folder / f"{number}_{file.stem}") for number, file in enumerate(files)]
-    parts = [(file, _stated(file)) for file in files]
+        files = [part.unpacked(file, folder / f"{number}_{file.stem}") for number, file in enumerate(files)]
+    parts = [(file, part.stated(file)) for file in files]
     schemas, counts = dict[str, Schema](), dict[str, int]()
     for _, said in parts:
         for topic, schema in said.schemas.items():
@@ -194,36 +186,10 @@ def _whole(path: Path, stack: ExitStack) -> Bag:
 
     def source(wanted: Collection[str]) -> Iterator[dict[str, Batch]]:
         for file, said in parts:
-            for batches in _batches(file, said, wanted):
-                yield {name: _without_packing(batch) for name, batch in batches.items()} if packed else batches
+            for batches in part.batches(file, said, wanted):
+                yield from part.without_packing(batches) if packed else (batches,)
 
     return Bag(path=path, topics=_topics(schemas, counts), schemas=schemas, source=source)
-
-
-def _stated(file: Path) -> Stated:
-    """What a file says it holds; of one that does not say it, what it holds."""
-    if file.suffix == ".db3":
-        return sqlite.stated(file)
-    said = mcap.stated(file)
-    if said.counts is not None and (said.schemas or not said.messages):
-        return said
-    scan = McapFile(file, None)
-    for _ in scan.batches():
-        pass
-    if reason := scan.damage or mcap.differences(said, scan.found):
-        raise DamagedError(f"{file.name} {reason}")
-    return scan.found
-
-
-def _batches(file: Path, said: Stated, wanted: Collection[str]) -> Iterator[dict[str, Batch]]:
-    """Messages of a file; in the end whether they are what it says."""
-    if file.suffix == ".db3":
-        yield from sqlite.batches(file, wanted)
-        return
-    found = McapFile(file, wanted)
-    yield from found.batches()
-    if reason := found.damage or mcap.differences(said, found.found):
-        raise DamagedError(f"{file.name} {reason}")
 
 
 def _check_alike(told: metadata.Metadata, schemas: dict[str, Schema], counts: dict[str, int]) -> None:
@@ -234,22 +200,6 @@ def _check_alike(told: metadata.Metadata, schemas: dict[str, Schema], counts: di
             raise DamagedError(f"has {found} messages of {topic} where {METADATA} says {said}")
         if topic in told.types and schemas.setdefault(topic, Schema(name=told.types[topic])).name != told.types[topic]:
             raise DamagedError(f"has {schemas[topic].name} in {topic} where {METADATA} says {told.types[topic]}")
-
-
-def _unpacked(packed: Path, place: Path) -> Path:
-    """Unpack a file, within what can be the content of one so large."""
-    limit = LARGEST_CHUNK + MOST_TIMES * packed.stat().st_size
-    with zstd.open(packed, "rb") as source, place.open("wb") as target:
-        while part := source.read(1 << 20):
-            if target.tell() + len(part) > limit:
-                raise DamagedError(f"{packed.name} unpacks to more than {limit} bytes")
-            target.write(part)
-    return place
-
-
-def _without_packing(batch: Batch) -> Batch:
-    data = [mcap.unpacked(packed, LONGEST_MESSAGE) for packed in batch.data]
-    return Batch(logged=batch.logged, data=data)
 
 
 def _topics(schemas: dict[str, Schema], counts: dict[str, int]) -> dict[str, Topic]:

@@ -21,6 +21,7 @@ MAGIC = b"\x89MCAP0\r\n"
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS, DATA_END = 0x02, 0x03, 0x04, 0x05, 0x06, 0x0B, 0x0F
 BATCH = 1 << 20  # bytes of messages that lie outside chunks and are taken at once
 LARGEST_CHUNK = 1 << 26  # bytes that a packed chunk may unpack to; recorders make chunks of some 1 MB
+LONGEST_MESSAGE = 1 << 22  # bytes of a message that signals are read from
 LARGEST_RECORD = 1 << 20  # bytes of a record that is no message: definitions of types, names
 _RECORD = struct.Struct("<BQ")  # code and size
 _START = struct.Struct("<BQH4xQ8x")  # the same, and of a message its channel and time of logging

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator
 from contextlib import closing
 from pathlib import Path
 
-from hybrid_sysid_ros.bags.mcap import LARGEST_CHUNK, LARGEST_RECORD, Batch, DamagedError, Schema, Stated
+from hybrid_sysid_ros.bags.mcap import LARGEST_RECORD, LONGEST_MESSAGE, Batch, DamagedError, Schema, Stated
 
 ROWS = 1000  # messages taken at once
 COLUMNS = {"messages": {"topic_id", "timestamp", "data"}, "topics": {"id", "name", "type"}}
@@ -47,7 +47,7 @@ def batches(path: Path, wanted: Collection[str]) -> Iterator[dict[str, Batch]]:
         topics = {number: str(name) for number, name in base.execute("SELECT id, name FROM topics") if name in wanted}
         numbers = ",".join("?" for _ in topics)
         rows = base.execute(
-            f"SELECT topic_id, timestamp, CASE WHEN length(data) <= {LARGEST_CHUNK} THEN data END FROM messages "
+            f"SELECT topic_id, timestamp, CASE WHEN length(data) <= {LONGEST_MESSAGE} THEN data END FROM messages "
             f"WHERE topic_id IN ({numbers}) ORDER BY timestamp",
             [*topics],
         )
