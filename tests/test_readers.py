@@ -106,6 +106,14 @@ def test_a_topic_under_another_name_is_noticed(bag):
     refused(bag, TOPIC, "40000", "0 messages")
 
 
+def test_a_topic_that_the_summary_calls_otherwise_is_noticed(bag):
+    found = records.split((bag / "run.mcap").read_bytes())
+    at = max(at for at, (code, content) in enumerate(found) if code == CHANNEL and b"/cam_beam/reference" in content)
+    found[at] = (CHANNEL, found[at][1].replace(b"/cam_beam/reference", b"/cam_beam/referencf"))
+    (bag.parent / "other.mcap").write_bytes(records.file_of(found))
+    refused(bag.parent / "other.mcap", "/cam_beam/reference")
+
+
 def test_metadata_and_file_must_agree(bag):
     metadata = bag / "metadata.yaml"
     text = metadata.read_text()

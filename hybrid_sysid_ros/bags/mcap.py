@@ -176,10 +176,16 @@ class McapFile:
 
     def _walk(self, content: bytes) -> None:
         """Take the records of a chunk."""
-        position, end, others = 0, len(content), 0
+        position = self._records(content, len(content), len(content) - _START.size)
+        rest = content[position:]  # the last record may be shorter than the start of a message
+        if self._records(rest + bytes(_START.size), len(rest), len(rest) - _RECORD.size) != len(rest):
+            raise DamagedError("cut record")
+
+    def _records(self, content: bytes, end: int, last: int) -> int:
+        """Take the records that begin at `last` or before, and return where the next one begins."""
+        position, others = 0, 0
         batches, unpack = self._batches, _START.unpack_from
-        content += bytes(_START.size)  # the last record may be shorter
-        while position + 9 <= end:
+        while position <= last:
             code, size, number, stamp = unpack(content, position)
             start = position + 9
             position = start + size
@@ -197,8 +203,7 @@ class McapFile:
             elif code == CHANNEL:
                 self._add_channel(_small(content, start, size))
         self._others += others
-        if position != end:
-            raise DamagedError("cut record")
+        return position
 
     def _add_channel(self, record: bytes) -> None:
         number = self._channels.add_channel(record)
@@ -275,7 +280,9 @@ def differences(said: Stated, found: Stated) -> str:
         told = count if said.counts is None else said.counts.get(topic, 0)
         if told != count:
             return f"has {count} messages of {topic} where its summary says {told}"
-    for topic in said.schemas.keys() & found.schemas.keys():
+    for topic in found.schemas if said.schemas else ():
+        if topic not in said.schemas:
+            return f"has topic {topic}, of which its summary says nothing"
         if said.schemas[topic] != found.schemas[topic]:
             return f"defines the type of {topic} in two ways"
     return ""
