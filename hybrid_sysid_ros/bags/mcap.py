@@ -20,6 +20,7 @@ else:
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS, DATA_END = 0x02, 0x03, 0x04, 0x05, 0x06, 0x0B, 0x0F
 BATCH = 1 << 20  # bytes of messages that lie outside chunks and are taken at once
+PIECE = 1 << 21  # bytes of a chunk whose messages are handed out together
 LARGEST_CHUNK = 1 << 26  # bytes that a packed chunk may unpack to; recorders make chunks of some 1 MB
 LONGEST_MESSAGE = 1 << 22  # bytes of a message that signals are read from
 LARGEST_RECORD = 1 << 20  # bytes of a record that is no message: definitions of types, names
@@ -132,8 +133,7 @@ class McapFile:
         """
         try:
             for content in self._contents():
-                self._walk(content)
-                yield self._taken()
+                yield from self._walk(content)
         except (DamagedError, struct.error, UnicodeDecodeError) as error:
             self.damage = self.damage or str(error)
             yield self._taken()  # what came before is good
@@ -174,16 +174,20 @@ class McapFile:
         yield bytes(loose)
         self.damage = self.damage or "no end of the data"
 
-    def _walk(self, content: bytes) -> None:
-        """Take the records of a chunk."""
-        position = self._records(content, len(content), len(content) - _START.size)
+    def _walk(self, content: bytes) -> Iterator[dict[str, Batch]]:
+        """Messages of a chunk, in pieces: as objects they take more than it does."""
+        position, last = 0, len(content) - _START.size
+        while position <= last:
+            position = self._records(content, position, len(content), min(last, position + PIECE))
+            yield self._taken()
         rest = content[position:]  # the last record may be shorter than the start of a message
-        if self._records(rest + bytes(_START.size), len(rest), len(rest) - _RECORD.size) != len(rest):
+        if self._records(rest + bytes(_START.size), 0, len(rest), len(rest) - _RECORD.size) != len(rest):
             raise DamagedError("cut record")
+        yield self._taken()
 
-    def _records(self, content: bytes, end: int, last: int) -> int:
-        """Take the records that begin at `last` or before, and return where the next one begins."""
-        position, others = 0, 0
+    def _records(self, content: bytes, position: int, end: int, last: int) -> int:
+        """Take the records from a position on that begin at `last` or before, and return where the next one begins."""
+        others = 0
         batches, unpack = self._batches, _START.unpack_from
         while position <= last:
             code, size, number, stamp = unpack(content, position)
