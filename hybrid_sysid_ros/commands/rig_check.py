@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.demo import Plan
-from hybrid_sysid_ros.commands.terminal import console, print_table, status
+from hybrid_sysid_ros.commands.terminal import console, end, print_table
 from hybrid_sysid_ros.rigs.check import check, step_responses
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
@@ -37,10 +37,7 @@ def command(
         console.print(f"note: {remark}")
     if not findings.problems:
         print_table(_responses(described, seconds))
-    for problem in problems:
-        status.print(f"error: {' '.join(problem.split())}")
-    if problems:
-        raise typer.Exit(2)
+    end(problems)
     console.print(f"{described.name}: no problems")
 
 

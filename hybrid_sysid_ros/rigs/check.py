@@ -39,12 +39,10 @@ MOST_DELAYS = 1000
 class Findings:
     """What a check found."""
 
-    problems: tuple[str, ...]
+    problems: list[str]
     """What must be changed, a line each."""
-    remarks: tuple[str, ...]
+    remarks: list[str]
     """What the author may want to know."""
-    states: Array
-    """Magnitude of each state in the experiment (states,)."""
 
 
 def check(rig: Rig) -> Findings:
@@ -53,23 +51,23 @@ def check(rig: Rig) -> Findings:
     problems = list(_at_origin(rig.system, where))
     for name, other in rig.structures.items():
         problems += (f"{where}: structure {name}: {line.partition(': ')[2]}" for line in _at_origin(other, where))
-    if problems:
-        return Findings(problems=tuple(problems), remarks=(), states=np.zeros(0))
     if rig.step * WINDOWS * 2 > SECONDS:
         told = f"{rig.file}: step: {rig.step:g} s is too long to see anything in {SECONDS:g} s; give it below "
-        return Findings(problems=(f"{told}{SECONDS / (2 * WINDOWS):g} s",), remarks=(), states=np.zeros(0))
+        problems.append(f"{told}{SECONDS / (2 * WINDOWS):g} s")
+    if problems:
+        return Findings(problems=problems, remarks=[])
     problems, remarks = list(_values(rig)), list(_remarks(rig.system))
     states, inputs = _experiment(rig)
-    steady = np.isfinite(states).all()
-    magnitudes = np.maximum(np.max(np.abs(states[np.isfinite(states).all(axis=1)]), axis=0), 1e-6)
+    steady = np.isfinite(states).all(axis=1)
+    magnitudes = np.maximum(np.max(np.abs(states[steady]), axis=0), 1e-6)
     if growing := list(_growing(rig, magnitudes, where)):
         problems += growing
-    elif not steady:
+    elif not steady.all():
         problems.append(f"{where}: the states grow beyond all numbers in the experiments of {rig.file.name}")
     else:
         problems += (*_on_grid(rig, magnitudes, where), *_blind(rig, states, inputs, magnitudes, where))
         remarks += _reached(rig, states)
-    return Findings(problems=tuple(problems), remarks=tuple(remarks), states=magnitudes)
+    return Findings(problems=problems, remarks=remarks)
 
 
 def _at_origin(system: System, where: str) -> Iterator[str]:

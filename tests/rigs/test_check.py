@@ -139,7 +139,7 @@ def test_an_excitation_beyond_the_limits_is_told_by_its_key():
 
 def test_variables_without_a_unit_are_remarked():
     assert any(line.startswith("third:") for line in check(rig_of(Bare())).remarks)
-    assert check(rig_of(Mass())).remarks == ()
+    assert check(rig_of(Mass())).remarks == []
 
 
 @pytest.mark.parametrize(
@@ -209,7 +209,7 @@ def test_the_rig_that_is_meant_where_none_is_named_stands_in_the_help(command):
 
 @pytest.mark.parametrize("name", ["cam_beam", "flexible_joint"])
 def test_the_rigs_of_the_package_pass(name):
-    assert check(load(name)).problems == ()
+    assert check(load(name)).problems == []
 
 
 def test_a_step_too_long_to_see_anything_is_told():
