@@ -8,17 +8,20 @@ import sys
 from pathlib import Path
 
 HELPERS = {"__main__", "acados_peer", "network_plant", "picture", "result"}
+KNOWN = [entry.name for entry in pkgutil.iter_modules([str(Path(__file__).parent)]) if entry.name not in HELPERS]
 
 
 def main(names: list[str]) -> int:
     """Run each benchmark in a process of its own; return 1 if one failed, 2 if there is none of that name."""
-    known = [entry.name for entry in pkgutil.iter_modules([str(Path(__file__).parent)]) if entry.name not in HELPERS]
-    unknown = [name for name in names if name not in known]
+    if {"-h", "--help"} & {*names}:
+        print(f"{__doc__}\nThey are {', '.join(KNOWN)}; each writes benchmarks/results/NAME.json.")
+        return 0
+    unknown = [name for name in names if name not in KNOWN]
     if unknown:
-        print(f"error: no benchmark {unknown[0]}: known are {', '.join(known)}", file=sys.stderr)
+        print(f"error: no benchmark {unknown[0]}: known are {', '.join(KNOWN)}", file=sys.stderr)
         return 2
     failed = []
-    for name in names or known:
+    for name in names or KNOWN:
         print(f"== {name}", flush=True)
         if subprocess.run([sys.executable, "-m", f"benchmarks.{name}"], check=False).returncode:
             failed.append(name)

@@ -143,7 +143,7 @@ def test_runs_that_are_numbered_behind_a_dot_are_two(command, tmp_path):
     assert status == 0, error
     assert "run.1" in out
     assert "run.2" in out
-    refused(command("identify", *runs, *arguments), "run.1")
+    refused(command("identify", *runs, *arguments, "--overwrite"), "run.1")
 
 
 def test_an_option_puts_a_doubtful_term_into_the_gray_box(command, tmp_path):
@@ -228,11 +228,12 @@ def test_a_folder_of_something_else_is_not_overwritten(command, tmp_path):
     assert (tmp_path / "thesis.tex").read_text() == "years of work"
 
 
-def test_a_refused_bag_leaves_the_old_model(command, linear_model, tmp_path):
+def test_an_old_model_stays_unless_it_is_to_be_replaced_by_one_that_is_made(command, linear_model, tmp_path):
     model = tmp_path / "model"
     shutil.copytree(linear_model, model)
     before = (model / "model.yaml").read_bytes()
-    refused(command("identify", tmp_path / "nowhere", "--out", model), "nowhere")
+    refused(command("identify", MULTISINE, "--structure", "linear", "--out", model), "--overwrite")
+    refused(command("identify", tmp_path / "nowhere", "--out", model, "--overwrite"), "nowhere")
     assert (model / "model.yaml").read_bytes() == before
 
 

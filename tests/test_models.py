@@ -110,6 +110,19 @@ def test_another_number_gives_another_seal(folder, tmp_path):
     assert models.load(tmp_path / "other").seal != models.load(folder).seal
 
 
+def test_a_law_that_was_changed_since_the_fit_is_told(tmp_path, monkeypatch):
+    model_of("gray").save(tmp_path)
+    law = CamBeam.law
+
+    def stronger(self, x, u):
+        speed, acceleration = law(self, x, u)
+        return speed, 1.001 * acceleration
+
+    monkeypatch.setattr(CamBeam, "law", stronger)
+    with pytest.raises(UserError, match="rig cam_beam has another law than when the model was fitted; fit again"):
+        models.load(tmp_path)
+
+
 def test_parameters_are_written_with_unit_error_and_bounds(folder):
     content = yaml.safe_load((folder / "model.yaml").read_text())
     gain = content["parameters"]["gain"]

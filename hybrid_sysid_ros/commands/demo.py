@@ -166,6 +166,7 @@ def demo(out: Path, records: Records | None = None, *, rig: str = "", train: boo
         "timing": {  # as the plant saw it; the report shows what the recorder saw, its own delays included
             "delay_ms": {key: round(plant[f"delay_ms_{key}"], 4) for key in ("p50", "p99", "max")},
             "missed_commands": plant["missed_commands"],
+            "measurements": plant["measurements"],
         },
     }
     _write(out / "summary.json", json.dumps(summary, indent=2) + "\n")
@@ -262,12 +263,13 @@ def _table(summary: dict[str, Any]) -> Table:
     table = Table("quantity", "value", title="demo")
     for record, r2 in summary["identification"]["free_run_r2"].items():
         table.add_row(f"free run R2 {record}", f"{r2:.3f}")
-    table.add_row("fit", f"{summary['identification']['fit_seconds']:.1f} s")
+    table.add_row("time of the fit", f"{summary['identification']['fit_seconds']:.1f} s")
     unit = summary["closed_loop"]["unit"]
     for part, rmse in summary["closed_loop"]["tracking_rmse"].items():
         table.add_row(f"tracking RMSE {part}", f"{rmse:.3f} {unit if isinstance(unit, str) else unit[part]}")
     table.add_row("cost, approximate to exact MPC", f"{summary['closed_loop']['cost_ratio_to_exact']:.3f}")
     delay = summary["timing"]["delay_ms"]
     table.add_row("loop delay p50 / p99 / max", f"{delay['p50']:.2f} / {delay['p99']:.2f} / {delay['max']:.2f} ms")
-    table.add_row("missed commands", str(summary["timing"]["missed_commands"]))
+    timing = summary["timing"]
+    table.add_row("missed commands", f"{timing['missed_commands']} of {timing['measurements']}")
     return table

@@ -34,9 +34,10 @@ def command(
     signals: terminal.SignalsFile = None,
     recover: terminal.Recover = False,
     read_period: terminal.ReadPeriod = 0.0,
+    overwrite: terminal.Overwrite = False,
 ) -> None:
     """Identify a model from bags."""
-    check_folder(out, marker="model.yaml")
+    check_folder(out, marker="model.yaml", replace=overwrite)
     sampling = terminal.sampling_of(step, period, input_handling)
     described = load_rig(rig)
     records = terminal.read_records(bag, rig, signals, recover, read_period, sampling)

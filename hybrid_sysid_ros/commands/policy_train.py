@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import OwnRig, Seed, print_table, status
+from hybrid_sysid_ros.commands.terminal import Overwrite, OwnRig, Seed, print_table, status
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.options import parse
@@ -46,12 +46,13 @@ def command(
         typer.Option("--follow", help="NAME=SPREAD: a parameter of the model that the policy adapts to, in its unit."),
     ] = None,
     rig: OwnRig = "",
+    overwrite: Overwrite = False,
 ) -> None:
     """Sample the exact MPC in closed loop and train a network that imitates it (needs the extra [train]).
 
     An interrupted training goes on from the closed loops in OUT.samples when it is started again.
     """
-    check_folder(out, marker="policy.yaml")
+    check_folder(out, marker="policy.yaml", replace=overwrite)
     settings = Settings(
         episodes=(episodes,) * rounds,
         epochs=epochs,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import RigName, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status
 from hybrid_sysid_ros.runtime import session
 from hybrid_sysid_ros.support.errors import Interrupted
 from hybrid_sysid_ros.support.progress import progress_bars
@@ -26,7 +26,7 @@ def command(
         str, typer.Option(help="One of the rig's references, constant, steps, sine or multisine; the rig's first.")
     ] = "",
     bag: Annotated[Path | None, typer.Option(help="Record into this bag.")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a bag that is there.")] = False,
+    overwrite: Overwrite = False,
     lockstep: Annotated[bool, typer.Option("--lockstep", help="As fast as the nodes answer, repeatable.")] = False,
 ) -> None:
     """Run plant, estimator, controller and reference as ROS 2 processes."""

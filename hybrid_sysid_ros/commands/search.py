@@ -50,13 +50,14 @@ def command(
     signals: terminal.SignalsFile = None,
     recover: terminal.Recover = False,
     read_period: terminal.ReadPeriod = 0.0,
+    overwrite: terminal.Overwrite = False,
 ) -> None:
     """Search the options of a structure for the best free run over data held out (needs the extra [search]).
 
     Finished trials are kept in the study: an interrupted search goes on when the same command is given again.
     """
     if out is not None:
-        check_folder(out, marker="model.yaml")
+        check_folder(out, marker="model.yaml", replace=overwrite)
     sampling = terminal.sampling_of(step, period, input_handling)
     objective = Objective(
         records=terminal.read_records(bag, rig, signals, recover, read_period, sampling),

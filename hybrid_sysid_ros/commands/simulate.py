@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import RigName, Seed, console
+from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, Seed, console
 from hybrid_sysid_ros.rigs.experiments import simulate
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 
@@ -19,6 +19,8 @@ def command(
     seed: Seed = 0,
     duration: Annotated[float, typer.Option(help="Seconds.", min=1.0, max=3600.0)] = 40.0,
     rate: Annotated[float, typer.Option(help="Samples per second.", min=1.0)] = 200.0,
+    overwrite: Overwrite = False,
 ) -> None:
     """Simulate an experiment on a rig, driven as the real one is, and write its bag."""
-    console.print(str(simulate(load_rig(rig), kind, out, seed=seed, duration=duration, rate=rate)))
+    chosen = load_rig(rig)
+    console.print(str(simulate(chosen, kind, out, seed=seed, duration=duration, rate=rate, overwrite=overwrite)))

@@ -52,6 +52,7 @@ ReadPeriod = Annotated[
     ),
 ]
 PartText = Annotated[str, typer.Option("--part", help="START:STOP, the part of each bag that is used, as fractions.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
 Seed = Annotated[int, typer.Option("--seed", help="Of everything random.", min=0)]
 InputHandling = Annotated[
     str, typer.Option("--input", help="averaged: the input's mean over each step; sampled: read once a period.")

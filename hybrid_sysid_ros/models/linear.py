@@ -138,6 +138,13 @@ class Linear(System):
             return not damped
         return not (rate and self.straight and column in self._names)
 
+    def _own(self, row: str) -> list[str]:
+        """The state of a row and the position that it moves: what they pull back in the rig's own law at rest, no fit
+        may push away, for the bounded network beside it could not hold it.
+        """
+        positions = [self._names[i] for i, j in self.origin.kinematics.items() if self._names[j] == row]
+        return [row, *positions]
+
     def _entries(self) -> Iterator[Parameter]:
         scales, contacts = self._scales, {contact.on for contact in self.contacts}
         for row, unit, scale, rate in self._rows:
@@ -145,7 +152,10 @@ class Linear(System):
                 if self._has(row, column, rate):
                     doubted = row in self.unshown or column in self.unshown
                     size = scale / scales[column]
-                    yield self._parameter(f"{row}_per_{column}", _ratio(unit, other), size, doubted=doubted)
+                    name = f"{row}_per_{column}"
+                    pulls = rate and column in self._own(row) and (self.begin or {}).get(name, 0.0) < 0.0
+                    high = 0.0 if pulls else REACH
+                    yield self._parameter(name, _ratio(unit, other), size, high=high, doubted=doubted)
             if not (rate and self.straight):
                 yield self._parameter(f"{row}_offset", unit, scale, doubted=row in self.unshown)
             if rate and row in contacts:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.models.structures import assemble
@@ -21,6 +22,8 @@ from hybrid_sysid_ros.support.errors import UserError
 Array = NDArray[np.float64]
 
 FORMAT = 2
+TRIALS = 0.2, 0.45, 0.8
+"""Where in the training range a step of a saved model is tried, by which a law that was changed since is noticed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,6 +91,7 @@ class Model:
             "scores": self.scores,
             "fit": self.fit,
             "free": list(self.names),
+            "trial": _trial(self.system, self.training_range, self.sampling.step),
             "versions": versions(),
         }
         arrays = {"weights": self.system.weights, "covariance": self.covariance}
@@ -126,14 +130,19 @@ def load(folder: Path | str, *, rig: str | Path = "") -> Model:
         names, covariance = tuple(content["free"]), arrays["covariance"]
         if covariance.shape != (len(names), len(names)):
             raise UserError(f"covariance has shape {covariance.shape} for {len(names)} free parameters; fit again")
+        ranges = {name: (float(a), float(b)) for name, (a, b) in content["training_range"].items()}
+        sampling = Sampling(**content["sampling"])
+        moved = _trial(system, ranges, sampling.step)
+        if not np.allclose(moved, content.get("trial", moved), rtol=1e-6, atol=1e-9, equal_nan=True):
+            raise UserError(f"rig {described.name} has another law than when the model was fitted; fit again")
         return Model(
             rig=described.name,
             structure=content["structure"],
             system=system,
-            sampling=Sampling(**content["sampling"]),
+            sampling=sampling,
             names=names,
             covariance=covariance,
-            training_range={name: (float(a), float(b)) for name, (a, b) in content["training_range"].items()},
+            training_range=ranges,
             records=tuple(content["records"]),
             scores=content["scores"],
             fit=content["fit"],
@@ -149,6 +158,15 @@ def load(folder: Path | str, *, rig: str | Path = "") -> Model:
 def signals_of(system: System) -> dict[str, list[str]]:
     """Names and units of what a system is connected by, as they are saved."""
     return {"inputs": [str(item) for item in system.inputs], "outputs": [str(item) for item in system.outputs]}
+
+
+def _trial(system: System, ranges: Mapping[str, tuple[float, float]], step: float) -> list[float]:
+    """States after a step from each of the TRIALS, one after the other; what has no training range begins at zero."""
+    ends = np.array([ranges.get(item.name, (0.0, 0.0)) for item in (*system.states, *system.inputs)])
+    low, high = ends.T
+    advance, n = symbolic_step(system, step=step), len(system.states)
+    points = [low + place * (high - low) for place in TRIALS]
+    return [float(value) for point in points for value in np.array(advance(point[:n], point[n:])).ravel()]
 
 
 def _changed(before: Mapping[str, Sequence[str]], now: Mapping[str, Sequence[str]]) -> str:

@@ -64,7 +64,9 @@ def driven(plant: Plant, wanted: Array) -> Iterator[Array]:
         yield inputs
 
 
-def simulate(rig: Rig, kind: str, out: Path, *, seed: int, duration: float, rate: float) -> Path:
+def simulate(
+    rig: Rig, kind: str, out: Path, *, seed: int, duration: float, rate: float, overwrite: bool = False
+) -> Path:
     """Drive the simulated rig through an experiment as the real one is driven, and write the bag.
 
     rate: of the bag's samples [Hz]; each carries the mean inputs since the one before. Raises UserError for a rate that
@@ -72,7 +74,7 @@ def simulate(rig: Rig, kind: str, out: Path, *, seed: int, duration: float, rate
     a place that can't be written.
     """
     every = rig.steps(1.0 / rate, f"rate {rate:g} Hz: its period")
-    check_folder(out, marker=METADATA)
+    check_folder(out, marker=METADATA, replace=overwrite)
     samples = round(duration * rate) + 1
     times = np.arange((samples - 1) * every + 1, dtype=np.float64) * rig.step
     wanted = excitation(rig, kind, seed=seed, duration=duration, times=times)
@@ -93,7 +95,7 @@ def simulate(rig: Rig, kind: str, out: Path, *, seed: int, duration: float, rate
     series = [_measurements(rig, stamps, shown, np.array(applied))]
     if rig.experiments.loops:
         series.append(_references(rig, stamps, wanted[::every]))
-    return write(out, series, replace=True, notes={"made_by": made_by})
+    return write(out, series, replace=overwrite, notes={"made_by": made_by})
 
 
 def _measurements(rig: Rig, stamps: NDArray[np.int64], shown: list[Measurement], applied: Array) -> Series:

@@ -26,6 +26,8 @@ OWN_NOISE = 0.05
 """Process noise of a state without a unit that a model has beside the rig's [1/sqrt(s)]."""
 NONE = 1e9
 """A bound of a state from which on it is none."""
+OPTIONS = {"model": "--model", "policy": "--policy-path"}
+"""Of commands, by which another folder than the shipped one is given."""
 TRAINED = Path(__file__).parents[1] / "trained"
 
 
@@ -35,7 +37,7 @@ def shipped(rig: str, kind: str) -> Path:
     """
     folder = TRAINED / rig / kind
     if not folder.is_dir():
-        raise UserError(f"no {kind} comes with the package for the rig {rig} ({folder}): give the path of one")
+        raise UserError(f"no {kind} comes with the package for the rig {rig} ({folder}): give {OPTIONS[kind]}")
     return folder
 
 

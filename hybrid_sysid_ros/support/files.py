@@ -131,7 +131,7 @@ def _check_replaceable(path: Path, target: Path, *, marker: str, replace: bool, 
     if not os.path.isfile(target / marker):
         raise UserError(f"{path}: holds other files (no {marker}), so it is not replaced: choose another name")
     if not replace:
-        raise UserError(f"{path}: exists already: choose another name or move it away")
+        raise UserError(f"{path}: exists already: choose another name, or replace it (--overwrite)")
 
 
 def _check_writable(target: Path) -> None:

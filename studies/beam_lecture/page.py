@@ -91,7 +91,7 @@ def _criterion(judgement: Judgement, number: int) -> float:
 
 def r2_text(value: float) -> str:
     """An R2, without decimals where it says that a simulation is lost."""
-    if not math.isfinite(value):
+    if not value > -1e6:
         return "diverges"
     text = f"{value:.3f}" if value > -10 else f"{value:.0f}"
     return text.replace("-", "\N{MINUS SIGN}")

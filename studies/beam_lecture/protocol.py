@@ -24,7 +24,7 @@ from studies.beam_lecture import lecture
 from studies.beam_lecture.candidate import Candidate, CandidateStore
 from studies.beam_lecture.comparison import RULE, Comparison, compare
 from studies.beam_lecture.lecture import Protocol, table_name
-from studies.beam_lecture.page import write_protocol
+from studies.beam_lecture.page import r2_text, write_protocol
 from studies.beam_lecture.report import StructureResult, protocol_section
 
 INTERRUPTED = 130
@@ -141,10 +141,10 @@ def described(candidate: Candidate) -> str:
     """One line on a candidate."""
     if candidate.validation is None:
         return f"failed: {candidate.error}"
-    test = np.mean([list(seed.values()) for seed in candidate.r2])
-    held = f"R2 {candidate.validation.value:.4f} +- {candidate.validation.standard_error:.4f} held out"
+    test = float(np.mean([list(seed.values()) for seed in candidate.r2]))
+    held = f"R2 {r2_text(candidate.validation.value)} +- {candidate.validation.standard_error:.4f} held out"
     when = "of an earlier run" if candidate.kept else "in all"
-    return f"{held}, {test:.4f} on the test, {candidate.seconds:.0f} s {when}"
+    return f"{held}, {r2_text(test)} on the test, {candidate.seconds:.0f} s {when}"
 
 
 def table(protocol: Protocol, comparison: Comparison, handling: str) -> Table:
@@ -166,7 +166,7 @@ def table(protocol: Protocol, comparison: Comparison, handling: str) -> Table:
         shown.add_row(
             candidate.structure + (", chosen" if chosen else ""),
             *cells,
-            f"{candidate.validation.value:.3f}",
+            r2_text(candidate.validation.value),
             f"{seconds:.1f} s",
             style="bold" if chosen else "",
         )
@@ -174,8 +174,8 @@ def table(protocol: Protocol, comparison: Comparison, handling: str) -> Table:
 
 
 def _cell(values: list[float]) -> str:
-    mean = f"{np.mean(values):.3f}"
-    return mean if len(values) == 1 else f"{mean}\n{min(values):.3f}-{max(values):.3f}"
+    mean = r2_text(float(np.mean(values)))
+    return mean if len(values) == 1 else f"{mean}\n{r2_text(min(values))} to {r2_text(max(values))}"
 
 
 def results(protocol: Protocol, comparison: Comparison, handling: str) -> dict[str, Any]:

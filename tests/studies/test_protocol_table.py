@@ -32,7 +32,7 @@ def test_no_number_of_the_table_is_cut(monkeypatch, capsys, width):
     records: list[Any] = [SimpleNamespace(name=name) for name in RECORDS]
     protocol = Protocol(number=1, training=[], part=Part(), tests=[(record, Part()) for record in records])
     model: Any = SimpleNamespace(fit={"seconds": 123.4})
-    r2 = [dict.fromkeys(RECORDS, -10.123 - number) for number in range(2)]
+    r2 = [dict.fromkeys(RECORDS, -9.123 - 0.5 * number) for number in range(2)]
     held = Validation(scores={"one": 0.9, "two": 0.8}, seconds=1.0)
     made = [Candidate(structure=name, models=[model], r2=r2, validation=held) for name in STRUCTURES]
     print_table(table(protocol, Comparison(candidates=made, chosen="hybrid", seconds=1.0), "averaged"))
@@ -41,5 +41,5 @@ def test_no_number_of_the_table_is_cut(monkeypatch, capsys, width):
     assert "…" not in text
     for name in (*COLUMNS, *STRUCTURES, *(f"{name}, published" for name in PUBLISHED[1]), "hybrid, chosen"):
         assert name in text
-    assert text.count("-11.123--10.123") == len(STRUCTURES) * len(RECORDS)
+    assert text.count("\N{MINUS SIGN}9.623 to \N{MINUS SIGN}9.123") == len(STRUCTURES) * len(RECORDS)
     assert max(map(len, lines)) == len(lines[1])  # nothing beyond the table's frame
