@@ -10,7 +10,6 @@ import typer
 from numpy.typing import NDArray
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.demo import Plan
 from hybrid_sysid_ros.commands.terminal import console, end, print_table
 from hybrid_sysid_ros.rigs.check import check, step_responses
 from hybrid_sysid_ros.rigs.rig import Rig, load
@@ -82,7 +81,7 @@ def _values(rig: Rig) -> Iterator[str]:
         ("nodes", lambda: configuration.mpc_problem(controller, rig)),
         ("nodes", lambda: configuration.estimator_tuning(estimator, rig)),
         ("policy_training", lambda: configuration.spread_of(rig)),
-        ("demo", lambda: Plan.of(rig).places(rig)),
+        ("demo", lambda: _demo(rig)),
     ]
     for section, make in made:
         try:
@@ -90,6 +89,12 @@ def _values(rig: Rig) -> Iterator[str]:
         except UserError as error:
             text = str(error)
             yield text if text.startswith(str(rig.file)) else f"{rig.file}: {section}: {text}"
+
+
+def _demo(rig: Rig) -> None:
+    from hybrid_sysid_ros.commands.demo import Plan  # takes a second
+
+    Plan.of(rig).places(rig)
 
 
 def _responses(rig: Rig, seconds: float) -> Table:
