@@ -21,6 +21,7 @@ from hybrid_sysid_ros.rigs.plant import Plant
 
 LOCKSTEP_START = SECOND  # stamp of the first measurement: 0 means "no time yet" to ROS
 EARLY = 0.1  # periods that a timer may be early; late ones never reach into the next period
+START_DELAY = 0.5  # s from all being there to the start: they may have yet to hear of one another
 ANSWER_TIMEOUT = 5.0  # s, after which an unanswered measurement is published again
 
 
@@ -55,7 +56,7 @@ class PlantNode(RigNode):
         self.commanded = [0.0] * len(layout.inputs)
         self.measurements = self.open("joint_states")
         self.commands = self.listen("joint_command", self.on_command)
-        self.when(self.is_matched, self.start)
+        self.when(self.is_matched, self.settle)
 
     def is_matched(self) -> bool:
         """Whether those are there that the plant waits for."""
@@ -63,6 +64,11 @@ class PlantNode(RigNode):
         if readers == 0 and not self.lockstep:
             return True
         return self.measurements.get_subscription_count() >= readers and self.commands.get_publisher_count() > 0
+
+    def settle(self) -> None:
+        """Let the rig go when those that are there have had time to see it, too, or a bag would begin later than it."""
+        matched = perf_counter()
+        self.when(lambda: perf_counter() - matched >= START_DELAY, self.start)
 
     def start(self) -> None:
         """Let the rig go."""

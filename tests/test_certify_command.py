@@ -133,7 +133,7 @@ def test_a_folder_that_is_no_policy_gets_one_line(command, tmp_path):
     (tmp_path / "policy.yaml").write_text("a: [")
     status, _, error = command(tmp_path)
     assert status == 2
-    assert error.endswith("can't be read; restore it or make the policy again (hybrid-sysid policy train)\n")
+    assert error.endswith("; restore it or make the policy again (hybrid-sysid policy train)\n")
 
 
 def test_a_certificate_that_cannot_be_kept_is_not_begun(command, broken_folder, linear_folder):

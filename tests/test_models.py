@@ -198,7 +198,7 @@ BAD = {
     "mixed keys": (text(lambda t: t + "1: 2\nnull: 3\n"), r"model\.yaml: was altered"),
     "no seal": (text(lambda t: t[: t.index("seal: ")]), r"model\.yaml: was altered"),
     "cut yaml": (text(lambda t: t[: len(t) // 2]), r"model\.yaml: (was altered|is no valid YAML)"),
-    "empty yaml": (text(lambda t: ""), r"model\.yaml: has no format number"),
+    "empty yaml": (text(lambda t: ""), r"model\.yaml: holds no keys"),
     "not yaml": (text(lambda t: "a: [b"), r"model\.yaml: is no valid YAML"),
     "code": (text(lambda t: t + "x: !!python/object/apply:os.getcwd []\n"), r"model\.yaml: is no valid YAML"),
     "newer format": (text(lambda t: t.replace("format: 2", "format: 3")), r"model\.yaml: format 3 is newer than 2"),

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_unknown, section
+from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_endless, refuse_unknown, section
 
 HOLDS = ("preceding", "following")
 _STEP = re.compile(r"\.?(?P<attribute>[A-Za-z_]\w*)|\[(?P<entry>[^\[\]]+)\]")
@@ -148,6 +148,7 @@ class Signals:
             UserError: no such file, no YAML, a key is unknown, missing or of the wrong kind.
         """
         content = read_mapping(path)
+        refuse_endless(content, f"{path}:")
         if not isinstance(content.get("signals"), dict):
             raise UserError(f"{path}: no section 'signals': it names the topics and fields of inputs and outputs")
         return cls.of(content["signals"], str(content.get("namespace") or ""), str(path))

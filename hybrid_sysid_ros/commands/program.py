@@ -30,16 +30,12 @@ class LateCommand(TyperCommand):
         app.command(self.name)(importlib.import_module(self.module).command)
         made: Any = typer.main.get_command(app)
         if "--help" in args:
-            _tell_default_rig(made)
+            from hybrid_sysid_ros.rigs.rig import default
+
+            for option in made.params:
+                if option.name == "rig" and not option.required and not option.callback:
+                    option.show_default = default()
         return made.make_context(info_name, args, parent=parent, **extra)
-
-
-def _tell_default_rig(made: Any) -> None:
-    from hybrid_sysid_ros.rigs.rig import default
-
-    for option in made.params:
-        if option.name == "rig" and not option.required and not option.callback:
-            option.show_default = default()
 
 
 class Commands(TyperGroup):

@@ -10,8 +10,7 @@ import typer
 from numpy.typing import NDArray
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.demo import Plan
-from hybrid_sysid_ros.commands.terminal import console, print_table, status
+from hybrid_sysid_ros.commands.terminal import console, end, print_table
 from hybrid_sysid_ros.rigs.check import check, step_responses
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
@@ -37,10 +36,7 @@ def command(
         console.print(f"note: {remark}")
     if not findings.problems:
         print_table(_responses(described, seconds))
-    for problem in problems:
-        status.print(f"error: {' '.join(problem.split())}")
-    if problems:
-        raise typer.Exit(2)
+    end(problems)
     console.print(f"{described.name}: no problems")
 
 
@@ -85,7 +81,7 @@ def _values(rig: Rig) -> Iterator[str]:
         ("nodes", lambda: configuration.mpc_problem(controller, rig)),
         ("nodes", lambda: configuration.estimator_tuning(estimator, rig)),
         ("policy_training", lambda: configuration.spread_of(rig)),
-        ("demo", lambda: Plan.of(rig).places(rig)),
+        ("demo", lambda: _demo(rig)),
     ]
     for section, make in made:
         try:
@@ -93,6 +89,12 @@ def _values(rig: Rig) -> Iterator[str]:
         except UserError as error:
             text = str(error)
             yield text if text.startswith(str(rig.file)) else f"{rig.file}: {section}: {text}"
+
+
+def _demo(rig: Rig) -> None:
+    from hybrid_sysid_ros.commands.demo import Plan  # takes a second
+
+    Plan.of(rig).places(rig)
 
 
 def _responses(rig: Rig, seconds: float) -> Table:

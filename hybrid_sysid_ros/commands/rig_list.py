@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import print_table, status
+from hybrid_sysid_ros.commands.terminal import end, print_table
 from hybrid_sysid_ros.rigs.folder import find, names
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -20,11 +19,8 @@ def command() -> None:
             folder = find(name)
             rows.setdefault(folder.path.resolve(), [folder.package]).insert(-1, name)
         except UserError as error:
-            problems.append(f"error: {error}")
+            problems.append(str(error))
     for path, (*called, package) in rows.items():
         table.add_row(", ".join(called), package, str(path))
     print_table(table)
-    for problem in problems:
-        status.print(problem)
-    if problems:
-        raise typer.Exit(2)
+    end(problems)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -67,6 +68,14 @@ def print_table(table: Table) -> None:
         whole.print(table.title, style="table.title")
         table.title = None
     whole.print(table)
+
+
+def end(problems: Sequence[str]) -> None:
+    """Leave a command with status 2 where there are problems, a line for each."""
+    for problem in problems:
+        status.print(f"error: {' '.join(problem.split())}")
+    if problems:
+        raise typer.Exit(2)
 
 
 STRUCTURES_HELP = " | ".join((*STRUCTURES, "a further gray box of the rig", "hybrid_NAME on a gray box"))

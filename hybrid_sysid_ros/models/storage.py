@@ -18,6 +18,7 @@ from safetensors.numpy import save as serialised
 from hybrid_sysid_ros.support import yaml_text
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256, written_file, written_folder
+from hybrid_sysid_ros.support.structured import read_mapping
 
 ARRAYS = "weights.safetensors"
 MADE_BY = {"model": "identify", "policy": "policy train", "certificate": "policy certify"}
@@ -74,13 +75,8 @@ def load_sheet(path: Path, *, kind: str, version: int) -> dict[str, Any]:
 
     Raises UserError, naming the file, where it is unreadable, altered since it was saved, or of another format.
     """
-    try:
-        content = yaml_text.read(path)
-    except yaml_text.TextError as error:
-        raise UserError(f"{path}: {error}; restore it or {_again(kind)}") from error
-    except OSError as error:
-        raise UserError(f"{path}: can't be read ({error.strerror}); restore it or {_again(kind)}") from error
-    if not isinstance(content, dict) or not isinstance(content.get("format"), int):
+    content = _content(path, kind)
+    if not isinstance(content.get("format"), int):
         raise UserError(f"{path}: has no format number; restore it or {_again(kind)}")
     if content["format"] > version:
         raise UserError(
@@ -100,10 +96,17 @@ def digest(folder: Path | str, *, kind: str) -> str:
     Raises UserError where there is none, or it can't be read.
     """
     path = _sheet(folder, kind)
+    content = _content(path, kind)
+    if "seal" not in content:
+        raise UserError(f"{path}: has no seal; restore it or {_again(kind)}")
+    return str(content["seal"])
+
+
+def _content(path: Path, kind: str) -> dict[str, Any]:
     try:
-        return str(yaml_text.read(path)["seal"])
-    except (OSError, yaml_text.TextError, KeyError, TypeError) as error:
-        raise UserError(f"{path}: can't be read; restore it or {_again(kind)}") from error
+        return read_mapping(path)
+    except UserError as error:
+        raise UserError(f"{error}; restore it or {_again(kind)}") from error
 
 
 def _sheet(folder: Path | str, kind: str) -> Path:

@@ -31,20 +31,18 @@ BLIND = 1e-9
 """Ratio of the least to the greatest effect of a state (in its magnitude) on the outputs, below which it has none."""
 GROWTH = 1e-3
 """Rate [1/s] from which on a linearised system counts as unstable."""
-MOST_DELAYS = 1000
-"""Of all loops together [steps]; where there are more, their poles are not looked for."""
+STEPS_LATE = 100
+"""Of a loop; one that is later is looked at in longer steps."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
     """What a check found."""
 
-    problems: tuple[str, ...]
+    problems: list[str]
     """What must be changed, a line each."""
-    remarks: tuple[str, ...]
+    remarks: list[str]
     """What the author may want to know."""
-    states: Array
-    """Magnitude of each state in the experiment (states,)."""
 
 
 def check(rig: Rig) -> Findings:
@@ -53,23 +51,23 @@ def check(rig: Rig) -> Findings:
     problems = list(_at_origin(rig.system, where))
     for name, other in rig.structures.items():
         problems += (f"{where}: structure {name}: {line.partition(': ')[2]}" for line in _at_origin(other, where))
-    if problems:
-        return Findings(problems=tuple(problems), remarks=(), states=np.zeros(0))
     if rig.step * WINDOWS * 2 > SECONDS:
         told = f"{rig.file}: step: {rig.step:g} s is too long to see anything in {SECONDS:g} s; give it below "
-        return Findings(problems=(f"{told}{SECONDS / (2 * WINDOWS):g} s",), remarks=(), states=np.zeros(0))
+        problems.append(f"{told}{SECONDS / (2 * WINDOWS):g} s")
+    if problems:
+        return Findings(problems=problems, remarks=[])
     problems, remarks = list(_values(rig)), list(_remarks(rig.system))
     states, inputs = _experiment(rig)
-    steady = np.isfinite(states).all()
-    magnitudes = np.maximum(np.max(np.abs(states[np.isfinite(states).all(axis=1)]), axis=0), 1e-6)
+    steady = np.isfinite(states).all(axis=1)
+    magnitudes = np.maximum(np.max(np.abs(states[steady]), axis=0), 1e-6)
     if growing := list(_growing(rig, magnitudes, where)):
         problems += growing
-    elif not steady:
+    elif not steady.all():
         problems.append(f"{where}: the states grow beyond all numbers in the experiments of {rig.file.name}")
     else:
         problems += (*_on_grid(rig, magnitudes, where), *_blind(rig, states, inputs, magnitudes, where))
         remarks += _reached(rig, states)
-    return Findings(problems=tuple(problems), remarks=tuple(remarks), states=magnitudes)
+    return Findings(problems=problems, remarks=remarks)
 
 
 def _at_origin(system: System, where: str) -> Iterator[str]:
@@ -153,14 +151,13 @@ def _growing(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
     rounded over the speeds of the experiment, outside the unit circle. What integrates has one on it.
     """
     names, loops = [item.name for item in rig.system.states], rig.experiments.loops
-    late = sum(rig.system.input_delays[index] + rig.sensors[loop.output].delay for index, loop in loops.items())
-    if late > MOST_DELAYS * rig.step:
-        return
     rounding = max((magnitudes[names.index(contact.on)] for contact in rig.system.contacts), default=1.0)
-    matrix = _under_loops(rig, float(rounding))
+    late = (rig.system.input_delays[index] + rig.sensors[loop.output].delay for index, loop in loops.items())
+    every = 1 + int(max(late, default=0.0) / (STEPS_LATE * rig.step))
+    matrix = _under_loops(rig, float(rounding), every)
     # Of A - 1: where a state integrates there are zeros to the last bit, which a chain of them needs.
     values, vectors = np.linalg.eig(matrix - np.eye(len(matrix)))
-    growth = np.log(np.maximum(np.abs(1.0 + values), 1e-300)) / rig.step
+    growth = np.log(np.maximum(np.abs(1.0 + values), 1e-300)) / (every * rig.step)
     fastest = int(np.argmax(growth))
     if growth[fastest] > GROWTH:
         share = np.abs(vectors[: len(names), fastest]) / magnitudes
@@ -172,37 +169,45 @@ def _growing(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
             yield f"{where}: {told}; give the experiments in {rig.file.name} a loop that holds it"
 
 
-def _under_loops(rig: Rig, rounding: float) -> Array:
-    """A step at rest of all that moves while the loops of the experiments drive their inputs: the system's states, and
-    of each loop its low-pass, its integral part and the inputs that are under way (all, all). A sensor's delay counts
-    as its loop's: it may as well be the input's.
+def _under_loops(rig: Rig, rounding: float, every: int) -> Array:
+    """So many steps at rest of all that moves while the loops of the experiments drive their inputs: the system's
+    states, and of each loop its low-pass, its integral part and the inputs that are under way (all, all). A sensor's
+    delay counts as its loop's: it may as well be the input's.
     """
-    system, m = rig.system, len(rig.system.inputs)
+    system, m, h = rig.system, len(rig.system.inputs), every * rig.step
     rest = np.zeros(len(system.states)), np.zeros(m)
     found = [sloped(system, *rest, step=rig.step, smoothing=rounding, output=output)[1] for output in (False, True)]
     step, output = (np.nan_to_num(slopes, posinf=0.0, neginf=0.0) for slopes in found)  # a root's is infinite at rest
-    loops, sizes = [], [len(step)]
+    step, loops, sizes = _held(step, every), [], [len(step)]
     for index, loop in rig.experiments.loops.items():
-        sensor = rig.sensors[loop.output]
-        whole, part = divmod((system.input_delays[index] + sensor.delay) / rig.step, 1.0)
-        low_pass = LowPassFilter(sensor.low_pass, rig.step) if sensor.low_pass else None
+        sensor, low_pass = rig.sensors[loop.output], np.zeros((0, 1))
+        if sensor.low_pass:
+            exact = LowPassFilter(sensor.low_pass, rig.step)
+            low_pass = _held(np.column_stack([exact.transition, exact.gain]), every)
+        whole, part = divmod((system.input_delays[index] + sensor.delay) / h, 1.0)
         loops.append((index, loop, sensor.scale, low_pass, int(whole), part))
-        sizes += [len(low_pass.state) if low_pass else 0, 1, int(whole) + 2]
+        sizes += [len(low_pass), 1, int(whole) + 2]
     state, *kept = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])  # each row in terms of all numbers
     acted, acting, following = np.zeros((m, sum(sizes))), np.zeros((m, sum(sizes))), []
     for (index, *_, whole, part), past in zip(loops, kept[2::3], strict=True):
         acted[index] = (1.0 - part) * past[whole] + part * past[whole + 1]
-    shown = output @ np.vstack([state, acted])
+    outputs = output @ np.vstack([state, acted])
     for (index, loop, scale, low_pass, whole, part), filtered, integral, past in zip(
         loops, kept[::3], kept[1::3], kept[2::3], strict=True
     ):
-        error = -(low_pass.reading @ filtered if low_pass else shown[loop.output]) / scale
+        both = np.vstack([filtered, outputs[loop.output]])
+        error = -both[len(filtered) - 1] / scale  # of the low-pass's last state, or without one of the output
         past = np.vstack([loop.gain * error + integral, past[:-1]])
         acting[index] = (1.0 - part) * past[whole] + part * past[whole + 1]
-        if low_pass:
-            filtered = low_pass.transition @ filtered + np.outer(low_pass.gain, shown[loop.output])
-        following += [filtered, integral + loop.gain * loop.integral * rig.step * error, past]
+        following += [low_pass @ both, integral + loop.gain * loop.integral * h * error, past]
     return np.vstack([step @ np.vstack([state, acting]), *following])
+
+
+def _held(step: Array, count: int) -> Array:
+    """[A, B] of so many steps under inputs that hold."""
+    n, width = step.shape
+    held: Array = np.linalg.matrix_power(np.vstack([step, np.eye(width)[n:]]), count)[:n]
+    return held
 
 
 def _on_grid(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:

@@ -19,7 +19,7 @@ from hybrid_sysid_ros.rigs.excitation import Excitation, Schedule, Segment
 from hybrid_sysid_ros.rigs.joints import Joints
 from hybrid_sysid_ros.rigs.sensor import Display, Sensor
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_unknown, section
+from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_endless, refuse_unknown, section
 
 SECTIONS = (
     "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
@@ -178,6 +178,7 @@ def _read(found: folders.RigFolder) -> Rig:
     path = found.path / folders.VALUES
     where, content = str(path), read_mapping(path)
     refuse_unknown(content, SECTIONS, where)
+    refuse_endless(content, f"{where}:")
     system, structures = folders.systems_of(found)
     for other in structures.values():
         _check_alike(system, other, str(found.path / folders.SYSTEM))

@@ -11,11 +11,10 @@ from typing import Any
 
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_unknown, section
+from hybrid_sysid_ros.support.structured import KINDS, built, numbers, read_mapping, refuse_unknown, section
 
 DECLARATIONS = Path(__file__).parents[1] / "msgs_config" / "nodes.yaml"
 EACH = ("input", "output", "state")
-_KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +39,7 @@ class Parameter:
 
     def __post_init__(self) -> None:
         items = self.default if self.each and isinstance(self.default, list) else [self.default]
-        if any(type(item) not in _KINDS or (self.each and type(item) not in (int, float)) for item in items):
+        if any(type(item) not in KINDS or (self.each and type(item) not in (int, float)) for item in items):
             raise UserError(f"parameter {self.name}: the default {self.default!r} is of no known kind")
         if self.each not in ("", *EACH):
             raise UserError(f"parameter {self.name}: each is {self.each!r}: choose one of {', '.join(EACH)}")
@@ -71,7 +70,7 @@ class Parameter:
         if kind is float and type(value) is int:
             value = float(value)
         if type(value) is not kind:  # a truth value is no number
-            raise UserError(f"parameter {self.name} is {value!r}: it needs {_KINDS[kind]}")
+            raise UserError(f"parameter {self.name} is {value!r}: it needs {KINDS[kind]}")
         if kind in (int, float) and not (math.isfinite(value) and self.low <= value <= self.high):
             unit = f" {self.unit}" if self.unit else ""
             raise UserError(f"parameter {self.name} is {value}{unit}: it must be within [{self.low:g}, {self.high:g}]")

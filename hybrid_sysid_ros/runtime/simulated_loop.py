@@ -30,6 +30,7 @@ def simulated_loop(
 
     reference: times (samples,) [s] in, the outputs as they are shown (samples, p) out.
     """
+    rig.steps(controller.period, "the period of the controller")
     tuning = configuration.estimator_tuning(configuration.defaults(rig.name, "estimator"), rig, model.system)
     estimator = ExtendedKalmanFilter(model.system, tuning, period=controller.period, latency=0.0)
     scales = np.array([display.scale for display in rig.display])

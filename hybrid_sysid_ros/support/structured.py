@@ -13,14 +13,14 @@ from hybrid_sysid_ros.support import yaml_text
 from hybrid_sysid_ros.support.errors import UserError
 
 T = TypeVar("T")
-_KINDS = {float: "a number", int: "a whole number", str: "text", bool: "true or false"}
+KINDS = {float: "a number", int: "a whole number", str: "text", bool: "true or false"}
 
 
 def read_mapping(path: Path | str) -> dict[str, Any]:
     """Read a YAML file that holds a mapping.
 
     Raises:
-        UserError: no such file, not readable, no YAML or no mapping, or a number that is none or without end.
+        UserError: no such file, not readable, no YAML or no mapping.
     """
     try:
         content = yaml_text.read(Path(path))
@@ -29,19 +29,19 @@ def read_mapping(path: Path | str) -> dict[str, Any]:
     except yaml_text.TextError as error:
         raise UserError(f"{path}: {error}") from error
     if not isinstance(content, dict):
-        raise UserError(f"{path}: holds no keys: it needs sections with a name each, such as 'signals:'")
-    _refuse_endless(content, f"{path}:")
+        raise UserError(f"{path}: holds no keys: it needs sections with a name each")
     return content
 
 
-def _refuse_endless(value: Any, where: str) -> None:
+def refuse_endless(value: Any, where: str) -> None:
+    """Raise UserError for numbers in nested mappings and lists that are none or without end."""
     if isinstance(value, float) and not math.isfinite(value):
         raise UserError(f"{where} is {value}: it needs a number")
     if isinstance(value, dict):
         for key, item in value.items():
-            _refuse_endless(item, f"{where}{' ' if where.endswith(':') else '.'}{key}")
+            refuse_endless(item, f"{where}{' ' if where.endswith(':') else '.'}{key}")
     for item in value if isinstance(value, list) else ():
-        _refuse_endless(item, where)
+        refuse_endless(item, where)
 
 
 def section(content: Mapping[str, Any], key: str, where: str, *, needed: bool = False) -> dict[str, Any]:
@@ -106,6 +106,6 @@ def _checked(hint: Any, value: Any, where: str) -> Any:
         return built(wanted, value, where)
     if wanted is float and type(value) is int:
         return float(value)
-    if wanted in _KINDS and type(value) is not wanted:
-        raise UserError(f"{where} is {value!r}: it needs {_KINDS[wanted]}")
+    if wanted in KINDS and type(value) is not wanted:
+        raise UserError(f"{where} is {value!r}: it needs {KINDS[wanted]}")
     return value

@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from scipy import optimize, signal
+from scipy import signal
 
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.core import Dry, System, bounded
@@ -108,20 +108,17 @@ def test_a_loop_that_is_too_weak_is_told_with_what_grows():
     assert "do not tell" not in found
 
 
+@pytest.mark.parametrize("delay", [0.02, 0.35])
 @pytest.mark.parametrize("share", [0.97, 1.03])
-def test_a_loop_is_stable_up_to_the_gain_at_which_its_phase_is_180_degrees(share):
+def test_a_loop_is_stable_up_to_the_gain_at_which_its_phase_is_180_degrees(share, delay):
     """k (1 + a / s) F(s) e^(-s T) / (1 + s / 2): delays of input, sensor and half a step, F of 5 Hz (scipy's)."""
-    late, integral, low_pass = 0.0125 + 0.02 + 0.0005, 1.5, LowPass(hertz=5.0, order=2)
+    s, integral, low_pass = 1j * np.linspace(1.0, 60.0, 100_000), 1.5, LowPass(hertz=5.0, order=2)
     numerator, denominator = signal.butter(2, 2 * np.pi * low_pass.hertz, analog=True)
-
-    def along(w):
-        s = 1j * w
-        filtered = np.polyval(numerator, s) / np.polyval(denominator, s)
-        return (1 + integral / s) * filtered * np.exp(-s * late) / (1 + 0.5 * s)
-
-    crossing = optimize.brentq(lambda w: along(w).imag, 5.0, 40.0)
-    loop = Loop(output=0, gain=share / abs(along(crossing)), integral=integral)
-    sensors = {"first": Sensor(unit="m", delay=0.02, low_pass=low_pass)}
+    filtered = np.polyval(numerator, s) / np.polyval(denominator, s)
+    along = (1 + integral / s) * filtered * np.exp(-s * (0.0125 + delay + 0.0005)) / (1 + 0.5 * s)
+    crossing = along[np.flatnonzero(np.diff(np.sign(along.imag)) > 0)[0]]
+    loop = Loop(output=0, gain=share / abs(crossing), integral=integral)
+    sensors = {"first": Sensor(unit="m", delay=delay, low_pass=low_pass)}
     found = problems(rig_of(Lags(), sensors=sensors, experiments=Experiments(loops={0: loop})))
     assert ("unstable at the origin in first" in found) == (share > 1.0)
 
@@ -139,7 +136,7 @@ def test_an_excitation_beyond_the_limits_is_told_by_its_key():
 
 def test_variables_without_a_unit_are_remarked():
     assert any(line.startswith("third:") for line in check(rig_of(Bare())).remarks)
-    assert check(rig_of(Mass())).remarks == ()
+    assert check(rig_of(Mass())).remarks == []
 
 
 @pytest.mark.parametrize(
@@ -209,7 +206,7 @@ def test_the_rig_that_is_meant_where_none_is_named_stands_in_the_help(command):
 
 @pytest.mark.parametrize("name", ["cam_beam", "flexible_joint"])
 def test_the_rigs_of_the_package_pass(name):
-    assert check(load(name)).problems == ()
+    assert check(load(name)).problems == []
 
 
 def test_a_step_too_long_to_see_anything_is_told():
