@@ -17,7 +17,7 @@ NUMBERS = {
     "bool": "u1", "byte": "u1", "char": "u1", "uint8": "u1", "int8": "i1", "uint16": "u2", "int16": "i2",
     "uint32": "u4", "int32": "i4", "uint64": "u8", "int64": "i8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
-MOST_FIELDS = 1_000_000  # of the layouts of messages that are in memory together; a list of numbers is one
+MOST_FIELDS = 300_000  # of the layouts of messages that are in memory together; a list of numbers is one
 DEEPEST = 32  # messages in one another
 NAME_LISTS = ("name", "joint_names")  # where a message keeps the names of its joints
 
