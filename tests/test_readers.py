@@ -15,7 +15,7 @@ from test_bags import SIGNALS, references, states  # type: ignore[import-not-fou
 from benchmarks.fuzz import crafted, records
 from benchmarks.fuzz.worker import FAILURES, Reader
 from hybrid_sysid_ros import bags, models
-from hybrid_sysid_ros.bags.mcap import CHANNEL, CHUNK, LARGEST_CHUNK, MESSAGE, SCHEMA
+from hybrid_sysid_ros.bags.mcap import CHANNEL, CHUNK, LARGEST_CHUNK, MESSAGE, SCHEMA, STATISTICS
 from hybrid_sysid_ros.bags.series import jazzy_types
 from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.control.policy import policy as policies
@@ -112,6 +112,14 @@ def test_a_topic_that_the_summary_calls_otherwise_is_noticed(bag):
     found[at] = (CHANNEL, found[at][1].replace(b"/cam_beam/reference", b"/cam_beam/referencf"))
     (bag.parent / "other.mcap").write_bytes(records.file_of(found))
     refused(bag.parent / "other.mcap", "/cam_beam/reference")
+
+
+def test_a_bag_without_statistics_or_repeated_channels_is_read_as_it_is(bag):
+    found = records.split((bag / "run.mcap").read_bytes())
+    for left_out in ((STATISTICS,), (SCHEMA, CHANNEL), (STATISTICS, SCHEMA, CHANNEL)):
+        path = bag.parent / "other.mcap"
+        path.write_bytes(records.file_of([record for record in found if record[0] not in left_out]))
+        assert bags.read(path, SIGNALS).samples == 40_000
 
 
 def test_metadata_and_file_must_agree(bag):

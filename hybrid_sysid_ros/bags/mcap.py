@@ -235,7 +235,7 @@ def stated(path: Path) -> Stated:
         DamagedError: the summary or the file's end are damaged.
     """
     channels, found = _Channels(), Stated()
-    by_number, count = dict[int, int](), 0
+    by_number, count = dict[int, int](), 0  # the latter is that of channels
     with path.open("rb") as stream:
         end = path.stat().st_size - len(MAGIC) - _FOOTER.size
         if end < len(MAGIC):
@@ -263,9 +263,11 @@ def stated(path: Path) -> Stated:
             else:
                 found.messages, _, count, _, _, found.chunks, _, _, table = _STATISTICS.unpack_from(record)
                 by_number = dict(_COUNT.iter_unpack(record[_STATISTICS.size : _STATISTICS.size + table]))
+    found.schemas = channels.schemas
+    if found.messages is None:
+        return found
     if len(channels.topics) not in (0, count):  # a file need not repeat them behind its data
         raise DamagedError(f"the summary counts {count} channels and lists {len(channels.topics)}")
-    found.schemas = channels.schemas
     if sum(by_number.values()) == found.messages and set(by_number) <= set(channels.topics):
         found.counts = dict.fromkeys(channels.schemas, 0)
         for number, count in by_number.items():
