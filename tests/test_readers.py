@@ -21,6 +21,7 @@ from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.safety import certificate
 from hybrid_sysid_ros.models import storage
+from hybrid_sysid_ros.rigs.excitation import Excitation
 from hybrid_sysid_ros.support import yaml_text
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import read_mapping
@@ -300,6 +301,11 @@ def test_values_are_counted_as_often_as_aliases_repeat_them():
     levels = [f"k{k}: &k{k} [{', '.join([f'*k{k - 1}'] * 10)}]" for k in range(1, 6)]
     with pytest.raises(yaml_text.TextError):
         yaml_text.parsed("\n".join(["k0: &k0 [a]", *levels]))
+
+
+def test_an_excitation_s_kind_is_a_text():
+    with pytest.raises(UserError):
+        Excitation.of({"kind": ["steps"]}, "here")
 
 
 # models, policies, certificates
