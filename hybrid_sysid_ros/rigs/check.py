@@ -112,6 +112,16 @@ def _values(rig: Rig) -> Iterator[str]:
                     f"{actuator.low:g} to {actuator.high:g} {item.unit}; make it smaller"
                 )
 
+    low, high = rig.travel_of_outputs / np.array([display.scale for display in rig.display])
+    for name, schedule in rig.references.items():
+        for segment in schedule.segments:
+            ends = sorted((low[segment.output], high[segment.output]))
+            if told := segment.excitation.beyond(*ends):
+                yield (
+                    f"{rig.file}: references.{name}.segments.{segment.name}: {told} is beyond the travel, "
+                    f"{ends[0]:g} to {ends[1]:g} {rig.display[segment.output].unit}; make it smaller"
+                )
+
 
 def _remarks(system: System) -> Iterator[str]:
     """Units that are missing, and delays that a controller can't have."""

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.bags import METADATA, Series, joint_states, joint_trajectories, write
+from hybrid_sysid_ros.bags import Series, joint_states, joint_trajectories, markers, write
 from hybrid_sysid_ros.rigs.plant import Measurement, Plant
-from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.rig import BEYOND, Rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
 
@@ -22,8 +22,6 @@ START = 1_000_000_000
 """Stamp of the first sample [ns]: zero means "no time yet" to ROS."""
 SEEDS = 7919
 """Between the seeds of the inputs' excitations."""
-BEYOND = 1e9
-"""No state or output of a rig is that large, whatever its unit."""
 
 
 def excitation(rig: Rig, name: str, *, seed: int, duration: float, times: Array) -> Array:
@@ -74,7 +72,7 @@ def simulate(
     a place that can't be written.
     """
     every = rig.steps(1.0 / rate, f"rate {rate:g} Hz: its period")
-    check_folder(out, marker=METADATA, replace=overwrite)
+    check_folder(out, marker=markers(out), replace=overwrite)
     samples = round(duration * rate) + 1
     times = np.arange((samples - 1) * every + 1, dtype=np.float64) * rig.step
     wanted = excitation(rig, kind, seed=seed, duration=duration, times=times)

@@ -54,6 +54,10 @@ class Plant:
         self._delays = [_split(delay / rig.step) for delay in system.input_delays]
         self._channels = [_Reading(sensor, rig.step) for sensor in rig.sensors]
         self._drive, self._outputs = np.zeros(len(rig.actuators)), np.zeros(len(rig.sensors))
+        velocities = (system.kinematics.get(index, -1) for index in range(len(system.states)))
+        self._velocities = np.array(list(velocities), dtype=np.int64)
+        self.stopped = 0
+        """Steps in which a state was at the end of its travel."""
         self.reset(np.zeros(len(system.states)))
 
     def reset(self, state: ArrayLike, *, inputs: ArrayLike | None = None) -> None:
@@ -96,9 +100,9 @@ class Plant:
 
     def _move(self, *, steps: int) -> list[float]:
         """Advance the state in place under what acts now; the outputs there (outputs,)."""
-        _moved(
+        self.stopped += _moved(
             *self._functions, self.state, self._drive, self._parameters, self._weights, self.rig.step, steps,
-            self._outputs,
+            self._outputs, self.rig.travel, self._velocities,
         )  # fmt: skip
         found: list[float] = self._outputs.tolist()
         return found
@@ -138,14 +142,38 @@ class Plant:
 
 
 @kernel
-def _moved(step: int, output: int, x: Array, u: Array, p: Array, w: Array, h: float, steps: int, y: Array) -> None:
-    """Steps of x (states,) in place under u (inputs,), and the outputs y (outputs,), by addresses of compiled code."""
-    following = np.empty(x.shape[0])
+def _moved(
+    step: int,
+    output: int,
+    x: Array,
+    u: Array,
+    p: Array,
+    w: Array,
+    h: float,
+    steps: int,
+    y: Array,
+    travel: Array,
+    velocities: NDArray[np.int64],
+) -> int:
+    """Steps of x (states,) in place under u (inputs,), and the outputs y (outputs,), by addresses of compiled code.
+
+    travel (2, states): a state that would leave it stays at its end, and its velocity, the state of an index in
+    ``velocities`` (states,), -1 for none, goes no further that way. Returns in how many steps that was so.
+    """
+    following, stopped = np.empty(x.shape[0]), 0
     for _ in range(steps):
         call_value(step, x, u, p, w, h, 0.0, following)
+        ended = False
         for i in range(x.shape[0]):
-            x[i] = following[i]
+            x[i] = min(max(following[i], travel[0, i]), travel[1, i])
+            ended = ended or x[i] != following[i]
+        for i in range(x.shape[0]):
+            v = velocities[i]
+            if v >= 0 and x[i] != following[i]:
+                x[v] = min(x[v], 0.0) if x[i] < following[i] else max(x[v], 0.0)
+        stopped += ended
     call_value(output, x, u, p, w, h, 0.0, y)
+    return stopped
 
 
 class _Reading:

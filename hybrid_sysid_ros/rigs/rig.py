@@ -23,8 +23,10 @@ from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, re
 
 SECTIONS = (
     "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
-    "policy_training", "policy_certificate", "demo",
+    "policy_training", "policy_certificate", "demo", "travel",
 )  # fmt: skip
+BEYOND = 1e9
+"""No state, input or output of a rig is that large, whatever its unit."""
 
 LONGEST_NAME = 100  # characters
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
@@ -69,6 +71,8 @@ class Rig:
     """Of each output."""
     actuators: tuple[Actuator, ...]
     """Of each input."""
+    travel: NDArray[np.float64]
+    """Lowest and highest value of each state (2, states): the stops of the simulated rig; infinite without one."""
     joints: Joints
     namespace: str
     """Of its topics, without slashes at its ends."""
@@ -111,6 +115,16 @@ class Rig:
                 f"{what}, {period:g} s, is no multiple of the step of {self.name}, {self.step:g} s; change one of them"
             )
         return count
+
+    @property
+    def travel_of_outputs(self) -> NDArray[np.float64]:
+        """The same of each output that is a state (2, outputs)."""
+        names = [item.name for item in self.system.states]
+        found = np.tile([[-np.inf], [np.inf]], len(self.system.outputs))
+        for index, item in enumerate(self.system.outputs):
+            if item.name in names:
+                found[:, index] = self.travel[:, names.index(item.name)]
+        return found
 
     @property
     def bias(self) -> tuple[float, ...]:
@@ -196,6 +210,7 @@ def _read(found: folders.RigFolder) -> Rig:
         step=_above_zero(content, "step", where),
         sensors=sensors,
         actuators=actuators,
+        travel=_travel(section(content, "travel", where), system, f"{where}: travel"),
         joints=joints,
         namespace=namespace,
         signals=signals.ordered(system.inputs, system.outputs),
@@ -256,6 +271,18 @@ def _actuators(told: Mapping[str, Any], system: System, where: str) -> tuple[Act
         if item.name not in told:
             raise UserError(f"{where}.{item.name} is missing: it needs low and high [{item.unit}]")
     return tuple(built(Actuator, told[item.name], f"{where}.{item.name}") for item in system.inputs)
+
+
+def _travel(told: Mapping[str, Any], system: System, where: str) -> NDArray[np.float64]:
+    """Lowest and highest value of each state."""
+    found = np.tile([[-np.inf], [np.inf]], len(system.states))
+    for name, value in told.items():
+        index = _index(name, system.declared_states, where, "state")
+        low, high = numbers(value, f"{where}.{name}", count=2)
+        if not low < high:
+            raise UserError(f"{where}.{name} goes from {low:g} to {high:g}: the lowest value must come first")
+        found[:, index] = low, high
+    return found
 
 
 def _above_zero(content: Mapping[str, Any], key: str, where: str) -> float:

@@ -105,6 +105,11 @@ class Sensor:
         return Display(unit=self.unit, scale=self.scale)
 
     @property
+    def noisy(self) -> bool:
+        """Whether its noise moves its readings from one to the next, so that many alike are a fault."""
+        return self.white_noise > (0.5 * self.quantiser.count if self.quantiser else 0.0)
+
+    @property
     def noise(self) -> float:
         """Noise in all, rms [reading unit]."""
         return math.hypot(self.hum.rms if self.hum else 0.0, self.white_noise)

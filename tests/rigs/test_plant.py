@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.actuator import Actuator
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.sensor import Hum, LowPass, LowPassFilter, Quantiser, Sensor
@@ -149,3 +150,20 @@ def test_a_plant_begins_where_it_is_told_with_settled_inputs():
     plant.reset([2.0, 3.0], inputs=[2.0, 3.0])
     np.testing.assert_allclose(readings(plant, np.tile([2.0, 3.0], (100, 1)))[-1], [2.0, 3.0, 9.0], atol=1e-12)
     assert plant.time == pytest.approx(0.1)
+
+
+def test_the_simulated_rig_stops_at_the_end_of_its_travel():
+    plant = Plant(rigs.load("cam_beam"), seed=0)
+    low, high = plant.rig.travel[:, 0]
+    for inputs, end in ((10.0, high), (-10.0, low)):
+        for _ in range(3000):
+            plant.advance(inputs)
+            assert low <= plant.state[0] <= high
+        assert plant.state[0] == end
+        assert plant.state[1] == 0.0
+    assert plant.stopped > 2000
+    plant.reset([0.0, 0.3])
+    before = plant.stopped
+    for _ in range(10):
+        plant.advance(0.0)
+    assert plant.stopped == before

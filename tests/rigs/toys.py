@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.core import RungeKutta, System, bounded
 from hybrid_sysid_ros.rigs.actuator import Actuator
@@ -53,6 +55,7 @@ def rig_of(
         "step": step,
         "sensors": all_sensors,
         "actuators": tuple(Actuator(low=-limit, high=limit) for _ in system.inputs),
+        "travel": np.tile([[-np.inf], [np.inf]], len(system.states)),
         "joints": joints,
         "namespace": "toy",
         "signals": Signals(namespace="toy", inputs=inputs, outputs=outputs, channels=channels),
