@@ -5,32 +5,37 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
-from queue import SimpleQueue
-from threading import Thread
+from threading import Event, Thread
 from typing import Any
 
 from rclpy.qos import QoSProfile
 
-from hybrid_sysid_ros.bags import BagWriter
+from hybrid_sysid_ros.bags import Recording
 from hybrid_sysid_ros.nodes import topics
-from hybrid_sysid_ros.nodes.base import ERROR, OK, WARN, RigNode, run
+from hybrid_sysid_ros.nodes.base import RigNode, run
+from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
 from hybrid_sysid_ros.support.errors import UserError
 
 DEPTH = 10_000  # messages that wait for the recorder: it comes after the loop
 NICENESS = 10  # of the process
 SEARCH_PERIOD = 0.5  # s
-FLUSH_PERIOD = 1.0  # s, between two times that all is on the disk
+FLUSH_PERIOD = 0.5  # s, between two times that all is on the disk
+QUEUE_BYTES = 1 << 26  # of messages that wait for the disk; what is over is lost
+SLOW = 0.3  # s, that the disk takes for one block, from which on it is called slow
+PATIENCE = 10.0  # s, with the disk at the end
 
 
 class RecorderNode(RigNode):
     """Takes serialised messages and the time they came, and hands them to a thread that writes.
 
-    The middleware notes the time when a message comes; the recorder itself gives way to the loop. The bag grows in a
-    folder beside its place and takes it when the node ends.
+    The middleware notes the time when a message comes; the recorder itself gives way to the loop. The bag grows under
+    its name, and is on the disk but for the last second. When the disk fails the bag is closed as well as
+    may be, and the node ends with an error.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -39,7 +44,11 @@ class RecorderNode(RigNode):
         if not path:
             raise UserError("parameter path is empty: give the folder of the bag to write, as -p path:=FOLDER")
         self.received: dict[str, int] = {}
-        self.queue: SimpleQueue[tuple[str, str, int, bytes] | None] = SimpleQueue()
+        self.waiting: deque[tuple[str, str, int, bytes]] = deque()
+        self.ended = Event()
+        self.queued = self.unqueued = 0  # bytes; each is counted by one thread
+        self.lost = 0  # to a queue that is full
+        self.busy_since = 0.0  # s, when the disk got what it has not answered yet
         self.trouble: Exception | None = None
         self.searched: set[str] = set()
         known = {self.resolve_topic_name(self.full_name(topic)): topic for topic in topics.TYPES}
@@ -51,9 +60,8 @@ class RecorderNode(RigNode):
                 self.searched.add(name)
         if self.searched:
             self.every(SEARCH_PERIOD, self.search)
-        self.stack = ExitStack()
-        self.writer = self.stack.enter_context(BagWriter(path, replace=self.settings["overwrite"]))
-        self.thread = Thread(target=self.write)
+        self.recording = Recording(path, replace=self.settings["overwrite"])
+        self.thread = Thread(target=self.write, daemon=True)  # a disk that never answers keeps nobody
         self.thread.start()
 
     def take(self, name: str, message_type: Any, quality: QoSProfile) -> None:
@@ -63,9 +71,13 @@ class RecorderNode(RigNode):
         self.create_subscription(message_type, name, partial(self.keep, name, kind), quality, raw=True)
 
     def keep(self, name: str, kind: str, data: bytes, information: Mapping[str, int]) -> None:
-        """Put a message of a topic into the queue."""
-        self.queue.put((name, kind, information["received_timestamp"] or time.time_ns(), data))
+        """Put a message of a topic into the queue, if there is room."""
         self.received[name] += 1
+        if self.queued - self.unqueued + len(data) > QUEUE_BYTES:
+            self.lost += 1
+            return
+        self.queued += len(data)
+        self.waiting.append((name, kind, information["received_timestamp"] or time.time_ns(), data))
 
     def search(self) -> None:
         """Take the topics that have a publisher by now, of whatever type, with the publisher's quality."""
@@ -87,38 +99,62 @@ class RecorderNode(RigNode):
             self.take(name, message_type, quality)
 
     def write(self) -> None:
-        """Write what is in the queue until None comes; runs in a thread of its own."""
-        flushed = time.monotonic()
+        """Write what waits, again and again, until the end; runs in a thread of its own."""
+        os.nice(NICENESS)  # of this thread, which was there before the process got it
         try:
-            while (entry := self.queue.get()) is not None:
-                self.writer.write_raw(*entry)
-                if time.monotonic() - flushed > FLUSH_PERIOD:
-                    self.writer.flush()
-                    flushed = time.monotonic()
+            with self.recording:
+                while self.write_waiting(last=self.ended.wait(FLUSH_PERIOD)):
+                    pass
         except (UserError, OSError) as error:
             self.trouble = error
             self.finish()
 
-    def close(self) -> None:
-        """Write the rest and put the bag in its place. Raises UserError where it cannot be written."""
-        super().close()
-        self.queue.put(None)
-        self.thread.join()
-        try:
-            self.stack.close()
-        except OSError as error:
-            self.trouble = self.trouble or error
-        if self.trouble is not None:
-            raise UserError(f"{self.writer.path}: cannot be written ({self.trouble})") from self.trouble
-        self.get_logger().info(f"{self.writer.path}: {self.writer.messages} messages")
+    def write_waiting(self, *, last: bool) -> bool:
+        """Put on the disk what waits; whether there will be more."""
+        self.busy_since = time.monotonic()
+        for _ in range(len(self.waiting)):
+            entry = self.waiting.popleft()
+            self.unqueued += len(entry[-1])
+            self.recording.write_raw(*entry)
+        self.recording.flush()
+        self.busy_since = 0.0
+        return not last
 
-    def health(self) -> tuple[bytes, str, Mapping[str, object]]:
-        values = {"messages": sum(self.received.values()), "waiting": self.queue.qsize(), **self.received}
+    def close(self) -> None:
+        """Write the rest and end the bag. Raises UserError where it could not be written."""
+        self.ended.set()
+        self.thread.join(PATIENCE)
+        if self.thread.is_alive():
+            self.trouble = TimeoutError(f"the disk does not answer for {PATIENCE:g} s")
+        super().close()
         if self.trouble is not None:
-            return ERROR, str(self.trouble), values
-        if self.searched:
-            return WARN, f"no publisher of {', '.join(sorted(self.searched))}", values
-        return OK, "recording", values
+            raise UserError(self.ending()) from self.trouble
+        self.get_logger().info(f"{self.recording.path}: {self.recording.kept} messages")
+
+    def ending(self) -> str:
+        """How a recording that failed ended, in a line."""
+        bag, reason = self.recording, getattr(self.trouble, "strerror", None) or str(self.trouble)
+        words = reason if str(bag.path) in reason else f"{bag.path}: cannot be written ({reason})"
+        lost = sum(self.received.values()) - bag.kept
+        words += f": {bag.kept} messages are kept, {lost} lost"
+        words += "" if bag.whole or not bag.kept else "; read it with --recover"
+        return words if bag.old is None else f"{words}; the bag before is {bag.old}"
+
+    def health(self) -> Sequence[Task]:
+        received, path = sum(self.received.values()), self.recording.path
+        lost = received - self.recording.kept if self.trouble is not None else self.lost
+        values = {"messages": received, "kept": self.recording.kept, "lost": lost, "waiting": len(self.waiting)}
+        task = self.judged(
+            "recorder", {f"messages lost, {path} is too slow": self.lost}, received, **values, **self.received
+        )
+        slow = time.monotonic() - self.busy_since if self.busy_since else 0.0
+        if self.trouble is not None:
+            return [replace(task, level=ERROR, message=self.ending())]
+        if task.level == OK and slow > SLOW:
+            return [replace(task, level=WARN, message=f"{path}: the disk does not answer for {slow:.1f} s")]
+        if task.level == OK and self.searched:
+            return [replace(task, level=WARN, message=f"no publisher of {', '.join(sorted(self.searched))}")]
+        return [task]
 
 
 def make() -> RecorderNode:

@@ -265,21 +265,6 @@ def test_messages_that_ros_serialised_are_read(tmp_path, frames):
 # writing
 
 
-def test_an_interrupted_recording_leaves_its_flushed_part(tmp_path):
-    topic = states(300)
-    with bags.BagWriter(tmp_path / "run") as writer:
-        for number, (stamp, data) in enumerate(zip(topic.stamps.tolist(), topic.messages(), strict=True)):
-            if number == 200:
-                writer.flush()
-                (partial,) = tmp_path.glob("run.partial-*/run")  # all that a killed process would leave
-                assert bags.read(partial, SIGNALS, recover=True).samples == 200
-            writer.write_raw(topic.topic, topic.type, stamp, data)
-        writer.flush()
-        writer.flush()
-    assert bags.read(tmp_path / "run", SIGNALS).samples == 300
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
 def test_a_bag_is_not_overwritten_unasked(tmp_path):
     bag = bags.write(tmp_path / "run", [states(100)])
     with pytest.raises(UserError, match="exists already"):

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.bags import recording
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+from hybrid_sysid_ros.nodes import recorder as room
 from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.nodes.messages import SECOND
@@ -26,7 +34,7 @@ def test_a_recorded_bag_is_a_record(domain: int, tmp_path: Path, model_folder: P
     bench = Bench(domain)
     recorder = bench.start(RecorderNode, path=str(tmp_path / "bag"))
     bench.start(ReferenceNode, lockstep=True)
-    bench.start(EstimatorNode, model=str(model_folder), latency=0.0)
+    bench.start(EstimatorNode, model=str(model_folder), lockstep=True, latency=0.0)
     network = {"policy": "network", "policy_path": str(policy_folder)}
     bench.start(ControllerNode, model=str(model_folder), lockstep=True, latency=0.0, **network)
     plant = bench.start(PlantNode, lockstep=True, wait_for_readers=3, duration=1.0)
@@ -61,3 +69,74 @@ def test_a_recorder_does_not_replace_a_bag_unasked(bench: Bench, tmp_path: Path)
         bench.start(RecorderNode, path=str(tmp_path / "bag"))
     with pytest.raises(UserError, match="parameter path is empty"):
         bench.start(RecorderNode)
+
+
+def tasks(heard: list[DiagnosticArray]) -> list[DiagnosticStatus]:
+    """What was heard of the task recorder."""
+    return [status for message in heard for status in message.status if status.name.endswith("recorder: recorder")]
+
+
+def values(status: DiagnosticStatus) -> dict[str, str]:
+    return {value.key: value.value for value in status.values}
+
+
+def test_a_full_disk_ends_the_recorder_and_keeps_the_bag(bench: Bench, tmp_path: Path, monkeypatch: Any) -> None:
+    heard = bench.listen("/diagnostics", DiagnosticArray)
+    recorder = bench.start(RecorderNode, path=str(tmp_path / "bag"), topics="joint_states")
+    publisher = bench.speak("joint_states")
+    bench.until(lambda: publisher.get_subscription_count() and bench.probe.count_publishers("/diagnostics"))
+    for k in range(50):
+        publisher.publish(joint(SECOND + k * 5_000_000, position=[0.0], effort=[0.0]))
+    bench.until(lambda: recorder.recording.kept == 50)
+
+    def full(descriptor: int, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(recording.os, "write", full)
+    for k in range(50, 80):
+        publisher.publish(joint(SECOND + k * 5_000_000, position=[0.0], effort=[0.0]))
+    bench.until(recorder.finished.done)
+    with pytest.raises(UserError, match=r"bag: cannot be written \(No space left on device\): 50 .* kept, 30 lost"):
+        recorder.close()
+    bench.until(lambda: tasks(heard) and tasks(heard)[-1].level == DiagnosticStatus.ERROR)
+    assert str(tmp_path / "bag") in tasks(heard)[-1].message
+    assert "No space left on device" in tasks(heard)[-1].message
+    assert (values(tasks(heard)[-1])["kept"], values(tasks(heard)[-1])["lost"]) == ("50", "30")
+    assert bags.read(tmp_path / "bag", load_rig("cam_beam").signals, recover=True).samples == 50
+
+
+def test_a_slow_disk_holds_nobody_up(bench: Bench, tmp_path: Path, monkeypatch: Any) -> None:
+    """The memory for what waits is bounded; what is over is counted, and the rest is written when the disk answers."""
+    message = joint(SECOND, position=[0.0], effort=[0.0])
+    answer, asked, real = threading.Event(), threading.Event(), os.fsync
+    heard = bench.listen("/diagnostics", DiagnosticArray)
+    recorder = bench.start(RecorderNode, path=str(tmp_path / "bag"), topics="joint_states")
+    publisher = bench.speak("joint_states")
+    bench.until(lambda: publisher.get_subscription_count() and bench.probe.count_publishers("/diagnostics"))
+    publisher.publish(message)
+    bench.until(lambda: recorder.recording.kept == 1)
+
+    def slow(descriptor: int) -> None:
+        asked.set()
+        answer.wait()
+        real(descriptor)
+
+    monkeypatch.setattr(recording.os, "fsync", slow)
+    monkeypatch.setattr(room, "SLOW", 0.1)
+    try:
+        publisher.publish(message)
+        bench.until(asked.is_set)
+        bench.until(lambda: tasks(heard)[-1].level == DiagnosticStatus.WARN)
+        assert str(tmp_path / "bag") in tasks(heard)[-1].message
+        monkeypatch.setattr(room, "QUEUE_BYTES", 1000)
+        for _ in range(20):
+            publisher.publish(message)
+        bench.until(lambda: recorder.received["/cam_beam/joint_states"] == 22)
+        bench.until(lambda: tasks(heard)[-1].level == DiagnosticStatus.ERROR)
+        assert str(tmp_path / "bag") in tasks(heard)[-1].message
+        assert 0 < int(values(tasks(heard)[-1])["lost"]) == recorder.lost < 20
+    finally:
+        answer.set()
+    recorder.close()
+    written = bags.topics(tmp_path / "bag")["/cam_beam/joint_states"].messages
+    assert written == recorder.recording.kept == 22 - recorder.lost

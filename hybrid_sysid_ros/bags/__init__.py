@@ -6,18 +6,21 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hybrid_sysid_ros.bags.bag import METADATA, Topic, name_of, topics
+    from hybrid_sysid_ros.bags.bag import METADATA, Topic, markers, name_of, topics
     from hybrid_sysid_ros.bags.reading import read
+    from hybrid_sysid_ros.bags.recording import Recording
     from hybrid_sysid_ros.bags.series import Series, joint_states, joint_trajectories, repeated
     from hybrid_sysid_ros.bags.writing import BagWriter, write
 
 __all__ = [
     "METADATA",
     "BagWriter",
+    "Recording",
     "Series",
     "Topic",
     "joint_states",
     "joint_trajectories",
+    "markers",
     "name_of",
     "read",
     "repeated",
@@ -26,10 +29,11 @@ __all__ = [
 ]
 
 _FILES = {
-    **dict.fromkeys(("METADATA", "Topic", "name_of", "topics"), "bag"),
+    **dict.fromkeys(("METADATA", "Topic", "markers", "name_of", "topics"), "bag"),
     **dict.fromkeys(("Series", "joint_states", "joint_trajectories", "repeated"), "series"),
     **dict.fromkeys(("BagWriter", "write"), "writing"),
     "read": "reading",
+    "Recording": "recording",
 }
 
 

@@ -149,6 +149,11 @@ def opened(path: Path | str, *, recover: bool = False) -> Iterator[Bag]:
         yield bag
 
 
+def markers(path: Path | str) -> tuple[str, ...]:
+    """Files of which one shows that a folder is a bag, whole or cut: what may be replaced by another one."""
+    return METADATA, f"{Path(path).resolve().name}.mcap"
+
+
 def name_of(path: Path | str) -> str:
     """What results call a bag: its folder's name whole ("run.2" is no "run"), a file's without its ending."""
     resolved = Path(path).resolve()

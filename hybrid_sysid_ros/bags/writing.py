@@ -19,7 +19,7 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-from hybrid_sysid_ros.bags.bag import METADATA
+from hybrid_sysid_ros.bags.bag import markers
 from hybrid_sysid_ros.bags.mcap import CHECKSUM_PLACE
 from hybrid_sysid_ros.bags.series import Series, jazzy_types
 from hybrid_sysid_ros.support.errors import UserError
@@ -29,8 +29,8 @@ from hybrid_sysid_ros.support.files import written_folder
 class BagWriter:
     """Write a bag, message by message, as a context.
 
-    It grows in a temporary folder beside `path`, which takes its place when the context ends well; if the process is
-    killed, that folder is left and can be read with `recover` up to the last flush().
+    It grows in a temporary folder beside `path`, which takes its place when the context ends well: a bag is whole or
+    not there. What cannot be had again is written by a :class:`Recording`.
 
     compressed: pack the chunks of the MCAP file with zstd, which every MCAP reader unpacks.
     replace: replace a bag that exists there.
@@ -57,20 +57,30 @@ class BagWriter:
 
     def __enter__(self) -> BagWriter:
         with ExitStack() as stack:
-            folder = stack.enter_context(written_folder(self.path, marker=METADATA, replace=self._replace))
+            place = written_folder(self.path, marker=markers(self.path), replace=self._replace)
+            folder = stack.enter_context(place)
             folder.rmdir()  # the writer makes it
-            self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-            if self._compressed:
-                self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-            for key, text in self._notes.items():
-                self._writer.set_custom_data(key, text)
-            stack.enter_context(self._writer)
-            if isinstance(self._writer.storage, McapWriter):
-                self._writer.storage.__class__ = _CheckedWriter
-                if self._compressed:
-                    self._writer.storage.compressor = _packed
+            stack.push(self._begin(folder))
             self._stack = stack.pop_all()
         return self
+
+    def _begin(self, folder: Path) -> Writer:
+        """Make the folder and begin to write in it."""
+        self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+        if self._compressed:
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        for key, text in self._notes.items():
+            self._writer.set_custom_data(key, text)
+        self._writer.open()
+        self._storage.__class__ = _CheckedWriter
+        if self._compressed:
+            self._storage.compressor = _packed
+        return self._writer
+
+    @property
+    def _storage(self) -> McapWriter:
+        assert isinstance(self._writer.storage, McapWriter)
+        return self._writer.storage
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -92,11 +102,9 @@ class BagWriter:
         self.messages += 1
 
     def flush(self) -> None:
-        """Put what was written so far on the disk, so that nothing but later messages can be lost."""
-        storage = self._writer.storage
-        if isinstance(storage, McapWriter) and storage.chunk.msgs:
-            storage.close_chunk()
-            storage.bio.flush()
+        """End a chunk of the file here."""
+        if self._storage.chunk.msgs:
+            self._storage.close_chunk()
 
     def _connection(self, topic: str, message_type: str) -> Connection:
         package, _, name = message_type.rpartition("/")

@@ -24,17 +24,20 @@ def written_file(path: Path | str) -> Iterator[Path]:
     """
     target = Path(os.path.realpath(path))
     _check_no_folder(Path(path), target)
-    with _partial(target) as partial:
+    with room_beside(target) as partial:
         yield partial
         os.replace(partial, target)
 
 
 @contextmanager
-def written_folder(path: Path | str, *, marker: str, replace: bool = True, force: bool = False) -> Iterator[Path]:
+def written_folder(
+    path: Path | str, *, marker: str | tuple[str, ...], replace: bool = True, force: bool = False
+) -> Iterator[Path]:
     """Yield a new, empty folder beside `path`; put it in place if the body succeeds. The old one is kept until then.
 
-    marker: the file that shows that a folder is of our kind ("metadata.yaml" for a bag, "model.yaml" for a model). A
-        folder that exists is replaced only if it is empty or holds this file, and never if `replace` is false.
+    marker: the file that shows that a folder is of our kind ("metadata.yaml" for a bag, "model.yaml" for a model), or
+        several of which one does. A folder that exists is replaced only if it is empty or holds it, and never if
+        `replace` is false.
     force: replace the folder whatever it holds.
 
     Raises:
@@ -42,19 +45,41 @@ def written_folder(path: Path | str, *, marker: str, replace: bool = True, force
     """
     target = Path(os.path.realpath(path))
     _check_replaceable(Path(path), target, marker=marker, replace=replace, force=force)
-    with _partial(target) as partial:
+    with room_beside(target) as partial:
         partial.mkdir()
         yield partial
-        old = partial.with_name(f"{partial.name}.old")
-        had_old = target.exists()
+        take_place(partial, target, old=partial.with_name(f"{partial.name}.old"))
+
+
+@contextmanager
+def room_beside(target: Path) -> Iterator[Path]:
+    """Yield a free path with the target's name inside a temporary folder next to it, and remove that folder at exit."""
+    container: Path | None = None
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        container = Path(tempfile.mkdtemp(prefix=f"{target.name}.partial-", dir=target.parent))
+        yield container / target.name
+    except OSError as error:
+        if _concerns(error, target, container):
+            raise _unwritable(target, error) from error
+        raise
+    finally:
+        if container is not None:
+            shutil.rmtree(container, ignore_errors=True)
+
+
+def take_place(partial: Path, target: Path, *, old: Path) -> bool:
+    """Rename the folder `partial` to `target`, and what is there to `old`; whether something was there."""
+    had_old = target.exists()
+    if had_old:
+        os.rename(target, old)
+    try:
+        os.rename(partial, target)
+    except OSError:
         if had_old:
-            os.rename(target, old)
-        try:
-            os.rename(partial, target)
-        except OSError:
-            if had_old:
-                os.rename(old, target)
-            raise
+            os.rename(old, target)
+        raise
+    return had_old
 
 
 def check_file(path: Path | str) -> None:
@@ -68,7 +93,7 @@ def check_file(path: Path | str) -> None:
     _check_writable(target)
 
 
-def check_folder(path: Path | str, *, marker: str, replace: bool = True) -> None:
+def check_folder(path: Path | str, *, marker: str | tuple[str, ...], replace: bool = True) -> None:
     """Whether written_folder() could write there, to be asked before long work.
 
     Raises:
@@ -115,7 +140,7 @@ def _check_no_folder(path: Path, target: Path) -> None:
         raise UserError(f"{path}: is a device or a pipe, which can't be replaced by a file: choose another name")
 
 
-def _check_replaceable(path: Path, target: Path, *, marker: str, replace: bool, force: bool) -> None:
+def _check_replaceable(path: Path, target: Path, *, marker: str | tuple[str, ...], replace: bool, force: bool) -> None:
     if not os.path.exists(target):
         return
     if not target.is_dir():
@@ -128,8 +153,9 @@ def _check_replaceable(path: Path, target: Path, *, marker: str, replace: bool, 
         raise _unwritable(target, error) from error
     if force or empty:
         return
-    if not os.path.isfile(target / marker):
-        raise UserError(f"{path}: holds other files (no {marker}), so it is not replaced: choose another name")
+    markers = (marker,) if isinstance(marker, str) else marker
+    if not any(os.path.isfile(target / name) for name in markers):
+        raise UserError(f"{path}: holds other files (no {markers[0]}), so it is not replaced: choose another name")
     if not replace:
         raise UserError(f"{path}: exists already: choose another name, or replace it (--overwrite)")
 
@@ -143,23 +169,6 @@ def _check_writable(target: Path) -> None:
         tempfile.TemporaryDirectory(prefix=f"{target.name}.partial-", dir=ancestor).cleanup()
     except OSError as error:
         raise _unwritable(target, error) from error
-
-
-@contextmanager
-def _partial(target: Path) -> Iterator[Path]:
-    """Yield a free path with the target's name inside a temporary folder next to it, and remove that folder at exit."""
-    container: Path | None = None
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        container = Path(tempfile.mkdtemp(prefix=f"{target.name}.partial-", dir=target.parent))
-        yield container / target.name
-    except OSError as error:
-        if _concerns(error, target, container):
-            raise _unwritable(target, error) from error
-        raise
-    finally:
-        if container is not None:
-            shutil.rmtree(container, ignore_errors=True)
 
 
 def _unwritable(target: Path, error: OSError) -> UserError:
