@@ -48,7 +48,7 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             output="screen",
         )
 
-    found = [node("reference", kind=given["reference"], **lock), node("estimator", **rate, **model, **latency)]
+    found = [node("reference", kind=given["reference"], **lock), node("estimator", **rate, **model, **lock, **latency)]
     found.append(node("controller", **driven, **model, **lock, **latency))
     if given["bag"]:
         found.append(node("recorder", path=given["bag"]))

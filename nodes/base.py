@@ -4,34 +4,41 @@ from __future__ import annotations
 
 import gc
 import json
-import math
 import os
 import resource
 import signal
 import socket
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from threading import Thread
+from time import monotonic_ns, sleep, time_ns
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
 
 from hybrid_sysid_ros.nodes import parameters, topics
+from hybrid_sysid_ros.nodes.border import Border, Reason
+from hybrid_sysid_ros.nodes.diagnostics import STALE, Task, Troubles
+from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
 
-OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-REPORT_PERIOD = 1.0  # s
+REPORT_PERIOD = 0.5  # s
+SERVICE_PERIOD = 2e-3  # s, at least between two answers to parameter services, however many are asked
+SWITCH_INTERVAL = 2e-4  # s, that another thread may keep the loop from going on
 LOOK_PERIOD = 0.02  # s, between two looks whether a peer is there
 PATIENCE = 2.0  # s, of an interrupt with a node that starts
 
@@ -51,9 +58,17 @@ class RigNode(Node):
         self.settings = parameters.declare(self, name)
         self.rig = rigs.load(self.settings["rig"])
         self.finished = Future()
+        self.borders: dict[str, Border] = {}
+        self.troubles: dict[str, Troubles] = {}
+        self._ros_clock = self.get_clock()
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.open("/diagnostics")
         self._reporting = self.every(REPORT_PERIOD, self.report)
+
+    def create_service(self, *arguments: Any, **options: Any) -> Any:
+        """In a group of its own, for another thread than the loop's: see :class:`Services`."""
+        group = self.__dict__.setdefault("services_group", MutuallyExclusiveCallbackGroup())
+        return super().create_service(*arguments, **{"callback_group": group, **options})
 
     def full_name(self, topic: str) -> str:
         """Name of a topic, for rclpy to resolve."""
@@ -64,10 +79,34 @@ class RigNode(Node):
         """Publisher of one of the rig's topics."""
         return self.create_publisher(topics.TYPES[topic], self.full_name(topic), topics.profile(topic))
 
-    def listen(self, topic: str, callback: Callable[[Any], None], **options: Any) -> Subscription:
-        """Subscription of one of the rig's topics; options: depth, raw."""
-        quality = topics.profile(topic, depth=options.pop("depth", None))
-        return self.create_subscription(topics.TYPES[topic], self.full_name(topic), callback, quality, **options)
+    @property
+    def signature(self) -> str:
+        """frame_id of what the node publishes, to tell two of a kind apart; none in lockstep, where runs repeat."""
+        return "" if self.settings["lockstep"] else f"{self.get_fully_qualified_name()} {os.getpid()}"
+
+    def border(self, topic: str) -> Border:
+        """The border of one of the rig's topics: how far its stamps are believed is what the node's parameters say."""
+        settings, timed = self.settings, not self.settings["lockstep"]
+        self.borders[topic] = border = Border(
+            topics.TYPES[topic],
+            clock=self.now if timed else None,
+            steady=monotonic_ns,
+            ahead=settings["stamp_ahead"] * SECOND,
+            behind=settings["stamp_behind"] * SECOND,
+            silence=settings["silence"] * SECOND if timed else 0.0,
+        )
+        return border
+
+    def listen(self, border: Border, topic: str, callback: Callable[[Any], None]) -> Subscription:
+        """Subscription of one of the rig's topics: the callback gets what its border lets in."""
+
+        def arrive(data: bytes) -> None:
+            message = border.unpack(data)
+            if message is not None:
+                callback(message)
+
+        name, quality = self.full_name(topic), topics.profile(topic)
+        return self.create_subscription(topics.TYPES[topic], name, arrive, quality, raw=True)
 
     def every(self, period: float, callback: Callable[[], object]) -> Timer:
         """Timer on the steady clock; period [s]."""
@@ -85,28 +124,40 @@ class RigNode(Node):
         timer = self.every(LOOK_PERIOD, look)
 
     def now(self) -> int:
-        """Time of the ROS clock [ns]."""
-        return int(self.get_clock().now().nanoseconds)
+        """Time of the ROS clock [ns]: simulated, or the system's, which needs no detour."""
+        clock = self._ros_clock
+        return int(clock.now().nanoseconds) if clock.ros_time_is_active else time_ns()
 
-    def health(self) -> tuple[bytes, str, Mapping[str, object]]:
-        """Level, summary and values for the diagnostics."""
-        return OK, "running", {}
+    def health(self) -> Sequence[Task]:
+        """What the node says of each of its tasks."""
+        return [Task(name="loop")]
+
+    def judged(self, name: str, counted: Mapping[str, int], total: int, **values: object) -> Task:
+        """A task by what went wrong since the last report, of so many tries in all; values are shown."""
+        levels = {key: self.settings[f"{key}_share"] for key in ("warn", "error")}
+        level, message = self.troubles.setdefault(name, Troubles()).judge(counted, total, **levels)
+        return Task(name=name, level=level, message=message, values=values)
+
+    def silent(self, task: Task, topic: str) -> Task:
+        """The task, or that nothing has come on a topic for stale_seconds, where something came before."""
+        border = self.borders[topic]
+        seconds = (monotonic_ns() - border.heard) / SECOND
+        if not border.heard or seconds < self.settings["stale_seconds"]:
+            return task
+        return replace(task, level=STALE, message=f"nothing on {topic} for {seconds:.1f} s")
+
+    def dropped(self, topic: str) -> dict[str, int]:
+        """What was dropped at a topic's border, by reason; who shares a topic with other joints is not troubled."""
+        found = self.borders[topic].dropped
+        return {reason.value: count for reason, count in found.items() if reason is not Reason.UNRELATED}
 
     def report(self) -> dict[str, object]:
         """Publish the diagnostics; return their values by key."""
-        level, summary, found = self.health()
-        values = dict(found)
-        status = DiagnosticStatus(
-            level=level,
-            name=self.get_fully_qualified_name().strip("/"),
-            message=summary,
-            hardware_id=self.rig.name,
-            values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
-        )
-        message = DiagnosticArray(status=[status])
+        tasks, node = self.health(), self.get_fully_qualified_name().strip("/")
+        message = DiagnosticArray(status=[task.status(node, self.rig.name) for task in tasks])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
-        return values
+        return {key: value for task in tasks for key, value in task.values.items()}
 
     def prioritise(self) -> None:
         """Let all threads of this process go before those of others, if the node has a priority and may."""
@@ -151,6 +202,9 @@ def run(make: Callable[[], RigNode]) -> int:
     0: ended as it should; 2: a parameter, file or argument is wrong, told in one line.
     """
     ending = Interruption()
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    if os.environ.get(interruption.TETHER):
+        Thread(target=_end_with_starter, daemon=True).start()
     try:
         try:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -168,9 +222,48 @@ def run(make: Callable[[], RigNode]) -> int:
     return 0
 
 
+def _end_with_starter() -> None:
+    """End when the standard input does: whoever started this process is gone, however that went."""
+    while os.read(0, 1024):  # not through sys.stdin, whose lock a thread may hold when Python ends
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+class Loop(SingleThreadedExecutor):
+    """All of a node but its services."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return not isinstance(entity, Service) and super().can_execute(entity)
+
+
+class Services(SingleThreadedExecutor):
+    """A node's services, parameters above all, in a thread of their own: no storm of questions holds the loop up."""
+
+    def __init__(self, node: RigNode) -> None:
+        super().__init__()
+        self._node = node
+
+    def get_nodes(self) -> list[Node]:
+        return [self._node]  # not added: a node has one executor, the loop's
+
+    def can_execute(self, entity: Any) -> bool:
+        return isinstance(entity, Service) and super().can_execute(entity)
+
+    def serve(self) -> None:
+        """Answer, one after the other, until the context or this executor ends."""
+        try:
+            while self.context.ok() and not self._node.finished.done():
+                self.spin_once(timeout_sec=0.1)
+                sleep(SERVICE_PERIOD)
+        except (ExternalShutdownException, ShutdownException):
+            return
+
+
 def _serve(node: RigNode, ending: Interruption) -> None:
-    executor = SingleThreadedExecutor()
+    executor, services = Loop(), Services(node)
     executor.add_node(node)
+    server = Thread(target=services.serve, daemon=True)
+    server.start()
     node.prioritise()
     gc.collect()
     gc.freeze()  # what is there stays: collections in the loop look at nothing but what it makes
@@ -179,9 +272,14 @@ def _serve(node: RigNode, ending: Interruption) -> None:
     try:
         executor.spin_until_future_complete(node.finished)
     finally:
-        node.close()
-        executor.shutdown()
-        node.destroy_node()
+        try:
+            node.close()
+        finally:  # a thread that is left behind would end the process by SIGABRT
+            node.finish()
+            server.join()
+            services.shutdown()
+            executor.shutdown()
+            node.destroy_node()
 
 
 class Interruption:
@@ -218,9 +316,3 @@ class Interruption:
         if not self._noted:
             self._noted = True
             signal.setitimer(signal.ITIMER_REAL, PATIENCE)
-
-
-def _text(value: object) -> str:
-    if isinstance(value, float):
-        return "nan" if math.isnan(value) else f"{value:.6g}"
-    return str(value)

@@ -6,11 +6,11 @@ import gc
 import math
 import sys
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
-from time import perf_counter
+from time import monotonic_ns, perf_counter
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,9 @@ from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.supervisor import LAYERS, Supervisor
 from hybrid_sysid_ros.models import Model
-from hybrid_sysid_ros.nodes.base import OK, WARN, RigNode, run
+from hybrid_sysid_ros.nodes.base import RigNode, run
+from hybrid_sysid_ros.nodes.border import Order
+from hybrid_sysid_ros.nodes.diagnostics import OK, Task
 from hybrid_sysid_ros.nodes.layout import AHEAD, Layout, Place, Slots
 from hybrid_sysid_ros.nodes.messages import (
     SECOND,
@@ -42,12 +44,13 @@ from hybrid_sysid_ros.runtime.configuration import mpc_problem, shipped
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-RESTART = SECOND  # a stamp so far before the last one is a new experiment
 WATCH_PERIOD = 0.05  # s, between two looks whether estimates still come
 SHOW_PERIOD = 0.1  # s, between two predicted trajectories
 WARM_UPS = 6  # answers before the node is ready
 NO_REFERENCE, HELD, ZEROED = "no reference", "held", "zeroed"  # layers of safety, beside those of the controller
 SOUND = {"solved", "iterated", "policy"}
+STANDING_IN = {"shifted plan", "held"}  # layers that may stand in for zero_after, no longer
+MARGIN = 0.02  # of the travel, at each end, that no reference reaches
 
 
 class ControllerNode(RigNode):
@@ -55,7 +58,8 @@ class ControllerNode(RigNode):
 
     Layers, each counted: the network's plan; where that does not pass its check, the exact MPC's; where that is late or
     has no solution, the rest of the last plan; for an estimate that is no number or older than stale_after the last
-    command; from zero_after on, inputs at rest. Without supervision the network or the exact MPC is the first layer.
+    command; when these have lasted for zero_after, inputs at rest, as on the way out. Without supervision the network
+    or the exact MPC is the first layer. References are held within the rig's travel.
     Until the first reference comes the outputs are held where they were found. In lockstep an estimate waits for a
     reference that covers its preview instead. joint_command is advertised once there are estimates to expect.
 
@@ -78,6 +82,9 @@ class ControllerNode(RigNode):
         self.state, self.disturbance = np.split(self.given, [states])
         self.outputs = Slots(layout.outputs)
         self.tracked = np.array(self.problem.output_weights) > 0.0
+        low, high = self.rig.travel_of_outputs
+        margin = np.where(np.isfinite(high - low), MARGIN * (high - low), 0.0)
+        self.reach = low + margin, high - margin
         correction = self.network.correction if self.network is not None else None
         names: tuple[str, ...] = correction.names if correction is not None else ()
         self.followed = Slots([Place(name, "position") for name in names])
@@ -87,13 +94,15 @@ class ControllerNode(RigNode):
         self.plan_message = joint_trajectory(self.planned, self.grid.tolist())
         self.slots = Slots(layout.inputs)
         self.message = joint_state(self.slots)
+        self.message.header.frame_id = self.signature
         self.commands: Publisher | None = None
         self.predictions = self.open("predicted_trajectory")
+        self.entry, self.wishes = self.border("state_estimate"), self.border("reference")
         self.begin()
         self.warm_up()
         self.begin()
-        needed = [self.listen("state_estimate", self.on_estimate)]
-        references = self.listen("reference", self.on_reference)
+        needed = [self.listen(self.entry, "state_estimate", self.on_estimate)]
+        references = self.listen(self.wishes, "reference", self.on_reference)
         if self.lockstep:
             needed.append(references)
         self.when(lambda: all(entry.get_publisher_count() for entry in needed), self.advertise)
@@ -160,14 +169,14 @@ class ControllerNode(RigNode):
         self.statuses: Counter[str] = Counter()
         if isinstance(self.controller, Supervisor):
             self.controller.reasons.clear()
-        self.malformed = self.rejected_references = self.repeated = self.troubles = 0
+        self.clipped = self.ended = self.repeated = 0
         self.execution, self.age = Timing(), Timing()
         self.forget()
 
     def forget(self) -> None:
         """Begin a new experiment."""
         self.controller.reset()
-        self.stamp = self.sound = self.shown = self.answered = 0
+        self.stamp = self.sound = self.shown = self.answered = self.acted = 0
         self.settled = False
         self.home = np.zeros(len(self.outputs))
         self.input = self.rest.copy()
@@ -182,13 +191,11 @@ class ControllerNode(RigNode):
         slots = Slots(self.layout.estimate(()))
         message = joint_state(slots)
         slots.write(lists(message), [0.0] * len(slots))
-        for k in range(1, WARM_UPS + 1):
+        for stamp in range(1, WARM_UPS + 1):
             gc.collect()  # what the compiler has left, before it needs as much again
-            stamp = k if self.lockstep else self.now()  # an old one would not be answered
-            times = np.array([stamp, stamp + 10 * SECOND])
-            self.preview = Preview(times, np.zeros((2, len(self.outputs))))
-            set_nanoseconds(message.header.stamp, stamp)
-            self.on_estimate(message)
+            self.preview = Preview(np.array([stamp, stamp + 10 * SECOND]), np.zeros((2, len(self.outputs))))
+            self.entry.read(message.name, lists(message), self.estimated, self.given)
+            self.proceed(message, stamp, stamp, perf_counter())
 
     def advertise(self) -> None:
         """Open the topic of the commands."""
@@ -196,30 +203,42 @@ class ControllerNode(RigNode):
 
     def on_reference(self, message: JointTrajectory) -> None:
         """Keep the newest reference."""
-        preview = Preview.of(message, self.outputs, self.tracked)
-        if preview is None:
-            self.rejected_references += 1
+        if not self.wishes.hears(message):
             return
+        now = self.stamp if self.lockstep else self.now()
+        preview = Preview.of(message, self.wishes, self.outputs, self.tracked, now)
+        if preview is None:
+            return
+        self.wishes.believe(message)
+        self.clipped += not preview.within(*self.reach)
         self.preview = preview
         if self.waiting is not None:
             waiting, self.waiting = self.waiting, None
-            self.on_estimate(waiting)
+            stamp = nanoseconds(waiting.header.stamp)
+            self.proceed(waiting, stamp, stamp, perf_counter())
 
     def on_estimate(self, message: JointState) -> None:
         """Answer an estimate."""
-        began = perf_counter()
-        stamp = nanoseconds(message.header.stamp)
-        if stamp < self.stamp - RESTART:
-            self.forget()
-        if stamp <= self.stamp:
+        began, stamp = perf_counter(), nanoseconds(message.header.stamp)
+        named = self.entry.read(message.name, lists(message), self.estimated, self.given)
+        order = self.entry.admit(message) if named else None
+        if order is None:
+            return
+        if order is Order.AGAIN or order is Order.LATE:
             self.repeated += 1
             self.publish()
             return
+        if order is Order.RESTART:
+            self.forget()
+        self.proceed(message, stamp, stamp if self.lockstep else self.now(), began)
+
+    def proceed(self, message: JointState, stamp: int, now: int, began: float) -> None:
+        """Answer an estimate that is believed and read; stamp, now: in the ROS clock [ns], began: when it came [s]."""
         last = stamp + self.ahead + int(self.grid[-1])
         if self.lockstep and (self.preview is None or not self.preview.covers(last)):
             self.wait(message, last - stamp)
             return
-        plan = self.answer(message, stamp, began)
+        plan = self.answer(message, stamp, (now - stamp) / SECOND, began)
         if plan is not None and stamp - self.shown >= SHOW_PERIOD * SECOND:
             self.shown = stamp
             self.show(plan, stamp + self.ahead)
@@ -232,23 +251,27 @@ class ControllerNode(RigNode):
             )
         self.waiting = message
 
-    def answer(self, message: JointState, stamp: int, began: float) -> Plan | None:
-        """Publish the command for an estimate; return the plan behind it, if there is one."""
-        self.malformed += not self.estimated.read(message.name, lists(message), self.given)
+    def answer(self, message: JointState, stamp: int, age: float, began: float) -> Plan | None:
+        """Publish the command for an estimate of an age [s]; return the plan behind it, if there is one."""
         self.stamp = stamp
-        age = 0.0 if self.lockstep else (self.now() - stamp) / SECOND
-        self.age.add(age)
+        self.age.add(max(age, 0.0))
         sound = bool(np.isfinite(self.given).all())
         sound = sound and self.settle(message)
         if not sound or age > self.settings["stale_after"]:
-            self.hold(stamp + round(age * SECOND))
+            self.hold()
             return None
         self.follow(message)
         preview = self.reference(stamp)
         plan = self.controller.control(self.state, self.disturbance, self.input, preview)
-        self.sound = stamp
-        self.layers[LAYERS[plan.status]] += 1
+        layer = LAYERS[plan.status]
         self.statuses[plan.status.value] += 1
+        if layer not in STANDING_IN:
+            self.sound = self.time()
+        elif self.is_long():
+            self.layers[ZEROED] += 1
+            self.send(self.rest)
+            return None
+        self.layers[layer] += 1
         self.execution.add(perf_counter() - began)
         self.send(plan.input)
         self.controller.prepare((stamp - self.answered) / SECOND if self.answered else 0.0)
@@ -258,7 +281,7 @@ class ControllerNode(RigNode):
     def settle(self, message: JointState) -> bool:
         """Remember where the outputs were found first; whether the tracked ones were numbers."""
         if not self.settled:
-            self.outputs.read(message.name, lists(message), self.home)
+            self.entry.read(message.name, lists(message), self.outputs, self.home)
             self.home[~self.tracked] = 0.0
             self.settled = bool(np.isfinite(self.home).all())
         return self.settled
@@ -274,23 +297,42 @@ class ControllerNode(RigNode):
         if self.preview is None:
             self.layers[NO_REFERENCE] += 1
             return np.tile(self.home, (len(self.grid), 1))
+        self.ended += not self.preview.covers(stamp)
         return self.preview.at(stamp + self.ahead + self.grid)
 
-    def hold(self, now: int) -> None:
+    def time(self) -> int:
+        """Time that no clock can set [ns]; in lockstep that of the estimates."""
+        return self.stamp if self.lockstep else monotonic_ns()
+
+    def is_long(self) -> bool:
+        """Whether there has been no sound answer for zero_after."""
+        return not self.sound or self.time() - self.sound > self.settings["zero_after"] * SECOND
+
+    def hold(self) -> None:
         """Without a sound estimate: the last command, and inputs at rest when that has lasted too long."""
-        long = not self.sound or now - self.sound > self.settings["zero_after"] * SECOND
+        long = self.is_long()
         self.layers[ZEROED if long else HELD] += 1
         self.send(self.rest if long else self.input)
 
     def watch(self) -> None:
         """Let the inputs rest when estimates stop: not every drive has a timeout of its own."""
-        moving = bool((self.input != self.rest).any())
-        if self.stamp and moving and self.now() - self.stamp > self.settings["zero_after"] * SECOND:
+        if self.moves() and monotonic_ns() - self.acted > self.settings["zero_after"] * SECOND:
             self.layers[ZEROED] += 1
             self.send(self.rest)
 
+    def moves(self) -> bool:
+        """Whether the newest command is not at rest."""
+        return bool((self.input != self.rest).any())
+
+    def close(self) -> None:
+        """Leave the inputs at rest."""
+        if self.moves():
+            self.send(self.rest)
+        super().close()
+
     def send(self, inputs: Array) -> None:
         """Publish a command (m,) that answers the newest estimate."""
+        self.acted = monotonic_ns()
         self.input[:] = inputs
         self.slots.write(lists(self.message), inputs.tolist())
         set_nanoseconds(self.message.header.stamp, self.stamp)
@@ -312,25 +354,34 @@ class ControllerNode(RigNode):
             self.planned.write(point_lists(point), [*state, *inputs])
         self.predictions.publish(self.plan_message)
 
-    def health(self) -> tuple[bytes, str, Mapping[str, object]]:
+    def health(self) -> Sequence[Task]:
+        answers = sum(count for name, count in self.layers.items() if name != NO_REFERENCE)
+        loop = {
+            "answers without a reference": self.layers[NO_REFERENCE],
+            "commands held": self.layers[HELD],
+            "commands at rest": self.layers[ZEROED],
+            "answers after the end of the reference": self.ended,
+            "references beyond the travel": self.clipped,
+            **{f"estimates {reason}": count for reason, count in self.dropped("state_estimate").items()},
+            **{f"references {reason}": count for reason, count in self.dropped("reference").items()},
+        }
         values = {
             "policy": self.settings["policy"],
-            "commands": sum(count for name, count in self.layers.items() if name != NO_REFERENCE),
+            "commands": answers,
             **named("layer", self.layers),
-            **named("status", self.statuses),
-            **(named("check", self.controller.reasons) if isinstance(self.controller, Supervisor) else {}),
-            "malformed_messages": self.malformed,
-            "rejected_references": self.rejected_references,
+            "dropped_estimates": sum(self.entry.dropped.values()),
+            "dropped_references": sum(self.wishes.dropped.values()),
+            "clipped_references": self.clipped,
             "repeated_estimates": self.repeated,
             **self.execution.report("execution"),
             **self.age.report("estimate_age"),
         }
-        troubles = self.malformed + sum(count for name, count in self.statuses.items() if name not in SOUND)
-        troubles += sum(self.layers[name] for name in (NO_REFERENCE, HELD, ZEROED))
-        before, self.troubles = self.troubles, troubles
-        if troubles != before:
-            return WARN, "commands that are not the plan's", values
-        return OK, "running" if self.stamp else "waiting for estimates", values
+        judged = self.silent(self.judged("loop", loop, answers, **values), "state_estimate")
+        if not self.stamp and judged.level == OK:
+            judged = replace(judged, message="waiting for estimates")
+        plans = {f"plans {name}": count for name, count in self.statuses.items() if name not in SOUND}
+        checked = named("check", self.controller.reasons) if isinstance(self.controller, Supervisor) else {}
+        return [judged, self.judged("policy", plans, answers, **named("status", self.statuses), **checked)]
 
 
 def named(prefix: str, counts: Mapping[str, int]) -> dict[str, int]:

@@ -62,6 +62,8 @@ class Answers:
         self.commands = 0
         self.missed = 0
         self.last_missed = -1
+        self.last = NEVER
+        """When an answer came last [s]."""
         self.delay = Timing()
         self._published = np.zeros(REMEMBERED)
 
@@ -77,12 +79,23 @@ class Answers:
         self._published[number % REMEMBERED] = time
         self.latest = number
 
+    def is_measured(self, stamp: int) -> bool:
+        """Whether a stamp is one of the measurements' [ns]."""
+        return (stamp - self.start) % self.period == 0
+
+    def awaits(self, stamp: int) -> bool:
+        """Whether a stamp is of a measurement that no earlier answer was newer than."""
+        number = (stamp - self.start) // self.period
+        newer = max(self.answered, self.latest - REMEMBERED) < number <= self.latest
+        return newer and self.is_measured(stamp)
+
     def answer(self, stamp: int, time: float) -> bool:
-        """A command came at `time` [s]: whether it answers a measurement that no earlier command was newer than."""
-        number, rest = divmod(stamp - self.start, self.period)
-        if rest or not self.answered < number <= self.latest or number <= self.latest - REMEMBERED:
+        """A command came at `time` [s]: whether it answers a measurement."""
+        if not self.awaits(stamp):
             return False
+        number = (stamp - self.start) // self.period
         self.commands += 1
         self.answered = number
+        self.last = time
         self.delay.add(time - float(self._published[number % REMEMBERED]))
         return True

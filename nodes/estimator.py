@@ -6,6 +6,7 @@ import math
 import sys
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from time import perf_counter
 from typing import Any
@@ -18,7 +19,9 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.estimation import METHODS, Estimate
 from hybrid_sysid_ros.estimation.consistency import band
-from hybrid_sysid_ros.nodes.base import OK, WARN, RigNode, run
+from hybrid_sysid_ros.nodes.base import RigNode, run
+from hybrid_sysid_ros.nodes.border import Order
+from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, joint_state, lists, nanoseconds, set_nanoseconds
 from hybrid_sysid_ros.nodes.model import model_of
@@ -26,8 +29,8 @@ from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.runtime.configuration import CAMERA, estimator_tuning
 from hybrid_sysid_ros.support.errors import UserError
 
-RESTART = SECOND  # a stamp so far before the last one is a new experiment
 SHOW_PERIOD = SECOND // 20  # ns, between two covariances
+SLACK = 0.05  # of its range, by which an input may be beyond its limits to be believed
 WINDOW = 10.0  # s of innovations whose mean square is told
 
 
@@ -47,31 +50,35 @@ class EstimatorNode(RigNode):
         super().__init__("estimator", **options)
         self.system = system = model_of(self.rig, self.settings["model"]).system
         layout = Layout(self.rig, system)
-        self.measured = Slots([*layout.outputs, *layout.inputs])
+        limits = [(item.low, item.high, SLACK * (item.high - item.low)) for item in self.rig.actuators]
+        bounds = [(low - slack, high + slack) for low, high, slack in limits]
+        self.measured = Slots([*layout.outputs, *layout.inputs], bounds=bounds)
         self.given = np.empty(len(self.measured))
         self.outputs, self.applied = np.split(self.given, [len(layout.outputs)])
+        self.names = [item.name for item in system.outputs]
         self.camera = Slots([layout.outputs[0].ending(f"_{CAMERA}")])
         self.frame = np.empty(1)
         self.further = layout.further
+        self.noisy = [sensor.noisy for sensor in self.rig.sensors]
         self.estimates: Publisher | None = None
         self.covariances = self.open("state_covariance")
         self.begin()
         followed = tuple(self.filter.tuning.followed)
         self.slots = Slots(layout.estimate(followed))
         self.message = joint_state(self.slots)
+        self.message.header.frame_id = self.signature
         self.covariance_message = _labelled(self.filter.labels)
+        self.entry = self.border("joint_states")
         self.warm_up()
         self.begin()
-        measurements = self.listen("joint_states", self.on_measurement)
+        measurements = self.listen(self.entry, "joint_states", self.on_measurement)
         self.when(lambda: measurements.get_publisher_count() > 0, self.advertise)
 
     def warm_up(self) -> None:
         """Take measurements that nobody made: this compiles, and has seen it all once before it matters."""
-        message = joint_state(self.measured)
-        self.measured.write(lists(message), [0.0] * len(self.measured))
         for k in range(1, 4):
-            set_nanoseconds(message.header.stamp, round(k * SECOND / self.settings["rate"]))
-            self.on_measurement(message)
+            self.given[:] = 0.0
+            self.take(round(k * SECOND / self.settings["rate"]), Order.NEW, perf_counter())
 
     def begin(self) -> None:
         """Begin anew, nothing estimated and nothing counted."""
@@ -82,12 +89,12 @@ class EstimatorNode(RigNode):
             period=1.0 / settings["rate"],
             latency=settings["latency"],
         )
-        self.stamp = self.shown = 0
-        self.malformed = self.unusable = self.repeated = self.restarts = self.seen = 0
+        self.stamp = self.shown = self.usable = 0
+        self.unusable = self.repeated = self.restarts = self.seen = self.blind = 0
+        self.still = [Still(after=round(settings["frozen_after"] * settings["rate"])) for _ in self.outputs]
         self.execution = Timing()
         self.innovations: deque[float] = deque(maxlen=round(WINDOW * settings["rate"]))
         self.parameters: Mapping[str, float] = {}
-        self.troubles: tuple[int, ...] = ()
 
     def advertise(self) -> None:
         """Open the topic of the estimates."""
@@ -95,30 +102,41 @@ class EstimatorNode(RigNode):
 
     def on_measurement(self, message: JointState) -> None:
         """Answer a measurement."""
-        began = perf_counter()
-        stamp = nanoseconds(message.header.stamp)
-        whole = self.measured.read(message.name, lists(message), self.given)
-        if not whole and self.camera.read(message.name, lists(message), self.frame):
-            self.on_camera(stamp)
+        began, stamp = perf_counter(), nanoseconds(message.header.stamp)
+        if message.name == self.camera.names:
+            self.entry.read(message.name, lists(message), self.camera, self.frame)
+            if self.entry.is_near(stamp):
+                self.on_camera(stamp)
             return
-        if self.stamp and stamp == self.stamp:
+        named = self.entry.read(message.name, lists(message), self.measured, self.given)
+        order = self.entry.admit(message) if named else None
+        if order is not None:
+            self.take(stamp, order, began)
+
+    def take(self, stamp: int, order: Order, began: float) -> None:
+        """Answer what a measurement gave; stamp [ns], began: when it came [s]."""
+        if order is Order.AGAIN:
             self.repeated += 1
             self.publish()
             return
-        if stamp < self.stamp - RESTART:
+        if order is Order.RESTART:
             self.filter.reset()
-            self.stamp = self.shown = 0
+            self.stamp = self.shown = self.usable = 0
             self.restarts += 1
         if not self.stamp:
             self.zero = stamp
-        self.malformed += not whole
+        for k, still in enumerate(self.still):
+            if self.noisy[k] and still.sees(self.outputs[k]):
+                self.outputs[k] = math.nan
+        if np.isfinite(self.outputs).any():
+            self.usable = max(stamp, self.usable)
         try:
             estimate = self.filter.update((stamp - self.zero) / SECOND, self.outputs, self.applied)
         except UserError as error:  # nothing to hold on to yet
             self.unusable += 1
             self.get_logger().warning(str(error), once=True)
             return
-        if stamp < self.stamp:
+        if order is Order.LATE:
             return  # the answer to a newer one is out
         self.stamp = stamp
         self.fill(estimate)
@@ -144,6 +162,9 @@ class EstimatorNode(RigNode):
             further = outputs[self.further].tolist()
         parameters = estimate.parameters.tolist()
         numbers = [*state, *further, *disturbance, *ahead, *disturbance, *parameters]
+        if self.stamp - self.usable > self.settings["sensor_timeout"] * SECOND:  # a guess: nobody should act on it
+            self.blind += 1
+            numbers = [math.nan] * len(numbers)
         self.slots.write(lists(self.message), numbers)
         set_nanoseconds(self.message.header.stamp, self.stamp)
 
@@ -164,34 +185,83 @@ class EstimatorNode(RigNode):
             self.covariance_message.data = estimate.covariance.ravel().tolist()
             self.covariances.publish(self.covariance_message)
 
-    def health(self) -> tuple[bytes, str, Mapping[str, object]]:
-        counters = self.filter.counters
-        count = len(self.innovations)
-        low, high = band(max(count, 1), len(self.outputs))
+    def health(self) -> Sequence[Task]:
+        counters, entry = self.filter.counters, self.entry
+        loop = {
+            "measurements missing": counters.missing,
+            "measurements too late": counters.late,
+            "measurements before the first one of use": self.unusable,
+            **{f"measurements {reason}": count for reason, count in self.dropped("joint_states").items()},
+        }
         values = {
             "updates": counters.updates,
             "delayed_measurements": counters.delayed,
             "late_measurements": counters.late,
             "missing_measurements": counters.missing,
-            "invalid_entries": counters.invalid,
-            "gated_outliers": counters.gated,
-            "resets": counters.resets,
-            "malformed_messages": self.malformed,
+            "dropped_measurements": sum(entry.dropped.values()),
             "unusable_measurements": self.unusable,
             "repeated_measurements": self.repeated,
             "restarts": self.restarts,
+            **self.execution.report("execution"),
+        }
+        judged = self.silent(self.judged("loop", loop, counters.updates, **values), "joint_states")
+        if not self.stamp and judged.level == OK:
+            judged = replace(judged, message="waiting for measurements")
+        return [judged, self.sensor(), self.believed()]
+
+    def sensor(self) -> Task:
+        """What is to be said of the readings."""
+        counters, frozen = self.filter.counters, [still.seen for still in self.still]
+        values = {
+            "invalid_entries": counters.invalid,
+            "gated_outliers": counters.gated,
+            "resets": counters.resets,
             "camera_measurements": self.seen,
-            "innovation_mean_square": math.fsum(self.innovations) / count if count else math.nan,
+            "blind_estimates": self.blind,
+            **{f"frozen_{name}": count for name, count in zip(self.names, frozen, strict=True)},
+        }
+        troubles = {
+            "readings that are no number": counters.invalid - sum(frozen),
+            "readings that the model does not believe": counters.gated,
+            "estimates without a reading": self.blind,
+            **{f"times the same reading of {name}": count for name, count in zip(self.names, frozen, strict=True)},
+        }
+        return self.judged("sensor", troubles, counters.updates, **values)
+
+    def believed(self) -> Task:
+        """What is to be said of the model: whether its innovations are as large as it says."""
+        count = len(self.innovations)
+        low, high = band(max(count, 1), len(self.outputs))
+        mean = math.fsum(self.innovations) / count if count else math.nan
+        values = {
+            "innovation_mean_square": mean,
             "innovation_band_low": low,
             "innovation_band_high": high,
             **{f"parameter_{name}": value for name, value in self.parameters.items()},
-            **self.execution.report("execution"),
         }
-        troubles = (counters.late, counters.missing, counters.invalid, counters.gated, self.malformed, self.unusable)
-        before, self.troubles = self.troubles, troubles
-        if before and troubles != before:
-            return WARN, "late, missing, invalid or unbelievable measurements", values
-        return OK, "running" if self.stamp else "waiting for measurements", values
+        worse = mean / high if count else 0.0
+        level = ERROR if worse > self.settings["innovation_error"] else OK
+        if level == OK and worse > self.settings["innovation_warn"]:
+            level = WARN
+        message = "running" if level == OK else f"innovations {worse:.1f} times as large as the model says"
+        return Task(name="model", level=level, message=message, values=values)
+
+
+class Still:
+    """A sensor with noise that shows the same number for too long."""
+
+    def __init__(self, *, after: int) -> None:
+        self.seen = 0
+        """Readings that were no news."""
+        self._after, self._count, self._last = after, 0, math.nan
+
+    def sees(self, reading: float) -> bool:
+        """Whether a reading is no news."""
+        self._count = self._count + 1 if reading == self._last else 0
+        self._last = reading
+        found = 0 < self._after <= self._count
+        self.seen += found
+        return found
 
 
 def _labelled(names: Sequence[str]) -> Float64MultiArray:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, MutableSequence, Sequence
 from dataclasses import dataclass
 
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.rig import BEYOND, Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -79,7 +79,9 @@ class Layout:
 class Slots:
     """Numbers in their places in one kind of message after another: written without a search, read by name."""
 
-    def __init__(self, places: Sequence[Place]) -> None:
+    def __init__(self, places: Sequence[Place], *, bounds: Sequence[tuple[float, float]] = ()) -> None:
+        """bounds: within which the last numbers must be to be believed; all others within what any rig has."""
+        self.bounds = [(-BEYOND, BEYOND)] * (len(places) - len(bounds)) + list(bounds)
         self.names = list(dict.fromkeys(place.entry for place in places))
         """Entries of a message that carries these and no other."""
         self.fields = [field for field in FIELDS if any(place.field == field for place in places)]
@@ -101,12 +103,12 @@ class Slots:
         for (field, index), value in zip(self._found, values, strict=True):
             lists[field][index] = value
 
-    def read(self, names: Sequence[str], lists: Lists, out: MutableSequence[float] | Array) -> bool:
-        """Numbers of a message's lists into ``out``, NaN where there is none; whether all entries were named."""
+    def read(self, names: Sequence[str], lists: Lists, out: MutableSequence[float] | Array) -> int:
+        """Numbers of a message's lists into ``out``, NaN where there is none; how many of them have a name there."""
         if names != self._read_names:
             self._read_names, self._read_found = names, self._where(names)
-        whole = True
+        named = 0
         for k, (field, index) in enumerate(self._read_found):
-            whole = whole and index >= 0
+            named += index >= 0
             out[k] = lists[field][index] if 0 <= index < len(lists[field]) else math.nan
-        return whole
+        return named

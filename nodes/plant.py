@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from time import perf_counter
 from typing import Any
 
 from sensor_msgs.msg import JointState
 
-from hybrid_sysid_ros.nodes.base import OK, WARN, RigNode, announce, run
+from hybrid_sysid_ros.nodes.base import RigNode, announce, run
+from hybrid_sysid_ros.nodes.diagnostics import WARN, Task
 from hybrid_sysid_ros.nodes.drive import Answers, Drive
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, joint_state, lists, nanoseconds, set_nanoseconds
@@ -44,18 +45,20 @@ class PlantNode(RigNode):
         self.drive = Drive(rig.actuators, timeout=self.timeout)
         self.answers = Answers(start=LOCKSTEP_START, period=round(self.steps * rig.step * SECOND))
         self.lateness = Timing()
-        self.rejected = self.overruns = self.repeated = 0
-        self.troubles = (0, 0, 0, 0)
+        self.rejected = self.overruns = self.repeated = self.stops = self.direct = 0
         self.started = False
         layout = Layout(rig, rig.system)
         self.low_passed = [k for k, sensor in enumerate(rig.sensors) if sensor.low_pass]
         filtered = [layout.outputs[k].ending(f"_{FILTERED}") for k in self.low_passed]
         self.slots = Slots([*layout.outputs, *layout.inputs, *filtered])
         self.message = joint_state(self.slots)
+        self.message.header.frame_id = self.signature
         self.inputs = Slots(layout.inputs)
         self.commanded = [0.0] * len(layout.inputs)
+        self.rest = [actuator.rest for actuator in rig.actuators]
         self.measurements = self.open("joint_states")
-        self.commands = self.listen("joint_command", self.on_command)
+        self.entry = self.border("joint_command")
+        self.commands = self.listen(self.entry, "joint_command", self.on_command)
         self.when(self.is_matched, self.settle)
 
     def is_matched(self) -> bool:
@@ -120,17 +123,35 @@ class PlantNode(RigNode):
         self.measurements.publish(self.message)
 
     def on_command(self, message: JointState) -> None:
-        """Put a command in force, if it is one."""
-        time = perf_counter() - self.begin if self.started else 0.0
-        self.inputs.read(message.name, lists(message), self.commanded)
-        sound = self.started and all(map(math.isfinite, self.commanded))
-        if not (sound and self.answers.answer(nanoseconds(message.header.stamp), time)):
-            self.rejected += 1
+        """Put a command in force, if it is one that counts: a stop, an answer, or one that :meth:`is_direct`."""
+        if not self.started:
             return
+        time, stamp = perf_counter() - self.begin, nanoseconds(message.header.stamp)
+        named = self.entry.read(message.name, lists(message), self.inputs, self.commanded)
+        if not named or not all(map(math.isfinite, self.commanded)):
+            return
+        if self.commanded == self.rest and not self.lockstep and not self.answers.awaits(stamp):
+            self.stops += 1
+        elif not self.entry.hears(message):
+            return
+        elif not self.answers.answer(stamp, time):
+            if not self.is_direct(stamp, time):
+                self.rejected += 1
+                return
+            self.direct += 1
+        self.entry.believe(message)
         self.drive.command(self.commanded, self.plant.time if self.lockstep else time)
         if self.lockstep and self.answers.answered == self.answers.latest:
             self.plant.bias[:] = self.settings["bias"]
             self.measure(self.answers.latest + 1, self.integrate(self.steps))
+
+    def is_direct(self, stamp: int, time: float) -> bool:
+        """Whether a command that answers no measurement counts: one of a person or of another driver, stamped with the
+        time of now or not at all, while no controller has answered for ``silence``. Not in lockstep.
+        """
+        if self.lockstep or time - self.answers.last < self.settings["silence"]:
+            return False
+        return stamp == 0 or (not self.answers.is_measured(stamp) and self.entry.is_near(stamp))
 
     def ask_again(self) -> None:
         """In lockstep: repeat a measurement that nobody answers."""
@@ -143,19 +164,29 @@ class PlantNode(RigNode):
             )
             self.publish()
 
-    def health(self) -> tuple[bytes, str, Mapping[str, object]]:
+    def health(self) -> Sequence[Task]:
         answers, drive = self.answers, self.drive
         if not self.started:
-            return WARN, "waiting for a controller on joint_command and readers of joint_states", {}
-        troubles = (answers.missed, self.overruns, self.rejected, drive.timeouts)
-        before, self.troubles = self.troubles, troubles
+            waiting = "waiting for a controller on joint_command and readers of joint_states"
+            return [Task(name="loop", level=WARN, message=waiting)]
+        troubles = {
+            "measurements without an answer": answers.missed,
+            "timer ticks left out": self.overruns,
+            "commands that answer nothing": self.rejected,
+            "times at rest for want of commands": drive.timeouts,
+            "steps at the end of the travel": self.plant.stopped,
+            **{f"commands {reason}": count for reason, count in self.dropped("joint_command").items()},
+        }
         values = {
             "measurements": answers.latest + 1,
             "measurement_rate_hz": answers.latest / max(perf_counter() - self.begin, 1e-9),
             "commands": answers.commands,
             "missed_commands": answers.missed,
             "last_missed": answers.last_missed,
-            "rejected_commands": self.rejected,
+            "rejected_commands": self.rejected + sum(self.entry.dropped.values()),
+            "direct_commands": self.direct,
+            "stops": self.stops,
+            "steps_at_travel_end": self.plant.stopped,
             "command_timeouts": drive.timeouts,
             "saturated_commands": drive.saturated,
             "overruns": self.overruns,
@@ -163,7 +194,7 @@ class PlantNode(RigNode):
             **answers.delay.report("delay"),
             **self.lateness.report("timer_lateness"),
         }
-        return (OK, "running", values) if troubles == before else (WARN, "missed, rejected or late commands", values)
+        return [self.silent(self.judged("loop", troubles, answers.latest + 1, **values), "joint_command")]
 
 
 main = partial(run, PlantNode)

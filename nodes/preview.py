@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from trajectory_msgs.msg import JointTrajectory
 
+from hybrid_sysid_ros.nodes.border import Border, Reason
 from hybrid_sysid_ros.nodes.layout import Slots
 from hybrid_sysid_ros.nodes.messages import nanoseconds, point_lists
+from hybrid_sysid_ros.rigs.rig import BEYOND
 from hybrid_sysid_ros.support.arrays import Array
 
 
@@ -21,21 +23,32 @@ class Preview:
         self.values = values
 
     @classmethod
-    def of(cls, message: JointTrajectory, outputs: Slots, tracked: NDArray[np.bool_]) -> Preview | None:
+    def of(
+        cls, message: JointTrajectory, border: Border, outputs: Slots, tracked: NDArray[np.bool_], now: int
+    ) -> Preview | None:
         """Preview of a message, 0 for the outputs that are not tracked (outputs,); None where it lacks one that is, or
-        its numbers or times make no sense.
+        its numbers or times make no sense, which its border counts. now: where one begins that has no stamp [ns].
         """
-        if not message.points:
-            return None
         values = np.empty((len(message.points), len(outputs)))
         for row, point in zip(values, message.points, strict=True):
             outputs.read(message.joint_names, point_lists(point), row)
         values[:, ~tracked] = 0.0
-        start = nanoseconds(message.header.stamp)
+        start = nanoseconds(message.header.stamp) or now
         times = np.array([start + nanoseconds(point.time_from_start) for point in message.points], dtype=np.int64)
-        if not np.isfinite(values).all() or (np.diff(times) <= 0).any():
+        if not len(times) or (np.diff(times) <= 0).any():
+            border.drop(Reason.MALFORMED)
+            return None
+        if not (np.abs(values) <= BEYOND).all():
+            border.drop(Reason.NO_NUMBER if np.isnan(values).any() else Reason.OUT_OF_RANGE)
             return None
         return cls(times, values)
+
+    def within(self, low: Array, high: Array) -> bool:
+        """Hold the values within limits (outputs,) each; whether they were."""
+        bounded = np.clip(self.values, low, high)
+        same = bool((bounded == self.values).all())
+        self.values = bounded
+        return same
 
     def at(self, times: NDArray[np.int64]) -> Array:
         """References (times, outputs) at times [ns].

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -11,9 +11,17 @@ import numpy as np
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
-from hybrid_sysid_ros.nodes.base import OK, RigNode, announce, run
+from hybrid_sysid_ros.nodes.base import RigNode, announce, run
+from hybrid_sysid_ros.nodes.border import Order
+from hybrid_sysid_ros.nodes.diagnostics import Task
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, joint_trajectory, nanoseconds, point_lists, set_nanoseconds
+from hybrid_sysid_ros.nodes.messages import (
+    SECOND,
+    joint_trajectory,
+    lists,
+    point_lists,
+    set_nanoseconds,
+)
 from hybrid_sysid_ros.rigs.excitation import Reference, constant, multisine, random_steps, sine
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import defaults
@@ -88,24 +96,31 @@ class ReferenceNode(RigNode):
         self.scales = np.array([display.scale for display in self.rig.display])
         self.slots = Slots([layout.outputs[k] for k in self.tracked])
         self.message = joint_trajectory(self.slots, self.offsets.tolist())
-        self.zero = self.stamp = 0
+        self.message.header.frame_id = self.signature
+        self.zero = 0
         self.sent = 0
         self.previews = self.open("reference")
-        self.measurements: Subscription | None = self.listen("joint_states", self.on_measurement)
+        self.measured = Slots([*layout.outputs, *layout.inputs])
+        self.given = [0.0] * len(self.measured)
+        self.entry = self.border("joint_states")
+        self.measurements: Subscription | None = self.listen(self.entry, "joint_states", self.on_measurement)
         if not settings["lockstep"]:
             self.every(settings["publish_period"], self.tick)
 
     def on_measurement(self, message: JointState) -> None:
         """Begin with the first measurement; in lockstep follow their stamps."""
-        stamp = nanoseconds(message.header.stamp)
         if self.zero and not self.settings["lockstep"]:
             return
+        ours = self.measured.read(message.name, lists(message), self.given)
+        order = self.entry.admit(message) if ours else None
+        if order is None or order is Order.LATE:
+            return
+        stamp = self.entry.stamp
         if not self.zero:
             self.zero = stamp
             announce("begun")
-        if stamp == self.stamp:  # nobody answered it: maybe for want of a reference
+        if order is Order.AGAIN:  # nobody answered it: maybe for want of a reference
             self.previews.publish(self.message)
-        self.stamp = stamp
         self.advance(stamp)
 
     def tick(self) -> None:
@@ -143,11 +158,10 @@ class ReferenceNode(RigNode):
             self.get_logger().info(f"done after {self.duration / SECOND:g} s")
         super().close()
 
-    def health(self) -> tuple[bytes, str, Mapping[str, object]]:
+    def health(self) -> Sequence[Task]:
         values = {"kind": self.kind, "messages": self.sent, "seconds": self.sent * self.period / SECOND}
-        if not self.zero:
-            return OK, "waiting for the first measurement", values
-        return OK, "done" if self.finished.done() else "running", values
+        begun = "done" if self.finished.done() else "running"
+        return [Task(name="reference", message=begun if self.zero else "waiting for a measurement", values=values)]
 
 
 main = partial(run, ReferenceNode)

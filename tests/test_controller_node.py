@@ -6,11 +6,13 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hybrid_sysid_ros.control.controller import Plan, Status, held
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.adaptation import Correction
 from hybrid_sysid_ros.control.safety.certificate import Certificate, bounds
@@ -20,8 +22,10 @@ from hybrid_sysid_ros.support.errors import UserError
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
 
 from rclpy.qos import qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from hybrid_sysid_ros.nodes.border import Reason
 from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.messages import SECOND, set_nanoseconds
 from tests.node_bench import VOLT, Bench, joint, stamp_of
@@ -122,17 +126,74 @@ def test_without_a_sound_estimate_the_command_is_held_then_zero(wheel: Wheel) ->
     assert wheel.controller.layers == {"policy": 2, "held": 1, "zeroed": 1}
 
 
+def test_what_stands_in_for_a_plan_becomes_zero(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
+    wheel = Wheel(bench, model_folder, policy_folder, lockstep=True, zero_after=0.2)
+    wheel.refer([VOLT] * 5)
+    assert wheel.command(0.0) == pytest.approx(4.0)
+
+    def none(state: Any, disturbance: Any, previous: Any, preview: Any) -> Plan:
+        return held(previous, wheel.controller.problem, Status.FAILED)
+
+    parts = {"prepare": lambda elapsed: None, "horizon": wheel.controller.controller.horizon, "period": 0.02}
+    wheel.controller.controller = SimpleNamespace(control=none, **parts)
+    commands = [wheel.command(0.0) for _ in range(50)]
+    assert commands[:39] == [pytest.approx(4.0)] * 39  # .2 s at 200 Hz
+    assert commands[41:] == [0.0] * 9
+
+
+def test_the_last_command_is_a_zero(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
+    wheel = Wheel(bench, model_folder, policy_folder, stale_after=5.0)
+    wheel.stamp = wheel.controller.now() - SECOND // 10
+    assert wheel.command(VOLT) == pytest.approx(1.0)
+    wheel.controller.close()
+    bench.until(lambda: wheel.commands[-1].effort[0] == 0.0)
+
+
+def test_a_reference_ends_before_the_travel_does(wheel: Wheel) -> None:
+    """The beam's sensor sees +-10 V; a reference of 44 V is held a little before that."""
+    wheel.refer([44 * VOLT] * 5)
+    wheel.command(0.0)
+    assert wheel.controller.clipped == 1
+    assert wheel.controller.preview is not None
+    assert np.all(wheel.controller.preview.values == pytest.approx(9.6 * VOLT))
+
+
+def test_a_reference_without_a_stamp_begins_now(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
+    wheel = Wheel(bench, model_folder, policy_folder, stale_after=5.0)
+    wheel.stamp = 0
+    wheel.refer([VOLT] * 3)
+    bench.until(lambda: wheel.controller.preview)
+    assert abs(wheel.controller.preview.times[0] - wheel.controller.now()) < SECOND  # type: ignore[union-attr]
+
+
+def test_simulated_time_that_stands_or_jumps_back(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
+    clock = bench.probe.create_publisher(Clock, "/clock", 10)
+    wheel = Wheel(bench, model_folder, policy_folder, use_sim_time=True, stale_after=5.0, zero_after=0.1)
+    bench.until(clock.get_subscription_count)
+    wheel.estimate(VOLT)  # no clock has shown its time yet
+    bench.until(lambda: wheel.controller.entry.dropped[Reason.AHEAD] == 1)
+    assert not wheel.commands
+    for start in (100 * SECOND, 40 * SECOND):
+        wheel.stamp = start
+        message = Clock()
+        set_nanoseconds(message.clock, start)
+        clock.publish(message)
+        bench.until(lambda: wheel.controller.now() == start)  # noqa: B023
+        assert wheel.command(VOLT, step=0) == pytest.approx(1.0)
+        bench.until(lambda: wheel.commands[-1].effort[0] == 0.0)  # time stands, the watchdog does not
+
+
 def test_a_reference_that_makes_no_sense_is_rejected(wheel: Wheel) -> None:
     wheel.refer([VOLT] * 3)
     wheel.command(0.0)
     wheel.refer([5 * VOLT, math.nan])
-    wheel.bench.until(lambda: wheel.controller.rejected_references == 1)
+    wheel.bench.until(lambda: wheel.controller.wishes.dropped.total() == 1)
     wheel.refer([5 * VOLT] * 2, name="arm")
-    wheel.bench.until(lambda: wheel.controller.rejected_references == 2)
+    wheel.bench.until(lambda: wheel.controller.wishes.dropped.total() == 2)
     wheel.refer([5 * VOLT] * 2, spacing=0.0)
-    wheel.bench.until(lambda: wheel.controller.rejected_references == 3)
+    wheel.bench.until(lambda: wheel.controller.wishes.dropped.total() == 3)
     wheel.refer([])
-    wheel.bench.until(lambda: wheel.controller.rejected_references == 4)
+    wheel.bench.until(lambda: wheel.controller.wishes.dropped.total() == 4)
     assert wheel.command(0.0) == pytest.approx(4.0)
 
 
@@ -146,10 +207,13 @@ def test_in_real_time_the_beam_is_held_where_it_is_until_a_reference_comes(
 
 
 def test_an_estimate_that_is_too_old_is_not_acted_upon(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
-    wheel = Wheel(bench, model_folder, policy_folder)
-    wheel.stamp = wheel.controller.now() - 5 * SECOND
+    wheel = Wheel(bench, model_folder, policy_folder, stale_after=0.001, zero_after=0.2)
+    wheel.stamp = wheel.controller.now() - SECOND // 10
     assert wheel.command(VOLT) == 0.0
     assert wheel.controller.layers == {"zeroed": 1}
+    wheel.stamp -= 5 * SECOND
+    wheel.estimate(VOLT)
+    bench.until(lambda: wheel.controller.entry.dropped[Reason.LONG_PAST])
 
 
 def test_when_estimates_stop_the_controller_sends_a_zero(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
@@ -211,7 +275,7 @@ def test_under_supervision_the_network_drives_while_its_plans_are_good(
     for _ in range(4):
         wheel.command(0.0)
     assert wheel.controller.layers["policy"] > 3
-    values: Any = wheel.controller.health()[2]
+    values: Any = wheel.controller.report()
     assert values["layer_exact"] == wheel.controller.layers["exact"]
     solved = values.get("status_solved", 0) + values.get("status_not_converged", 0)  # at rest friction has corners
     assert solved == values["layer_exact"]

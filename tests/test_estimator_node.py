@@ -15,6 +15,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 
 from sensor_msgs.msg import JointState
 
+from hybrid_sysid_ros.nodes.border import Reason
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.nodes.messages import SECOND
 from tests.node_bench import Bench, joint, stamp_of
@@ -29,7 +30,9 @@ class Desk:
         self.bench = bench
         self.measurements = bench.speak("joint_states")
         self.estimates = bench.listen("state_estimate")
-        self.estimator: EstimatorNode = bench.start(EstimatorNode, model=str(model), **parameters)
+        self.estimator: EstimatorNode = bench.start(
+            EstimatorNode, **{"model": str(model), "lockstep": True, "frozen_after": 0.0, **parameters}
+        )
         bench.until(self.measurements.get_subscription_count)
         bench.until(lambda: self.estimator.estimates and self.estimator.estimates.get_subscription_count())
         self.stamp = 100 * SECOND
@@ -96,9 +99,11 @@ def test_a_measurement_that_is_no_number_is_predicted_over(bench: Bench, model_f
     desk = Desk(bench, model_folder)
     desk.estimate(0.01)
     assert math.isfinite(desk.estimate(math.nan).position[0])
-    assert math.isfinite(desk.estimate(0.01, name="arm").position[0])
+    desk.measure(0.01, name="arm")  # of others, who share the topic
+    assert math.isfinite(desk.estimate(0.01).position[0])
     counters = desk.estimator.filter.counters
-    assert (counters.invalid, desk.estimator.malformed) == (3, 1)  # the arm's message lacks the beam's input as well
+    assert counters.invalid == 1
+    assert desk.estimator.entry.dropped == {Reason.NO_NUMBER: 1, Reason.UNRELATED: 1}
 
 
 def test_a_first_measurement_that_is_no_number_is_not_answered(bench: Bench, model_folder: Path) -> None:
@@ -125,6 +130,25 @@ def test_a_gap_is_counted_and_what_comes_late_is_used_or_ignored_but_not_answere
     assert len(desk.estimates) == 3
 
 
+def test_without_readings_estimates_end(bench: Bench, model_folder: Path) -> None:
+    desk = Desk(bench, model_folder, sensor_timeout=0.1)
+    desk.estimate(0.01)
+    answers = [desk.estimate(math.nan) for _ in range(25)]
+    assert all(math.isfinite(answer.position[0]) for answer in answers[:20])
+    assert all(math.isnan(answer.position[0]) for answer in answers[20:])
+    assert math.isfinite(desk.estimate(0.01).position[0])
+    assert desk.estimator.blind == 5
+
+
+def test_a_sensor_with_noise_that_shows_the_same_number_is_frozen(bench: Bench, model_folder: Path) -> None:
+    desk = Desk(bench, model_folder, frozen_after=0.1, sensor_timeout=0.1)
+    answers = [desk.estimate(0.01) for _ in range(50)]
+    assert math.isfinite(answers[35].position[0])
+    assert math.isnan(answers[-1].position[0])
+    assert any("the same reading of position" in task.message for task in desk.estimator.health())
+    assert math.isfinite(desk.estimate(0.0101).position[0])
+
+
 def test_a_repeated_measurement_is_answered_again_without_being_used(bench: Bench, model_folder: Path) -> None:
     desk = Desk(bench, model_folder)
     first = desk.estimate(0.01)
@@ -137,5 +161,6 @@ def test_stamps_that_begin_again_begin_a_new_experiment(bench: Bench, model_fold
     desk = Desk(bench, model_folder)
     desk.estimate(0.01)
     desk.stamp = 10 * SECOND
+    desk.measure(-0.02)  # one alone may be a fault
     assert desk.estimate(-0.02).position[0] == -0.02
     assert desk.estimator.restarts == 1

@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from hybrid_sysid_ros.nodes import plant as plant_module
+from hybrid_sysid_ros.nodes.border import Reason
 from hybrid_sysid_ros.nodes.drive import Answers, Drive
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.plant import PlantNode
@@ -53,7 +54,7 @@ def test_in_lockstep_a_command_acts_over_the_whole_next_period(bench: Bench) -> 
 
 def test_the_input_is_bounded_whatever_is_commanded(bench: Bench) -> None:
     drill = Drill(bench, lockstep=True)
-    for command, applied in ((1e6, 10.0), (-math.pi * 1e300, -10.0)):
+    for command, applied in ((1e6, 10.0), (-math.pi * 1e8, -10.0)):
         drill.answer(command)
         assert drill.following().effort[0] == applied
     assert drill.plant.drive.saturated == 2
@@ -65,11 +66,12 @@ def test_a_command_that_makes_no_sense_is_rejected_and_counted(bench: Bench) -> 
     drill.following()
     drill.answer(math.nan)
     drill.answer(math.inf)
+    drill.answer(-1e300)
     drill.answer()
     drill.answer(3.0, name="arm")
     drill.answer(3.0, late=1)
     drill.answer(3.0, late=-7)
-    bench.until(lambda: drill.plant.rejected == 6)
+    bench.until(lambda: drill.plant.rejected + drill.plant.entry.dropped.total() == 7)
     drill.answer(2.0)
     assert drill.following().effort[0] == 2.0
     assert len(drill.measurements) == 3
@@ -84,6 +86,47 @@ def test_in_real_time_the_input_is_zero_once_commands_stop(bench: Bench) -> None
     assert drill.plant.answers.missed > 0
     stamps = np.array([stamp_of(message) for message in drill.measurements])
     assert (np.diff(stamps) == SECOND // 100).all()  # the nominal grid without a gap, however late the timer is
+
+
+def test_a_person_drives_where_no_controller_does_and_stops_it_where_one_does(bench: Bench) -> None:
+    drill = Drill(bench, rate=100.0, silence=0.2, command_timeout=10.0)
+    plant = drill.plant
+
+    def push(effort: float, stamp: int = 0) -> None:
+        drill.commands.publish(joint(stamp, effort=[effort]))
+
+    push(3.0)  # not stamped, as by `ros2 topic pub`
+    bench.until(lambda: drill.measurements[-1].effort[0] == 3.0)
+    push(2.0, plant.now())  # as a driver does
+    bench.until(lambda: drill.measurements[-1].effort[0] == 2.0)
+    push(4.0, plant.now() - 60 * SECOND)
+    bench.until(lambda: plant.rejected == 1)
+    drill.answer(1.0)
+    bench.until(lambda: drill.measurements[-1].effort[0] == 1.0)
+    push(5.0)
+    bench.until(lambda: plant.rejected == 2)
+    push(0.0)  # a stop counts always
+    bench.until(lambda: drill.measurements[-1].effort[0] == 0.0)
+    assert (plant.direct, plant.stops) == (2, 1)
+
+
+def test_a_second_controller_is_noticed_and_not_heard(bench: Bench) -> None:
+    drill = Drill(bench, rate=50.0, command_timeout=10.0)
+
+    def say(effort: float, source: str) -> None:
+        message = joint(stamp_of(drill.measurements[-1]), effort=[effort])
+        message.header.frame_id = source
+        drill.commands.publish(message)
+
+    say(1.0, "first")
+    bench.until(lambda: drill.measurements[-1].effort[0] == 1.0)
+    say(9.0, "second")
+    bench.until(lambda: drill.plant.entry.dropped[Reason.OTHER])
+    say(2.0, "first")
+    bench.until(lambda: drill.measurements[-1].effort[0] == 2.0)
+    assert max(message.effort[0] for message in drill.measurements) == 2.0
+    drill.plant.report()
+    assert any("another publisher" in task.message for task in drill.plant.health()) or drill.plant.troubles
 
 
 def test_in_lockstep_an_unanswered_measurement_is_repeated_as_it_was(

@@ -171,7 +171,8 @@ def test_the_graph_says_where_it_comes_from(tmp_path):
 def test_what_is_exported_carries_the_certificate_of_the_network(tmp_path):
     policy = POLICIES["a plan"]
     assert folder.about(policy, SEAL)["certificate"] == "none"
-    rates = {"network": {"input": 0.9975, "bounds": 1.0}, "supervised": {"input": 1.0, "bounds": 1.0}}
+    kept = {"bounds": 1.0, "all": 0.9975}
+    rates = {"network": {"input": 0.9975, **kept}, "supervised": {"input": 1.0, **kept}}
     certificate = Certificate(
         policy=SEAL,
         model=policy.model,
@@ -188,7 +189,7 @@ def test_what_is_exported_carries_the_certificate_of_the_network(tmp_path):
         made={},
     )
     folder.write(replace(policy, certificate=certificate), tmp_path / "out", name="policy", seal=SEAL, form="c")
-    said = "certificate: 26492 loops; rates at least (delta 0.01): input 0.9875, bounds 0.9900"
+    said = "certificate: 26492 loops; rates at least (delta 0.01): input 0.9875, bounds 0.9900, all 0.9875"
     assert said in (tmp_path / "out" / "policy.h").read_text()
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
+import resource
+import select
 import signal
 import subprocess
 import sys
@@ -17,6 +20,12 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import session
 from hybrid_sysid_ros.support.errors import UserError
+
+pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+from tests.node_bench import Bench
 
 TIMEOUT = 60.0  # s
 HEAVY = {
@@ -122,6 +131,41 @@ def test_a_recorder_that_is_terminated_leaves_a_whole_bag(start, tmp_path: Path)
     assert [path.name for path in tmp_path.iterdir()] == ["bag"]
 
 
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGXFSZ], ids=["killed", "full"])
+def test_a_recorder_that_cannot_go_on_leaves_what_it_has(domain: int, start, tmp_path: Path, number: int) -> None:
+    """Its own diagnostics are what it records: after a kill, or where its file may not grow beyond 128 KB."""
+    bag = tmp_path / "bag"
+    process = start("recorder", "--ros-args", "-p", f"path:={bag}", "-p", "topics:=/diagnostics")
+    wait_until_ready(process)
+    bench = Bench(domain)
+    publisher = bench.speak("/diagnostics", DiagnosticArray)
+    try:
+        bench.until(publisher.get_subscription_count)
+        if number == signal.SIGXFSZ:
+            resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (1 << 17, 1 << 17))
+        for _ in range(400):
+            publisher.publish(DiagnosticArray(status=[DiagnosticStatus(name=os.urandom(500).hex())]))
+        bench.until((bag / "bag.mcap").exists)
+        if number == signal.SIGKILL:
+            process.kill()
+        bench.until(lambda: process.poll() is not None)
+    finally:
+        bench.close()
+    _, complaints = process.communicate()
+    assert process.returncode == (-9 if number == signal.SIGKILL else 2)
+    assert [path.name for path in tmp_path.iterdir()] == ["bag"]
+    with bags.bag.opened(bag, recover=True) as recovered:
+        kept = recovered.topics["/diagnostics"].messages
+    assert kept > 0
+    if number == signal.SIGKILL:
+        with pytest.raises(UserError, match="is cut short"):
+            bags.topics(bag)
+    else:  # there was room for its end
+        assert bags.topics(bag)["/diagnostics"].messages == kept
+        assert f"error: {bag}: cannot be written (File too large): {kept} messages" in complaints.splitlines()[-1]
+        assert "Traceback" not in complaints
+
+
 STARTING = """
 import os, signal, sys
 from hybrid_sysid_ros.nodes import base, recorder
@@ -189,6 +233,29 @@ def test_a_session_tells_what_keeps_a_node_from_starting(domain: int, tmp_path: 
         session.run(domain=233)
 
 
+def test_a_session_says_where_the_bag_of_a_killed_recorder_is(domain: int, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+
+    def kill(seconds: float, duration: float) -> None:
+        if (bag / "bag.mcap").exists():
+            for process in Path("/proc").iterdir():
+                if _records(process, bag):
+                    os.kill(int(process.name), signal.SIGKILL)
+
+    with pytest.raises(UserError, match=rf"recorder ended .* in {bag}: read it with --recover"):
+        session.run(bag=bag, domain=domain, progress=kill)
+    with bags.bag.opened(bag, recover=True) as recovered:
+        assert sum(topic.messages for topic in recovered.topics.values()) > 0
+
+
+def _records(process: Path, bag: Path) -> bool:
+    """Whether an entry of /proc is the recorder of a bag."""
+    try:
+        return f"path:={json.dumps(str(bag))}".encode() in (process / "cmdline").read_bytes()
+    except OSError:
+        return False
+
+
 def test_a_session_ends_well_when_it_is_interrupted(domain: int, model_folder: Path, policy_folder: Path) -> None:
     def interrupt(seconds: float, duration: float) -> None:
         if seconds > 0.5:
@@ -207,3 +274,20 @@ def test_a_session_ends_well_when_it_is_interrupted(domain: int, model_folder: P
     assert outcome.interrupted
     assert outcome.diagnostics["plant"]["commands"] > 0
     assert threading.active_count() == before
+
+
+def test_no_node_outlives_its_session(domain: int, model_folder: Path, policy_folder: Path) -> None:
+    """However that ends: here it is killed."""
+    given = f"model={str(model_folder)!r}, policy_path={str(policy_folder)!r}, policy='network', reference='constant'"
+    code = f"session.run({given}, domain={domain}, progress=lambda seconds, duration: print('on', flush=True))"
+    command = [sys.executable, "-c", f"from hybrid_sysid_ros.runtime import session; {code}"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
+        assert running.stdout is not None
+        next(line for line in running.stdout if line == "on\n")
+        children = Path(f"/proc/{running.pid}/task/{running.pid}/children").read_text().split()
+        assert len(children) == 4
+        ends = [os.pidfd_open(int(pid)) for pid in children]
+        running.kill()
+    for end in ends:
+        assert select.select([end], [], [], TIMEOUT)[0]  # readable once the process has ended
+        os.close(end)

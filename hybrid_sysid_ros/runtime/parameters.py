@@ -112,10 +112,11 @@ def defaults(rig: Rig | str, node: str) -> dict[str, Any]:
 def declarations() -> dict[str, dict[str, dict[str, Any]]]:
     """What nodes.yaml declares: by node and parameter."""
     where = str(DECLARATIONS)
-    nodes = section(read_mapping(DECLARATIONS), "nodes", where, needed=True)
+    content = read_mapping(DECLARATIONS)
+    nodes, every = section(content, "nodes", where, needed=True), section(content, "every", where)
     found = {}
     for node in nodes:
-        entries = section(nodes, node, where)
+        entries = {**section(nodes, node, where), **every}
         found[node] = {name: section(entries, name, f"{where}: nodes.{node}", needed=True) for name in entries}
     return found
 

@@ -19,9 +19,10 @@ from queue import Empty, Queue
 from types import TracebackType
 from typing import Any
 
-from hybrid_sysid_ros.bags import METADATA
+from hybrid_sysid_ros.bags import METADATA, markers
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
 
@@ -85,6 +86,7 @@ class Session:
         self._namespace = rigs.load(rig).namespace
         self._environment = _environment(domain)
         self._lines: Queue[tuple[str, str, str]] = Queue()
+        self._stopped = False
 
     def __enter__(self) -> Session:
         return self
@@ -92,7 +94,8 @@ class Session:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.stop()
+        if not self._stopped:
+            self.stop()
 
     def command(self, node: str, values: Mapping[str, Any]) -> list[str]:
         """Command that starts a node with these parameters; the others have their defaults. Raises UserError where a
@@ -114,7 +117,7 @@ class Session:
         """Start a node's process."""
         process = subprocess.Popen(
             command,
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE,  # which ends with this process, however that does
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -122,6 +125,7 @@ class Session:
             env=self._environment,
             start_new_session=True,  # Ctrl-C comes here, and they are stopped in their order
         )
+        self._stopped = False
         child = self.children[node] = Child(node=node, process=process)
         for stream in ("stdout", "stderr"):
             child.listeners.append(threading.Thread(target=self._listen, args=(child, stream), daemon=True))
@@ -168,20 +172,28 @@ class Session:
                     self._hear(0.02)
         for child in self.children.values():
             self._hear_last(child)
+            if child.process.stdin is not None:
+                child.process.stdin.close()
+        self._stopped = True
         return {child.node: child.diagnostics for child in self.children.values()}
 
     def check_end(self) -> None:
-        """Raise UserError for a node that told of a failure, such as a recorder that could not write."""
+        """Raise UserError for a node that told of a failure, as a recorder that could not write, or did not end."""
         for child in self.children.values():
-            if (child.process.poll() or 0) > 0:
-                self._check(child)
+            status = child.process.poll()
+            if status is None or status > 0 or status == -signal.SIGKILL:
+                raise self._failure(child)
 
     def _check(self, child: Child) -> None:
-        if child.process.poll() is None:
-            return
-        self._hear_last(child)
-        why = child.complaint.removeprefix("error: ") or "without a word"
-        raise UserError(f"{child.node} ended with status {child.process.returncode}: {why}")
+        if child.process.poll() is not None:
+            self._hear_last(child)
+            raise self._failure(child)
+
+    def _failure(self, child: Child) -> UserError:
+        status = child.process.poll()
+        ended = "does not end" if status is None else f"ended with status {status}"
+        why = child.complaint.removeprefix("error: ") or ("killed" if status == -signal.SIGKILL else "without a word")
+        return UserError(f"{child.node} {ended}: {why}")
 
     def _listen(self, child: Child, stream: str) -> None:
         with getattr(child.process, stream) as lines:
@@ -249,13 +261,13 @@ def run(
     """
     described = rigs.load(rig or rigs.default())
     if bag is not None:
-        check_folder(bag, marker=METADATA, replace=overwrite)
+        check_folder(bag, marker=markers(bag), replace=overwrite)
     lock, latency = {"lockstep": lockstep}, {"latency": 0.0} if lockstep else {}
     rate = configuration.defaults(described, "plant")["rate"] if rate is None else rate
     driven = {"policy": policy, "policy_path": str(policy_path), "solver": solver}
     values: dict[str, dict[str, Any]] = {
         "reference": {"kind": reference, "duration": duration, **lock},
-        "estimator": {"model": str(model), "rate": rate, **latency},
+        "estimator": {"model": str(model), "rate": rate, **lock, **latency},
         "controller": {"model": str(model), **driven, **lock, **latency},
         "plant": {"rate": rate, **lock, "wait_for_readers": 2 if bag is None else 3},
     }
@@ -271,7 +283,7 @@ def run(
     own = schedule.duration if schedule else 0.0
     expected = 0.0 if lockstep else values["reference"]["duration"] or own
     interrupted = False
-    with _interruptible(), Session(described.source, domain=domain, tell=tell) as session:
+    with _interruptible(), _naming(bag), Session(described.source, domain=domain, tell=tell) as session:
         try:
             commands = {node: session.command(node, given) for node, given in values.items()}
             for node, command in commands.items():
@@ -302,12 +314,33 @@ def _environment(domain: int | None) -> dict[str, str]:
     environment = dict(os.environ)
     if domain is not None:
         environment["ROS_DOMAIN_ID"] = str(domain)
+    environment[interruption.TETHER] = "1"
     environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # a loop's matrices are too small for more
         environment.setdefault(name, "1")
     if "HOME" not in environment:
         environment.setdefault("ROS_LOG_DIR", str(Path(tempfile.gettempdir()) / "ros_log"))
     return environment
+
+
+@contextmanager
+def _naming(bag: Path | str | None) -> Iterator[None]:
+    """Let an error say where the recording is, if there is one."""
+    if bag is None:
+        return (yield)
+    before = _number(bag)
+    try:
+        yield
+    except UserError as error:
+        if _number(bag) in (None, before) or str(bag) in str(error):
+            raise
+        how = "" if (Path(bag) / METADATA).exists() else ": read it with --recover"
+        raise UserError(f"{error}; what was recorded is in {bag}{how}") from error
+
+
+def _number(path: Path | str) -> int | None:
+    """By which the file system knows a file or folder, whatever is renamed; None where there is none."""
+    return os.stat(path).st_ino if os.path.exists(path) else None
 
 
 @contextmanager

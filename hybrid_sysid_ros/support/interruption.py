@@ -1,4 +1,4 @@
-"""Interruption: Ctrl-C that is never lost, however busy the interpreter is with imports and compilation."""
+"""Interruption: Ctrl-C that is never lost, and processes that don't outlive their starter."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ DEAF = frozenset({"importlib", "llvmlite", "weakref", "_weakrefset"})
 among them since it calls back for its locks, and some libraries take an interrupt for a missing one.
 """
 RETRY = 0.05  # s
+TETHER = "HYBRID_SYSID_TETHER"
+"""Set in the environment of a process that is to end when its standard input does: when its starter is gone."""
 
 
 def install() -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatReadError
 
-from hybrid_sysid_ros.bags import METADATA, Series, joint_states, joint_trajectories, write
+from hybrid_sysid_ros.bags import Series, joint_states, joint_trajectories, markers, write
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder, sha256
@@ -60,7 +60,7 @@ def import_folder(
     scale = radians_per_volt()
     paths, skipped = _records(folder)
     for path in paths:
-        check_folder(out / path.stem, marker=METADATA)
+        check_folder(out / path.stem, marker=markers(out / path.stem))
     for path in skipped:
         progress(f"{path.name}: skipped, it has no {', '.join(REQUIRED)}")
     bags = []

@@ -1,0 +1,182 @@
+"""Border: what comes in on a topic is looked at here, once, before a node believes it, and counted by reason."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, MutableSequence, Sequence
+from enum import Enum
+from typing import Any
+
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+
+from hybrid_sysid_ros.nodes.layout import Lists, Slots
+from hybrid_sysid_ros.nodes.messages import SECOND, lists, nanoseconds, point_lists
+from hybrid_sysid_ros.support.arrays import Array
+
+LARGEST = 1 << 17
+"""Bytes of a message: a preview of some 2000 points. A larger one is not even unpacked, which would take its time."""
+RESTART = SECOND
+"""A stamp so far before the last one is a new experiment, or a fault [ns]."""
+
+
+class Reason(Enum):
+    """Why a message, or its numbers, were not believed."""
+
+    TOO_LARGE = "too large"
+    UNREADABLE = "unreadable"
+    MALFORMED = "lists of other lengths than the names"
+    UNNAMED = "names missing"
+    UNRELATED = "of other joints"
+    NO_NUMBER = "not a number"
+    OUT_OF_RANGE = "out of range"
+    AHEAD = "stamp ahead of the clock"
+    LONG_PAST = "stamp long past"
+    BACKWARDS = "stamp before the last one"
+    OTHER = "from another publisher"
+
+
+class Order(Enum):
+    """How a stamp goes on from the last one."""
+
+    NEW = "new"
+    AGAIN = "again"
+    LATE = "late"
+    """Before the last one, by less than RESTART."""
+    RESTART = "restart"
+    """So long before it that time has begun anew."""
+
+
+class Border:
+    """That of one topic of a node.
+
+    A stamp is believed that is no more than ``ahead`` before and ``behind`` after the clock [ns], and no RESTART before
+    the last one that was believed. Time begins anew where the clock itself went back, so that the stamps are near it
+    again; without a clock, as in lockstep, where two messages in a row go on from one another that long before the
+    last. The first publisher, as frame_id names it, is the only one that is heard until it has been silent for
+    ``silence`` [ns] of steady time.
+    """
+
+    def __init__(
+        self,
+        kind: type[Any],
+        *,
+        clock: Callable[[], int] | None = None,
+        steady: Callable[[], int],
+        ahead: float = math.inf,
+        behind: float = math.inf,
+        silence: float = 0.0,
+    ) -> None:
+        """kind: of the messages. clock: that of the stamps [ns]; None: none. steady: for silences [ns]."""
+        self.dropped: Counter[Reason] = Counter()
+        self.stamp = 0
+        """The newest believed one [ns], 0 before the first."""
+        self.heard = 0
+        """When something was believed last, in steady time [ns]; 0 before that."""
+        self.source: str | None = None
+        """frame_id of who is heard."""
+        self._kind = kind
+        self._clock = clock
+        self._steady = steady
+        self._ahead, self._behind, self._silence = ahead, behind, silence
+        self._back = 0
+
+    def drop(self, reason: Reason) -> None:
+        """Count a message that is not believed."""
+        self.dropped[reason] += 1
+
+    def unpack(self, data: bytes) -> Any | None:
+        """A message out of its bytes, whose lists fit its names; None where it is none."""
+        if len(data) > LARGEST:
+            self.drop(Reason.TOO_LARGE)
+            return None
+        try:
+            message = deserialize_message(data, self._kind)
+        except Exception:  # whatever the middleware raises for bytes that are no message
+            self.drop(Reason.UNREADABLE)
+            return None
+        if _fits(message):
+            return message
+        self.drop(Reason.MALFORMED)
+        return None
+
+    def read(self, names: Sequence[str], lists: Lists, slots: Slots, out: MutableSequence[float] | Array) -> int:
+        """A message's numbers into ``out``, NaN where there is none, or one beyond the slots' bounds; how many of their
+        entries it names. What is missing or wrong is counted once.
+        """
+        named = slots.read(names, lists, out)
+        if not named:
+            self.drop(Reason.UNRELATED)
+            return 0
+        wrong = [k for k, (low, high) in enumerate(slots.bounds) if not low <= out[k] <= high]
+        if named < len(slots):
+            self.drop(Reason.UNNAMED)
+        elif wrong:
+            self.drop(Reason.NO_NUMBER if math.isnan(out[wrong[0]]) else Reason.OUT_OF_RANGE)
+        for k in wrong:
+            out[k] = math.nan
+        return named
+
+    def admit(self, message: Any) -> Order | None:
+        """How a message goes on from the last one; None where its publisher or its stamp is not believed."""
+        found = self._order(nanoseconds(message.header.stamp)) if self.hears(message) else None
+        if found is not None:
+            self.believe(message)
+        return found
+
+    def hears(self, message: Any) -> bool:
+        """Whether a message is of the publisher that is heard; another one's is counted."""
+        if message.header.frame_id != self.source and self.heard and self._steady() - self.heard < self._silence:
+            self.drop(Reason.OTHER)
+            return False
+        return True
+
+    def believe(self, message: Any) -> None:
+        """From here on a message's publisher is the one that is heard."""
+        self.source, self.heard = message.header.frame_id, self._steady()
+
+    def is_near(self, stamp: int) -> bool:
+        """Whether a stamp [ns] is near the clock, if there is one."""
+        if self._clock is None:
+            return True
+        now = self._clock()
+        return now - self._behind <= stamp <= now + self._ahead
+
+    def _order(self, stamp: int) -> Order | None:
+        now = self._clock() if self._clock is not None else None
+        if now is not None and not now - self._behind <= stamp <= now + self._ahead:
+            self.drop(Reason.AHEAD if stamp > now else Reason.LONG_PAST)
+            return None
+        found = Order.NEW
+        if self.stamp and stamp <= self.stamp:
+            found = Order.AGAIN if stamp == self.stamp else Order.LATE
+            if stamp < self.stamp - RESTART:
+                if not self._begins_anew(stamp, near=now is not None and math.isfinite(self._behind)):
+                    self.drop(Reason.BACKWARDS)
+                    return None
+                found = Order.RESTART
+        if found is not Order.LATE:
+            self.stamp, self._back = stamp, 0
+        return found
+
+    def _begins_anew(self, stamp: int, *, near: bool) -> bool:
+        """Whether a stamp long before the last one is no fault; near: it is near the clock, so that went back."""
+        before, self._back = self._back, stamp
+        return near or 0 < before < stamp < before + RESTART
+
+    def forget(self) -> None:
+        """Wait for a first message again; what was counted stays."""
+        self.stamp = self.heard = self._back = 0
+        self.source = None
+
+
+def _fits(message: Any) -> bool:
+    """Whether names are there once, and each list has a number for each or none."""
+    if isinstance(message, JointState):
+        count = len(message.name)
+        return len(set(message.name)) == count and all(len(values) in (0, count) for values in lists(message))
+    count = len(message.joint_names)
+    return len(set(message.joint_names)) == count and all(
+        len(values) in (0, count) for point in message.points for values in point_lists(point)
+    )

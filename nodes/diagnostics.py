@@ -1,0 +1,60 @@
+"""Diagnostics: what a node says of each of its tasks, how bad it is, and why, in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """One task of a node: a status of its own in the diagnostics."""
+
+    name: str
+    """loop, sensor, model, policy, recorder: what an aggregator groups by."""
+    level: bytes = OK
+    message: str = "running"
+    values: Mapping[str, object] = field(default_factory=dict)
+
+    def status(self, node: str, rig: str) -> DiagnosticStatus:
+        """As it is published."""
+        return DiagnosticStatus(
+            level=self.level,
+            name=f"{node}: {self.name}",
+            message=self.message,
+            hardware_id=rig,
+            values=[KeyValue(key=key, value=_text(value)) for key, value in self.values.items()],
+        )
+
+
+class Troubles:
+    """Counters of what goes wrong in a task, judged by what they grew by since the last report."""
+
+    def __init__(self) -> None:
+        self._before: dict[str, int] = {}
+
+    def judge(self, counted: Mapping[str, int], total: int, *, warn: float, error: float) -> tuple[bytes, str]:
+        """Level and words. counted: of all times, by what it is called; total: of all times, what could have gone
+        wrong. warn, error: share of it from which on it is that bad.
+        """
+        before, self._before = self._before, {**counted, "": total}
+        grown = {name: count - before.get(name, 0) for name, count in counted.items()}
+        troubles = sorted(((count, name) for name, count in grown.items() if count > 0), reverse=True)
+        if not troubles:
+            return OK, "running"
+        tries = max(total - before.get("", 0), troubles[0][0])
+        share = sum(count for count, _ in troubles) / tries
+        words = ", ".join(f"{count} {name}" for count, name in troubles)
+        level = ERROR if share >= error else WARN if share >= warn else OK
+        return level, f"{words}, of {tries}"
+
+
+def _text(value: object) -> str:
+    if isinstance(value, float):
+        return "nan" if math.isnan(value) else f"{value:.6g}"
+    return str(value)

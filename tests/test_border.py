@@ -1,0 +1,146 @@
+"""The border of a topic: which messages, stamps and publishers are believed, and what is counted of the rest."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
+
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from hybrid_sysid_ros.nodes.border import LARGEST, Border, Order, Reason
+from hybrid_sysid_ros.nodes.layout import Place, Slots
+from hybrid_sysid_ros.nodes.messages import SECOND, lists
+from tests.node_bench import joint
+
+MS = SECOND // 1000
+
+
+class Gate:
+    """A border whose clocks the test sets."""
+
+    def __init__(self, *, timed: bool = True, **options: Any) -> None:
+        self.now, self.steady = 1000 * SECOND, 5 * SECOND
+        given = {"ahead": 20 * MS, "behind": 500 * MS, "silence": 500 * MS, **options}
+        self.border = Border(
+            JointState, clock=(lambda: self.now) if timed else None, steady=lambda: self.steady, **given
+        )
+
+    def say(self, stamp: int, source: str = "") -> Order | None:
+        message = joint(stamp)
+        message.header.frame_id = source
+        return self.border.admit(message)
+
+    def wait(self, time: int) -> None:
+        self.now += time
+        self.steady += time
+
+
+def test_stamps_are_believed_near_the_clock_only() -> None:
+    gate = Gate()
+    assert gate.say(gate.now - 5 * MS) is Order.NEW
+    for _ in range(20):  # .9 s ahead, again and again
+        assert gate.say(gate.now + 900 * MS) is None
+        gate.wait(5 * MS)
+        assert gate.say(gate.now - 5 * MS) is Order.NEW
+    assert gate.say(gate.now - 2 * SECOND) is None  # nor does an old one begin anything anew
+    assert gate.say(0) is None
+    assert gate.border.dropped == {Reason.AHEAD: 20, Reason.LONG_PAST: 2}
+
+
+def test_a_stamp_comes_again_or_late() -> None:
+    gate = Gate()
+    gate.say(gate.now)
+    assert gate.say(gate.now) is Order.AGAIN
+    assert gate.say(gate.now - 10 * MS) is Order.LATE
+    assert gate.say(gate.now + MS) is Order.NEW
+
+
+def test_time_begins_anew_where_the_clock_went_back() -> None:
+    gate = Gate()
+    gate.say(gate.now)
+    gate.now -= 60 * SECOND
+    assert gate.say(gate.now) is Order.RESTART
+    assert gate.say(gate.now + 5 * MS) is Order.NEW
+
+
+def test_without_a_clock_two_stamps_in_a_row_begin_anew() -> None:
+    gate = Gate(timed=False, ahead=math.inf, behind=math.inf)
+    for k in range(3):
+        assert gate.say(100 * SECOND + k * MS) is Order.NEW
+    assert gate.say(SECOND) is None  # one alone
+    assert gate.say(100 * SECOND + 3 * MS) is Order.NEW
+    assert gate.say(SECOND) is None
+    assert gate.say(SECOND + 5 * MS) is Order.RESTART
+    assert gate.border.dropped == {Reason.BACKWARDS: 2}
+
+
+def test_one_publisher_is_heard_until_it_is_silent() -> None:
+    gate = Gate()
+    assert gate.say(gate.now, "first") is Order.NEW
+    gate.wait(300 * MS)
+    assert gate.say(gate.now, "second") is None
+    assert gate.say(gate.now, "first") is Order.NEW
+    gate.wait(600 * MS)
+    assert gate.say(gate.now, "second") is Order.NEW
+    assert gate.say(gate.now + MS, "first") is None
+    assert gate.border.dropped == {Reason.OTHER: 2}
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        (JointState(name=[f"n{k}" for k in range(LARGEST)]), Reason.TOO_LARGE),
+        (JointState(name=["a", "b"], position=[1.0]), Reason.MALFORMED),
+        (JointState(name=["a"], effort=[1.0, 2.0]), Reason.MALFORMED),
+        (JointState(name=["a", "a"], effort=[1.0, 2.0]), Reason.MALFORMED),
+        (JointTrajectory(joint_names=["a"], points=[JointTrajectoryPoint(positions=[1.0] * 2)]), Reason.MALFORMED),
+    ],
+)
+def test_a_message_that_does_not_fit_is_dropped(message: Any, reason: Reason) -> None:
+    border = Border(type(message), steady=lambda: 0)
+    assert border.unpack(serialize_message(message)) is None
+    assert border.dropped == {reason: 1}
+
+
+def test_bytes_that_are_no_message_are_dropped() -> None:
+    border = Border(JointState, steady=lambda: 0)
+    good = serialize_message(joint(SECOND, position=[1.0]))
+    assert border.unpack(good) == joint(SECOND, position=[1.0])
+    for data in (b"", b"\x00", good[: len(good) // 2], b"\xff" * len(good)):
+        assert border.unpack(data) is None
+    assert border.dropped == {Reason.UNREADABLE: 4}
+
+
+@pytest.mark.parametrize(
+    ("value", "reason"),
+    [(math.nan, Reason.NO_NUMBER), (math.inf, Reason.OUT_OF_RANGE), (-1e300, Reason.OUT_OF_RANGE)],
+)
+def test_numbers_that_no_rig_has_become_none(value: float, reason: Reason) -> None:
+    border, slots, found = (
+        Border(JointState, steady=lambda: 0),
+        Slots([Place("a", "position"), Place("b", "effort")]),
+        [0.0] * 2,
+    )
+    message = JointState(name=["b", "a"], position=[math.nan, value], effort=[2.0, math.nan])
+    assert border.read(message.name, lists(message), slots, found) == 2
+    assert math.isnan(found[0])
+    assert found[1] == 2.0
+    assert border.dropped == {reason: 1}
+
+
+def test_names_that_are_missing_are_counted() -> None:
+    border, slots, found = (
+        Border(JointState, steady=lambda: 0),
+        Slots([Place("a", "position"), Place("b", "effort")]),
+        [0.0] * 2,
+    )
+    for name, count in (("a", 1), ("c", 0)):
+        message = JointState(name=[name], position=[1.0])
+        assert border.read(message.name, lists(message), slots, found) == count
+    assert border.dropped == {Reason.UNNAMED: 1, Reason.UNRELATED: 1}
