@@ -1,0 +1,1 @@
+"""Faults: what a loop of real processes does under them."""
