@@ -417,12 +417,15 @@ def test_an_export_simulates_as_the_model_in_plain_casadi(tmp_path, structure):
     np.testing.assert_allclose(states, expected, rtol=1e-9, atol=1e-12)
     assert float(output(x, drive[-1])) == pytest.approx(expected[-1, 0])
     if structure == "hybrid":
-        export_casadi(model, tmp_path / "export", step=10 * model.sampling.step)
+        export_casadi(model, tmp_path / "export", step=10 * model.sampling.step, overwrite=True)
         ten = casadi.Function.load(str(tmp_path / "export" / "step.casadi"))
         held = simulate(undelayed, np.zeros(len(x)), np.full((10, 1), 2.0), step=model.sampling.step)[-1]
         np.testing.assert_allclose(np.array(ten(np.zeros(len(x)), 2.0)).ravel(), held, rtol=1e-9)
         with pytest.raises(UserError, match="no multiple"):
-            export_casadi(model, tmp_path / "export", step=1.5 * model.sampling.step)
+            export_casadi(model, tmp_path / "export", step=1.5 * model.sampling.step, overwrite=True)
+        for wrong in ({"step": np.nan}, {"step": 1e6}, {"smoothing": np.inf}):
+            with pytest.raises(UserError, match="export: step is"):
+                export_casadi(model, tmp_path / "export", overwrite=True, **wrong)
 
 
 def test_a_model_of_a_rig_with_other_signals_is_refused(folder, monkeypatch):

@@ -268,12 +268,14 @@ def test_an_export_replaces_an_older_one_and_nothing_else(tmp_path):
     policy = POLICIES["one input"]
     policy.save(tmp_path / "policy")
     folder.export(tmp_path / "policy", tmp_path / "out", form="onnx")
-    folder.export(tmp_path / "policy", tmp_path / "out", form="c")
+    with pytest.raises(UserError, match="--overwrite"):
+        folder.export(tmp_path / "policy", tmp_path / "out", form="c")
+    folder.export(tmp_path / "policy", tmp_path / "out", form="c", overwrite=True)
     assert not (tmp_path / "out" / "policy.onnx").exists()
     with pytest.raises(UserError, match="other files"):
         folder.export(tmp_path / "policy", tmp_path / "policy")
     with pytest.raises(UserError, match="no such policy folder"):
-        folder.export(tmp_path / "none", tmp_path / "out")
+        folder.export(tmp_path / "none", tmp_path / "out", overwrite=True)
 
 
 @pytest.mark.parametrize(

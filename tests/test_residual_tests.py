@@ -148,6 +148,13 @@ def test_the_five_tests_are_the_sums_of_their_definitions():
             assert tests[name].values[tests[name].lags == lag][0] == pytest.approx(plain, rel=1e-9), (name, lag)
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+def test_the_unit_of_the_residuals_does_not_matter(unit):
+    e, u = white(21, 300), white(22, 300)
+    for name, test in correlation_tests(unit * e, u, lags=3).items():
+        np.testing.assert_allclose(test.values, correlation_tests(e, u, lags=3)[name].values, atol=1e-9)
+
+
 def test_nothing_left_passes_all_five_at_the_stated_rate():
     tests = [correlation_tests(*left_over(seed, 1000), lags=20) for seed in range(300)]
     for name in DESCRIPTIONS:

@@ -35,7 +35,7 @@ def command(
     """
     if report is not None:
         reports.check_available()
-        check_file(report)
+        check_file(report, suffix=".html")
     loaded = load_model(model, rig=rig)
     described = load_rig(loaded.rig)
     chosen = Part.parse(part)

@@ -61,6 +61,11 @@ def command(
     print_table(parameter_table(model))
     for doubt in doubts(model):
         console.print(f"doubt: {doubt}")
+    for name, scores in model.scores.items():
+        if not scores["r2"] > 0.0:
+            console.print(
+                f"doubt: over {name}, which it was fitted to, its free run is worse than a constant: no model"
+            )
     print_table(
         terminal.score_table({name: dict(scores) for name, scores in model.scores.items()}, described, "training")
     )

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import console
+from hybrid_sysid_ros.commands.terminal import Overwrite, console
 from hybrid_sysid_ros.models import load
 from hybrid_sysid_ros.models.export import STEP, export_casadi
 from hybrid_sysid_ros.support.files import check_folder
@@ -23,11 +23,12 @@ def command(
     rig: Annotated[
         str, typer.Option("--rig", help="Folder of the model's rig, where it is no rig known by name.")
     ] = "",
+    overwrite: Overwrite = False,
 ) -> None:
     """Write a model as CasADi functions, for do-mpc, acados or a script."""
-    check_folder(out, marker=STEP)
+    check_folder(out, marker=STEP, replace=overwrite)
     loaded = load(model, rig=rig)
-    export_casadi(loaded, out, step=step, smoothing=smoothing)
+    export_casadi(loaded, out, step=step, smoothing=smoothing, overwrite=overwrite)
     console.print(
         f"{out}: step(x, u) and output(x, u) of {loaded.structure} {loaded.rig}; casadi.Function.load reads them"
     )

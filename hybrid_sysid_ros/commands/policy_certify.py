@@ -10,10 +10,11 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import OwnRig, Seed, console, print_table, status
-from hybrid_sysid_ros.control.safety.certificate import FILE, LEAST_LOOPS, Certificate, find
+from hybrid_sysid_ros.control.safety.certificate import FILE, FORMAT, LEAST_LOOPS, Certificate, find
 from hybrid_sysid_ros.control.safety.certification import certify
 from hybrid_sysid_ros.control.safety.certified_loops import EXACT, JUDGED, Certification
 from hybrid_sysid_ros.control.safety.online_check import REASONS
+from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.runtime.checking import certification_of
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
 from hybrid_sysid_ros.support.files import beside, check_file
@@ -89,6 +90,9 @@ def command(
 
 def _loops(policy: Path, certification: Certification) -> int:
     """Of the policy's certificate; 0 where there is none that counts."""
+    path = policy / FILE
+    if path.is_file():  # one that was altered is nobody's to replace
+        storage.load_sheet(path, kind="certificate", version=FORMAT)
     try:
         there = find(policy, policy=certification.seal, model=certification.policy.model)
     except UserError:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import OwnRig, console
+from hybrid_sysid_ros.commands.terminal import Overwrite, OwnRig, console
 from hybrid_sysid_ros.control.export import Check, export
 from hybrid_sysid_ros.control.policy.policy import SELF_CHECK_TOLERANCE
 from hybrid_sysid_ros.support.errors import UserError
@@ -22,11 +22,12 @@ def command(
         str, typer.Option("--format", help=f"{' | '.join(FORMATS)}; onnx needs the extra [export].")
     ] = "both",
     rig: OwnRig = "",
+    overwrite: Overwrite = False,
 ) -> None:
     """Write a policy as an ONNX graph and as C99 without dependencies, if both answer as it does."""
     if form not in FORMATS:
         raise UserError(f"--format {form!r} is unknown; choose one of {', '.join(FORMATS)}")
-    for check in export(policy, out, form=cast(Any, form)):
+    for check in export(policy, out, form=cast(Any, form), overwrite=overwrite):
         console.print(f"{out / check.file}: {described(check)}")
 
 

@@ -90,7 +90,12 @@ def _at_origin(system: System, where: str) -> Iterator[str]:
 
 
 def _values(rig: Rig) -> Iterator[str]:
-    """Numbers of rig.yaml that can't be true."""
+    """Names and numbers of rig.yaml that can't be true."""
+    joints, inputs = rig.joints.joints, [rig.joints.place(item.name)[0] for item in rig.system.inputs]
+    carried = {name for joint in joints.values() for name in (joint.position, joint.velocity)}
+    for name in dict.fromkeys(item.name for item in (*rig.system.states, *rig.system.outputs)):
+        if name not in carried and name in (*joints, *inputs):
+            yield f"{rig.file}: joints: {name} is a joint or an input, and a state that it does not carry: rename one"
     for item, sensor in zip(rig.system.outputs, rig.sensors, strict=True):
         where = f"{rig.file}: sensors.{item.name}"
         if sensor.low_pass is not None:
@@ -100,8 +105,8 @@ def _values(rig: Rig) -> Iterator[str]:
         if sensor.hum is not None and sensor.hum.hertz > 0.5 / rig.step:
             yield f"{where}.hum: {sensor.hum.hertz:g} Hz can't be shown at a step of {rig.step:g} s; make it smaller"
     for item, value, actuator in zip(rig.system.inputs, rig.bias, rig.actuators, strict=True):
-        if not actuator.low <= value <= actuator.high:
-            yield f"{rig.file}: nodes.plant.bias: {value:g} {item.unit} is beyond what {item.name} may be"
+        if abs(value) > actuator.high - actuator.low:
+            yield f"{rig.file}: nodes.plant.bias: {value:g} {item.unit} is more than the range of {item.name}"
     for name, chosen in rig.experiments.excitations.items():
         for index, signal in chosen.items():
             item, actuator = rig.system.inputs[index], rig.actuators[index]

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.rigs import outside
@@ -168,6 +169,13 @@ def _made(item: object, where: str) -> System:
     if not _is_system(item):
         raise UserError(f"{where} is {item!r}: it needs a System, or a class of one")
     try:
-        return item()  # type: ignore[operator,no-any-return]
+        made = item()  # type: ignore[operator]
     except (Exception, SystemExit) as error:  # a user's code can raise anything
         raise UserError(f"{where}: can't be made: {_told(error)}") from error
+    kind: Any = type(made)
+    if "__dataclass_fields__" not in vars(kind):
+        raise UserError(f"{where}: {kind.__name__} has no @dataclass(frozen=True, kw_only=True) above it: write it")
+    for what in ("states", "inputs"):
+        if not getattr(made, what):
+            raise UserError(f'{where}: {kind.__name__} has no {what}: write {what} = ("name [unit]", ...)')
+    return made  # type: ignore[no-any-return]

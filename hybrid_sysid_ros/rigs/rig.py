@@ -200,6 +200,8 @@ def _read(found: folders.RigFolder) -> Rig:
     actuators = _actuators(_told(content, "actuators", system.inputs, where), system, f"{where}: actuators")
     joints = Joints.of(section(content, "joints", where), system, f"{where}: joints")
     namespace = str(content.get("namespace") or found.name).strip("/")
+    if not all(part.isidentifier() and part.isascii() for part in namespace.split("/")):
+        raise UserError(f"{where}: namespace is {namespace!r}: topics take letters, digits and underscores, not first")
     derived = joints.signals(system, sensors)
     signals = Signals.of(section(content, "signals", where), namespace, where, given=derived)
     return Rig(

@@ -82,13 +82,17 @@ def take_place(partial: Path, target: Path, *, old: Path) -> bool:
     return had_old
 
 
-def check_file(path: Path | str) -> None:
+def check_file(path: Path | str, *, suffix: str = "") -> None:
     """Whether written_file() could write there, to be asked before long work.
 
+    suffix: that the name must end in, so that no file of another kind is taken for an old one.
+
     Raises:
-        UserError: the place cannot be written, or `path` is a folder.
+        UserError: the place cannot be written, `path` is a folder, or has another suffix.
     """
     target = Path(os.path.realpath(path))
+    if not target.name.endswith(suffix):
+        raise UserError(f"{path}: does not end in {suffix}: choose a name that does")
     _check_no_folder(Path(path), target)
     _check_writable(target)
 

@@ -54,8 +54,9 @@ def command(
         raise UserError(f"protocol {number}: the lecture has protocols 1 and 2")
     if out is not None:
         check_folder(out, marker="model.yaml")
-    for file in filter(None, (as_json, page)):
-        check_file(file)
+    for file, suffix in ((as_json, ".json"), (page, ".html")):
+        if file is not None:
+            check_file(file, suffix=suffix)
     if page is not None:
         report.check_available()
     chosen = structure or list(STRUCTURES)

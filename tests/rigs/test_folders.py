@@ -214,6 +214,17 @@ CASES = {
     "an end": ("import sys\nsys.exit(0)", TANK_VALUES, r"system\.py: line 2: SystemExit"),
     "no system": ("x = 1", TANK_VALUES, r"system\.py: needs one System"),
     "two systems": (TANK + TANK.replace("Tanks(", "Others("), TANK_VALUES, "it has Tanks, Others"),
+    "a system that is no data class": (
+        TANK.replace("@dataclass(frozen=True, kw_only=True)", ""),
+        TANK_VALUES,
+        r"Tanks has no @dataclass\(frozen=True, kw_only=True\) above it",
+    ),
+    "a system without states": (
+        "\n".join(line for line in TANK.splitlines() if "states = " not in line),
+        TANK_VALUES,
+        "Tanks has no states",
+    ),
+    "a namespace that is none": (TANK, TANK_VALUES + "namespace: my rig!", "namespace is 'my rig!'"),
     "no system in SYSTEM": (TANK + "SYSTEM = 3", TANK_VALUES, "SYSTEM is 3: it needs a System"),
     "a system that can't be made": (
         TANK.replace('unit="m^2")', 'unit="m^2")\n    rest: float'),

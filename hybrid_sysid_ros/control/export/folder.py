@@ -42,7 +42,7 @@ class Check:
     largest_difference: float | None
 
 
-def export(folder: Path | str, out: Path | str, *, form: Format = "both") -> list[Check]:
+def export(folder: Path | str, out: Path | str, *, form: Format = "both", overwrite: bool = False) -> list[Check]:
     """Write a saved policy as ONNX, as C, or both, with a manifest; tell how each was checked.
 
     Numbers are doubles, as the policy's own: it answers its self-check vectors to 1e-9 of the inputs' units and what is
@@ -51,7 +51,7 @@ def export(folder: Path | str, out: Path | str, *, form: Format = "both") -> lis
 
     Raises UserError for a policy that can't be read, a place that can't be written, a missing extra or a deviation.
     """
-    check_folder(out, marker=MANIFEST)
+    check_folder(out, marker=MANIFEST, replace=overwrite)
     loaded = policies.load(folder)
     name = identifier(Path(folder).resolve().name)
     return write(loaded, out, name=name, seal=storage.digest(folder, kind="policy"), form=form)

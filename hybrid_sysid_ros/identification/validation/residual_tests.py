@@ -163,6 +163,6 @@ def _centred(values: Array, name: str, lags: int) -> Array:
     if not np.isfinite(values).all():
         raise UserError(f"residual test: the {name} are not finite at sample {int(np.argmax(~np.isfinite(values)))}")
     centred = values - values.mean()
-    if np.std(centred) <= 1e-12 * max(1.0, float(np.max(np.abs(values)))):
+    if np.std(centred) <= 1e-12 * float(np.max(np.abs(values))):
         raise UserError(f"residual test: the {name} are constant: there is nothing to correlate")
     return centred
