@@ -37,7 +37,7 @@ def test_a_record_that_cannot_be_used_is_named_with_the_reason(rig, case, struct
 def test_a_record_in_degrees_among_others_is_named(rig, structure):
     """The linear model would take both, and fit neither."""
     degrees = bench(name="degrees", y=30 * np.sin(np.arange(2001) / 50.0)[:, None])
-    reason = r"^degrees: range_low would be -\d+ rad .*, outside of \[-1, 1\]; its unit or scale is probably wrong"
+    reason = r"^degrees: range_low would be -[\d.]+ rad .*, outside of \[-1, 1\]; its unit or scale is probably wrong"
     with pytest.raises(UserError, match=reason):
         identify([bench(), degrees], rig, structure, sampling=Sampling())
     with pytest.raises(UserError, match=reason):
