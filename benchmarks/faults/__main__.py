@@ -22,18 +22,21 @@ from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.errors import UserError
 
 RIG, NAME, DOMAIN = "cam_beam", "faults", 91
+CALM = 2.0
+"""Before each fault: what the diagnostics say then of a busy machine doesn't name it [s]."""
 SOON = 1.0
 """Asked of names and of recovery [s]."""
 
 
 def tried(stage: Stage, name: str) -> dict[str, Any]:
     """One fault, and what was seen."""
-    before, lines = time.monotonic(), len(stage.lines)
+    time.sleep(CALM)
+    stage.begun, lines = time.monotonic(), len(stage.lines)
     FAULTS[name](stage)
-    over = time.monotonic()
+    before, over = stage.begun, time.monotonic()
     recovered = stage.wait_until_back(over)
     time.sleep(0.6)  # the diagnostics of the last moments
-    usual = {phrase for said in stage.said if before - 3.0 <= said.time < before for phrase in phrases(said)}
+    usual = {phrase for said in stage.said if before - CALM <= said.time < before for phrase in phrases(said)}
     named = [said for said in stage.said if before <= said.time and phrases(said) - usual]
     traces = [line for line in stage.lines[lines:] if "Traceback" in line]
     return {

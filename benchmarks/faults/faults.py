@@ -67,7 +67,8 @@ def spoken(topic: str, make: Callable[[Stage, int], Any], *, rate: float = 100.0
 
     def fault(stage: Stage) -> None:
         publisher = stage.publisher(topic)
-        end, k = time.monotonic() + LASTING, 0
+        stage.begun = time.monotonic()
+        end, k = stage.begun + LASTING, 0
         while time.monotonic() < end:
             publisher.publish(make(stage, k))
             k += 1
@@ -279,7 +280,9 @@ def second(name: str) -> Fault:
     def fault(stage: Stage) -> None:
         first = stage.session.children[name]
         stage.start(name)
-        time.sleep(6.0)
+        stage.session.wait_for("ready", [name], 30.0)
+        stage.begun = time.monotonic()
+        time.sleep(3.0)
         again = stage.session.children[name]
         again.process.send_signal(signal.SIGTERM)
         again.process.wait()

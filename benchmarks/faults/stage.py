@@ -75,6 +75,8 @@ class Stage:
         """Steady time of the first command for each stamp [s]."""
         self.measured: list[tuple[float, int, float, float]] = []
         """Steady time, stamp, position and input of each measurement."""
+        self.begun = 0.0
+        """Steady time at which a fault begins; one that must prepare something moves it [s]."""
         self.said: list[Said] = []
         self.commands: list[tuple[float, float]] = []
         """Steady time and effort of every command."""
