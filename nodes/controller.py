@@ -50,6 +50,7 @@ WARM_UPS = 6  # answers before the node is ready
 NO_REFERENCE, HELD, ZEROED = "no reference", "held", "zeroed"  # layers of safety, beside those of the controller
 SOUND = {"solved", "iterated", "policy"}
 STANDING_IN = {"shifted plan", "held"}  # layers that may stand in for zero_after, no longer
+REFERENCE_PATIENCE = 3 * SECOND  # that a controller waits for somebody who gives references
 MARGIN = 0.02  # of the travel, at each end, that no reference reaches
 
 
@@ -105,7 +106,13 @@ class ControllerNode(RigNode):
         references = self.listen(self.wishes, "reference", self.on_reference)
         if self.lockstep:
             needed.append(references)
-        self.when(lambda: all(entry.get_publisher_count() for entry in needed), self.advertise)
+        patience = 0 if self.lockstep else monotonic_ns() + REFERENCE_PATIENCE  # the first step of a run is a step, too
+
+        def expected() -> bool:
+            referred = bool(references.get_publisher_count()) or monotonic_ns() > patience
+            return referred and all(entry.get_publisher_count() for entry in needed)
+
+        self.when(expected, self.advertise)
         if not self.lockstep:
             self.every(WATCH_PERIOD, self.watch)
 
