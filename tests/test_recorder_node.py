@@ -135,7 +135,7 @@ def test_a_bag_that_somebody_removes_is_missed(bench: Bench, tmp_path: Path) -> 
     bench.until(lambda: recorder.recording.kept == 1)
     shutil.rmtree(tmp_path / "bag")
     bench.until(lambda: recorder.trouble)
-    with pytest.raises(UserError, match="bag: cannot be written .*removed"):
+    with pytest.raises(UserError, match=r"bag: cannot be written .*removed"):
         recorder.close()
 
 
