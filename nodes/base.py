@@ -24,13 +24,13 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
-from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
 
 from hybrid_sysid_ros.nodes import parameters, topics
 from hybrid_sysid_ros.nodes.border import Border, Reason
 from hybrid_sysid_ros.nodes.diagnostics import OK, STALE, WARN, Task, Troubles
+from hybrid_sysid_ros.nodes.listener import Listener
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.source import Source
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -102,8 +102,8 @@ class RigNode(Node):
         )
         return border
 
-    def listen(self, border: Border, topic: str, callback: Callable[[Any], None]) -> Subscription:
-        """Subscription of one of the rig's topics: the callback gets what its border lets in."""
+    def listen(self, border: Border, topic: str, callback: Callable[[Any], None]) -> Listener:
+        """Hear one of the rig's topics: the callback gets what its border lets in."""
 
         def arrive(data: bytes) -> None:
             message = border.unpack(data)
@@ -111,7 +111,7 @@ class RigNode(Node):
                 callback(message)
 
         name, quality = self.full_name(topic), topics.profile(topic)
-        return self.create_subscription(topics.TYPES[topic], name, arrive, quality, raw=True)
+        return Listener(self, topics.TYPES[topic], name, quality, arrive, soon=self.soon)
 
     def every(self, period: float, callback: Callable[[], object]) -> Timer:
         """Timer on the steady clock; period [s]."""
@@ -127,6 +127,10 @@ class RigNode(Node):
                 action()
 
         timer = self.every(LOOK_PERIOD, look)
+
+    def soon(self, action: Callable[[], None]) -> None:
+        """Do something once, outside of callbacks that it would not suit."""
+        self.when(lambda: True, action)
 
     def now(self) -> int:
         """Time of the ROS clock [ns]: simulated, or the system's, which needs no detour."""

@@ -110,8 +110,8 @@ class ControllerNode(RigNode):
         patience = 0 if self.lockstep else monotonic_ns() + REFERENCE_PATIENCE  # the first step of a run is a step, too
 
         def expected() -> bool:
-            referred = bool(references.get_publisher_count()) or monotonic_ns() > patience
-            return referred and all(entry.get_publisher_count() for entry in needed)
+            referred = bool(references.publishers()) or monotonic_ns() > patience
+            return referred and all(entry.publishers() for entry in needed)
 
         self.when(expected, self.advertise)
         if not self.lockstep:

@@ -73,7 +73,7 @@ class EstimatorNode(RigNode):
         self.warm_up()
         self.begin()
         measurements = self.listen(self.entry, "joint_states", self.on_measurement)
-        self.when(lambda: measurements.get_publisher_count() > 0, self.advertise)
+        self.when(lambda: measurements.publishers() > 0, self.advertise)
 
     def warm_up(self) -> None:
         """Take measurements that nobody made: this compiles, and has seen it all once before it matters."""
@@ -91,7 +91,7 @@ class EstimatorNode(RigNode):
             latency=settings["latency"],
         )
         self.stamp = self.shown = self.usable = 0
-        self.unusable = self.repeated = self.restarts = self.soon = self.seen = self.blind = 0
+        self.unusable = self.repeated = self.restarts = self.too_soon = self.seen = self.blind = 0
         self.still = [Still(after=round(settings["frozen_after"] * settings["rate"])) for _ in self.outputs]
         self.execution = Timing()
         self.innovations: deque[float] = deque(maxlen=round(WINDOW * settings["rate"]))
@@ -127,7 +127,7 @@ class EstimatorNode(RigNode):
         if not self.stamp:
             self.zero = stamp
         elif 0 < stamp - self.stamp < SOON * SECOND / self.settings["rate"]:
-            self.soon += 1
+            self.too_soon += 1
         for k, still in enumerate(self.still):
             if self.noisy[k] and still.sees(self.outputs[k]):
                 self.outputs[k] = math.nan
@@ -193,7 +193,7 @@ class EstimatorNode(RigNode):
         loop = {
             "measurements missing": counters.missing,
             "measurements too late": counters.late,
-            "measurements sooner than the parameter rate says": self.soon,
+            "measurements sooner than the parameter rate says": self.too_soon,
             "times that time began anew": self.restarts,
             "measurements before the first one of use": self.unusable,
             **{f"measurements {reason}": count for reason, count in self.dropped("joint_states").items()},

@@ -68,7 +68,7 @@ class PlantNode(RigNode):
         readers = self.settings["wait_for_readers"]
         if readers == 0 and not self.lockstep:
             return True
-        return self.measurements.get_subscription_count() >= readers and self.commands.get_publisher_count() > 0
+        return self.measurements.get_subscription_count() >= readers and self.commands.publishers() > 0
 
     def settle(self) -> None:
         """Let the rig go when those that are there have had time to see it, too, or a bag would begin later than it."""

@@ -19,6 +19,7 @@ from hybrid_sysid_ros.bags import Recording
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.base import RigNode, run
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
+from hybrid_sysid_ros.nodes.listener import Listener
 from hybrid_sysid_ros.support.errors import UserError
 
 DEPTH = 10_000  # messages that wait for the recorder: it comes after the loop
@@ -69,7 +70,7 @@ class RecorderNode(RigNode):
         """Record a topic from now on."""
         self.received[name] = 0
         kind = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
-        self.create_subscription(message_type, name, partial(self.keep, name, kind), quality, raw=True)
+        Listener(self, message_type, name, quality, partial(self.keep, name, kind), soon=self.soon)
 
     def keep(self, name: str, kind: str, data: bytes, information: Mapping[str, int]) -> None:
         """Put a message of a topic into the queue, if there is room."""

@@ -8,7 +8,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
 from hybrid_sysid_ros.nodes.base import RigNode, announce, run
@@ -105,7 +104,7 @@ class ReferenceNode(RigNode):
         self.measured = Slots([*layout.outputs, *layout.inputs])
         self.given = [0.0] * len(self.measured)
         self.entry = self.border("joint_states")
-        self.measurements: Subscription | None = self.listen(self.entry, "joint_states", self.on_measurement)
+        self.measurements = self.listen(self.entry, "joint_states", self.on_measurement)
         if not settings["lockstep"]:
             self.every(settings["publish_period"], self.tick)
 
@@ -130,9 +129,7 @@ class ReferenceNode(RigNode):
         """In real time go on with it, and let the stamps follow the clock."""
         if not self.zero:
             return
-        if self.measurements is not None:  # it has told the time, and would only cost time from now on
-            self.destroy_subscription(self.measurements)
-            self.measurements = None
+        self.measurements.close()  # they have told the time, and would only cost time from now on
         elapsed = self.timeline.follow()
         self.zero = self.timeline.start
         self.advance(elapsed)
