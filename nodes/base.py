@@ -203,6 +203,7 @@ def run(make: Callable[[], RigNode]) -> int:
     """
     ending = Interruption()
     sys.setswitchinterval(SWITCH_INTERVAL)
+    gc.freeze()  # what was imported stays: no collection looks at it again
     if os.environ.get(interruption.TETHER):
         Thread(target=_end_with_starter, daemon=True).start()
     try:
