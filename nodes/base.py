@@ -28,7 +28,7 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-from hybrid_sysid_ros.nodes import parameters, topics
+from hybrid_sysid_ros.nodes import discovery, parameters, topics
 from hybrid_sysid_ros.nodes.border import Border, Reason
 from hybrid_sysid_ros.nodes.diagnostics import STALE, Task, Troubles
 from hybrid_sysid_ros.nodes.messages import SECOND
@@ -207,6 +207,7 @@ def run(make: Callable[[], RigNode]) -> int:
     if os.environ.get(interruption.TETHER):
         Thread(target=_end_with_starter, daemon=True).start()
     try:
+        discovery.hasten()
         try:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         except RuntimeError as error:  # what rclpy raises for arguments and parameter files that make no sense
