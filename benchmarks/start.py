@@ -161,7 +161,7 @@ def killed(repetitions: int) -> dict[str, list[tuple[float, float]]]:
         "reference": {"kind": "constant"},
         "estimator": {"priority": priority},
         "controller": {"policy": "supervised", "priority": priority},
-        "plant": {"priority": priority, "wait_for_readers": 2},  # the estimator and the listener
+        "plant": {"priority": priority, "wait_for_readers": 3},  # estimator, reference and listener
     }
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in ANSWERS}
     heard = tuple(ANSWERS.values())

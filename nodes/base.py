@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import json
 import os
@@ -41,6 +42,7 @@ SERVICE_PERIOD = 2e-3  # s, at least between two answers to parameter services, 
 SWITCH_INTERVAL = 2e-4  # s, that another thread may keep the loop from going on
 LOOK_PERIOD = 0.02  # s, between two looks whether a peer is there
 PATIENCE = 2.0  # s, of an interrupt with a node that starts
+LOCK_CURRENT, LOCK_FUTURE, LOCK_ON_FAULT = 1, 2, 4  # of mlockall, on Linux
 
 
 class RigNode(Node):
@@ -160,7 +162,9 @@ class RigNode(Node):
         return {key: value for task in tasks for key, value in task.values.items()}
 
     def prioritise(self) -> None:
-        """Let all threads of this process go before those of others, if the node has a priority and may."""
+        """Let all threads of this process go before those of others and keep what they have touched in memory, if the
+        node has a priority and may.
+        """
         priority = self.settings.get("priority", 0)
         if not priority:
             return
@@ -169,6 +173,10 @@ class RigNode(Node):
                 os.sched_setscheduler(int(thread), os.SCHED_FIFO, os.sched_param(priority))
         except (OSError, AttributeError) as error:  # not permitted, or no Linux
             self.get_logger().warning(f"no real-time priority ({error}): the limit for the user is `ulimit -r`")
+        try:
+            _keep_in_memory()
+        except (OSError, AttributeError) as error:
+            self.get_logger().warning(f"memory may be paged out ({error}): the limit for the user is `ulimit -l`")
 
     def finish(self) -> None:
         """End the node; may be called from any thread, and more than once."""
@@ -179,6 +187,17 @@ class RigNode(Node):
         """Last words, before the node is destroyed: diagnostics, also on the standard output, with the peak memory."""
         values = {**self.report(), "memory_mb": _peak_memory()}
         announce(json.dumps({key: None if value != value else value for key, value in values.items()}))
+
+
+def _keep_in_memory() -> None:
+    """Keep every page of this process in memory from when it is first touched on: code that runs twice a second would
+    be read from the disk again, which the loop waits for, where the system takes pages back that rest. Raises OSError
+    where that is not permitted.
+    """
+    library = ctypes.CDLL(None, use_errno=True)
+    if library.mlockall(LOCK_CURRENT | LOCK_FUTURE | LOCK_ON_FAULT):
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
 
 
 def _peak_memory() -> float:
