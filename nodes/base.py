@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from threading import Thread
-from time import monotonic_ns, sleep, time_ns
+from time import monotonic, monotonic_ns, sleep, time_ns
 from typing import Any
 
 import rclpy
@@ -31,8 +31,9 @@ from rclpy.timer import Timer
 
 from hybrid_sysid_ros.nodes import discovery, parameters, topics
 from hybrid_sysid_ros.nodes.border import Border, Reason
-from hybrid_sysid_ros.nodes.diagnostics import STALE, Task, Troubles
+from hybrid_sysid_ros.nodes.diagnostics import OK, STALE, WARN, Task, Troubles
 from hybrid_sysid_ros.nodes.messages import SECOND
+from hybrid_sysid_ros.nodes.source import Source
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
@@ -61,6 +62,10 @@ class RigNode(Node):
         self.rig = rigs.load(self.settings["rig"])
         self.finished = Future()
         self.borders: dict[str, Border] = {}
+        self.sources: dict[str, Source] = {}
+        """Folders that were read, by the task that they are for."""
+        self.changed: dict[str, str] = {}
+        """What has become of those that are not the same any more."""
         self.troubles: dict[str, Troubles] = {}
         self._ros_clock = self.get_clock()
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -153,9 +158,26 @@ class RigNode(Node):
         found = self.borders[topic].dropped
         return {reason.value: count for reason, count in found.items() if reason is not Reason.UNRELATED}
 
+    def look_at_sources(self) -> None:
+        """See whether what was read is still there; in another thread than the loop's, for a disk may not answer."""
+        self.changed = {task: words for task, source in self.sources.items() if (words := source.changed())}
+
+    def tasks(self) -> Sequence[Task]:
+        """What the node says of each of its tasks, and of what they have read."""
+        found, changed = {task.name: task for task in self.health()}, self.changed
+        for name in self.sources.keys() - found.keys():
+            found[name] = Task(name=name)
+        if self._ros_clock.ros_time_is_active and not self.now():
+            changed = {**changed, next(iter(found)): "use_sim_time is true, and nothing has come on /clock"}
+        for name, words in changed.items():
+            task = found[name]
+            words = words if task.level == OK else f"{task.message}; {words}"
+            found[name] = replace(task, level=max(task.level, WARN), message=words)
+        return list(found.values())
+
     def report(self) -> dict[str, object]:
         """Publish the diagnostics; return their values by key."""
-        tasks, node = self.health(), self.get_fully_qualified_name().strip("/")
+        tasks, node = self.tasks(), self.get_fully_qualified_name().strip("/")
         message = DiagnosticArray(status=[task.status(node, self.rig.name) for task in tasks])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
@@ -258,7 +280,9 @@ class Loop(SingleThreadedExecutor):
 
 
 class Services(SingleThreadedExecutor):
-    """A node's services, parameters above all, in a thread of their own: no storm of questions holds the loop up."""
+    """A node's services, parameters above all, and looks at the disk, in a thread of their own: no storm of questions
+    and no disk holds the loop up.
+    """
 
     def __init__(self, node: RigNode) -> None:
         super().__init__()
@@ -272,9 +296,13 @@ class Services(SingleThreadedExecutor):
 
     def serve(self) -> None:
         """Answer, one after the other, until the context or this executor ends."""
+        looked = 0.0
         try:
             while self.context.ok() and not self._node.finished.done():
                 self.spin_once(timeout_sec=0.1)
+                if monotonic() - looked > REPORT_PERIOD:
+                    looked = monotonic()
+                    self._node.look_at_sources()
                 sleep(SERVICE_PERIOD)
         except (ExternalShutdownException, ShutdownException):
             return

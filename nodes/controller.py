@@ -38,6 +38,7 @@ from hybrid_sysid_ros.nodes.messages import (
 )
 from hybrid_sysid_ros.nodes.model import model_of
 from hybrid_sysid_ros.nodes.preview import Preview
+from hybrid_sysid_ros.nodes.source import Source
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.runtime.checking import check_tolerances
 from hybrid_sysid_ros.runtime.configuration import mpc_problem, shipped
@@ -71,7 +72,7 @@ class ControllerNode(RigNode):
     def __init__(self, **options: Any) -> None:
         super().__init__("controller", **options)
         self.lockstep: bool = self.settings["lockstep"]
-        model = model_of(self.rig, self.settings["model"])
+        model = model_of(self)
         self.network: Policy | None = None
         self.controller = self.new_controller(model)
         self.ahead = round((model.system.delay + self.settings["latency"]) * SECOND)
@@ -127,6 +128,7 @@ class ControllerNode(RigNode):
         if interior:
             raise UserError(f"parameter solver is ipopt, policy {settings['policy']}: ipopt works alone, policy:=exact")
         path = Path(settings["policy_path"] or shipped(self.rig.name, "policy"))
+        self.sources["policy"] = Source(path)
         self.network = network = policy.load(path, model=model)
         self.look_at(network, path, asked)
         self.problem = network.problem

@@ -30,6 +30,7 @@ from hybrid_sysid_ros.runtime.configuration import CAMERA, estimator_tuning
 from hybrid_sysid_ros.support.errors import UserError
 
 SHOW_PERIOD = SECOND // 20  # ns, between two covariances
+SOON = 0.6  # periods, less than which lie between measurements that are more frequent than expected
 SLACK = 0.05  # of its range, by which an input may be beyond its limits to be believed
 WINDOW = 10.0  # s of innovations whose mean square is told
 
@@ -48,7 +49,7 @@ class EstimatorNode(RigNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("estimator", **options)
-        self.system = system = model_of(self.rig, self.settings["model"]).system
+        self.system = system = model_of(self).system
         layout = Layout(self.rig, system)
         limits = [(item.low, item.high, SLACK * (item.high - item.low)) for item in self.rig.actuators]
         bounds = [(low - slack, high + slack) for low, high, slack in limits]
@@ -90,7 +91,7 @@ class EstimatorNode(RigNode):
             latency=settings["latency"],
         )
         self.stamp = self.shown = self.usable = 0
-        self.unusable = self.repeated = self.restarts = self.seen = self.blind = 0
+        self.unusable = self.repeated = self.restarts = self.soon = self.seen = self.blind = 0
         self.still = [Still(after=round(settings["frozen_after"] * settings["rate"])) for _ in self.outputs]
         self.execution = Timing()
         self.innovations: deque[float] = deque(maxlen=round(WINDOW * settings["rate"]))
@@ -125,6 +126,8 @@ class EstimatorNode(RigNode):
             self.restarts += 1
         if not self.stamp:
             self.zero = stamp
+        elif 0 < stamp - self.stamp < SOON * SECOND / self.settings["rate"]:
+            self.soon += 1
         for k, still in enumerate(self.still):
             if self.noisy[k] and still.sees(self.outputs[k]):
                 self.outputs[k] = math.nan
@@ -190,6 +193,8 @@ class EstimatorNode(RigNode):
         loop = {
             "measurements missing": counters.missing,
             "measurements too late": counters.late,
+            "measurements sooner than the parameter rate says": self.soon,
+            "times that time began anew": self.restarts,
             "measurements before the first one of use": self.unusable,
             **{f"measurements {reason}": count for reason, count in self.dropped("joint_states").items()},
         }

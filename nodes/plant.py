@@ -16,6 +16,7 @@ from hybrid_sysid_ros.nodes.diagnostics import WARN, Task
 from hybrid_sysid_ros.nodes.drive import Answers, Drive
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, joint_state, lists, nanoseconds, set_nanoseconds
+from hybrid_sysid_ros.nodes.timeline import Timeline
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.rigs.joints import FILTERED
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -45,6 +46,7 @@ class PlantNode(RigNode):
         self.timeout = math.inf if self.lockstep else settings["command_timeout"]
         self.drive = Drive(rig.actuators, timeout=self.timeout)
         self.answers = Answers(start=LOCKSTEP_START, period=round(self.steps * rig.step * SECOND))
+        self.timeline = Timeline(self.now)
         self.lateness = Timing()
         self.rejected = self.overruns = self.repeated = self.stops = self.direct = 0
         self.started = False
@@ -85,17 +87,18 @@ class PlantNode(RigNode):
         """Let the rig go."""
         self.started = True
         announce("started")
-        self.begin = perf_counter()
+        self.timeline.begin(self.now())
         if self.lockstep:
             self.every(ANSWER_TIMEOUT / 5, self.ask_again)
         else:
-            self.answers.start = self.now()
+            self.answers.start = self.timeline.start
             self.every(self.answers.period / SECOND, self.tick)
         self.measure(0, self.drive.at(0.0))
 
     def tick(self) -> None:
         """In real time: integrate up to now and publish the measurement that is due, and those that were missed."""
-        elapsed = perf_counter() - self.begin
+        elapsed = self.timeline.follow() / SECOND
+        self.answers.start = self.timeline.start
         period = self.answers.period / SECOND
         number = int(elapsed / period + EARLY)
         self.overruns += max(number - self.answers.latest - 1, 0)
@@ -104,6 +107,11 @@ class PlantNode(RigNode):
         self.drive.timeout = self.settings["command_timeout"]
         while self.answers.latest < number and not self.finished.done():
             self.measure(self.answers.latest + 1, self.integrate(self.steps))
+
+    @property
+    def time(self) -> float:
+        """Steady time since the start [s]."""
+        return self.timeline.elapsed() / SECOND
 
     def integrate(self, steps: int) -> list[float]:
         """Advance the rig; return the mean inputs applied (m,)."""
@@ -116,7 +124,7 @@ class PlantNode(RigNode):
 
     def measure(self, number: int, applied: Sequence[float]) -> None:
         """Publish measurement `number`, with the mean inputs (m,) since the one before."""
-        self.answers.measured(number, perf_counter() - self.begin)
+        self.answers.measured(number, self.time)
         measurement = self.plant.measure()
         filtered = measurement.filtered[self.low_passed].tolist()
         self.slots.write(lists(self.message), [*measurement.outputs.tolist(), *applied, *filtered])
@@ -134,7 +142,7 @@ class PlantNode(RigNode):
         """Put a command in force, if it is one that counts: a stop, an answer, or one that :meth:`is_direct`."""
         if not self.started:
             return
-        time, stamp = perf_counter() - self.begin, nanoseconds(message.header.stamp)
+        time, stamp = self.time, nanoseconds(message.header.stamp)
         named = self.entry.read(message.name, lists(message), self.inputs, self.commanded)
         if not named or not all(map(math.isfinite, self.commanded)):
             return
@@ -159,7 +167,7 @@ class PlantNode(RigNode):
         """
         if self.lockstep or time - self.answers.last < self.settings["silence"]:
             return False
-        return stamp == 0 or (not self.answers.is_measured(stamp) and self.entry.is_near(stamp))
+        return stamp == 0 or (self.answers.measurement(stamp) is None and self.entry.is_near(stamp))
 
     def ask_again(self) -> None:
         """In lockstep: repeat a measurement that nobody answers."""
@@ -183,11 +191,12 @@ class PlantNode(RigNode):
             "commands that answer nothing": self.rejected,
             "times at rest for want of commands": drive.timeouts,
             "steps at the end of the travel": self.plant.stopped,
+            "times the clock was set": self.timeline.sets,
             **{f"commands {reason}": count for reason, count in self.dropped("joint_command").items()},
         }
         values = {
             "measurements": answers.latest + 1,
-            "measurement_rate_hz": answers.latest / max(perf_counter() - self.begin, 1e-9),
+            "measurement_rate_hz": answers.latest / max(self.time, 1e-9),
             "commands": answers.commands,
             "missed_commands": answers.missed,
             "last_missed": answers.last_missed,

@@ -22,6 +22,7 @@ from hybrid_sysid_ros.nodes.messages import (
     point_lists,
     set_nanoseconds,
 )
+from hybrid_sysid_ros.nodes.timeline import Timeline
 from hybrid_sysid_ros.rigs.excitation import Reference, constant, multisine, random_steps, sine
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import defaults
@@ -98,6 +99,7 @@ class ReferenceNode(RigNode):
         self.message = joint_trajectory(self.slots, self.offsets.tolist())
         self.message.header.frame_id = self.signature
         self.zero = 0
+        self.timeline = Timeline(self.now)
         self.sent = 0
         self.previews = self.open("reference")
         self.measured = Slots([*layout.outputs, *layout.inputs])
@@ -118,23 +120,25 @@ class ReferenceNode(RigNode):
         stamp = self.entry.stamp
         if not self.zero:
             self.zero = stamp
+            self.timeline.begin(stamp)
             announce("begun")
         if order is Order.AGAIN:  # nobody answered it: maybe for want of a reference
             self.previews.publish(self.message)
-        self.advance(stamp)
+        self.advance(stamp - self.zero)
 
     def tick(self) -> None:
-        """In real time follow the clock."""
+        """In real time go on with it, and let the stamps follow the clock."""
         if not self.zero:
             return
         if self.measurements is not None:  # it has told the time, and would only cost time from now on
             self.destroy_subscription(self.measurements)
             self.measurements = None
-        self.advance(self.now())
+        elapsed = self.timeline.follow()
+        self.zero = self.timeline.start
+        self.advance(elapsed)
 
-    def advance(self, time: int) -> None:
-        """Publish if a message is due at a time [ns]; end when the reference has ended."""
-        elapsed = time - self.zero
+    def advance(self, elapsed: int) -> None:
+        """Publish if a message is due so long after the start [ns]; end when the reference has ended."""
         if self.duration and elapsed >= self.duration:
             self.finish()
             return
