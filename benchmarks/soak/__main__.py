@@ -160,9 +160,8 @@ def found(
             watch.times, [sample[name][quantity] for sample in watch.samples], allowed=ALLOWED[quantity]
         )
         for name in watch.samples[0]
-        for quantity in ("memory_mb", "files", "threads")
+        for quantity in ALLOWED.keys() - {"delay"}
     }
-    trends["segments of shared memory"] = trend(watch.times, watch.segments, allowed=ALLOWED["segments"])
     for key in ("p50", "p99"):
         values = reports[f"delay_ms_window_{key}"][1:]  # the first report is of the start
         trends[f"delay_ms, {key}"] = trend(

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 NODE = re.compile(r"hybrid_sysid_ros\.nodes\.(\w+)")
-SHARED_MEMORY = Path("/dev/shm")
+SHARED_MEMORY = re.compile(r" (/dev/shm/\S+)")
 
 
 def nodes() -> dict[str, int]:
@@ -27,7 +27,8 @@ def nodes() -> dict[str, int]:
 
 
 def taken(process: int) -> dict[str, float]:
-    """What a process takes now, by quantity: resident memory, open files, threads, page faults since its start.
+    """What a process takes now, by quantity: resident memory, open files, threads, segments of shared memory, and page
+    faults since its start.
 
     Raises OSError where it has ended.
     """
@@ -37,8 +38,13 @@ def taken(process: int) -> dict[str, float]:
         "memory_mb": int(fields[21]) * os.sysconf("SC_PAGE_SIZE") * 1e-6,
         "files": len(os.listdir(path / "fd")),
         "threads": int(fields[17]),
+        "segments": _segments(path / "maps"),
         "page_faults": int(fields[7]) + int(fields[9]),
     }
+
+
+def _segments(maps: Path) -> int:
+    return len({*SHARED_MEMORY.findall(maps.read_text(encoding="utf-8", errors="replace"))})
 
 
 class Watch:
@@ -48,8 +54,6 @@ class Watch:
         self.times: list[float] = []
         self.samples: list[Mapping[str, Mapping[str, float]]] = []
         """At each of the times: by node, what it takes by quantity."""
-        self.segments: list[int] = []
-        """Files of shared memory at each of the times."""
         self.latest = 0.0
         """When it looked last, sample or not."""
         self._period = period
@@ -67,7 +71,6 @@ class Watch:
             return
         self.times.append(now)
         self.samples.append(sample)
-        self.segments.append(len(os.listdir(SHARED_MEMORY)) if SHARED_MEMORY.is_dir() else 0)
 
 
 def _status(path: Path) -> list[str]:
