@@ -44,7 +44,7 @@ from hybrid_sysid_ros.runtime import session
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.progress import progress_bars
 
-NAME, RIG, RATE = "soak", "cam_beam", 200.0
+NAME, RIG, RATE, DOMAIN = "soak", "cam_beam", 200.0, 94
 MINUTES = 30.0
 PERIOD = 1.0 / RATE
 DELAY_LIMIT = 4.0  # ms, asked of 99 %
@@ -134,6 +134,7 @@ def measure(minutes: float, others: int) -> tuple[dict[str, Any], bool]:
                 reference="steps",
                 duration=seconds,
                 bag=bag,
+                domain=DOMAIN,
                 priority=priority,
                 tell=status.print,
                 progress=progress,

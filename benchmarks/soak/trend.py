@@ -12,14 +12,14 @@ SETTLING = 0.1
 
 
 def trend(times: ArrayLike, values: ArrayLike, *, allowed: float) -> dict[str, Any]:
-    """Straight line through values over times [s], both (samples,), without the first SETTLING of the time.
+    """Straight line through values over times [s], both (samples,), without the first SETTLING of the time and NaN.
 
     slope and its standard error are by the hour, from the residuals about the line as if they were independent. What a
     run rose by is the median of the last third less that of the first. It grows where that is more than ``allowed`` (in
     the values' unit) and the line rises by more than two standard errors. None where there are too few to say.
     """
     t, y = np.asarray(times, dtype=float), np.asarray(values, dtype=float)
-    kept = t >= t[0] + SETTLING * (t[-1] - t[0])
+    kept = (t >= t[0] + SETTLING * (t[-1] - t[0])) & np.isfinite(y)
     t, y = t[kept] / 3600.0, y[kept]
     if len(t) < 4:
         return {"slope_per_hour": None, "error_per_hour": None, "rose": None, "grows": False}
