@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import json
 import os
@@ -27,7 +28,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-from hybrid_sysid_ros.nodes import parameters, topics
+from hybrid_sysid_ros.nodes import discovery, parameters, topics
 from hybrid_sysid_ros.nodes.border import Border, Reason
 from hybrid_sysid_ros.nodes.diagnostics import OK, STALE, WARN, Task, Troubles
 from hybrid_sysid_ros.nodes.listener import Listener
@@ -42,6 +43,7 @@ SERVICE_PERIOD = 2e-3  # s, at least between two answers to parameter services, 
 SWITCH_INTERVAL = 2e-4  # s, that another thread may keep the loop from going on
 LOOK_PERIOD = 0.02  # s, between two looks whether a peer is there
 PATIENCE = 2.0  # s, of an interrupt with a node that starts
+LOCK_CURRENT, LOCK_FUTURE, LOCK_ON_FAULT = 1, 2, 4  # of mlockall, on Linux
 
 
 class RigNode(Node):
@@ -59,6 +61,7 @@ class RigNode(Node):
         self.settings = parameters.declare(self, name)
         self.rig = rigs.load(self.settings["rig"])
         self.finished = Future()
+        self._ending = self.create_guard_condition(lambda: None)  # lets the loop see that it is finished
         self.borders: dict[str, Border] = {}
         self.sources: dict[str, Source] = {}
         """Folders that were read, by the task that they are for."""
@@ -186,7 +189,9 @@ class RigNode(Node):
         return {key: value for task in tasks for key, value in task.values.items()}
 
     def prioritise(self) -> None:
-        """Let all threads of this process go before those of others, if the node has a priority and may."""
+        """Let all threads of this process go before those of others and keep what they have touched in memory, if the
+        node has a priority and may.
+        """
         priority = self.settings.get("priority", 0)
         if not priority:
             return
@@ -195,16 +200,32 @@ class RigNode(Node):
                 os.sched_setscheduler(int(thread), os.SCHED_FIFO, os.sched_param(priority))
         except (OSError, AttributeError) as error:  # not permitted, or no Linux
             self.get_logger().warning(f"no real-time priority ({error}): the limit for the user is `ulimit -r`")
+        try:
+            _keep_in_memory()
+        except (OSError, AttributeError) as error:
+            self.get_logger().warning(f"memory may be paged out ({error}): the limit for the user is `ulimit -l`")
 
     def finish(self) -> None:
         """End the node; may be called from any thread, and more than once."""
         if not self.finished.done():
             self.finished.set_result(None)
+            self._ending.trigger()
 
     def close(self) -> None:
         """Last words, before the node is destroyed: diagnostics, also on the standard output, with the peak memory."""
         values = {**self.report(), "memory_mb": _peak_memory()}
         announce(json.dumps({key: None if value != value else value for key, value in values.items()}))
+
+
+def _keep_in_memory() -> None:
+    """Keep every page of this process in memory from when it is first touched on: code that runs twice a second would
+    be read from the disk again, which the loop waits for, where the system takes pages back that rest. Raises OSError
+    where that is not permitted.
+    """
+    library = ctypes.CDLL(None, use_errno=True)
+    if library.mlockall(LOCK_CURRENT | LOCK_FUTURE | LOCK_ON_FAULT):
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
 
 
 def _peak_memory() -> float:
@@ -229,9 +250,11 @@ def run(make: Callable[[], RigNode]) -> int:
     """
     ending = Interruption()
     sys.setswitchinterval(SWITCH_INTERVAL)
+    gc.freeze()  # what was imported stays: no collection looks at it again
     if os.environ.get(interruption.TETHER):
         Thread(target=_end_with_starter, daemon=True).start()
     try:
+        discovery.hasten()
         try:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         except RuntimeError as error:  # what rclpy raises for arguments and parameter files that make no sense
@@ -302,7 +325,9 @@ def _serve(node: RigNode, ending: Interruption) -> None:
     ending.then(node.finish)
     announce("ready")
     try:
-        executor.spin_until_future_complete(node.finished)
+        # Not spin_until_future_complete, by which the future keeps a function of every turn: 260 bytes each.
+        while executor.context.ok() and not node.finished.done():
+            executor.spin_once()
     finally:
         try:
             node.close()

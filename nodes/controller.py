@@ -48,6 +48,7 @@ from hybrid_sysid_ros.support.errors import UserError
 WATCH_PERIOD = 0.05  # s, between two looks whether estimates still come
 SHOW_PERIOD = 0.1  # s, between two predicted trajectories
 WARM_UPS = 6  # answers before the node is ready
+COMPILING = 1.0  # s, from which on an answer has compiled something
 NO_REFERENCE, HELD, ZEROED = "no reference", "held", "zeroed"  # layers of safety, beside those of the controller
 SOUND = {"solved", "iterated", "policy"}
 STANDING_IN = {"shifted plan", "held"}  # layers that may stand in for zero_after, no longer
@@ -201,10 +202,12 @@ class ControllerNode(RigNode):
         message = joint_state(slots)
         slots.write(lists(message), [0.0] * len(slots))
         for stamp in range(1, WARM_UPS + 1):
-            gc.collect()  # what the compiler has left, before it needs as much again
+            began = perf_counter()
             self.preview = Preview(np.array([stamp, stamp + 10 * SECOND]), np.zeros((2, len(self.outputs))))
             self.entry.read(message.name, lists(message), self.estimated, self.given)
-            self.proceed(message, stamp, stamp, perf_counter())
+            self.proceed(message, stamp, stamp, began)
+            if perf_counter() - began > COMPILING:
+                gc.collect()  # what the compiler has left, before it needs as much again
 
     def advertise(self) -> None:
         """Open the topic of the commands."""

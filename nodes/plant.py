@@ -24,6 +24,7 @@ from hybrid_sysid_ros.rigs.plant import Plant
 LOCKSTEP_START = SECOND  # stamp of the first measurement: 0 means "no time yet" to ROS
 EARLY = 0.1  # periods that a timer may be early; late ones never reach into the next period
 START_DELAY = 0.5  # s from all being there to the start: they may have yet to hear of one another
+READER_PATIENCE = 0.5  # s, with further readers where there is a loop
 ANSWER_TIMEOUT = 5.0  # s, after which an unanswered measurement is published again
 
 
@@ -49,6 +50,7 @@ class PlantNode(RigNode):
         self.lateness = Timing()
         self.rejected = self.overruns = self.repeated = self.stops = self.direct = 0
         self.started = False
+        self.alone = perf_counter()  # when somebody was missing last without whom there is no loop [s]
         layout = Layout(rig, rig.system)
         self.low_passed = [k for k, sensor in enumerate(rig.sensors) if sensor.low_pass]
         filtered = [layout.outputs[k].ending(f"_{FILTERED}") for k in self.low_passed]
@@ -64,11 +66,17 @@ class PlantNode(RigNode):
         self.when(self.is_matched, self.settle)
 
     def is_matched(self) -> bool:
-        """Whether those are there that the plant waits for."""
-        readers = self.settings["wait_for_readers"]
+        """Whether those are there that the plant waits for; in real time, a controller and some readers for
+        READER_PATIENCE: a plant that is started again finds a loop whose reference needs no measurements any more.
+        """
+        readers, found = self.settings["wait_for_readers"], self.measurements.get_subscription_count()
         if readers == 0 and not self.lockstep:
             return True
-        return self.measurements.get_subscription_count() >= readers and self.commands.publishers() > 0
+        now = perf_counter()
+        if found < min(readers, 1) or not self.commands.publishers():
+            self.alone = now
+            return False
+        return found >= readers or (not self.lockstep and now - self.alone > READER_PATIENCE)
 
     def settle(self) -> None:
         """Let the rig go when those that are there have had time to see it, too, or a bag would begin later than it."""
