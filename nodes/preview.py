@@ -56,10 +56,10 @@ class Preview:
         """
         if len(self.times) == 1:
             return np.repeat(self.values, len(times), axis=0)
-        right = np.clip(np.searchsorted(self.times, times, side="right"), 1, len(self.times) - 1)
-        left = right - 1
+        left = np.searchsorted(self.times[1:-1], times, side="right")
+        right = left + 1
         share = (times - self.times[left]) / (self.times[right] - self.times[left])
-        share = np.clip(share, 0.0, 1.0)[:, None]
+        share = np.minimum(np.maximum(share, 0.0), 1.0)[:, None]  # np.clip takes longer
         return np.asarray((1.0 - share) * self.values[left] + share * self.values[right])
 
     def covers(self, time: int) -> bool:
