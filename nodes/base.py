@@ -12,6 +12,7 @@ import socket
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from threading import Thread
 from time import monotonic, monotonic_ns, sleep, time_ns
 from typing import Any
@@ -23,7 +24,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.timer import Timer
@@ -73,10 +73,17 @@ class RigNode(Node):
         self._diagnostics = self.open("/diagnostics")
         self._reporting = self.every(REPORT_PERIOD, self.report)
 
+    @cached_property
+    def aside(self) -> MutuallyExclusiveCallbackGroup:
+        """What goes on in another thread than the loop's: see :class:`Services`."""
+        return MutuallyExclusiveCallbackGroup()
+
     def create_service(self, *arguments: Any, **options: Any) -> Any:
-        """In a group of its own, for another thread than the loop's: see :class:`Services`."""
-        group = self.__dict__.setdefault("services_group", MutuallyExclusiveCallbackGroup())
-        return super().create_service(*arguments, **{"callback_group": group, **options})
+        return super().create_service(*arguments, **{"callback_group": self.aside, **options})
+
+    def create_publisher(self, *arguments: Any, **options: Any) -> Any:
+        """Its group is that of what the middleware tells of it, of readers that ask for another quality above all."""
+        return super().create_publisher(*arguments, **{"callback_group": self.aside, **options})
 
     def full_name(self, topic: str) -> str:
         """Name of a topic, for rclpy to resolve."""
@@ -279,15 +286,22 @@ def _end_with_starter() -> None:
 
 
 class Loop(SingleThreadedExecutor):
-    """All of a node but its services."""
+    """All of a node but what goes on aside."""
+
+    def __init__(self, node: RigNode) -> None:
+        super().__init__()
+        self._aside = node.aside
+        self.add_node(node)
 
     def can_execute(self, entity: Any) -> bool:
-        return not isinstance(entity, Service) and super().can_execute(entity)
+        return entity.callback_group is not self._aside and super().can_execute(entity)
 
 
 class Services(SingleThreadedExecutor):
     """A node's services, parameters above all, and looks at the disk, in a thread of their own: no storm of questions
     and no disk holds the loop up.
+
+    So are the events of its publishers, which would cost the loop more than its messages, at each of them.
     """
 
     def __init__(self, node: RigNode) -> None:
@@ -298,7 +312,7 @@ class Services(SingleThreadedExecutor):
         return [self._node]  # not added: a node has one executor, the loop's
 
     def can_execute(self, entity: Any) -> bool:
-        return isinstance(entity, Service) and super().can_execute(entity)
+        return entity.callback_group is self._node.aside and super().can_execute(entity)
 
     def serve(self) -> None:
         """Answer, one after the other, until the context or this executor ends."""
@@ -315,8 +329,7 @@ class Services(SingleThreadedExecutor):
 
 
 def _serve(node: RigNode, ending: Interruption) -> None:
-    executor, services = Loop(), Services(node)
-    executor.add_node(node)
+    executor, services = Loop(node), Services(node)
     server = Thread(target=services.serve, daemon=True)
     server.start()
     node.prioritise()

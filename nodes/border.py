@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, MutableSequence, Sequence
+from collections.abc import Callable
 from enum import Enum
+from operator import le
 from typing import Any
 
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
-from hybrid_sysid_ros.nodes.layout import Lists, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, lists, nanoseconds, point_lists
-from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.nodes.cdr import Form
+from hybrid_sysid_ros.nodes.layout import Slots
+from hybrid_sysid_ros.nodes.messages import SECOND, Joints, point_lists
 
 LARGEST = 1 << 17
 """Bytes of a message: a preview of some 2000 points. A larger one is not even unpacked, which would take its time."""
+FORMS = 8
+"""Forms of messages that are known at a time: those of the estimates, say, or of a sensor's and a camera's readings."""
 RESTART = SECOND
 """A stamp so far before the last one is a new experiment, or a fault [ns]."""
 
@@ -81,13 +84,17 @@ class Border:
         self._steady = steady
         self._ahead, self._behind, self._silence = ahead, behind, silence
         self._back = 0
+        self._forms: dict[int, Form] = {}
 
     def drop(self, reason: Reason) -> None:
         """Count a message that is not believed."""
         self.dropped[reason] += 1
 
     def unpack(self, data: bytes) -> Any | None:
-        """A message out of its bytes, whose lists fit its names; None where it is none."""
+        """What bytes say, with a number for each name or none: Joints, or another message; None where it is none."""
+        form = self._forms.get(len(data))  # most messages are like one before
+        if form is not None and (joints := form.unpack(data)) is not None:
+            return joints
         if len(data) > LARGEST:
             self.drop(Reason.TOO_LARGE)
             return None
@@ -96,45 +103,53 @@ class Border:
         except Exception:  # whatever the middleware raises for bytes that are no message
             self.drop(Reason.UNREADABLE)
             return None
-        if _fits(message):
+        if not _fits(message):
+            self.drop(Reason.MALFORMED)
+            return None
+        if not isinstance(message, JointState):
             return message
-        self.drop(Reason.MALFORMED)
-        return None
+        joints = Joints.of(message)
+        if len(self._forms) >= FORMS:
+            self._forms.clear()
+        self._forms[len(data)] = Form(joints.source, joints.names, [len(numbers) for numbers in joints.lists])
+        return joints
 
-    def read(self, names: Sequence[str], lists: Lists, slots: Slots, out: MutableSequence[float] | Array) -> int:
-        """A message's numbers into ``out``, NaN where there is none, or one beyond the slots' bounds; how many of their
-        entries it names. What is missing or wrong is counted once.
+    def read(self, joints: Joints, slots: Slots) -> list[float] | None:
+        """A message's numbers, NaN where there is none, or one beyond the slots' bounds; None where it names none of
+        their entries. What is missing or wrong is counted once.
         """
-        named = slots.read(names, lists, out)
-        if not named:
+        values = slots.read(joints.names, joints.lists)
+        if all(map(le, slots.low, values)) and all(map(le, values, slots.high)):
+            return values
+        if not slots.named:
             self.drop(Reason.UNRELATED)
-            return 0
-        wrong = [k for k, (low, high) in enumerate(slots.bounds) if not low <= out[k] <= high]
-        if named < len(slots):
+            return None
+        wrong = [k for k, value in enumerate(values) if not slots.low[k] <= value <= slots.high[k]]
+        if slots.named < len(slots):
             self.drop(Reason.UNNAMED)
-        elif wrong:
-            self.drop(Reason.NO_NUMBER if math.isnan(out[wrong[0]]) else Reason.OUT_OF_RANGE)
+        else:
+            self.drop(Reason.NO_NUMBER if math.isnan(values[wrong[0]]) else Reason.OUT_OF_RANGE)
         for k in wrong:
-            out[k] = math.nan
-        return named
+            values[k] = math.nan
+        return values
 
-    def admit(self, message: Any) -> Order | None:
+    def admit(self, joints: Joints) -> Order | None:
         """How a message goes on from the last one; None where its publisher or its stamp is not believed."""
-        found = self._order(nanoseconds(message.header.stamp)) if self.hears(message) else None
+        found = self._order(joints.stamp) if self.hears(joints.source) else None
         if found is not None:
-            self.believe(message)
+            self.believe(joints.source)
         return found
 
-    def hears(self, message: Any) -> bool:
-        """Whether a message is of the publisher that is heard; another one's is counted."""
-        if message.header.frame_id != self.source and self.heard and self._steady() - self.heard < self._silence:
+    def hears(self, source: str) -> bool:
+        """Whether a publisher, by its frame_id, is the one that is heard; another one's message is counted."""
+        if source != self.source and self.heard and self._steady() - self.heard < self._silence:
             self.drop(Reason.OTHER)
             return False
         return True
 
-    def believe(self, message: Any) -> None:
-        """From here on a message's publisher is the one that is heard."""
-        self.source, self.heard = message.header.frame_id, self._steady()
+    def believe(self, source: str) -> None:
+        """From here on this publisher is the one that is heard."""
+        self.source, self.heard = source, self._steady()
 
     def is_near(self, stamp: int) -> bool:
         """Whether a stamp [ns] is near the clock, if there is one."""
@@ -174,9 +189,7 @@ class Border:
 def _fits(message: Any) -> bool:
     """Whether names are there once, and each list has a number for each or none."""
     if isinstance(message, JointState):
-        count = len(message.name)
-        return len(set(message.name)) == count and all(len(values) in (0, count) for values in lists(message))
-    count = len(message.joint_names)
-    return len(set(message.joint_names)) == count and all(
-        len(values) in (0, count) for point in message.points for values in point_lists(point)
-    )
+        names, lists = message.name, [message.position, message.velocity, message.effort]
+    else:
+        names, lists = message.joint_names, [values for point in message.points for values in point_lists(point)]
+    return len(set(names)) == len(names) and all(len(values) in (0, len(names)) for values in lists)

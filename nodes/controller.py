@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from rclpy.publisher import Publisher
-from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Problem
@@ -25,17 +24,10 @@ from hybrid_sysid_ros.control.safety.supervisor import LAYERS, Supervisor
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.nodes.base import RigNode, run
 from hybrid_sysid_ros.nodes.border import Order
+from hybrid_sysid_ros.nodes.cdr import JointWriter
 from hybrid_sysid_ros.nodes.diagnostics import OK, Task
 from hybrid_sysid_ros.nodes.layout import AHEAD, Layout, Place, Slots
-from hybrid_sysid_ros.nodes.messages import (
-    SECOND,
-    joint_state,
-    joint_trajectory,
-    lists,
-    nanoseconds,
-    point_lists,
-    set_nanoseconds,
-)
+from hybrid_sysid_ros.nodes.messages import SECOND, Joints, joint_trajectory, point_lists, set_nanoseconds
 from hybrid_sysid_ros.nodes.model import model_of
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.source import Source
@@ -91,13 +83,10 @@ class ControllerNode(RigNode):
         correction = self.network.correction if self.network is not None else None
         names: tuple[str, ...] = correction.names if correction is not None else ()
         self.followed = Slots([Place(name, "position") for name in names])
-        self.parameters = [math.nan] * len(self.followed)
         self.rest = np.array([actuator.rest for actuator in self.rig.actuators])
         self.planned = Slots([*layout.states, *layout.inputs])
         self.plan_message = joint_trajectory(self.planned, self.grid.tolist())
-        self.slots = Slots(layout.inputs)
-        self.message = joint_state(self.slots)
-        self.message.header.frame_id = self.signature
+        self.writer = JointWriter(Slots(layout.inputs), self.signature)
         self.commands: Publisher | None = None
         self.predictions = self.open("predicted_trajectory")
         self.entry, self.wishes = self.border("state_estimate"), self.border("reference")
@@ -191,21 +180,19 @@ class ControllerNode(RigNode):
         self.home = np.zeros(len(self.outputs))
         self.input = self.rest.copy()
         self.preview: Preview | None = None
-        self.waiting: JointState | None = None
+        self.waiting: Joints | None = None
 
     def warm_up(self) -> None:
         """Answer estimates that nobody gave: this compiles, and loads what is loaded at first use.
 
         The first answers are late, for they compile; those after them go on as in the loop.
         """
-        slots = Slots(self.layout.estimate(()))
-        message = joint_state(slots)
-        slots.write(lists(message), [0.0] * len(slots))
+        names = Slots(self.layout.estimate(())).names
+        self.given[:] = 0.0
         for stamp in range(1, WARM_UPS + 1):
             began = perf_counter()
             self.preview = Preview(np.array([stamp, stamp + 10 * SECOND]), np.zeros((2, len(self.outputs))))
-            self.entry.read(message.name, lists(message), self.estimated, self.given)
-            self.proceed(message, stamp, stamp, began)
+            self.proceed(Joints("", stamp, names, [[0.0] * len(names)] * 3), stamp, began)
             if perf_counter() - began > COMPILING:
                 gc.collect()  # what the compiler has left, before it needs as much again
 
@@ -215,26 +202,24 @@ class ControllerNode(RigNode):
 
     def on_reference(self, message: JointTrajectory) -> None:
         """Keep the newest reference."""
-        if not self.wishes.hears(message):
+        if not self.wishes.hears(message.header.frame_id):
             return
         now = self.stamp if self.lockstep else self.now()
         preview = Preview.of(message, self.wishes, self.outputs, self.tracked, now)
         if preview is None:
             return
-        self.wishes.believe(message)
+        self.wishes.believe(message.header.frame_id)
         self.clipped += not preview.within(*self.reach)
         self.preview = preview
         if self.waiting is not None:
             waiting, self.waiting = self.waiting, None
-            stamp = nanoseconds(waiting.header.stamp)
-            self.proceed(waiting, stamp, stamp, perf_counter())
+            self.proceed(waiting, waiting.stamp, perf_counter())
 
-    def on_estimate(self, message: JointState) -> None:
+    def on_estimate(self, joints: Joints) -> None:
         """Answer an estimate."""
-        began, stamp = perf_counter(), nanoseconds(message.header.stamp)
-        named = self.entry.read(message.name, lists(message), self.estimated, self.given)
-        order = self.entry.admit(message) if named else None
-        if order is None:
+        began = perf_counter()
+        given = self.entry.read(joints, self.estimated)
+        if given is None or (order := self.entry.admit(joints)) is None:
             return
         if order is Order.AGAIN or order is Order.LATE:
             self.repeated += 1
@@ -242,37 +227,39 @@ class ControllerNode(RigNode):
             return
         if order is Order.RESTART:
             self.forget()
-        self.proceed(message, stamp, stamp if self.lockstep else self.now(), began)
+        self.given[:] = given
+        self.proceed(joints, joints.stamp if self.lockstep else self.now(), began)
 
-    def proceed(self, message: JointState, stamp: int, now: int, began: float) -> None:
-        """Answer an estimate that is believed and read; stamp, now: in the ROS clock [ns], began: when it came [s]."""
+    def proceed(self, joints: Joints, now: int, began: float) -> None:
+        """Answer an estimate that is believed and read; now: in the ROS clock [ns], began: when it came [s]."""
+        stamp = joints.stamp
         last = stamp + self.ahead + int(self.grid[-1])
         if self.lockstep and (self.preview is None or not self.preview.covers(last)):
-            self.wait(message, last - stamp)
+            self.wait(joints, last - stamp)
             return
-        plan = self.answer(message, stamp, (now - stamp) / SECOND, began)
+        plan = self.answer(joints, (now - stamp) / SECOND, began)
         if plan is not None and stamp - self.shown >= SHOW_PERIOD * SECOND:
             self.shown = stamp
             self.show(plan, stamp + self.ahead)
 
-    def wait(self, message: JointState, reach: int) -> None:
+    def wait(self, joints: Joints, reach: int) -> None:
         """In lockstep: keep an estimate until the reference reaches far enough [ns]."""
         if self.waiting is not None and self.preview is not None:
             self.get_logger().warning(
                 f"the reference does not reach {reach / SECOND:g} s ahead: raise its preview_seconds", once=True
             )
-        self.waiting = message
+        self.waiting = joints
 
-    def answer(self, message: JointState, stamp: int, age: float, began: float) -> Plan | None:
+    def answer(self, joints: Joints, age: float, began: float) -> Plan | None:
         """Publish the command for an estimate of an age [s]; return the plan behind it, if there is one."""
-        self.stamp = stamp
+        self.stamp = stamp = joints.stamp
         self.age.add(max(age, 0.0))
         sound = bool(np.isfinite(self.given).all())
-        sound = sound and self.settle(message)
+        sound = sound and self.settle(joints)
         if not sound or age > self.settings["stale_after"]:
             self.hold()
             return None
-        self.follow(message)
+        self.follow(joints)
         preview = self.reference(stamp)
         plan = self.controller.control(self.state, self.disturbance, self.input, preview)
         layer = LAYERS[plan.status]
@@ -284,25 +271,28 @@ class ControllerNode(RigNode):
             self.send(self.rest)
             return None
         self.layers[layer] += 1
-        self.execution.add(perf_counter() - began)
+        taken = perf_counter() - began
         self.send(plan.input)
+        self.execution.add(taken)
         self.controller.prepare((stamp - self.answered) / SECOND if self.answered else 0.0)
         self.answered = stamp
         return plan
 
-    def settle(self, message: JointState) -> bool:
+    def settle(self, joints: Joints) -> bool:
         """Remember where the outputs were found first; whether the tracked ones were numbers."""
         if not self.settled:
-            self.entry.read(message.name, lists(message), self.outputs, self.home)
+            found = self.entry.read(joints, self.outputs)
+            self.home[:] = math.nan if found is None else found
             self.home[~self.tracked] = 0.0
             self.settled = bool(np.isfinite(self.home).all())
         return self.settled
 
-    def follow(self, message: JointState) -> None:
+    def follow(self, joints: Joints) -> None:
         """Tell a network with a correction the parameters that the estimator follows; NaN leaves one as it was."""
-        if self.parameters and self.network is not None:
-            self.followed.read(message.name, lists(message), self.parameters)
-            self.network.adapt(dict(zip(self.followed.names, self.parameters, strict=True)))
+        if self.followed.names and self.network is not None:
+            parameters = self.entry.read(joints, self.followed)
+            if parameters is not None:
+                self.network.adapt(dict(zip(self.followed.names, parameters, strict=True)))
 
     def reference(self, stamp: int) -> Array:
         """Reference for the preview of an estimate (horizon, outputs)."""
@@ -346,14 +336,13 @@ class ControllerNode(RigNode):
         """Publish a command (m,) that answers the newest estimate."""
         self.acted = monotonic_ns()
         self.input[:] = inputs
-        self.slots.write(lists(self.message), inputs.tolist())
-        set_nanoseconds(self.message.header.stamp, self.stamp)
+        self.command = self.writer.pack(self.stamp, inputs.tolist())
         self.publish()
 
     def publish(self) -> None:
         """Publish the newest command."""
         if self.commands is not None:
-            self.commands.publish(self.message)
+            self.commands.publish(self.command)
 
     def show(self, plan: Plan, start: int) -> None:
         """Publish the predicted trajectory, if someone looks."""

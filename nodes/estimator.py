@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from rclpy.publisher import Publisher
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from hybrid_sysid_ros.core.rollout import output_of
@@ -21,9 +20,10 @@ from hybrid_sysid_ros.estimation import METHODS, Estimate
 from hybrid_sysid_ros.estimation.consistency import band
 from hybrid_sysid_ros.nodes.base import RigNode, run
 from hybrid_sysid_ros.nodes.border import Order
+from hybrid_sysid_ros.nodes.cdr import JointWriter
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, joint_state, lists, nanoseconds, set_nanoseconds
+from hybrid_sysid_ros.nodes.messages import SECOND, Joints
 from hybrid_sysid_ros.nodes.model import model_of
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.runtime.configuration import CAMERA, estimator_tuning
@@ -58,16 +58,13 @@ class EstimatorNode(RigNode):
         self.outputs, self.applied = np.split(self.given, [len(layout.outputs)])
         self.names = [item.name for item in system.outputs]
         self.camera = Slots([layout.outputs[0].ending(f"_{CAMERA}")])
-        self.frame = np.empty(1)
         self.further = layout.further
         self.noisy = [sensor.noisy for sensor in self.rig.sensors]
         self.estimates: Publisher | None = None
         self.covariances = self.open("state_covariance")
         self.begin()
         followed = tuple(self.filter.tuning.followed)
-        self.slots = Slots(layout.estimate(followed))
-        self.message = joint_state(self.slots)
-        self.message.header.frame_id = self.signature
+        self.writer = JointWriter(Slots(layout.estimate(followed)), self.signature)
         self.covariance_message = _labelled(self.filter.labels)
         self.entry = self.border("joint_states")
         self.warm_up()
@@ -78,8 +75,7 @@ class EstimatorNode(RigNode):
     def warm_up(self) -> None:
         """Take measurements that nobody made: this compiles, and has seen it all once before it matters."""
         for k in range(1, 4):
-            self.given[:] = 0.0
-            self.take(round(k * SECOND / self.settings["rate"]), Order.NEW, perf_counter())
+            self.take([0.0] * len(self.given), round(k * SECOND / self.settings["rate"]), Order.NEW, perf_counter())
 
     def begin(self) -> None:
         """Begin anew, nothing estimated and nothing counted."""
@@ -101,21 +97,20 @@ class EstimatorNode(RigNode):
         """Open the topic of the estimates."""
         self.estimates = self.open("state_estimate")
 
-    def on_measurement(self, message: JointState) -> None:
+    def on_measurement(self, joints: Joints) -> None:
         """Answer a measurement."""
-        began, stamp = perf_counter(), nanoseconds(message.header.stamp)
-        if message.name == self.camera.names:
-            self.entry.read(message.name, lists(message), self.camera, self.frame)
-            if self.entry.is_near(stamp):
-                self.on_camera(stamp)
+        began = perf_counter()
+        if joints.names == self.camera.names:
+            frame = self.entry.read(joints, self.camera)
+            if frame is not None and self.entry.is_near(joints.stamp):
+                self.on_camera(joints.stamp, frame[0])
             return
-        named = self.entry.read(message.name, lists(message), self.measured, self.given)
-        order = self.entry.admit(message) if named else None
-        if order is not None:
-            self.take(stamp, order, began)
+        given = self.entry.read(joints, self.measured)
+        if given is not None and (order := self.entry.admit(joints)) is not None:
+            self.take(given, joints.stamp, order, began)
 
-    def take(self, stamp: int, order: Order, began: float) -> None:
-        """Answer what a measurement gave; stamp [ns], began: when it came [s]."""
+    def take(self, given: list[float], stamp: int, order: Order, began: float) -> None:
+        """Answer what a measurement gave, outputs and inputs; stamp [ns], began: when it came [s]."""
         if order is Order.AGAIN:
             self.repeated += 1
             self.publish()
@@ -129,9 +124,10 @@ class EstimatorNode(RigNode):
         elif 0 < stamp - self.stamp < SOON * SECOND / self.settings["rate"]:
             self.too_soon += 1
         for k, still in enumerate(self.still):
-            if self.noisy[k] and still.sees(self.outputs[k]):
-                self.outputs[k] = math.nan
-        if np.isfinite(self.outputs).any():
+            if self.noisy[k] and still.sees(given[k]):
+                given[k] = math.nan
+        self.given[:] = given
+        if any(map(math.isfinite, given[: len(self.outputs)])):
             self.usable = max(stamp, self.usable)
         try:
             estimate = self.filter.update((stamp - self.zero) / SECOND, self.outputs, self.applied)
@@ -142,22 +138,23 @@ class EstimatorNode(RigNode):
         if order is Order.LATE:
             return  # the answer to a newer one is out
         self.stamp = stamp
-        self.fill(estimate)
-        self.execution.add(perf_counter() - began)
+        self.packed = self.pack(estimate)
+        taken = perf_counter() - began
         self.publish()
+        self.execution.add(taken)
         self.afterwards(estimate)
 
-    def on_camera(self, stamp: int) -> None:
+    def on_camera(self, stamp: int, reading: float) -> None:
         """Use a measurement of the second sensor, in its place by its stamp."""
         try:
-            self.filter.correct((stamp - self.zero) / SECOND if self.stamp else 0.0, float(self.frame[0]), CAMERA)
+            self.filter.correct((stamp - self.zero) / SECOND if self.stamp else 0.0, reading, CAMERA)
             self.seen += 1
         except UserError as error:  # no such sensor in the parameters, or nothing to correct yet
             self.unusable += 1
             self.get_logger().warning(str(error), once=True)
 
-    def fill(self, estimate: Estimate) -> None:
-        """Write an estimate into the message."""
+    def pack(self, estimate: Estimate) -> bytes:
+        """The message of an estimate."""
         state, ahead, disturbance = estimate.state.tolist(), estimate.ahead.tolist(), estimate.disturbance.tolist()
         further: list[float] = []
         if self.further:
@@ -168,13 +165,12 @@ class EstimatorNode(RigNode):
         if self.stamp - self.usable > self.settings["sensor_timeout"] * SECOND:  # a guess: nobody should act on it
             self.blind += 1
             numbers = [math.nan] * len(numbers)
-        self.slots.write(lists(self.message), numbers)
-        set_nanoseconds(self.message.header.stamp, self.stamp)
+        return self.writer.pack(self.stamp, numbers)
 
     def publish(self) -> None:
         """Publish the newest estimate."""
         if self.estimates is not None:
-            self.estimates.publish(self.message)
+            self.estimates.publish(self.packed)
 
     def afterwards(self, estimate: Estimate) -> None:
         """What need not be done before the answer."""

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.rigs.rig import BEYOND, Rig
-from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 FIELDS = ("position", "velocity", "effort")
 """The lists of a joint message."""
-Lists = tuple[MutableSequence[float], MutableSequence[float], MutableSequence[float]]
-"""Those lists, in this order."""
+Lists = Sequence[Sequence[float]]
+"""Those lists, in this order: a number for each entry, or none at all."""
 AHEAD = "_ahead"
 """Ending of the entries of the state that the next command will meet."""
 
@@ -81,7 +80,8 @@ class Slots:
 
     def __init__(self, places: Sequence[Place], *, bounds: Sequence[tuple[float, float]] = ()) -> None:
         """bounds: within which the last numbers must be to be believed; all others within what any rig has."""
-        self.bounds = [(-BEYOND, BEYOND)] * (len(places) - len(bounds)) + list(bounds)
+        free = [(-BEYOND, BEYOND)] * (len(places) - len(bounds))
+        self.low, self.high = [low for low, _ in (*free, *bounds)], [high for _, high in (*free, *bounds)]
         self.names = list(dict.fromkeys(place.entry for place in places))
         """Entries of a message that carries these and no other."""
         self.fields = [field for field in FIELDS if any(place.field == field for place in places)]
@@ -90,6 +90,8 @@ class Slots:
         self._found = self._where(self.names)
         self._read_names: Sequence[str] = self.names
         self._read_found = self._found
+        self.named = len(places)
+        """How many of them had a name in the message that was read last."""
 
     def __len__(self) -> int:
         return len(self._places)
@@ -98,17 +100,16 @@ class Slots:
         index = {name: k for k, name in reversed(list(enumerate(names)))}
         return [(field, index.get(entry, -1)) for entry, field in self._places]
 
-    def write(self, lists: Lists, values: Iterable[float]) -> None:
-        """Numbers into the lists of a message made for these slots (:func:`~.messages.joint_state`)."""
+    def write(self, lists: Sequence[MutableSequence[float]], values: Iterable[float]) -> None:
+        """Numbers into the lists of a message made for these slots."""
         for (field, index), value in zip(self._found, values, strict=True):
             lists[field][index] = value
 
-    def read(self, names: Sequence[str], lists: Lists, out: MutableSequence[float] | Array) -> int:
-        """Numbers of a message's lists into ``out``, NaN where there is none; how many of them have a name there."""
+    def read(self, names: Sequence[str], lists: Lists) -> list[float]:
+        """Numbers of a message's lists, NaN where there is none."""
         if names != self._read_names:
             self._read_names, self._read_found = names, self._where(names)
-        named = 0
-        for k, (field, index) in enumerate(self._read_found):
-            named += index >= 0
-            out[k] = lists[field][index] if 0 <= index < len(lists[field]) else math.nan
-        return named
+            self.named = sum(index >= 0 for _, index in self._read_found)
+        return [
+            lists[field][index] if 0 <= index < len(lists[field]) else math.nan for field, index in self._read_found
+        ]

@@ -1,12 +1,13 @@
-"""Messages: made once with their arrays, then filled: an array of doubles takes no number of another kind, which rclpy
-would not check.
+"""Messages: what they say of joints, and times. Those that are published more than once are made once, with their
+arrays, then filled: an array of doubles takes no number of another kind, which rclpy would not check.
 """
 
 from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Iterable
+from collections.abc import Iterable, MutableSequence, Sequence
+from typing import NamedTuple
 
 from builtin_interfaces.msg import Duration, Time
 from sensor_msgs.msg import JointState
@@ -29,21 +30,25 @@ def set_nanoseconds(stamp: Time | Duration, value: int) -> None:
     stamp.sec, stamp.nanosec = divmod(int(value), SECOND)
 
 
-def joint_state(slots: Slots, *more: str) -> JointState:
-    """A message with the entries of these slots, and of ``more`` names, all NaN; to be filled again and again."""
-    message = JointState(name=[*slots.names, *more])
-    for field in slots.fields:
-        setattr(message, field, array("d", [math.nan] * len(message.name)))
-    return message
+class Joints(NamedTuple):
+    """What a JointState says."""
+
+    source: str
+    """Its frame_id, by which its publisher is told from others."""
+    stamp: int
+    """[ns]"""
+    names: Sequence[str]
+    lists: Lists
+
+    @classmethod
+    def of(cls, message: JointState) -> Joints:
+        """What a message says that the middleware has unpacked."""
+        header, lists = message.header, (message.position, message.velocity, message.effort)
+        return cls(header.frame_id, nanoseconds(header.stamp), message.name, lists)
 
 
-def lists(message: JointState) -> Lists:
-    """The lists of a message, to be written into."""
-    return message.position, message.velocity, message.effort
-
-
-def point_lists(point: JointTrajectoryPoint) -> Lists:
-    """The same of a point of a trajectory."""
+def point_lists(point: JointTrajectoryPoint) -> Sequence[MutableSequence[float]]:
+    """The lists of a point of a trajectory."""
     return point.positions, point.velocities, point.effort
 
 

@@ -9,13 +9,12 @@ from functools import partial
 from time import perf_counter
 from typing import Any
 
-from sensor_msgs.msg import JointState
-
 from hybrid_sysid_ros.nodes.base import RigNode, announce, run
+from hybrid_sysid_ros.nodes.cdr import JointWriter
 from hybrid_sysid_ros.nodes.diagnostics import WARN, Task
 from hybrid_sysid_ros.nodes.drive import Answers, Drive
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, joint_state, lists, nanoseconds, set_nanoseconds
+from hybrid_sysid_ros.nodes.messages import SECOND, Joints
 from hybrid_sysid_ros.nodes.timeline import Timeline
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.rigs.joints import FILTERED
@@ -54,11 +53,8 @@ class PlantNode(RigNode):
         layout = Layout(rig, rig.system)
         self.low_passed = [k for k, sensor in enumerate(rig.sensors) if sensor.low_pass]
         filtered = [layout.outputs[k].ending(f"_{FILTERED}") for k in self.low_passed]
-        self.slots = Slots([*layout.outputs, *layout.inputs, *filtered])
-        self.message = joint_state(self.slots)
-        self.message.header.frame_id = self.signature
+        self.writer = JointWriter(Slots([*layout.outputs, *layout.inputs, *filtered]), self.signature)
         self.inputs = Slots(layout.inputs)
-        self.commanded = [0.0] * len(layout.inputs)
         self.rest = [actuator.rest for actuator in rig.actuators]
         self.measurements = self.open("joint_states")
         self.entry = self.border("joint_command")
@@ -127,8 +123,8 @@ class PlantNode(RigNode):
         self.answers.measured(number, self.time)
         measurement = self.plant.measure()
         filtered = measurement.filtered[self.low_passed].tolist()
-        self.slots.write(lists(self.message), [*measurement.outputs.tolist(), *applied, *filtered])
-        set_nanoseconds(self.message.header.stamp, self.answers.stamp(number))
+        values = [*measurement.outputs.tolist(), *applied, *filtered]
+        self.measurement = self.writer.pack(self.answers.stamp(number), values)
         self.publish()
         if 0.0 < self.settings["duration"] <= self.plant.time:
             self.finish()
@@ -136,27 +132,27 @@ class PlantNode(RigNode):
     def publish(self) -> None:
         """Publish the newest measurement."""
         self.asked = perf_counter()
-        self.measurements.publish(self.message)
+        self.measurements.publish(self.measurement)
 
-    def on_command(self, message: JointState) -> None:
+    def on_command(self, joints: Joints) -> None:
         """Put a command in force, if it is one that counts: a stop, an answer, or one that :meth:`is_direct`."""
         if not self.started:
             return
-        time, stamp = self.time, nanoseconds(message.header.stamp)
-        named = self.entry.read(message.name, lists(message), self.inputs, self.commanded)
-        if not named or not all(map(math.isfinite, self.commanded)):
+        time, stamp = self.time, joints.stamp
+        inputs = self.entry.read(joints, self.inputs)
+        if inputs is None or not all(map(math.isfinite, inputs)):
             return
-        if self.commanded == self.rest and not self.lockstep and not self.answers.awaits(stamp):
+        if inputs == self.rest and not self.lockstep and not self.answers.awaits(stamp):
             self.stops += 1
-        elif not self.entry.hears(message):
+        elif not self.entry.hears(joints.source):
             return
         elif not self.answers.answer(stamp, time):
             if not self.is_direct(stamp, time):
                 self.rejected += 1
                 return
             self.direct += 1
-        self.entry.believe(message)
-        self.drive.command(self.commanded, self.plant.time if self.lockstep else time)
+        self.entry.believe(joints.source)
+        self.drive.command(inputs, self.plant.time if self.lockstep else time)
         if self.lockstep and self.answers.answered == self.answers.latest:
             self.plant.bias[:] = self.settings["bias"]
             self.measure(self.answers.latest + 1, self.integrate(self.steps))

@@ -29,9 +29,8 @@ class Preview:
         """Preview of a message, 0 for the outputs that are not tracked (outputs,); None where it lacks one that is, or
         its numbers or times make no sense, which its border counts. now: where one begins that has no stamp [ns].
         """
-        values = np.empty((len(message.points), len(outputs)))
-        for row, point in zip(values, message.points, strict=True):
-            outputs.read(message.joint_names, point_lists(point), row)
+        rows = [outputs.read(message.joint_names, point_lists(point)) for point in message.points]
+        values = np.array(rows).reshape(len(rows), len(outputs))
         values[:, ~tracked] = 0.0
         start = nanoseconds(message.header.stamp) or now
         times = np.array([start + nanoseconds(point.time_from_start) for point in message.points], dtype=np.int64)
@@ -57,10 +56,10 @@ class Preview:
         """
         if len(self.times) == 1:
             return np.repeat(self.values, len(times), axis=0)
-        right = np.clip(np.searchsorted(self.times, times, side="right"), 1, len(self.times) - 1)
-        left = right - 1
+        left = np.searchsorted(self.times[1:-1], times, side="right")
+        right = left + 1
         share = (times - self.times[left]) / (self.times[right] - self.times[left])
-        share = np.clip(share, 0.0, 1.0)[:, None]
+        share = np.minimum(np.maximum(share, 0.0), 1.0)[:, None]  # np.clip takes longer
         return np.asarray((1.0 - share) * self.values[left] + share * self.values[right])
 
     def covers(self, time: int) -> bool:

@@ -8,19 +8,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from sensor_msgs.msg import JointState
 
 from hybrid_sysid_ros.nodes.base import RigNode, announce, run
 from hybrid_sysid_ros.nodes.border import Order
 from hybrid_sysid_ros.nodes.diagnostics import Task
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
-from hybrid_sysid_ros.nodes.messages import (
-    SECOND,
-    joint_trajectory,
-    lists,
-    point_lists,
-    set_nanoseconds,
-)
+from hybrid_sysid_ros.nodes.messages import SECOND, Joints, joint_trajectory, point_lists, set_nanoseconds
 from hybrid_sysid_ros.nodes.timeline import Timeline
 from hybrid_sysid_ros.rigs.excitation import Reference, constant, multisine, random_steps, sine
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -102,18 +95,17 @@ class ReferenceNode(RigNode):
         self.sent = 0
         self.previews = self.open("reference")
         self.measured = Slots([*layout.outputs, *layout.inputs])
-        self.given = [0.0] * len(self.measured)
         self.entry = self.border("joint_states")
         self.measurements = self.listen(self.entry, "joint_states", self.on_measurement)
         if not settings["lockstep"]:
             self.every(settings["publish_period"], self.tick)
 
-    def on_measurement(self, message: JointState) -> None:
+    def on_measurement(self, joints: Joints) -> None:
         """Begin with the first measurement; in lockstep follow their stamps."""
         if self.zero and not self.settings["lockstep"]:
             return
-        ours = self.measured.read(message.name, lists(message), self.given)
-        order = self.entry.admit(message) if ours else None
+        self.measured.read(joints.names, joints.lists)
+        order = self.entry.admit(joints) if self.measured.named else None
         if order is None or order is Order.LATE:
             return
         stamp = self.entry.stamp

@@ -15,7 +15,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hybrid_sysid_ros.nodes.border import LARGEST, Border, Order, Reason
 from hybrid_sysid_ros.nodes.layout import Place, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, lists
+from hybrid_sysid_ros.nodes.messages import SECOND, Joints
 from tests.node_bench import joint
 
 MS = SECOND // 1000
@@ -32,9 +32,7 @@ class Gate:
         )
 
     def say(self, stamp: int, source: str = "") -> Order | None:
-        message = joint(stamp)
-        message.header.frame_id = source
-        return self.border.admit(message)
+        return self.border.admit(Joints(source, stamp, ["beam"], ([], [], [])))
 
     def wait(self, time: int) -> None:
         self.now += time
@@ -111,7 +109,7 @@ def test_a_message_that_does_not_fit_is_dropped(message: Any, reason: Reason) ->
 def test_bytes_that_are_no_message_are_dropped() -> None:
     border = Border(JointState, steady=lambda: 0)
     good = serialize_message(joint(SECOND, position=[1.0]))
-    assert border.unpack(good) == joint(SECOND, position=[1.0])
+    assert border.unpack(good) == Joints.of(joint(SECOND, position=[1.0]))
     for data in (b"", b"\x00", good[: len(good) // 2], b"\xff" * len(good)):
         assert border.unpack(data) is None
     assert border.dropped == {Reason.UNREADABLE: 4}
@@ -122,25 +120,19 @@ def test_bytes_that_are_no_message_are_dropped() -> None:
     [(math.nan, Reason.NO_NUMBER), (math.inf, Reason.OUT_OF_RANGE), (-1e300, Reason.OUT_OF_RANGE)],
 )
 def test_numbers_that_no_rig_has_become_none(value: float, reason: Reason) -> None:
-    border, slots, found = (
-        Border(JointState, steady=lambda: 0),
-        Slots([Place("a", "position"), Place("b", "effort")]),
-        [0.0] * 2,
-    )
+    border, slots = Border(JointState, steady=lambda: 0), Slots([Place("a", "position"), Place("b", "effort")])
     message = JointState(name=["b", "a"], position=[math.nan, value], effort=[2.0, math.nan])
-    assert border.read(message.name, lists(message), slots, found) == 2
+    found = border.read(Joints.of(message), slots)
+    assert found is not None
     assert math.isnan(found[0])
     assert found[1] == 2.0
     assert border.dropped == {reason: 1}
 
 
 def test_names_that_are_missing_are_counted() -> None:
-    border, slots, found = (
-        Border(JointState, steady=lambda: 0),
-        Slots([Place("a", "position"), Place("b", "effort")]),
-        [0.0] * 2,
+    border, slots = Border(JointState, steady=lambda: 0), Slots([Place("a", "position"), Place("b", "effort")])
+    assert border.read(Joints.of(joint(0, name=["a"], position=[1.0])), slots) == pytest.approx(
+        [1.0, math.nan], nan_ok=True
     )
-    for name, count in (("a", 1), ("c", 0)):
-        message = JointState(name=[name], position=[1.0])
-        assert border.read(message.name, lists(message), slots, found) == count
+    assert border.read(Joints.of(joint(0, name=["c"], position=[1.0])), slots) is None
     assert border.dropped == {Reason.UNNAMED: 1, Reason.UNRELATED: 1}

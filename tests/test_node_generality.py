@@ -11,6 +11,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
 
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
@@ -18,10 +19,10 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.core import Recurrence
 from hybrid_sysid_ros.identification import Part, identify
 from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.nodes.cdr import JointWriter
 from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.nodes.layout import Place, Slots
-from hybrid_sysid_ros.nodes.messages import joint_state, lists
 from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -192,19 +193,16 @@ def test_a_command_that_lacks_an_input_is_rejected(domain: int, carts: Path) -> 
 
 def test_numbers_stand_where_their_names_say() -> None:
     slots = Slots([Place("a", "position"), Place("b", "effort"), Place("a", "effort")])
-    message = joint_state(slots)
+    message = deserialize_message(JointWriter(slots).pack(0, [1.0, 2.0, 3.0]), JointState)
     assert (list(message.name), len(message.velocity)) == (["a", "b"], 0)
-    slots.write(lists(message), [1.0, 2.0, 3.0])
     assert list(message.effort) == [3.0, 2.0]
-    found = [0.0] * 3
-    assert slots.read(message.name, lists(message), found) == 3
-    assert found == [1.0, 2.0, 3.0]
-    other = JointState(name=["c", "b", "a"], position=[9.0, 9.0, 4.0], effort=[7.0, 5.0])
-    assert slots.read(other.name, lists(other), found) == 3
-    assert found[:2] == [4.0, 5.0]
+    lists = message.position, message.velocity, message.effort
+    assert (slots.read(message.name, lists), slots.named) == ([1.0, 2.0, 3.0], 3)
+    found = slots.read(["c", "b", "a"], ([9.0, 9.0, 4.0], [], [7.0, 5.0]))
+    assert (found[:2], slots.named) == ([4.0, 5.0], 3)
     assert math.isnan(found[2])  # the list is too short
-    assert slots.read(["b"], lists(JointState(name=["b"], effort=[6.0])), found) == 1
-    assert found[1] == 6.0
+    found = slots.read(["b"], ([], [], [6.0]))
+    assert (found[1], slots.named) == (6.0, 1)
 
 
 def test_a_rig_given_by_its_path_names_topics_and_nodes(domain: int, carts: Path) -> None:
