@@ -23,9 +23,9 @@ def trend(times: ArrayLike, values: ArrayLike, *, allowed: float) -> dict[str, A
     t, y = t[kept] / 3600.0, y[kept]
     if len(t) < 4:
         return {"slope_per_hour": None, "error_per_hour": None, "rose": None, "grows": False}
-    centred = t - t.mean()
-    slope = float(centred @ y / (centred @ centred))
-    residuals = y - y.mean() - slope * centred
+    centred, offset = t - t.mean(), y - y.mean()
+    slope = float(centred @ offset / (centred @ centred))
+    residuals = offset - slope * centred
     error = float(np.sqrt(residuals @ residuals / (len(t) - 2) / (centred @ centred)))
     third = max(len(t) // 3, 1)
     rose = float(np.median(y[-third:]) - np.median(y[:third]))
