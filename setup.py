@@ -28,7 +28,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10,<3.14",
     packages=find_namespace_packages(include=[NAME, f"{NAME}.*"], exclude=["*.__pycache__"]),  # data folders too
-    package_data={"": ["*.yaml", "*.json", "*.safetensors", "*.html", "*.c", "*.h"]},
+    package_data={"": ["*.yaml", "*.xml", "*.json", "*.safetensors", "*.html", "*.c", "*.h"]},
     entry_points={
         "console_scripts": [
             f"hybrid-sysid = {NAME}.__main__:main",

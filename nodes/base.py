@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import json
 import os
@@ -13,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from threading import Thread
-from time import monotonic_ns, sleep, time_ns
+from time import monotonic, monotonic_ns, sleep, time_ns
 from typing import Any
 
 import rclpy
@@ -24,14 +25,15 @@ from rclpy.executors import ExternalShutdownException, ShutdownException, Single
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
-from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-from hybrid_sysid_ros.nodes import parameters, topics
+from hybrid_sysid_ros.nodes import discovery, parameters, topics
 from hybrid_sysid_ros.nodes.border import Border, Reason
-from hybrid_sysid_ros.nodes.diagnostics import STALE, Task, Troubles
+from hybrid_sysid_ros.nodes.diagnostics import OK, STALE, WARN, Task, Troubles
+from hybrid_sysid_ros.nodes.listener import Listener
 from hybrid_sysid_ros.nodes.messages import SECOND
+from hybrid_sysid_ros.nodes.source import Source
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
@@ -41,6 +43,7 @@ SERVICE_PERIOD = 2e-3  # s, at least between two answers to parameter services, 
 SWITCH_INTERVAL = 2e-4  # s, that another thread may keep the loop from going on
 LOOK_PERIOD = 0.02  # s, between two looks whether a peer is there
 PATIENCE = 2.0  # s, of an interrupt with a node that starts
+LOCK_CURRENT, LOCK_FUTURE, LOCK_ON_FAULT = 1, 2, 4  # of mlockall, on Linux
 
 
 class RigNode(Node):
@@ -58,7 +61,12 @@ class RigNode(Node):
         self.settings = parameters.declare(self, name)
         self.rig = rigs.load(self.settings["rig"])
         self.finished = Future()
+        self._ending = self.create_guard_condition(lambda: None)  # lets the loop see that it is finished
         self.borders: dict[str, Border] = {}
+        self.sources: dict[str, Source] = {}
+        """Folders that were read, by the task that they are for."""
+        self.changed: dict[str, str] = {}
+        """What has become of those that are not the same any more."""
         self.troubles: dict[str, Troubles] = {}
         self._ros_clock = self.get_clock()
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -104,8 +112,8 @@ class RigNode(Node):
         )
         return border
 
-    def listen(self, border: Border, topic: str, callback: Callable[[Any], None]) -> Subscription:
-        """Subscription of one of the rig's topics: the callback gets what its border lets in."""
+    def listen(self, border: Border, topic: str, callback: Callable[[Any], None]) -> Listener:
+        """Hear one of the rig's topics: the callback gets what its border lets in."""
 
         def arrive(data: bytes) -> None:
             message = border.unpack(data)
@@ -113,7 +121,7 @@ class RigNode(Node):
                 callback(message)
 
         name, quality = self.full_name(topic), topics.profile(topic)
-        return self.create_subscription(topics.TYPES[topic], name, arrive, quality, raw=True)
+        return Listener(self, topics.TYPES[topic], name, quality, arrive, soon=self.soon)
 
     def every(self, period: float, callback: Callable[[], object]) -> Timer:
         """Timer on the steady clock; period [s]."""
@@ -129,6 +137,10 @@ class RigNode(Node):
                 action()
 
         timer = self.every(LOOK_PERIOD, look)
+
+    def soon(self, action: Callable[[], None]) -> None:
+        """Do something once, outside of callbacks that it would not suit."""
+        self.when(lambda: True, action)
 
     def now(self) -> int:
         """Time of the ROS clock [ns]: simulated, or the system's, which needs no detour."""
@@ -158,16 +170,35 @@ class RigNode(Node):
         found = self.borders[topic].dropped
         return {reason.value: count for reason, count in found.items() if reason is not Reason.UNRELATED}
 
+    def look_at_sources(self) -> None:
+        """See whether what was read is still there; in another thread than the loop's, for a disk may not answer."""
+        self.changed = {task: words for task, source in self.sources.items() if (words := source.changed())}
+
+    def tasks(self) -> Sequence[Task]:
+        """What the node says of each of its tasks, and of what they have read."""
+        found, changed = {task.name: task for task in self.health()}, self.changed
+        for name in self.sources.keys() - found.keys():
+            found[name] = Task(name=name)
+        if self._ros_clock.ros_time_is_active and not self.now():
+            changed = {**changed, next(iter(found)): "use_sim_time is true, and nothing has come on /clock"}
+        for name, words in changed.items():
+            task = found[name]
+            words = words if task.level == OK else f"{task.message}; {words}"
+            found[name] = replace(task, level=max(task.level, WARN), message=words)
+        return list(found.values())
+
     def report(self) -> dict[str, object]:
         """Publish the diagnostics; return their values by key."""
-        tasks, node = self.health(), self.get_fully_qualified_name().strip("/")
+        tasks, node = self.tasks(), self.get_fully_qualified_name().strip("/")
         message = DiagnosticArray(status=[task.status(node, self.rig.name) for task in tasks])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
         return {key: value for task in tasks for key, value in task.values.items()}
 
     def prioritise(self) -> None:
-        """Let all threads of this process go before those of others, if the node has a priority and may."""
+        """Let all threads of this process go before those of others and keep what they have touched in memory, if the
+        node has a priority and may.
+        """
         priority = self.settings.get("priority", 0)
         if not priority:
             return
@@ -176,16 +207,32 @@ class RigNode(Node):
                 os.sched_setscheduler(int(thread), os.SCHED_FIFO, os.sched_param(priority))
         except (OSError, AttributeError) as error:  # not permitted, or no Linux
             self.get_logger().warning(f"no real-time priority ({error}): the limit for the user is `ulimit -r`")
+        try:
+            _keep_in_memory()
+        except (OSError, AttributeError) as error:
+            self.get_logger().warning(f"memory may be paged out ({error}): the limit for the user is `ulimit -l`")
 
     def finish(self) -> None:
         """End the node; may be called from any thread, and more than once."""
         if not self.finished.done():
             self.finished.set_result(None)
+            self._ending.trigger()
 
     def close(self) -> None:
         """Last words, before the node is destroyed: diagnostics, also on the standard output, with the peak memory."""
         values = {**self.report(), "memory_mb": _peak_memory()}
         announce(json.dumps({key: None if value != value else value for key, value in values.items()}))
+
+
+def _keep_in_memory() -> None:
+    """Keep every page of this process in memory from when it is first touched on: code that runs twice a second would
+    be read from the disk again, which the loop waits for, where the system takes pages back that rest. Raises OSError
+    where that is not permitted.
+    """
+    library = ctypes.CDLL(None, use_errno=True)
+    if library.mlockall(LOCK_CURRENT | LOCK_FUTURE | LOCK_ON_FAULT):
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
 
 
 def _peak_memory() -> float:
@@ -210,9 +257,11 @@ def run(make: Callable[[], RigNode]) -> int:
     """
     ending = Interruption()
     sys.setswitchinterval(SWITCH_INTERVAL)
+    gc.freeze()  # what was imported stays: no collection looks at it again
     if os.environ.get(interruption.TETHER):
         Thread(target=_end_with_starter, daemon=True).start()
     try:
+        discovery.hasten()
         try:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         except RuntimeError as error:  # what rclpy raises for arguments and parameter files that make no sense
@@ -249,9 +298,10 @@ class Loop(SingleThreadedExecutor):
 
 
 class Services(SingleThreadedExecutor):
-    """A node's services, parameters above all, in a thread of their own: no storm of questions holds the loop up.
+    """A node's services, parameters above all, and looks at the disk, in a thread of their own: no storm of questions
+    and no disk holds the loop up.
 
-    So are the events of its publishers, which would cost the loop more than its messages, at each of them.
+    So do the events of its publishers go on there, which would cost the loop more than its messages, at each of them.
     """
 
     def __init__(self, node: RigNode) -> None:
@@ -266,9 +316,13 @@ class Services(SingleThreadedExecutor):
 
     def serve(self) -> None:
         """Answer, one after the other, until the context or this executor ends."""
+        looked = 0.0
         try:
             while self.context.ok() and not self._node.finished.done():
                 self.spin_once(timeout_sec=0.1)
+                if monotonic() - looked > REPORT_PERIOD:
+                    looked = monotonic()
+                    self._node.look_at_sources()
                 sleep(SERVICE_PERIOD)
         except (ExternalShutdownException, ShutdownException):
             return
@@ -284,7 +338,9 @@ def _serve(node: RigNode, ending: Interruption) -> None:
     ending.then(node.finish)
     announce("ready")
     try:
-        executor.spin_until_future_complete(node.finished)
+        # Not spin_until_future_complete, by which the future keeps a function of every turn: 260 bytes each.
+        while executor.context.ok() and not node.finished.done():
+            executor.spin_once()
     finally:
         try:
             node.close()

@@ -30,6 +30,7 @@ from hybrid_sysid_ros.nodes.layout import AHEAD, Layout, Place, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints, joint_trajectory, point_lists, set_nanoseconds
 from hybrid_sysid_ros.nodes.model import model_of
 from hybrid_sysid_ros.nodes.preview import Preview
+from hybrid_sysid_ros.nodes.source import Source
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.runtime.checking import check_tolerances
 from hybrid_sysid_ros.runtime.configuration import mpc_problem, shipped
@@ -39,6 +40,7 @@ from hybrid_sysid_ros.support.errors import UserError
 WATCH_PERIOD = 0.05  # s, between two looks whether estimates still come
 SHOW_PERIOD = 0.1  # s, between two predicted trajectories
 WARM_UPS = 6  # answers before the node is ready
+COMPILING = 1.0  # s, from which on an answer has compiled something
 NO_REFERENCE, HELD, ZEROED = "no reference", "held", "zeroed"  # layers of safety, beside those of the controller
 SOUND = {"solved", "iterated", "policy"}
 STANDING_IN = {"shifted plan", "held"}  # layers that may stand in for zero_after, no longer
@@ -62,7 +64,7 @@ class ControllerNode(RigNode):
     def __init__(self, **options: Any) -> None:
         super().__init__("controller", **options)
         self.lockstep: bool = self.settings["lockstep"]
-        model = model_of(self.rig, self.settings["model"])
+        model = model_of(self)
         self.network: Policy | None = None
         self.controller = self.new_controller(model)
         self.ahead = round((model.system.delay + self.settings["latency"]) * SECOND)
@@ -98,8 +100,8 @@ class ControllerNode(RigNode):
         patience = 0 if self.lockstep else monotonic_ns() + REFERENCE_PATIENCE  # the first step of a run is a step, too
 
         def expected() -> bool:
-            referred = bool(references.get_publisher_count()) or monotonic_ns() > patience
-            return referred and all(entry.get_publisher_count() for entry in needed)
+            referred = bool(references.publishers()) or monotonic_ns() > patience
+            return referred and all(entry.publishers() for entry in needed)
 
         self.when(expected, self.advertise)
         if not self.lockstep:
@@ -115,6 +117,7 @@ class ControllerNode(RigNode):
         if interior:
             raise UserError(f"parameter solver is ipopt, policy {settings['policy']}: ipopt works alone, policy:=exact")
         path = Path(settings["policy_path"] or shipped(self.rig.name, "policy"))
+        self.sources["policy"] = Source(path)
         self.network = network = policy.load(path, model=model)
         self.look_at(network, path, asked)
         self.problem = network.problem
@@ -187,9 +190,11 @@ class ControllerNode(RigNode):
         names = Slots(self.layout.estimate(())).names
         self.given[:] = 0.0
         for stamp in range(1, WARM_UPS + 1):
-            gc.collect()  # what the compiler has left, before it needs as much again
+            began = perf_counter()
             self.preview = Preview(np.array([stamp, stamp + 10 * SECOND]), np.zeros((2, len(self.outputs))))
-            self.proceed(Joints("", stamp, names, [[0.0] * len(names)] * 3), stamp, perf_counter())
+            self.proceed(Joints("", stamp, names, [[0.0] * len(names)] * 3), stamp, began)
+            if perf_counter() - began > COMPILING:
+                gc.collect()  # what the compiler has left, before it needs as much again
 
     def advertise(self) -> None:
         """Open the topic of the commands."""

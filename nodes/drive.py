@@ -50,8 +50,8 @@ class Drive:
 class Answers:
     """Which measurement was answered by which command, and how long that took.
 
-    Measurement k has the stamp start + k period [ns]. missed: measurements without a command before the next one,
-    counted from the first command on; last_missed: the last of them, or -1.
+    Measurement k has the stamp start + k period [ns]; the start may follow a clock. missed: measurements without a
+    command before the next one, counted from the first command on; last_missed: the last of them, or -1.
     """
 
     def __init__(self, *, start: int, period: int) -> None:
@@ -66,6 +66,7 @@ class Answers:
         """When an answer came last [s]."""
         self.delay = Timing()
         self._published = np.zeros(REMEMBERED)
+        self._stamps = np.zeros(REMEMBERED, dtype=np.int64)
 
     def stamp(self, number: int) -> int:
         """Stamp of a measurement [ns]."""
@@ -77,23 +78,25 @@ class Answers:
             self.missed += 1
             self.last_missed = self.latest
         self._published[number % REMEMBERED] = time
+        self._stamps[number % REMEMBERED] = self.stamp(number)
         self.latest = number
 
-    def is_measured(self, stamp: int) -> bool:
-        """Whether a stamp is one of the measurements' [ns]."""
-        return (stamp - self.start) % self.period == 0
+    def measurement(self, stamp: int) -> int | None:
+        """Number of the measurement with a stamp [ns], if it is one of the last REMEMBERED."""
+        number = (stamp - self.start + self.period // 2) // self.period
+        known = max(self.latest - REMEMBERED, -1) < number <= self.latest
+        return number if known and self._stamps[number % REMEMBERED] == stamp else None
 
     def awaits(self, stamp: int) -> bool:
         """Whether a stamp is of a measurement that no earlier answer was newer than."""
-        number = (stamp - self.start) // self.period
-        newer = max(self.answered, self.latest - REMEMBERED) < number <= self.latest
-        return newer and self.is_measured(stamp)
+        number = self.measurement(stamp)
+        return number is not None and number > self.answered
 
     def answer(self, stamp: int, time: float) -> bool:
         """A command came at `time` [s]: whether it answers a measurement."""
-        if not self.awaits(stamp):
+        number = self.measurement(stamp)
+        if number is None or number <= self.answered:
             return False
-        number = (stamp - self.start) // self.period
         self.commands += 1
         self.answered = number
         self.last = time

@@ -30,6 +30,7 @@ from hybrid_sysid_ros.runtime.configuration import CAMERA, estimator_tuning
 from hybrid_sysid_ros.support.errors import UserError
 
 SHOW_PERIOD = SECOND // 20  # ns, between two covariances
+SOON = 0.6  # periods, less than which lie between measurements that are more frequent than expected
 SLACK = 0.05  # of its range, by which an input may be beyond its limits to be believed
 WINDOW = 10.0  # s of innovations whose mean square is told
 
@@ -48,7 +49,7 @@ class EstimatorNode(RigNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("estimator", **options)
-        self.system = system = model_of(self.rig, self.settings["model"]).system
+        self.system = system = model_of(self).system
         layout = Layout(self.rig, system)
         limits = [(item.low, item.high, SLACK * (item.high - item.low)) for item in self.rig.actuators]
         bounds = [(low - slack, high + slack) for low, high, slack in limits]
@@ -69,7 +70,7 @@ class EstimatorNode(RigNode):
         self.warm_up()
         self.begin()
         measurements = self.listen(self.entry, "joint_states", self.on_measurement)
-        self.when(lambda: measurements.get_publisher_count() > 0, self.advertise)
+        self.when(lambda: measurements.publishers() > 0, self.advertise)
 
     def warm_up(self) -> None:
         """Take measurements that nobody made: this compiles, and has seen it all once before it matters."""
@@ -86,7 +87,7 @@ class EstimatorNode(RigNode):
             latency=settings["latency"],
         )
         self.stamp = self.shown = self.usable = 0
-        self.unusable = self.repeated = self.restarts = self.seen = self.blind = 0
+        self.unusable = self.repeated = self.restarts = self.too_soon = self.seen = self.blind = 0
         self.still = [Still(after=round(settings["frozen_after"] * settings["rate"])) for _ in self.outputs]
         self.execution = Timing()
         self.innovations: deque[float] = deque(maxlen=round(WINDOW * settings["rate"]))
@@ -120,6 +121,8 @@ class EstimatorNode(RigNode):
             self.restarts += 1
         if not self.stamp:
             self.zero = stamp
+        elif 0 < stamp - self.stamp < SOON * SECOND / self.settings["rate"]:
+            self.too_soon += 1
         for k, still in enumerate(self.still):
             if self.noisy[k] and still.sees(given[k]):
                 given[k] = math.nan
@@ -186,6 +189,8 @@ class EstimatorNode(RigNode):
         loop = {
             "measurements missing": counters.missing,
             "measurements too late": counters.late,
+            "measurements sooner than the parameter rate says": self.too_soon,
+            "times that time began anew": self.restarts,
             "measurements before the first one of use": self.unusable,
             **{f"measurements {reason}": count for reason, count in self.dropped("joint_states").items()},
         }

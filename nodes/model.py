@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from hybrid_sysid_ros.models import Model, load
-from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.nodes.base import RigNode
+from hybrid_sysid_ros.nodes.source import Source
 from hybrid_sysid_ros.runtime.configuration import shipped
 
 
-def model_of(rig: Rig, path: str) -> Model:
-    """Load a model of a rig; an empty path means the one that comes with the package. Raises UserError where it cannot
+def model_of(node: RigNode) -> Model:
+    """The model that a node's parameter names, or the one that comes with the package. Raises UserError where it cannot
     be loaded or is of another rig.
     """
-    return load(path or shipped(rig.name, "model"), rig=rig.source)
+    folder = node.settings["model"] or shipped(node.rig.name, "model")
+    node.sources["model"] = Source(folder)
+    return load(folder, rig=node.rig.source)

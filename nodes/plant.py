@@ -15,6 +15,7 @@ from hybrid_sysid_ros.nodes.diagnostics import WARN, Task
 from hybrid_sysid_ros.nodes.drive import Answers, Drive
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints
+from hybrid_sysid_ros.nodes.timeline import Timeline
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.rigs.joints import FILTERED
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -22,6 +23,7 @@ from hybrid_sysid_ros.rigs.plant import Plant
 LOCKSTEP_START = SECOND  # stamp of the first measurement: 0 means "no time yet" to ROS
 EARLY = 0.1  # periods that a timer may be early; late ones never reach into the next period
 START_DELAY = 0.5  # s from all being there to the start: they may have yet to hear of one another
+READER_PATIENCE = 0.5  # s, with further readers where there is a loop
 ANSWER_TIMEOUT = 5.0  # s, after which an unanswered measurement is published again
 
 
@@ -43,9 +45,11 @@ class PlantNode(RigNode):
         self.timeout = math.inf if self.lockstep else settings["command_timeout"]
         self.drive = Drive(rig.actuators, timeout=self.timeout)
         self.answers = Answers(start=LOCKSTEP_START, period=round(self.steps * rig.step * SECOND))
+        self.timeline = Timeline(self.now)
         self.lateness = Timing()
         self.rejected = self.overruns = self.repeated = self.stops = self.direct = 0
         self.started = False
+        self.alone = perf_counter()  # when somebody was missing last without whom there is no loop [s]
         layout = Layout(rig, rig.system)
         self.low_passed = [k for k, sensor in enumerate(rig.sensors) if sensor.low_pass]
         filtered = [layout.outputs[k].ending(f"_{FILTERED}") for k in self.low_passed]
@@ -58,11 +62,17 @@ class PlantNode(RigNode):
         self.when(self.is_matched, self.settle)
 
     def is_matched(self) -> bool:
-        """Whether those are there that the plant waits for."""
-        readers = self.settings["wait_for_readers"]
+        """Whether those are there that the plant waits for; in real time, a controller and some readers for
+        READER_PATIENCE: a plant that is started again finds a loop whose reference needs no measurements any more.
+        """
+        readers, found = self.settings["wait_for_readers"], self.measurements.get_subscription_count()
         if readers == 0 and not self.lockstep:
             return True
-        return self.measurements.get_subscription_count() >= readers and self.commands.get_publisher_count() > 0
+        now = perf_counter()
+        if found < min(readers, 1) or not self.commands.publishers():
+            self.alone = now
+            return False
+        return found >= readers or (not self.lockstep and now - self.alone > READER_PATIENCE)
 
     def settle(self) -> None:
         """Let the rig go when those that are there have had time to see it, too, or a bag would begin later than it."""
@@ -73,17 +83,18 @@ class PlantNode(RigNode):
         """Let the rig go."""
         self.started = True
         announce("started")
-        self.begin = perf_counter()
+        self.timeline.begin(self.now())
         if self.lockstep:
             self.every(ANSWER_TIMEOUT / 5, self.ask_again)
         else:
-            self.answers.start = self.now()
+            self.answers.start = self.timeline.start
             self.every(self.answers.period / SECOND, self.tick)
         self.measure(0, self.drive.at(0.0))
 
     def tick(self) -> None:
         """In real time: integrate up to now and publish the measurement that is due, and those that were missed."""
-        elapsed = perf_counter() - self.begin
+        elapsed = self.timeline.follow() / SECOND
+        self.answers.start = self.timeline.start
         period = self.answers.period / SECOND
         number = int(elapsed / period + EARLY)
         self.overruns += max(number - self.answers.latest - 1, 0)
@@ -92,6 +103,11 @@ class PlantNode(RigNode):
         self.drive.timeout = self.settings["command_timeout"]
         while self.answers.latest < number and not self.finished.done():
             self.measure(self.answers.latest + 1, self.integrate(self.steps))
+
+    @property
+    def time(self) -> float:
+        """Steady time since the start [s]."""
+        return self.timeline.elapsed() / SECOND
 
     def integrate(self, steps: int) -> list[float]:
         """Advance the rig; return the mean inputs applied (m,)."""
@@ -104,7 +120,7 @@ class PlantNode(RigNode):
 
     def measure(self, number: int, applied: Sequence[float]) -> None:
         """Publish measurement `number`, with the mean inputs (m,) since the one before."""
-        self.answers.measured(number, perf_counter() - self.begin)
+        self.answers.measured(number, self.time)
         measurement = self.plant.measure()
         filtered = measurement.filtered[self.low_passed].tolist()
         values = [*measurement.outputs.tolist(), *applied, *filtered]
@@ -122,7 +138,7 @@ class PlantNode(RigNode):
         """Put a command in force, if it is one that counts: a stop, an answer, or one that :meth:`is_direct`."""
         if not self.started:
             return
-        time, stamp = perf_counter() - self.begin, joints.stamp
+        time, stamp = self.time, joints.stamp
         inputs = self.entry.read(joints, self.inputs)
         if inputs is None or not all(map(math.isfinite, inputs)):
             return
@@ -147,7 +163,7 @@ class PlantNode(RigNode):
         """
         if self.lockstep or time - self.answers.last < self.settings["silence"]:
             return False
-        return stamp == 0 or (not self.answers.is_measured(stamp) and self.entry.is_near(stamp))
+        return stamp == 0 or (self.answers.measurement(stamp) is None and self.entry.is_near(stamp))
 
     def ask_again(self) -> None:
         """In lockstep: repeat a measurement that nobody answers."""
@@ -171,11 +187,12 @@ class PlantNode(RigNode):
             "commands that answer nothing": self.rejected,
             "times at rest for want of commands": drive.timeouts,
             "steps at the end of the travel": self.plant.stopped,
+            "times the clock was set": self.timeline.sets,
             **{f"commands {reason}": count for reason, count in self.dropped("joint_command").items()},
         }
         values = {
             "measurements": answers.latest + 1,
-            "measurement_rate_hz": answers.latest / max(perf_counter() - self.begin, 1e-9),
+            "measurement_rate_hz": answers.latest / max(self.time, 1e-9),
             "commands": answers.commands,
             "missed_commands": answers.missed,
             "last_missed": answers.last_missed,

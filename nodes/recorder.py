@@ -19,6 +19,7 @@ from hybrid_sysid_ros.bags import Recording
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.base import RigNode, run
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
+from hybrid_sysid_ros.nodes.listener import Listener
 from hybrid_sysid_ros.support.errors import UserError
 
 DEPTH = 10_000  # messages that wait for the recorder: it comes after the loop
@@ -34,8 +35,9 @@ class RecorderNode(RigNode):
     """Takes serialised messages and the time they came, and hands them to a thread that writes.
 
     The middleware notes the time when a message comes; the recorder itself gives way to the loop. The bag grows under
-    its name, and is on the disk but for the last second. When the disk fails the bag is closed as well as
-    may be, and the node ends with an error.
+    its name, and is on the disk but for the last second. When the disk fails later on, the loop is not left without
+    its experiment: what comes waits in memory until the disk answers again, and what finds no room there is lost. At
+    the end the bag is closed as well as may be, and the node ends with an error if something is missing in it.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -68,7 +70,7 @@ class RecorderNode(RigNode):
         """Record a topic from now on."""
         self.received[name] = 0
         kind = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
-        self.create_subscription(message_type, name, partial(self.keep, name, kind), quality, raw=True)
+        Listener(self, message_type, name, quality, partial(self.keep, name, kind), soon=self.soon)
 
     def keep(self, name: str, kind: str, data: bytes, information: Mapping[str, int]) -> None:
         """Put a message of a topic into the queue, if there is room."""
@@ -110,13 +112,20 @@ class RecorderNode(RigNode):
             self.finish()
 
     def write_waiting(self, *, last: bool) -> bool:
-        """Put on the disk what waits; whether there will be more."""
+        """Put on the disk what waits; whether there will be more. Raises OSError where it can't begin, or not end."""
         self.busy_since = time.monotonic()
-        for _ in range(len(self.waiting)):
-            entry = self.waiting.popleft()
-            self.unqueued += len(entry[-1])
-            self.recording.write_raw(*entry)
-        self.recording.flush()
+        try:
+            if self.trouble is None or last:
+                for _ in range(len(self.waiting)):
+                    entry = self.waiting.popleft()
+                    self.unqueued += len(entry[-1])
+                    self.recording.write_raw(*entry)
+            self.recording.flush()
+            self.trouble = None
+        except OSError as error:
+            self.trouble = error
+            if last or not self.recording.kept:
+                raise
         self.busy_since = 0.0
         return not last
 
@@ -131,10 +140,14 @@ class RecorderNode(RigNode):
             raise UserError(self.ending()) from self.trouble
         self.get_logger().info(f"{self.recording.path}: {self.recording.kept} messages")
 
+    def failing(self) -> str:
+        """What the disk does not do, in a line."""
+        path, reason = self.recording.path, getattr(self.trouble, "strerror", None) or str(self.trouble)
+        return reason if str(path) in reason else f"{path}: cannot be written ({reason})"
+
     def ending(self) -> str:
         """How a recording that failed ended, in a line."""
-        bag, reason = self.recording, getattr(self.trouble, "strerror", None) or str(self.trouble)
-        words = reason if str(bag.path) in reason else f"{bag.path}: cannot be written ({reason})"
+        bag, words = self.recording, self.failing()
         lost = sum(self.received.values()) - bag.kept
         words += f": {bag.kept} messages are kept, {lost} lost"
         words += "" if bag.whole or not bag.kept else "; read it with --recover"
@@ -142,14 +155,14 @@ class RecorderNode(RigNode):
 
     def health(self) -> Sequence[Task]:
         received, path = sum(self.received.values()), self.recording.path
-        lost = received - self.recording.kept if self.trouble is not None else self.lost
+        lost = received - self.recording.kept if self.trouble is not None and self.ended.is_set() else self.lost
         values = {"messages": received, "kept": self.recording.kept, "lost": lost, "waiting": len(self.waiting)}
         task = self.judged(
             "recorder", {f"messages lost, {path} is too slow": self.lost}, received, **values, **self.received
         )
         slow = time.monotonic() - self.busy_since if self.busy_since else 0.0
         if self.trouble is not None:
-            return [replace(task, level=ERROR, message=self.ending())]
+            return [replace(task, level=ERROR, message=self.ending() if self.ended.is_set() else self.failing())]
         if task.level == OK and slow > SLOW:
             return [replace(task, level=WARN, message=f"{path}: the disk does not answer for {slow:.1f} s")]
         if task.level == OK and self.searched:

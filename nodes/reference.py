@@ -8,13 +8,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from rclpy.subscription import Subscription
 
 from hybrid_sysid_ros.nodes.base import RigNode, announce, run
 from hybrid_sysid_ros.nodes.border import Order
 from hybrid_sysid_ros.nodes.diagnostics import Task
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints, joint_trajectory, point_lists, set_nanoseconds
+from hybrid_sysid_ros.nodes.timeline import Timeline
 from hybrid_sysid_ros.rigs.excitation import Reference, constant, multisine, random_steps, sine
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import defaults
@@ -91,11 +91,12 @@ class ReferenceNode(RigNode):
         self.message = joint_trajectory(self.slots, self.offsets.tolist())
         self.message.header.frame_id = self.signature
         self.zero = 0
+        self.timeline = Timeline(self.now)
         self.sent = 0
         self.previews = self.open("reference")
         self.measured = Slots([*layout.outputs, *layout.inputs])
         self.entry = self.border("joint_states")
-        self.measurements: Subscription | None = self.listen(self.entry, "joint_states", self.on_measurement)
+        self.measurements = self.listen(self.entry, "joint_states", self.on_measurement)
         if not settings["lockstep"]:
             self.every(settings["publish_period"], self.tick)
 
@@ -110,23 +111,23 @@ class ReferenceNode(RigNode):
         stamp = self.entry.stamp
         if not self.zero:
             self.zero = stamp
+            self.timeline.begin(stamp)
             announce("begun")
         if order is Order.AGAIN:  # nobody answered it: maybe for want of a reference
             self.previews.publish(self.message)
-        self.advance(stamp)
+        self.advance(stamp - self.zero)
 
     def tick(self) -> None:
-        """In real time follow the clock."""
+        """In real time go on with it, and let the stamps follow the clock."""
         if not self.zero:
             return
-        if self.measurements is not None:  # it has told the time, and would only cost time from now on
-            self.destroy_subscription(self.measurements)
-            self.measurements = None
-        self.advance(self.now())
+        self.measurements.close()  # they have told the time, and would only cost time from now on
+        elapsed = self.timeline.follow()
+        self.zero = self.timeline.start
+        self.advance(elapsed)
 
-    def advance(self, time: int) -> None:
-        """Publish if a message is due at a time [ns]; end when the reference has ended."""
-        elapsed = time - self.zero
+    def advance(self, elapsed: int) -> None:
+        """Publish if a message is due so long after the start [ns]; end when the reference has ended."""
         if self.duration and elapsed >= self.duration:
             self.finish()
             return

@@ -164,3 +164,12 @@ def test_stamps_that_begin_again_begin_a_new_experiment(bench: Bench, model_fold
     desk.measure(-0.02)  # one alone may be a fault
     assert desk.estimate(-0.02).position[0] == -0.02
     assert desk.estimator.restarts == 1
+
+
+@pytest.mark.parametrize(("rate", "words"), [(100.0, "sooner than"), (400.0, "missing")])
+def test_a_wrong_rate_is_named(bench: Bench, model_folder: Path, rate: float, words: str) -> None:
+    """Measurements at 200 Hz, where others are expected."""
+    desk = Desk(bench, model_folder, rate=rate)
+    for _ in range(20):
+        desk.estimate(0.01)
+    assert words in desk.estimator.health()[0].message

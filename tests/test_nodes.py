@@ -15,6 +15,7 @@ from hybrid_sysid_ros.support.errors import UserError
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
 
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from hybrid_sysid_ros.nodes import topics
@@ -24,7 +25,7 @@ from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
 from hybrid_sysid_ros.nodes.timing import Histogram
-from tests.node_bench import Bench, stamp_of
+from tests.node_bench import Bench, joint, stamp_of
 
 # The loop
 
@@ -151,3 +152,25 @@ def test_percentiles_of_durations_are_within_two_percent() -> None:
     for percent in (1, 50, 99, 99.9):
         assert histogram.percentile(percent) == pytest.approx(np.percentile(durations, percent), rel=0.02)
     assert histogram.percentile(100) == histogram.longest == durations.max()
+
+
+@pytest.mark.parametrize("reliability", [ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT])
+def test_a_driver_is_heard_whatever_it_offers(bench: Bench, model_folder: Path, reliability: ReliabilityPolicy) -> None:
+    """A sensor's driver often repeats nothing that gets lost; and another one may take its place."""
+    estimates = bench.listen("state_estimate")
+    bench.start(EstimatorNode, model=str(model_folder), lockstep=True)
+    driver = bench.probe.create_publisher(
+        JointState, "joint_states", QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    )
+    bench.until(driver.get_subscription_count)
+    if reliability == ReliabilityPolicy.RELIABLE:
+        bench.probe.destroy_publisher(driver)
+        driver = bench.speak("joint_states")
+        bench.until(driver.get_subscription_count)
+    stamps = iter(range(100 * SECOND, 200 * SECOND, SECOND // 200))
+
+    def answered() -> bool:
+        driver.publish(joint(next(stamps), position=[0.0], effort=[0.0]))
+        return len(estimates) > 3
+
+    bench.until(answered)

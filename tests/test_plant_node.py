@@ -149,6 +149,11 @@ def test_the_plant_waits_for_a_controller(bench: Bench) -> None:
     bench.until(lambda: measurements)
 
 
+def test_a_plant_that_is_started_again_does_not_wait_for_readers_that_have_left(bench: Bench) -> None:
+    """A reference hears no measurements once it has begun, and a plant has the same command as at the first start."""
+    assert Drill(bench, wait_for_readers=3).plant.started
+
+
 def test_the_plant_runs_alone_when_told_to_and_ends_after_its_duration(bench: Bench) -> None:
     measurements = bench.listen("joint_states")
     node = bench.start(PlantNode, wait_for_readers=0, duration=0.05)

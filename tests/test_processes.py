@@ -138,16 +138,20 @@ def test_a_recorder_that_cannot_go_on_leaves_what_it_has(domain: int, start, tmp
     process = start("recorder", "--ros-args", "-p", f"path:={bag}", "-p", "topics:=/diagnostics")
     wait_until_ready(process)
     bench = Bench(domain)
-    publisher = bench.speak("/diagnostics", DiagnosticArray)
+    publisher, heard = bench.speak("/diagnostics", DiagnosticArray), bench.listen("/diagnostics", DiagnosticArray)
     try:
         bench.until(publisher.get_subscription_count)
-        if number == signal.SIGXFSZ:
-            resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (1 << 17, 1 << 17))
-        for _ in range(400):
-            publisher.publish(DiagnosticArray(status=[DiagnosticStatus(name=os.urandom(500).hex())]))
-        bench.until((bag / "bag.mcap").exists)
+        for count in (1, 400):
+            for _ in range(count):
+                publisher.publish(DiagnosticArray(status=[DiagnosticStatus(name=os.urandom(500).hex())]))
+            bench.until((bag / "bag.mcap").exists)
+            if number == signal.SIGXFSZ:
+                resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (1 << 17, 1 << 17))
         if number == signal.SIGKILL:
             process.kill()
+        else:  # it goes on until it is told to end
+            bench.until(lambda: any("cannot be written" in said.message for each in heard for said in each.status))
+            process.terminate()
         bench.until(lambda: process.poll() is not None)
     finally:
         bench.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import threading
 from pathlib import Path
 from typing import Any
@@ -80,29 +81,62 @@ def values(status: DiagnosticStatus) -> dict[str, str]:
     return {value.key: value.value for value in status.values}
 
 
-def test_a_full_disk_ends_the_recorder_and_keeps_the_bag(bench: Bench, tmp_path: Path, monkeypatch: Any) -> None:
-    heard = bench.listen("/diagnostics", DiagnosticArray)
-    recorder = bench.start(RecorderNode, path=str(tmp_path / "bag"), topics="joint_states")
-    publisher = bench.speak("joint_states")
-    bench.until(lambda: publisher.get_subscription_count() and bench.probe.count_publishers("/diagnostics"))
-    for k in range(50):
-        publisher.publish(joint(SECOND + k * 5_000_000, position=[0.0], effort=[0.0]))
-    bench.until(lambda: recorder.recording.kept == 50)
+class Disk:
+    """A recorder that has 50 messages on a disk which is then full, and gets 30 more."""
 
-    def full(descriptor: int, data: bytes) -> int:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    def __init__(self, bench: Bench, path: Path, monkeypatch: Any) -> None:
+        heard = bench.listen("/diagnostics", DiagnosticArray)
+        self.recorder = bench.start(RecorderNode, path=str(path), topics="joint_states")
+        publisher = bench.speak("joint_states")
+        bench.until(lambda: publisher.get_subscription_count() and bench.probe.count_publishers("/diagnostics"))
 
-    monkeypatch.setattr(recording.os, "write", full)
-    for k in range(50, 80):
-        publisher.publish(joint(SECOND + k * 5_000_000, position=[0.0], effort=[0.0]))
-    bench.until(recorder.finished.done)
+        def say(begin: int, end: int) -> None:
+            for k in range(begin, end):
+                publisher.publish(joint(SECOND + k * 5_000_000, position=[0.0], effort=[0.0]))
+            bench.until(lambda: self.recorder.received["/cam_beam/joint_states"] == end)
+
+        def full(descriptor: int, data: bytes) -> int:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        say(0, 50)
+        bench.until(lambda: self.recorder.recording.kept == 50)
+        monkeypatch.setattr(recording.os, "write", full)
+        say(50, 80)
+        bench.until(lambda: tasks(heard) and tasks(heard)[-1].level == DiagnosticStatus.ERROR)
+        assert "No space left on device" in tasks(heard)[-1].message
+        assert str(path) in tasks(heard)[-1].message
+
+
+def test_a_full_disk_keeps_the_bag(bench: Bench, tmp_path: Path, monkeypatch: Any) -> None:
+    recorder = Disk(bench, tmp_path / "bag", monkeypatch).recorder
+    assert not recorder.finished.done()  # the rig is driven on
     with pytest.raises(UserError, match=r"bag: cannot be written \(No space left on device\): 50 .* kept, 30 lost"):
         recorder.close()
-    bench.until(lambda: tasks(heard) and tasks(heard)[-1].level == DiagnosticStatus.ERROR)
-    assert str(tmp_path / "bag") in tasks(heard)[-1].message
-    assert "No space left on device" in tasks(heard)[-1].message
-    assert (values(tasks(heard)[-1])["kept"], values(tasks(heard)[-1])["lost"]) == ("50", "30")
+    found = values(recorder.health()[0].status("", ""))
+    assert (found["kept"], found["lost"]) == ("50", "30")
     assert bags.read(tmp_path / "bag", load_rig("cam_beam").signals, recover=True).samples == 50
+
+
+def test_a_disk_that_has_room_again_gets_what_has_waited(bench: Bench, tmp_path: Path, monkeypatch: Any) -> None:
+    real = os.write
+    recorder = Disk(bench, tmp_path / "bag", monkeypatch).recorder
+    monkeypatch.setattr(recording.os, "write", real)
+    bench.until(lambda: recorder.recording.kept == 80)
+    assert recorder.trouble is None
+    recorder.close()
+    assert bags.read(tmp_path / "bag", load_rig("cam_beam").signals).samples == 80
+
+
+def test_a_bag_that_somebody_removes_is_missed(bench: Bench, tmp_path: Path) -> None:
+    recorder = bench.start(RecorderNode, path=str(tmp_path / "bag"), topics="joint_states")
+    publisher = bench.speak("joint_states")
+    bench.until(publisher.get_subscription_count)
+    publisher.publish(joint(SECOND, position=[0.0], effort=[0.0]))
+    bench.until(lambda: recorder.recording.kept == 1)
+    shutil.rmtree(tmp_path / "bag")
+    bench.until(lambda: recorder.trouble)
+    with pytest.raises(UserError, match=r"bag: cannot be written .*removed"):
+        recorder.close()
 
 
 def test_a_slow_disk_holds_nobody_up(bench: Bench, tmp_path: Path, monkeypatch: Any) -> None:

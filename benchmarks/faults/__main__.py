@@ -10,29 +10,37 @@ from __future__ import annotations
 import math
 import sys
 import time
+from collections.abc import Sequence
 from typing import Any
 
 from rich.table import Table
 
 from benchmarks import result
-from benchmarks.faults.faults import FAULTS, QUIET
+from benchmarks.faults.faults import CLOCKED, FAULTS, QUIET, UNHEARD
 from benchmarks.faults.stage import PATIENCE, Said, Stage
 from hybrid_sysid_ros.commands.terminal import print_table, status
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.errors import UserError
 
 RIG, NAME, DOMAIN = "cam_beam", "faults", 91
+EVERY = {**FAULTS, **CLOCKED}
+LOST: dict[str, Any] = {
+    **dict.fromkeys(("bounded", "inside_travel"), False),
+    **dict.fromkeys(("named_after_s", "recovered_after_s"), math.inf),
+    "grown_mb": 0.0,
+}
+"""What is said of a fault after which the loop was not there any more."""
 CALM = 2.0
-"""Before each fault: what the diagnostics say then of a busy machine doesn't name it [s]."""
+"""Without a word in the diagnostics, before each fault; what they say then all the same doesn't name it [s]."""
 SOON = 1.0
 """Asked of names and of recovery [s]."""
 
 
 def tried(stage: Stage, name: str) -> dict[str, Any]:
     """One fault, and what was seen."""
-    time.sleep(CALM)
-    stage.begun, lines = time.monotonic(), len(stage.lines)
-    FAULTS[name](stage)
+    stage.calm(CALM)
+    stage.begun, lines, memory = time.monotonic(), len(stage.lines), stage.memory()
+    EVERY[name](stage)
     before, over = stage.begun, time.monotonic()
     recovered = stage.wait_until_back(over)
     time.sleep(0.6)  # the diagnostics of the last moments
@@ -46,6 +54,7 @@ def tried(stage: Stage, name: str) -> dict[str, Any]:
         "named": f"{named[0].name}: {named[0].message}" if named else "",
         "recovered_after_s": max(recovered, 0.0),
         "lasted_s": over - before,
+        "grown_mb": max(found - memory.get(process, found) for process, found in stage.memory().items()),
         "held": not traces and math.isfinite(recovered),
     }
 
@@ -57,45 +66,52 @@ def phrases(said: Said) -> set[str]:
 
 def falls_short(name: str, found: dict[str, Any]) -> bool:
     """Whether something that is asked was not so."""
-    named = name in QUIET or found["named_after_s"] <= SOON
+    named = name in QUIET | UNHEARD or found["named_after_s"] <= SOON
     sound = found["bounded"] and found["inside_travel"] and found["held"]
     return not (sound and named and found["recovered_after_s"] <= SOON)
 
 
+def played(names: Sequence[str], *, clocked: bool) -> dict[str, dict[str, Any]]:
+    """Some faults, one after the other, on one loop while that holds."""
+    found: dict[str, dict[str, Any]] = {}
+    waiting = list(names)
+    while waiting:
+        with Stage(load(RIG), domain=DOMAIN, clocked=clocked) as stage:
+            while waiting:
+                name = waiting.pop(0)
+                status.print(name)
+                try:
+                    found[name] = tried(stage, name)
+                    stage.alive()
+                except UserError as error:
+                    found[name] = {**LOST, **found.get(name, {}), "held": False, "named": str(error)}
+                if not found[name]["held"]:
+                    break  # the next one finds a loop that runs
+    return found
+
+
 def main() -> int:
     """Try those that are named, or all; print the table and write the JSON."""
-    chosen = sys.argv[1:] or list(FAULTS)
+    chosen = sys.argv[1:] or list(EVERY)
     for name in chosen:
-        if name not in FAULTS:
-            raise UserError(f"no fault {name!r}: known are {', '.join(FAULTS)}")
-    machine, found = result.machine(), {}
-    stage = Stage(load(RIG), domain=DOMAIN)
-    stage.__enter__()
-    try:
-        for name in chosen:
-            status.print(name)
-            try:
-                found[name] = tried(stage, name)
-                stage.alive()
-            except UserError as error:
-                found[name] = {**found.get(name, {"bounded": False, "inside_travel": False}), "held": False}
-                found[name] |= {"named": str(error), "named_after_s": math.inf, "recovered_after_s": math.inf}
-            if not found[name]["held"]:  # the next one finds a loop that runs
-                stage.__exit__()
-                stage = Stage(load(RIG), domain=DOMAIN)
-                stage.__enter__()
-    finally:
-        stage.__exit__()
-    table = Table("fault", "bounded", "inside", "named [s]", "back [s]", "held", "in words", title="faults")
+        if name not in EVERY:
+            raise UserError(f"no fault {name!r}: known are {', '.join(EVERY)}")
+    machine = result.machine()
+    found: dict[str, dict[str, Any]] = {}
+    for clocked in (False, True):
+        found |= played([name for name in chosen if (name in CLOCKED) == clocked], clocked=clocked)
+    table = Table(
+        "fault", "bounded", "inside", "named [s]", "back [s]", "held", "grown [MB]", "in words", title="faults"
+    )
     for name, row in found.items():
         marks = ["yes" if row[key] else "NO" for key in ("bounded", "inside_travel", "held")]
         times = [f"{row[key]:.2f}" for key in ("named_after_s", "recovered_after_s")]
         shown = name if not falls_short(name, row) else f"{name}  <- short"
-        table.add_row(shown, *marks[:2], *times, marks[2], row["named"])
+        table.add_row(shown, *marks[:2], *times, marks[2], f"{row['grown_mb']:.1f}", row["named"])
     print_table(table)
     short = sum(falls_short(name, row) for name, row in found.items())
     print(f"{short} of {len(found)} fall short")
-    if chosen == list(FAULTS):
+    if chosen == list(EVERY):
         print(result.write(NAME, {**found, "short": short, "patience_s": PATIENCE}, on=machine))
     return 0
 

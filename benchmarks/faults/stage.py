@@ -1,14 +1,19 @@
-"""Stage: plant, estimator, controller and reference as processes, one who disturbs them, and one who watches."""
+"""Stage: the nodes of a loop as processes, one who disturbs them, and one who watches."""
 
 from __future__ import annotations
 
 import math
 import os
+import shutil
 import signal
+import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import Any
 
@@ -18,22 +23,38 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory
 
+from benchmarks.faults import disk
+from benchmarks.faults.disk import TROUBLE
 from hybrid_sysid_ros.nodes import topics
-from hybrid_sysid_ros.nodes.messages import nanoseconds
+from hybrid_sysid_ros.nodes.base import SWITCH_INTERVAL
+from hybrid_sysid_ros.nodes.messages import nanoseconds, set_nanoseconds
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.configuration import TRAINED, shipped
 from hybrid_sysid_ros.runtime.session import Session, permitted_priority
 from hybrid_sysid_ros.support.errors import UserError
 
-NODES = ("reference", "estimator", "controller", "plant")
+Fault = Callable[["Stage"], None]
+LOOP = ("reference", "estimator", "controller", "plant")
+NODES = ("recorder", *LOOP)
 SEEN, HEARD = "joint_states_seen", "joint_states"
 """What the plant publishes, and what the others hear: between them stands the :class:`Relay`."""
+LASTING = 2.0
+"""Of a fault that goes on [s]."""
 SETTLED = 60
 """Measurements in a row that are answered in time: the loop is back."""
+LATE = 0.004
+"""By which an answer that came before the next measurement may be seen later than that [s]."""
 PATIENCE = 30.0
 """Of all that is waited for [s]."""
+
+
+CLOCK_PERIOD = 0.005
+"""Of /clock [s]."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +72,13 @@ class Relay:
 
     def __init__(self, node: Node) -> None:
         self.change: Callable[[JointState], Sequence[JointState]] = lambda message: [message]
-        self.publisher = node.create_publisher(JointState, HEARD, topics.profile(HEARD))
+        self._node = node
+        self.publisher = self.new_publisher()
         node.create_subscription(JointState, SEEN, self.on_measurement, topics.profile(HEARD))
+
+    def new_publisher(self) -> Publisher:
+        """As the plant's own."""
+        return self._node.create_publisher(JointState, HEARD, topics.profile(HEARD))
 
     def on_measurement(self, message: JointState) -> None:
         """Pass on what is left of it."""
@@ -60,36 +86,68 @@ class Relay:
             self.publisher.publish(each)
 
 
+class SetClock:
+    """Publishes /clock: the system's time, moved by ``offset`` [ns], or standing still."""
+
+    def __init__(self, node: Node) -> None:
+        self.offset, self.stands = 0, False
+        self._publisher = node.create_publisher(Clock, "/clock", 1)
+        node.create_timer(CLOCK_PERIOD, self.on_timer)
+
+    def on_timer(self) -> None:
+        """Tell the time."""
+        if not self.stands:
+            message = Clock()
+            set_nanoseconds(message.clock, time.time_ns() + self.offset)
+            self._publisher.publish(message)
+
+
 class Stage:
     """The loop of a rig that holds its first reference, and what is seen of it, as a context."""
 
-    def __init__(self, rig: Rig, *, domain: int, reference: str = "constant") -> None:
+    def __init__(self, rig: Rig, *, domain: int, reference: str = "constant", clocked: bool = False) -> None:
+        """clocked: its time is that of /clock."""
         self.rig, self.domain, self.priority = rig, domain, permitted_priority()
         self.joint = next(iter(rig.joints.joints))
-        self.session = Session(rig.source, domain=domain, tell=lambda line: self.lines.append(line))
+        self.reference, self.clocked = reference, clocked
         self.lines: list[str] = []
         """What nodes have told: a traceback would be among them."""
-        self.reference = reference
-        self.context = Context()
         self.answered: dict[int, float] = {}
         """Steady time of the first command for each stamp [s]."""
         self.measured: list[tuple[float, int, float, float]] = []
         """Steady time, stamp, position and input of each measurement."""
+        self.commands: list[tuple[float, float]] = []
+        """Steady time and effort of every command."""
         self.begun = 0.0
         """Steady time at which a fault begins; one that must prepare something moves it [s]."""
         self.said: list[Said] = []
-        self.commands: list[tuple[float, float]] = []
-        """Steady time and effort of every command."""
+        self.values: dict[str, dict[str, str]] = {}
+        """Newest values in the diagnostics of each node."""
+        self._bags = 0
 
     def __enter__(self) -> Stage:
+        self._temporary = TemporaryDirectory()
+        self.folder = Path(self._temporary.name)
+        self.model, self.policy = (self._copied(self.rig.name, kind) for kind in ("model", "policy"))
+        self.other_model = (
+            next(folder for folder in sorted(TRAINED.iterdir()) if folder.name != self.rig.name) / "model"
+        )
+        self.disk = self.folder / "disk"
+        self.disk.write_text("")
+        os.environ[TROUBLE] = str(self.disk)
+        self.session = Session(self.rig.source, domain=self.domain, tell=self.lines.append)
+        self.context = Context()
         rclpy.init(context=self.context, domain_id=self.domain)
         self.node = Node("saboteur", context=self.context, namespace=self.rig.namespace)
         self.relay = Relay(self.node)
+        if self.clocked:
+            self.clock = SetClock(self.node)
         self.node.create_subscription(JointState, SEEN, self._see, topics.profile(HEARD))
         self.node.create_subscription(JointState, "joint_command", self._hear, topics.profile("joint_command"))
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._note, topics.profile("/diagnostics"))
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
+        sys.setswitchinterval(SWITCH_INTERVAL)  # who disturbs must not hold up the relay
         self.thread = Thread(target=self._spin, daemon=True)
         self.thread.start()
         for name in NODES:
@@ -98,11 +156,16 @@ class Stage:
         self.wait_until_back(time.monotonic())
         return self
 
-    def __exit__(self, *error: Any) -> None:
+    def __exit__(self, *error: object) -> None:
         self.session.stop()
         self.executor.shutdown()
         self.context.try_shutdown()
         self.thread.join()
+        self._temporary.cleanup()
+
+    def _copied(self, rig: str, kind: str) -> Path:
+        """A copy of what comes with the package, for a fault to spoil."""
+        return Path(shutil.copytree(shipped(rig, kind), self.folder / kind))
 
     def _spin(self) -> None:
         if self.priority:  # the relay stands in the loop
@@ -113,23 +176,45 @@ class Stage:
             except Exception:  # the context ends while it spins
                 return
 
-    def start(self, name: str, **more: Any) -> None:
-        """Start a node's process."""
+    @property
+    def bag(self) -> Path:
+        """The newest one."""
+        return self.folder / f"bag_{self._bags}"
+
+    @property
+    def recorded(self) -> int:
+        """Messages that the recorder has said to be on the disk."""
+        return int(self.values["recorder"]["kept"])
+
+    def start(self, name: str, *, rig: Path | None = None, use_sim_time: bool = False, **more: Any) -> None:
+        """Start a node's process; rig: another one of the same name."""
+        self._bags += name == "recorder"
         values: dict[str, dict[str, Any]] = {
             "reference": {"kind": self.reference},
-            "estimator": {},
-            "controller": {"policy": "supervised"},
+            "estimator": {"model": str(self.model)},
+            "controller": {"policy": "supervised", "model": str(self.model), "policy_path": str(self.policy)},
             "plant": {"wait_for_readers": 1},
+            "recorder": {"path": str(self.bag)},
         }
-        priority = {} if name == "reference" else {"priority": self.priority}
-        command = self.session.command(name, {**values[name], **priority, **more})
+        priority = {} if name in ("reference", "recorder") else {"priority": self.priority}
+        session = Session(str(rig), domain=self.domain) if rig else self.session
+        command = session.command(name, {**values[name], **priority, **more})
         if name == "plant":
             command += ["-r", f"joint_states:={SEEN}"]
+        if name == "recorder":
+            command[command.index("hybrid_sysid_ros.nodes.recorder")] = disk.__name__
+        if self.clocked or use_sim_time:
+            command += ["-p", "use_sim_time:=true"]
         self.session.start(name, command)
 
     def kill(self, name: str, number: int = signal.SIGKILL) -> None:
         """Send a node's process a signal."""
         self.session.children[name].process.send_signal(number)
+
+    def end(self, name: str) -> None:
+        """End a node as an operator does, and wait for it."""
+        self.kill(name, signal.SIGTERM)
+        self.session.children[name].process.wait()
 
     def restart(self, name: str) -> None:
         """Start a node again that was killed, and wait until it is ready."""
@@ -137,12 +222,31 @@ class Stage:
         self.start(name)
         self.session.wait_for("ready", [name], PATIENCE)
 
-    def publisher(self, topic: str) -> Any:
-        """A second publisher of one of the rig's topics, once somebody hears it."""
-        found = self.node.create_publisher(topics.TYPES[topic], topic, topics.profile(topic))
+    def publisher(self, topic: str, *, reliable: bool = True) -> Publisher:
+        """A second publisher of one of the rig's topics, once somebody hears it, if that comes soon."""
+        quality = topics.profile(topic)
+        quality.reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+        found = self.node.create_publisher(topics.TYPES[topic], topic, quality)
         end = time.monotonic() + 5.0
         while not found.get_subscription_count() and time.monotonic() < end:
             time.sleep(0.01)
+        return found
+
+    def calm(self, least: float) -> None:
+        """Wait until no diagnostics have told of anything for so long [s]; at most for PATIENCE."""
+        begin = time.monotonic()
+        while (now := time.monotonic()) < begin + PATIENCE:
+            if now > begin + least and not any(said.time > now - least for said in self.said[-50:]):
+                return
+            time.sleep(0.05)
+
+    def memory(self) -> dict[int, float]:
+        """Resident memory of each process [MB]."""
+        found = {}
+        for child in self.session.children.values():
+            with suppress(OSError):
+                pages = int(Path(f"/proc/{child.process.pid}/statm").read_text().split()[1])
+                found[child.process.pid] = pages * os.sysconf("SC_PAGE_SIZE") / 1e6
         return found
 
     # ------------------------------------------------------------------ what is seen
@@ -160,23 +264,26 @@ class Stage:
 
     def _note(self, message: DiagnosticArray) -> None:
         for status in message.status:
+            node = status.name.partition(":")[0].rpartition("/")[2]
+            self.values.setdefault(node, {}).update({value.key: value.value for value in status.values})
             level = int.from_bytes(status.level, "little") if isinstance(status.level, bytes) else int(status.level)
             if level != int.from_bytes(DiagnosticStatus.OK, "little"):
                 self.said.append(Said(time.monotonic(), status.name, level, status.message))
 
     def wait_until_back(self, since: float) -> float:
-        """Time from ``since`` until SETTLED measurements in a row were answered before the next one; inf after
-        PATIENCE.
+        """Time from ``since`` until the first of SETTLED measurements in a row that were answered before the next one;
+        inf after PATIENCE [s].
         """
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
             recent = [entry for entry in list(self.measured) if entry[0] >= since][:-1]
-            run = 0
+            first, run = since, 0
             for (moment, stamp, *_), (following, *_) in pairwise(recent):
                 answer = self.answered.get(stamp)
-                run = run + 1 if answer is not None and answer <= following + 0.004 else 0
+                in_time = answer is not None and answer <= following + LATE
+                first, run = (first if run else moment, run + 1) if in_time else (since, 0)
                 if run == SETTLED:
-                    return moment - since - (SETTLED - 1) * (recent[1][0] - recent[0][0])
+                    return first - since
             time.sleep(0.05)
         return float("inf")
 
@@ -199,18 +306,3 @@ class Stage:
         for name, child in self.session.children.items():
             if child.process.poll() is not None:
                 raise UserError(f"{name} has ended: {child.complaint}")
-
-
-def process_of(stage: Stage, name: str) -> int:
-    """Process of a node."""
-    return int(stage.session.children[name].process.pid)
-
-
-def freeze(stage: Stage, name: str, seconds: float) -> None:
-    """SIGSTOP, and SIGCONT after a while."""
-    os.kill(process_of(stage, name), signal.SIGSTOP)
-    time.sleep(seconds)
-    os.kill(process_of(stage, name), signal.SIGCONT)
-
-
-__all__ = ["JointTrajectory", "Relay", "Said", "Stage", "freeze", "process_of"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 from contextlib import suppress
@@ -168,6 +169,8 @@ class DurableFile:
     def sync(self) -> None:
         """Put the block on the disk. Raises OSError where that fails; it may be tried again."""
         written = 0
+        if not os.fstat(self._descriptor).st_nlink:
+            raise OSError(errno.ENOENT, "somebody has removed it")
         try:
             while written < len(self._pending):
                 written += os.write(self._descriptor, self._pending[written:])

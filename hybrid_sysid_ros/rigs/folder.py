@@ -10,7 +10,8 @@ import importlib
 import os
 import traceback
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -90,8 +91,14 @@ def check_name(path: Path) -> None:
         raise UserError(f"{path}: a rig is called {folder.name} already, in {place}; give the folder another name")
 
 
-def _points() -> list[importlib.metadata.EntryPoint]:
-    return sorted(set(entry_points(group=GROUP)), key=lambda point: (point.name, point.value))
+def _points() -> list[EntryPoint]:
+    return sorted(set(_installed()), key=lambda point: (point.name, point.value))
+
+
+@cache
+def _installed() -> tuple[EntryPoint, ...]:
+    """Looked for once in a process: every package's metadata are read for it."""
+    return tuple(entry_points(group=GROUP))
 
 
 def _named(name: str) -> RigFolder:

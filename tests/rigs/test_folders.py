@@ -134,12 +134,12 @@ def test_a_package_offers_a_rig_by_an_entry_point(make, monkeypatch):
     (package / "__init__.py").touch()
     monkeypatch.syspath_prepend(str(package.parent))
     point = importlib.metadata.EntryPoint(name="tanks", value="offered_tanks", group=folders.GROUP)
-    monkeypatch.setattr(folders, "entry_points", lambda group: [point] if group == folders.GROUP else [])
+    monkeypatch.setattr(folders, "_installed", lambda: [point])
     rig = rigs.load("tanks")
     assert (rig.name, rig.folder, rig.source) == ("tanks", package, "tanks")
     assert type(rig.system).__module__ == "offered_tanks.system"
     twin = importlib.metadata.EntryPoint(name="cam_beam", value="offered_tanks", group=folders.GROUP)
-    monkeypatch.setattr(folders, "entry_points", lambda group: [twin])
+    monkeypatch.setattr(folders, "_installed", lambda: [twin])
     with pytest.raises(UserError, match=r"two rigs are called cam_beam: in .* and offered_tanks"):
         rigs.load("cam_beam")
     for name in [name for name in sys.modules if name.startswith("offered_tanks")]:
@@ -152,7 +152,7 @@ def test_a_rig_that_is_found_twice_is_one(call, monkeypatch):
         importlib.metadata.EntryPoint(name=name, value="hybrid_sysid_ros.rigs.cam_beam", group=folders.GROUP)
         for name in ("cam_beam", "beam")
     )
-    monkeypatch.setattr(folders, "entry_points", lambda group: [own, other, own])
+    monkeypatch.setattr(folders, "_installed", lambda: [own, other, own])
     assert rigs.load("cam_beam") is rigs.load("beam") is rigs.load(HOME / "cam_beam")
     status, shown, _ = call(app.main, "hybrid-sysid", "rig", "list")
     assert (status, shown.count(str(HOME / "cam_beam"))) == (0, 1)
@@ -161,13 +161,13 @@ def test_a_rig_that_is_found_twice_is_one(call, monkeypatch):
 def test_two_rigs_of_one_name_are_told_in_the_list(call, monkeypatch):
     other = "hybrid_sysid_ros.rigs.flexible_joint"
     twin = importlib.metadata.EntryPoint(name="cam_beam", value=other, group=folders.GROUP)
-    monkeypatch.setattr(folders, "entry_points", lambda group: [twin])
+    monkeypatch.setattr(folders, "_installed", lambda: [twin])
     refused(call(app.main, "hybrid-sysid", "rig", "list"), "two rigs are called cam_beam")
 
 
 def test_an_entry_point_that_fails_is_told(monkeypatch):
     point = importlib.metadata.EntryPoint(name="crane", value="no_such_package", group=folders.GROUP)
-    monkeypatch.setattr(folders, "entry_points", lambda group: [point])
+    monkeypatch.setattr(folders, "_installed", lambda: [point])
     with pytest.raises(UserError, match="rig crane: entry point no_such_package can't be imported"):
         rigs.load("crane")
 

@@ -1,0 +1,1 @@
+"""Soak: the loop for half an hour, alone and beside busy processes."""
