@@ -1,0 +1,88 @@
+"""What a message costs a node, in one process: unpacked by the middleware and by its form, checked, packed.
+
+The shortest of several repeats, as a processor does it that does nothing else; in a loop that sleeps in between, each
+takes some times as long.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from time import monotonic_ns, perf_counter, time_ns
+from typing import Any
+
+from rclpy.serialization import deserialize_message, serialize_message
+from rich.table import Table
+from sensor_msgs.msg import JointState
+
+from benchmarks import result
+from hybrid_sysid_ros.commands.terminal import print_table
+from hybrid_sysid_ros.nodes.border import Border
+from hybrid_sysid_ros.nodes.cdr import JointWriter
+from hybrid_sysid_ros.nodes.layout import FIELDS, Place, Slots
+from hybrid_sysid_ros.nodes.messages import SECOND
+
+NAME = "message_cost"
+SIZES = (1, 2, 20)  # joints, with position, velocity and effort each
+REPEATS, CALLS = 400, 50
+PARTS = {
+    "deserialised": "unpacked by the middleware",
+    "unpacked": "unpacked by its form",
+    "read": "names and ranges checked",
+    "admitted": "publisher and stamp checked",
+    "serialised": "packed by the middleware",
+    "packed": "packed by its form",
+}
+
+
+def seconds(call: Callable[[], object]) -> float:
+    """Time that a call takes [s]."""
+    shortest = math.inf
+    for _ in range(REPEATS):
+        began = perf_counter()
+        for _ in range(CALLS):
+            call()
+        shortest = min(shortest, perf_counter() - began)
+    return shortest / CALLS
+
+
+def measure(joints: int) -> dict[str, float]:
+    """Microseconds of each part, for a message of so many joints."""
+    slots = Slots([Place(f"joint_{k}", field) for k in range(joints) for field in FIELDS])
+    values, writer = [0.1 * k for k in range(len(slots))], JointWriter(slots, "/rig/estimator 12345")
+    border = Border(
+        JointState, clock=time_ns, steady=monotonic_ns, ahead=60 * SECOND, behind=600 * SECOND, silence=SECOND / 2
+    )
+    data = writer.pack(time_ns(), values)
+    said, message = border.unpack(data), deserialize_message(data, JointState)
+    assert said is not None
+    calls: dict[str, Callable[[], Any]] = {
+        "deserialised": lambda: deserialize_message(data, JointState),
+        "unpacked": lambda: border.unpack(data),
+        "read": lambda: border.read(said, slots),
+        "admitted": lambda: border.admit(said),
+        "serialised": lambda: serialize_message(message),
+        "packed": lambda: writer.pack(said.stamp, values),
+    }
+    return {name: 1e6 * seconds(call) for name, call in calls.items()}
+
+
+def main() -> int:
+    """Measure, print the table and write the results."""
+    argparse.ArgumentParser(prog=f"python -m benchmarks.{NAME}", description=__doc__).parse_args()
+    on = result.machine()
+    found = {joints: measure(joints) for joints in SIZES}
+    shown = Table("", *(f"{joints} joints" for joints in SIZES), title="us of a message")
+    for part, title in PARTS.items():
+        shown.add_row(title, *(f"{times[part]:.1f}" for times in found.values()))
+    print_table(shown)
+    results = {
+        f"joints_{joints}": {f"{part}_us": value for part, value in times.items()} for joints, times in found.items()
+    }
+    print(f"written to {result.write(NAME, results, on=on)}")
+    return 0
+
+
+if __name__ == "__main__":
+    result.run(main)
