@@ -12,7 +12,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from queue import Empty, Queue
@@ -85,7 +85,7 @@ class Session:
         self._tell = tell
         self._namespace = rigs.load(rig).namespace
         self._environment = _environment(domain)
-        self._lines: Queue[tuple[str, str, str]] = Queue()
+        self._lines: Queue[tuple[Child, str, str]] = Queue()
         self._stopped = False
 
     def __enter__(self) -> Session:
@@ -198,7 +198,7 @@ class Session:
     def _listen(self, child: Child, stream: str) -> None:
         with getattr(child.process, stream) as lines:
             for line in lines:
-                self._lines.put((child.node, stream, line.rstrip()))
+                self._lines.put((child, stream, line.rstrip()))
 
     def _hear_last(self, child: Child) -> None:
         """Take in the last words of a node that has ended."""
@@ -216,16 +216,16 @@ class Session:
         except Empty:
             return
 
-    def _take(self, node: str, stream: str, line: str) -> None:
-        child = self.children[node]
+    def _take(self, child: Child, stream: str, line: str) -> None:
         if stream == "stdout" and line.startswith("{"):
-            child.diagnostics.update(json.loads(line))
+            with suppress(ValueError):  # cut short, where the node was killed
+                child.diagnostics.update(json.loads(line))
         elif stream == "stdout":
             child.words.add(line)
         elif line:
             child.complaint = line
             if not line.startswith("error: "):  # that one becomes the session's own error
-                self._tell(f"{node}: {line}")
+                self._tell(f"{child.node}: {line}")
 
 
 def run(
