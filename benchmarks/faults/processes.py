@@ -20,6 +20,10 @@ from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.support.errors import UserError
 
 
+OUTLIVED = 2.0
+"""By which nodes may outlive their run [s]: they say their last words."""
+
+
 def killed(name: str) -> Fault:
     """Kill -9, and a new one at once."""
 
@@ -83,7 +87,7 @@ def altered_model(stage: Stage) -> None:
     """The model is not what its seal says, and the estimator has to start again."""
     sheet = stage.model / "model.yaml"
     text, times = sheet.read_text(), sheet.stat()
-    sheet.write_text(text.replace("1", "2"))
+    sheet.write_text(re.sub(r"(value: \d)", r"\g<1>1", text, count=1))
     _refused(stage, "altered since it was saved")
     sheet.write_text(text)
     os.utime(sheet, ns=(times.st_atime_ns, times.st_mtime_ns))
@@ -159,8 +163,8 @@ def parameters(system: str, **values: float) -> str:
 
 
 def narrower(rig: str) -> str:
-    """Description of a rig that ends at half of the travel."""
-    low, high = (float(value) / 2.0 for value in re.findall(r"travel: \{position: \[(.+), (.+)\]\}", rig)[0])
+    """Description of a rig that ends at .3 of the travel, before where its reference is."""
+    low, high = (0.3 * float(value) for value in re.findall(r"travel: \{position: \[(.+), (.+)\]\}", rig)[0])
     return re.sub(r"travel: .*", f"travel: {{position: [{low}, {high}]}}", rig)
 
 
@@ -213,13 +217,14 @@ def killed_run(stage: Stage) -> None:
     try:
         _wait(lambda: (bag / f"{bag.name}.mcap").exists() or run.poll() is not None, 2.0 * PATIENCE)
         time.sleep(LASTING)
-        nodes = [int(pid) for pid in os.listdir("/proc") if pid.isdigit() and _parent(int(pid)) == run.pid]
+        nodes = [int(pid) for pid in os.listdir("/proc") if pid.isdigit() and _status(int(pid))[1] == str(run.pid)]
         run.send_signal(signal.SIGKILL)
         if len(nodes) < 5:
             raise UserError(f"run has {len(nodes)} nodes")
         began = time.monotonic()
-        _wait(lambda: not any(Path(f"/proc/{pid}").exists() for pid in nodes), 1.0)
-        stage.begun = began
+        _wait(lambda: not any(map(_runs, nodes)), PATIENCE)
+        if (lasted := time.monotonic() - began) > OUTLIVED:
+            raise UserError(f"nodes outlive their run by {lasted:.1f} s")
     finally:
         run.kill()
         run.wait()
@@ -229,10 +234,16 @@ def killed_run(stage: Stage) -> None:
         raise UserError("an input of the killed run was out of its bounds")
 
 
-def _parent(process: int) -> int:
-    with suppress(OSError, ValueError):
-        return int(Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[1])
-    return 0
+def _status(process: int) -> tuple[str, str]:
+    """State of a process and the one that started it; nothing where it has ended."""
+    with suppress(OSError):
+        state, parent, *_ = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+        return state, parent
+    return "", ""
+
+
+def _runs(process: int) -> bool:
+    return _status(process)[0] not in ("", "Z")
 
 
 def _wait(condition: Callable[[], bool], seconds: float) -> None:
