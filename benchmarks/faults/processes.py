@@ -19,7 +19,6 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.support.errors import UserError
 
-
 OUTLIVED = 2.0
 """By which nodes may outlive their run [s]: they say their last words."""
 
