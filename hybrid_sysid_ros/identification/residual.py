@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 SMOOTHED = 5
 """Samples over which a cubic smooths the measured residual: its differences are of noise otherwise."""
 
-LASTING, LONG = 0.1, 10_000
+LASTING, LONG = 0.1, 50_000
 """What may be left of a residual after so many steps under a record's inputs, which are repeated for that."""
 
 
