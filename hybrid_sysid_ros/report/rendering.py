@@ -102,6 +102,7 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
         "model": section.model,
         "runs": [_run(run, section) for run in runs],
         "free_runs": [drawn(figures.free_run(run), f"{prefix}free-run-{number}") for number, run in enumerate(runs)],
+        "leftovers": section.leftovers,
         "tests": section.tests,
         "residual_tests": drawn(figures.residual_tests(section), f"{prefix}residual-tests") if section.tests else "",
         "horizons": [
