@@ -28,7 +28,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-from hybrid_sysid_ros.nodes import discovery, parameters, topics
+from hybrid_sysid_ros.nodes import middleware, parameters, topics
 from hybrid_sysid_ros.nodes.border import Border, Reason
 from hybrid_sysid_ros.nodes.diagnostics import OK, STALE, WARN, Task, Troubles
 from hybrid_sysid_ros.nodes.listener import Listener
@@ -261,7 +261,7 @@ def run(make: Callable[[], RigNode]) -> int:
     if os.environ.get(interruption.TETHER):
         Thread(target=_end_with_starter, daemon=True).start()
     try:
-        discovery.hasten()
+        middleware.prepare()
         try:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         except RuntimeError as error:  # what rclpy raises for arguments and parameter files that make no sense

@@ -32,7 +32,7 @@ from sensor_msgs.msg import JointState
 
 from benchmarks.faults import disk
 from benchmarks.faults.disk import TROUBLE
-from hybrid_sysid_ros.nodes import discovery, topics
+from hybrid_sysid_ros.nodes import middleware, topics
 from hybrid_sysid_ros.nodes.base import SWITCH_INTERVAL
 from hybrid_sysid_ros.nodes.border import Border
 from hybrid_sysid_ros.nodes.messages import set_nanoseconds
@@ -147,7 +147,7 @@ class Stage:
         os.environ[TROUBLE] = str(self.disk)
         self.session = Session(self.rig.source, domain=self.domain, tell=self.lines.append)
         self.context = Context()
-        discovery.hasten()
+        middleware.prepare()
         rclpy.init(context=self.context, domain_id=self.domain)
         options = {"start_parameter_services": False, "enable_rosout": False}  # each would cost the relay time
         self.node = Node("saboteur", context=self.context, namespace=self.rig.namespace, **options)
