@@ -55,7 +55,7 @@ def test_without_one_it_is_this_package_s(monkeypatch):
 
 
 LISTENER = """
-import os, sys
+import os
 import rclpy
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
@@ -65,8 +65,7 @@ def hear(data):
     with open("/proc/self/statm") as file:
         print(int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") * 1e-6, flush=True)
 
-if sys.argv[1] == "prepared":
-    middleware.prepare()
+middleware.prepare()
 rclpy.init()
 node = rclpy.create_node("listener")
 node.create_subscription(Float64MultiArray, "values", hear, QoSProfile(depth=1000), raw=True)
@@ -75,16 +74,15 @@ rclpy.spin(node)
 """Tells its resident memory at each message [MB]."""
 
 
-@pytest.mark.parametrize(("how", "grows"), [("prepared", False), ("left alone", True)])
-def test_large_messages_leave_nothing_behind(bench, domain, monkeypatch, how, grows):
-    """Without the profiles, large messages stay in the places of a reader's history; this fails when Fast DDS changes that."""
+def test_large_messages_leave_nothing_behind(bench, domain, monkeypatch):
+    """Without the profiles, some of the places of a reader's history keep the memory of one: 16 to 40 MB."""
     for name in (*middleware.VARIABLES, middleware.WHOLE):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     monkeypatch.setenv("PYTHONWARNINGS", "ignore")
     small, large = (Float64MultiArray(data=[0.0] * size) for size in (10, 500_000))
     publisher = bench.probe.create_publisher(Float64MultiArray, "/values", 100)
-    with subprocess.Popen([sys.executable, "-c", LISTENER, how], stdout=subprocess.PIPE, text=True) as listener:
+    with subprocess.Popen([sys.executable, "-c", LISTENER], stdout=subprocess.PIPE, text=True) as listener:
         assert listener.stdout is not None
         bench.until(publisher.get_subscription_count)
         memory = []
@@ -94,4 +92,4 @@ def test_large_messages_leave_nothing_behind(bench, domain, monkeypatch, how, gr
                 publisher.publish(message)
             memory += [float(listener.stdout.readline()) for _ in messages]
         listener.kill()
-    assert (memory[-1] - memory[20] > 15.0) == grows
+    assert memory[-1] - memory[20] < 10.0
