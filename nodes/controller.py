@@ -350,11 +350,12 @@ class ControllerNode(RigNode):
         self.predictions.publish(self.plans.pack(start, np.hstack([plan.states, plan.inputs]).tolist()))
 
     def health(self) -> Sequence[Task]:
-        answers = sum(count for name, count in self.layers.items() if name != NO_REFERENCE)
+        layers, statuses = dict(self.layers), dict(self.statuses)
+        answers = sum(count for name, count in layers.items() if name != NO_REFERENCE)
         loop = {
-            "answers without a reference": self.layers[NO_REFERENCE],
-            "commands held": self.layers[HELD],
-            "commands at rest": self.layers[ZEROED],
+            "answers without a reference": layers.get(NO_REFERENCE, 0),
+            "commands held": layers.get(HELD, 0),
+            "commands at rest": layers.get(ZEROED, 0),
             "answers after the end of the reference": self.ended,
             "references beyond the travel": self.clipped,
             **{f"estimates {reason}": count for reason, count in self.dropped("state_estimate").items()},
@@ -363,7 +364,7 @@ class ControllerNode(RigNode):
         values = {
             "policy": self.settings["policy"],
             "commands": answers,
-            **named("layer", self.layers),
+            **named("layer", layers),
             "dropped_estimates": sum(self.entry.dropped.values()),
             "dropped_references": sum(self.wishes.dropped.values()),
             "clipped_references": self.clipped,
@@ -374,9 +375,9 @@ class ControllerNode(RigNode):
         judged = self.silent(self.judged("loop", loop, answers, **values), "state_estimate")
         if not self.stamp and judged.level == OK:
             judged = replace(judged, message="waiting for estimates")
-        plans = {f"plans {name}": count for name, count in self.statuses.items() if name not in SOUND}
-        checked = named("check", self.controller.reasons) if isinstance(self.controller, Supervisor) else {}
-        return [judged, self.judged("policy", plans, answers, **named("status", self.statuses), **checked)]
+        plans = {f"plans {name}": count for name, count in statuses.items() if name not in SOUND}
+        checked = named("check", dict(self.controller.reasons)) if isinstance(self.controller, Supervisor) else {}
+        return [judged, self.judged("policy", plans, answers, **named("status", statuses), **checked)]
 
 
 def named(prefix: str, counts: Mapping[str, int]) -> dict[str, int]:
