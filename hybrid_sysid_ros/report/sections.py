@@ -16,6 +16,7 @@ from hybrid_sysid_ros.identification import Part, Scores, score
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, k_step_errors
 from hybrid_sysid_ros.identification.validation.identifiability import Doubt, correlated, doubts
+from hybrid_sysid_ros.identification.validation.input_bias import Adapted
 from hybrid_sysid_ros.identification.validation.residual_tests import (
     LAGS,
     ResidualTest,
@@ -92,6 +93,8 @@ class IdentificationSection:
 
     model: Model
     runs: Sequence[FreeRun]
+    adapted: Mapping[str, Adapted] = field(default_factory=dict)
+    """By record: the free run over the rest of it, without and with the input bias that its first seconds show."""
 
     @property
     def correlated(self) -> list[tuple[str, str, float]]:
@@ -159,14 +162,16 @@ class Provenance:
     versions: Mapping[str, str] = field(default_factory=dict)
 
 
-def identification_section(model: Model, records: Iterable[tuple[Record, Part]]) -> IdentificationSection:
-    """Free runs of a model over (parts of) records.
+def identification_section(
+    model: Model, records: Iterable[tuple[Record, Part]], adapted: Mapping[str, Adapted] | None = None
+) -> IdentificationSection:
+    """Free runs of a model over (parts of) records. adapted: by record, what an input bias changes.
 
     Raises:
         UserError: a record does not fit the model's sampling.
     """
     runs = tuple(run for record, part in records for run in free_runs_of(model, record, part))
-    return IdentificationSection(model=model, runs=runs)
+    return IdentificationSection(model=model, runs=runs, adapted=adapted or {})
 
 
 def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRun]:
