@@ -69,6 +69,22 @@ def test_a_closed_loop_is_scored_beside_the_free_run(command, linear_model):
     assert f"{scores['closed_loop']['r2']:.4f}" in out
 
 
+def test_evaluate_prints_the_free_run_without_and_with_the_bias_of_its_beginning(command, linear_model, tmp_path):
+    bag, page = BAGS / "beam_random_steps", tmp_path / "page.html"
+    status, out, error = command("evaluate", linear_model, bag, "--adapt", 5, "--json", "--report", page)
+    assert status == 0, error
+    told = json.loads(out)["records"]["beam_random_steps"]["adapted"]
+    assert told["seconds"] == 5.0
+    assert set(told["bias"]) == {"drive"}
+    status, out, _ = command("evaluate", linear_model, bag, "--adapt", 5)
+    assert f"{told['without']['r2']:.4f}" in out
+    assert f"{told['adapted']['r2']:.4f}" in out
+    assert f"{told['adapted']['r2']:.4f}" in page.read_text(encoding="utf-8")
+    assert (
+        "adapted" not in json.loads(command("evaluate", linear_model, bag, "--json")[1])["records"]["beam_random_steps"]
+    )
+
+
 def test_a_record_without_reference_has_no_closed_loop(command, linear_model, tmp_path):
     signals = {
         "inputs": {"drive": {"topic": "joint_states", "field": "effort[beam]", "unit": "V"}},

@@ -161,3 +161,12 @@ def test_blocks_are_cut_at_scored_samples(linear_records):
         blocks = blocks_of(numbered[:1], Sampling(period=period))
         assert len(blocks) == BLOCKS
         assert all(block.output[0, 0] % every == 0 for block in blocks)
+
+
+def test_alike_folds_hold_out_a_third_of_every_record(linear_records, rig, watched):
+    """So that what only one record shows is trained on in each fold, and scored in each."""
+    found = cross_validate(linear_records, rig, "linear", sampling=Sampling(), folds=3, alike=True)
+    names = {f"{record.name} {i}/3" for record in linear_records for i in (1, 2, 3)}
+    assert set(found.scores) == names
+    for i, given in enumerate(watched, 1):
+        assert names - {block.name for block in given} == {f"{record.name} {i}/3" for record in linear_records}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,6 +13,7 @@ from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part, evaluate
+from hybrid_sysid_ros.identification.validation.input_bias import adapt
 from hybrid_sysid_ros.identification.validation.resimulation import resimulations
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -24,6 +25,15 @@ def command(
     bag: Annotated[list[Path], typer.Argument(help="Bags to score it on.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     part: terminal.PartText = "0:1",
+    adapted: Annotated[
+        float,
+        typer.Option(
+            "--adapt",
+            help="Estimate a constant bias of each input over the first so many seconds, and score the free run over "
+            "the rest without and with it; 0: not.",
+            min=0.0,
+        ),
+    ] = 0.0,
     report: Annotated[Path | None, typer.Option(help="Write an HTML report with plots.")] = None,
     signals: terminal.SignalsFile = None,
     recover: terminal.Recover = False,
@@ -47,12 +57,23 @@ def command(
     loops = {name: item.output.content for name, item in again.items()}
     for reason in skipped.values():
         status.print(f"no closed loop: {reason}")
+    low, high = described.limits
+    shared: dict[str, Any] = {"sampling": loaded.sampling, "spans": high - low, "seconds": adapted}
+    runs = {
+        record.name: adapt(loaded.system, chosen.of(record, loaded.sampling), **shared)
+        for record in (records if adapted else ())
+    }
+    biases = {name: run.content(loaded.system) for name, run in runs.items()}
     if report is not None:
-        section = reports.identification_section(loaded, [(record, chosen) for record in records])
+        section = reports.identification_section(loaded, [(record, chosen) for record in records], runs)
         reports.write(report, section, None, reports.provenance(loaded, " ".join(sys.argv)))
         status.print(str(report))
     if as_json:
         content = {name: {**values, "closed_loop": loops.get(name)} for name, values in scores.items()}
+        for name, values in biases.items():
+            content[name]["adapted"] = values
         console.print_json(json.dumps({"model": str(model), "part": part, "records": content}))
     else:
         print_table(terminal.score_table(scores, described, "free run", loops))
+        if biases:
+            print_table(terminal.bias_table(biases, described, adapted))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -101,6 +101,27 @@ def score_table(
             if loops:
                 loop = loops.get(record)
                 cells += [f"{loop['r2']:.4f}", f"{float(shown.shown(loop['rmse'])):.3f}"] if loop else ["", ""]
+            table.add_row(*cells)
+    return table
+
+
+def bias_table(biases: Mapping[str, dict[str, Any]], rig: Rig, seconds: float) -> Table:
+    """Table of free runs over the rest of records, without and with the input biases that their beginnings show."""
+    units = {item.name: item.unit for item in rig.system.inputs}
+    names = [item.name for item in rig.system.outputs]
+    several = len(names) > 1
+    error = "RMSE" if several else f"RMSE [{rig.display[0].unit}]"
+    columns = ["record", *(["output"] if several else []), *(f"bias of {name} [{units[name]}]" for name in units)]
+    columns += ["R2 without", error, "R2 with", error]
+    table = Table(*columns, title=f"free run after {seconds:g} s, without and with the bias of those {seconds:g} s")
+    for record, values in biases.items():
+        bias = [f"{value:.4g}" for value in values["bias"].values()]
+        for index, name in enumerate(names):
+            shown, cells = rig.display[index], [record, *([name] if several else []), *bias]
+            for which in ("without", "adapted"):
+                own = values[which].get("outputs", {}).get(name, values[which])
+                rmse = f"{float(shown.shown(own['rmse'])):.3f}{f' {shown.unit}' if several else ''}"
+                cells += [f"{own['r2']:.4f}", rmse]
             table.add_row(*cells)
     return table
 

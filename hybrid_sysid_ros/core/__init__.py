@@ -1,7 +1,7 @@
 """Systems: their law written once, stepped, compiled, simulated with derivatives, and exported to CasADi."""
 
 from hybrid_sysid_ros.core.compiled import compiled
-from hybrid_sysid_ros.core.contacts import Bristles, Contact, Dry, Viscous
+from hybrid_sysid_ros.core.contacts import Ageing, Bristles, Contact, Dry, Hysteretic, MaxwellSlip, Viscous
 from hybrid_sysid_ros.core.declaration import Variable
 from hybrid_sysid_ros.core.networks import Perceptron, Softsign
 from hybrid_sysid_ros.core.parameters import Parameter, bounded
@@ -11,10 +11,13 @@ from hybrid_sysid_ros.core.steppers import ImplicitFriction, Sampled, Stepper
 from hybrid_sysid_ros.core.system import Recurrence, System
 
 __all__ = [
+    "Ageing",
     "Bristles",
     "Contact",
     "Dry",
+    "Hysteretic",
     "ImplicitFriction",
+    "MaxwellSlip",
     "Parameter",
     "Perceptron",
     "Recurrence",

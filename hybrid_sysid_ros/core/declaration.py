@@ -41,18 +41,31 @@ def variables(kind: str, what: str, given: Iterable[str | Variable]) -> tuple[Va
     return found
 
 
-def deflections(kind: str, contacts: Iterable[Contact], states: Iterable[Variable]) -> Iterator[Variable]:
-    """The hidden state of each contact that has one; without a unit of its own it is in that of v s."""
+def hidden_states(kind: str, contacts: Iterable[Contact], states: Iterable[Variable]) -> Iterator[Variable]:
+    """The hidden states of the contacts; without a unit of its own one is a way (a deflection), or what the contact
+    says, in the unit of its velocity.
+    """
     units = {item.name: item.unit for item in states}
     for contact in contacts:
-        if contact.state is not None:
-            state = Variable.of(contact.state)
-            rate = units.get(contact.on, "")
-            unit = state.unit or (rate.removesuffix("/s") if rate.endswith("/s") else f"{rate} s".strip())
+        rate = units.get(contact.on, "")
+        for told in contact.hidden:
+            state = Variable.of(told)
             if state.name in units:
-                raise UserError(f"{kind}: two states are called {state.name!r}; name one by Bristles(deflection=...)")
-            units[state.name] = unit
-            yield Variable(name=state.name, unit=unit)
+                raise UserError(f"{kind}: two states are called {state.name!r}; name one where the contact is declared")
+            units[state.name] = state.unit or (way_of(rate) if contact.hidden_power > 0 else rate_of(rate))
+            yield Variable(name=state.name, unit=units[state.name])
+
+
+def way_of(unit: str) -> str:
+    """The unit of what a rate makes of time."""
+    return unit.removesuffix("/s") if unit.endswith("/s") else f"{unit} s".strip()
+
+
+def rate_of(unit: str) -> str:
+    """The unit of a rate of change."""
+    if unit.endswith("/s"):
+        return f"{unit.removesuffix('/s')}/s^2"
+    return f"{unit}/s" if " " not in unit else f"({unit})/s"
 
 
 def check(kind: Any) -> None:
@@ -69,12 +82,13 @@ def check(kind: Any) -> None:
         raise UserError(f"{called}: {type(kind.stepper).__name__} takes no contacts; use ImplicitFriction")
     for contact in kind.contacts:
         for field in contact.fields:
-            value = getattr(contact, field)
-            if isinstance(value, str) and not hasattr(kind, value):
-                raise UserError(
-                    f"{called}: the {field} of the contact on {contact.on} is {value!r}, which is neither a parameter "
-                    "nor a method"
-                )
+            told = getattr(contact, field)
+            for value in told if isinstance(told, tuple) else (told,):
+                if isinstance(value, str) and not hasattr(kind, value):
+                    raise UserError(
+                        f"{called}: the {field} of the contact on {contact.on} is {value!r}, which is neither a "
+                        "parameter nor a method"
+                    )
     parameters = _parameters(kind)
     for name, delay in kind.delays.items():
         if name not in inputs:

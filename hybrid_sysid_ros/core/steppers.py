@@ -6,7 +6,7 @@ import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from hybrid_sysid_ros.core.contacts import Contact, Field
 from hybrid_sysid_ros.core.mathematics import Scalar
@@ -21,10 +21,10 @@ class Motion:
     rates: Rates
     """(x, u) -> rates of the law's states."""
     contacts: Sequence[Contact]
-    field: Callable[[Field, Sequence[Scalar], Sequence[Scalar]], Scalar]
-    """(field of a contact, x, u) -> its value."""
+    field: Callable[[Field | tuple[Field, ...], Sequence[Scalar], Sequence[Scalar]], Any]
+    """(field of a contact, x, u) -> its value, or values where it has several."""
     names: Sequence[str]
-    """Of all states, deflections last."""
+    """Of all states, those of the contacts last."""
     kinematics: Mapping[int, int] = dataclasses.field(default_factory=dict)
     """Position -> velocity."""
 
@@ -65,16 +65,16 @@ class ImplicitFriction(Stepper):
     def advance(
         self, motion: Motion, x: Sequence[Scalar], u: Sequence[Scalar], h: Scalar, smoothing: Scalar | None
     ) -> list[Scalar]:
-        declared = x[: len(x) - sum(contact.state is not None for contact in motion.contacts)]
+        declared = x[: len(x) - sum(len(contact.hidden) for contact in motion.contacts)]
         following = [a + h * rate for a, rate in zip(declared, motion.rates(declared, u), strict=True)]
         hidden: list[Scalar] = []
         for contact in motion.contacts:
             index = motion.names.index(contact.on)
             at = {name: motion.field(getattr(contact, name), declared, u) for name in contact.fields}
-            z = x[len(declared) + len(hidden)] if contact.state is not None else None
-            following[index], after = contact.solve(x[index], following[index], z, h, smoothing, **at)
-            if contact.state is not None:
-                hidden.append(after)
+            first = len(declared) + len(hidden)
+            own = x[first : first + len(contact.hidden)]
+            following[index], after = contact.solve(x[index], following[index], own, h, smoothing, **at)
+            hidden += after
         for position, velocity in motion.kinematics.items():
             following[position] = x[position] + h * following[velocity]
         return [*following, *hidden]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.contacts import Contact, Field
-from hybrid_sysid_ros.core.declaration import Variable, check, deflections, variables
+from hybrid_sysid_ros.core.declaration import Variable, check, hidden_states, variables
 from hybrid_sysid_ros.core.mathematics import Scalar, rows
 from hybrid_sysid_ros.core.parameters import Parameter, declared
 from hybrid_sysid_ros.core.steppers import ImplicitFriction, Motion, Sampled, Stepper
@@ -60,7 +60,7 @@ class System:
         known = cls._declared
         if not known:
             return  # a wrapper: its objects have the states of what they wrap
-        cls.states = (*known, *deflections(kind, cls.contacts, known))
+        cls.states = (*known, *hidden_states(kind, cls.contacts, known))
         units = {item.name: item for item in cls.states}
         if "outputs" in own:
             found = variables(kind, "outputs", own["outputs"])
@@ -97,8 +97,10 @@ class System:
     def _rates(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
         return rows(self.law(x, u), len(self.declared_states), f"{type(self).__name__}: law(x, u)", "states")
 
-    def _field(self, value: Field, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
-        """A field of a contact: a number, a parameter, a method or a function (system, x, u)."""
+    def _field(self, value: Field | tuple[Field, ...], x: Sequence[Scalar], u: Sequence[Scalar]) -> Any:
+        """A field of a contact: a number, a parameter, a method or a function (system, x, u), or several of them."""
+        if isinstance(value, tuple):
+            return [self._field(item, x, u) for item in value]
         if not isinstance(value, str):
             return value(self, x, u) if callable(value) else value
         found = getattr(self, value)
@@ -124,7 +126,7 @@ class System:
     def declared_states(self) -> tuple[Variable, ...]:
         """The states that the law moves, without the deflections of bristles."""
         states: tuple[Variable, ...] = self.states
-        return states[: len(states) - sum(contact.state is not None for contact in self.contacts)]
+        return states[: len(states) - sum(len(contact.hidden) for contact in self.contacts)]
 
     @property
     def measured(self) -> tuple[int, ...]:

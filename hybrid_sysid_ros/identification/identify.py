@@ -11,7 +11,7 @@ import numpy as np
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification.experiment import Experiment, check_range, prepare
 from hybrid_sysid_ros.identification.fitting import Progress
-from hybrid_sysid_ros.identification.part import Part
+from hybrid_sysid_ros.identification.part import Part, parts_of
 from hybrid_sysid_ros.identification.recipes import Recipe
 from hybrid_sysid_ros.identification.validation.scores import Scores, score_free_run
 from hybrid_sysid_ros.models import Model, Sampling
@@ -26,15 +26,16 @@ def identify(
     structure: str,
     *,
     sampling: Sampling,
-    part: Part = Part(),
+    part: Part | Sequence[Part] = Part(),
     options: Options | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Model:
     """Fit a structure to parts of records.
 
-    options: by name, see :func:`~hybrid_sysid_ros.models.structures.options_of`. Raises UserError for records that
-    don't fit the sampling or don't excite the rig, and for an unknown structure or option.
+    part: of all records, or of each. options: by name, see
+    :func:`~hybrid_sysid_ros.models.structures.options_of`. Raises UserError for records that don't fit the sampling or
+    don't excite the rig, and for an unknown structure or option.
     """
     if not records:
         raise UserError("identification: no record to fit")
@@ -42,7 +43,8 @@ def identify(
         rig=rig, structure=structure, sampling=sampling, options=options or {}, seed=seed, progress=progress
     )
     chosen = recipe.chosen
-    used = [part.of(record, sampling) for record in records]
+    used = parts_of(records, part, sampling)
+    parts = [part] * len(records) if isinstance(part, Part) else part
     for record in used:
         check_record(record, rig, sampling)
     fitted, holds = recipe.fit(used)
@@ -61,8 +63,8 @@ def identify(
         covariance=fitted.covariance,
         training_range={variable.name: (float(column.min()), float(column.max())) for variable, column in columns},
         records=tuple(
-            {"name": r.name, "source": Path(r.source).name, "sha256": r.digest, "part": [part.start, part.stop]}
-            for r in records
+            {"name": r.name, "source": Path(r.source).name, "sha256": r.digest, "part": [p.start, p.stop]}
+            for r, p in zip(records, parts, strict=True)
         ),
         scores={item.name: score_free_run(fitted.system, item).content for item in experiments},
         fit={

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hybrid_sysid_ros.bags.record import Record
@@ -38,6 +39,12 @@ class Part:
         if not 0.0 <= start < stop <= 1.0:
             raise UserError(f"part {text!r}: needs 0 <= START < STOP <= 1")
         return cls(start=start, stop=stop)
+
+
+def parts_of(records: Sequence[Record], part: Part | Sequence[Part], sampling: Sampling) -> list[Record]:
+    """A part of each record: one for all, or one for each. Raises UserError as :meth:`Part.of` does."""
+    parts = [part] * len(records) if isinstance(part, Part) else part
+    return [item.of(record, sampling) for record, item in zip(records, parts, strict=True)]
 
 
 def scored_every(record: Record, sampling: Sampling) -> int:

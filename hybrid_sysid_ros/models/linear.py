@@ -64,7 +64,7 @@ class Linear(System):
             )
         velocities = list(dict.fromkeys([*(self._names[i] for i in origin.kinematics.values()), *carriers]))
         contacts = [self._contact(name, rubs=name in carriers) for name in velocities]
-        deflections = [contact.state for contact in contacts if contact.state is not None]
+        deflections = [state for contact in contacts for state in contact.hidden]
         object.__setattr__(self, "contacts", tuple(contacts))
         object.__setattr__(self, "states", (*origin.declared_states, *map(Variable.of, deflections)))
         for name in ("inputs", "outputs", "delays"):

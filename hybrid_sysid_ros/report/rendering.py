@@ -101,6 +101,8 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
         "prefix": prefix,
         "model": section.model,
         "runs": [_run(run, section) for run in runs],
+        "adapted": section.adapted,
+        "inputs": section.model.system.inputs,
         "free_runs": [drawn(figures.free_run(run), f"{prefix}free-run-{number}") for number, run in enumerate(runs)],
         "leftovers": section.leftovers,
         "tests": section.tests,

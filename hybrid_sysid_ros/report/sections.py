@@ -16,6 +16,7 @@ from hybrid_sysid_ros.identification import Part, Scores, score
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, k_step_errors
 from hybrid_sysid_ros.identification.validation.identifiability import Doubt, correlated, doubts
+from hybrid_sysid_ros.identification.validation.input_bias import Adapted
 from hybrid_sysid_ros.identification.validation.leftovers import Leftovers, before_and_after
 from hybrid_sysid_ros.identification.validation.residual_tests import (
     LAGS,
@@ -96,6 +97,8 @@ class IdentificationSection:
     runs: Sequence[FreeRun]
     leftovers: Sequence[Leftovers] = ()
     """Of a hybrid by residual: what its gray box leaves, and what is left with its residual's model."""
+    adapted: Mapping[str, Adapted] = field(default_factory=dict)
+    """By record: the free run over the rest of it, without and with the input bias that its first seconds show."""
 
     @property
     def correlated(self) -> list[tuple[str, str, float]]:
@@ -163,8 +166,10 @@ class Provenance:
     versions: Mapping[str, str] = field(default_factory=dict)
 
 
-def identification_section(model: Model, records: Iterable[tuple[Record, Part]]) -> IdentificationSection:
-    """Free runs of a model over (parts of) records.
+def identification_section(
+    model: Model, records: Iterable[tuple[Record, Part]], adapted: Mapping[str, Adapted] | None = None
+) -> IdentificationSection:
+    """Free runs of a model over (parts of) records. adapted: by record, what an input bias changes.
 
     Raises:
         UserError: a record does not fit the model's sampling.
@@ -175,7 +180,7 @@ def identification_section(model: Model, records: Iterable[tuple[Record, Part]])
     if isinstance(system, ResidualHybrid):
         experiments = (experiment_of(model, record, part=part) for record, part in used)
         leftovers = tuple(row for item in experiments for row in before_and_after(system, item))
-    return IdentificationSection(model=model, runs=runs, leftovers=leftovers)
+    return IdentificationSection(model=model, runs=runs, leftovers=leftovers, adapted=adapted or {})
 
 
 def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRun]:

@@ -28,11 +28,17 @@ class Task:
 
     structure: str
     training: Sequence[Record]
-    part: Part
+    part: Part | Sequence[Part]
+    alike: bool
     tests: Sequence[tuple[Record, Part]]
     rig: Rig
     sampling: Sampling
     seeds: Sequence[int]
+
+    @property
+    def parts(self) -> Sequence[Part]:
+        """Of each training record."""
+        return [self.part] * len(self.training) if isinstance(self.part, Part) else self.part
 
     @property
     def key(self) -> list[Any]:
@@ -42,7 +48,8 @@ class Task:
             self.rig.source,
             [int(seed) for seed in self.seeds],
             list(astuple(self.sampling)),
-            [[record.fingerprint, *astuple(self.part)] for record in self.training],
+            [[record.fingerprint, *astuple(part)] for record, part in zip(self.training, self.parts, strict=True)],
+            self.alike,
             [[record.name, record.fingerprint, *astuple(part)] for record, part in self.tests],
             versions(),
         ]
@@ -78,7 +85,8 @@ def work(task: Task) -> Candidate:
         shared: dict[str, Any] = {"sampling": task.sampling, "part": task.part}
         models = [identify(task.training, task.rig, task.structure, seed=seed, **shared) for seed in task.seeds]
         r2 = [{record.name: evaluate(model, record, part=part).r2 for record, part in task.tests} for model in models]
-        validation = cross_validate(task.training, task.rig, task.structure, seed=task.seeds[0], **shared)
+        held: dict[str, Any] = {"seed": task.seeds[0], "alike": task.alike}
+        validation = cross_validate(task.training, task.rig, task.structure, **held, **shared)
     except UserError as error:
         return Candidate(structure=task.structure, error=str(error))
     return Candidate(

@@ -58,7 +58,8 @@ def compare(
     structures: Sequence[str],
     *,
     sampling: Sampling,
-    part: Part = Part(),
+    part: Part | Sequence[Part] = Part(),
+    alike: bool = False,
     seeds: Sequence[int] = (0, 1, 2),
     jobs: int = 0,
     store: Store[Candidate] | None = None,
@@ -66,9 +67,11 @@ def compare(
 ) -> Comparison:
     """Fit structures with several seeds, score them on the tests, cross-validate them on the training data, and choose.
 
-    jobs: processes, 0 for one a processor. told: gets each candidate as it is done. store: keeps finished candidates,
-    and has those of an earlier run. A structure that can't be fitted, or whose process is killed again and again, is a
-    candidate with an error; the others go on. The choice is the one-standard-error rule of Breiman et al. (1984):
+    part: of all training records, or of each. alike: of the blocks that are held out, see
+    :func:`~hybrid_sysid_ros.identification.selection.cross_validation.cross_validate`. jobs: processes, 0 for one a
+    processor. told: gets each candidate as it is done. store: keeps finished candidates, and has those of an earlier
+    run. A structure that can't be fitted, or whose process is killed again and again, is a candidate with an error; the
+    others go on. The choice is the one-standard-error rule of Breiman et al. (1984):
     RULE, which the tests never enter.
     """
     began = time.perf_counter()
@@ -78,6 +81,7 @@ def compare(
             structure=structure,
             training=[bare[id(record)] for record in training],
             part=part,
+            alike=alike,
             tests=[(bare[id(record)], chosen) for record, chosen in tests],
             rig=rig,
             sampling=sampling,

@@ -18,6 +18,8 @@ RIG = "cam_beam"
 DATA = "HYBRID_SYSID_DATA"
 """Environment variable with the folder that has the author's records in its folder bab."""
 COLUMNS = ("ms_05", "ms_06", "rs_01", "rs_02", "rs_03", "rs_04", "swept")
+NUMBERS = (1, 2, 3)
+"""Of the protocols: the lecture's two, and one with motion at creeping speed."""
 FIRST_HALF, SECOND_HALF, WHOLE = Part(stop=0.5), Part(start=0.5), Part()
 
 PUBLISHED: dict[int, dict[str, tuple[float, ...]]] = {
@@ -46,7 +48,13 @@ class Protocol:
     number: int
     training: Sequence[Record]
     part: Part
+    """Of the training records, but for slow ramps: these are used as a whole."""
     tests: Sequence[tuple[Record, Part]]
+
+    @property
+    def parts(self) -> list[Part]:
+        """The part of each training record."""
+        return [WHOLE if is_ramp(record.name) else self.part for record in self.training]
 
     @property
     def about(self) -> str:
@@ -54,7 +62,16 @@ class Protocol:
             1: "Trained on the two multisines, tested on all records.",
             2: "Trained on the first halves of multisines and random steps, tested on their second halves and the "
             "swept sine.",
+            3: "Trained on the first halves of multisines and random steps and on the slow ramps, tested on the second "
+            "halves and the swept sine; the ramps' own scores are those of training data.",
         }[self.number]
+
+    @property
+    def alike(self) -> bool:
+        """Whether blocks that are held out are of every kind, as the training records are: a creep that is never
+        trained on can't be predicted.
+        """
+        return self.number == 3
 
 
 def table_name(record: str) -> str:
@@ -64,23 +81,34 @@ def table_name(record: str) -> str:
         return f"ms_{parts[0]}"
     if parts[0].isdigit() and "random_steps" in record:
         return f"rs_{parts[-1]}"
+    if is_ramp(record):
+        return f"ramp_{parts[0]}" if parts[0].isdigit() else record
     if parts[0].isdigit() and "swept" in record:
         return "swept"
     return record
 
 
-def read_folder(folder: Path) -> list[Record]:
-    """The records of a folder: the author's .mat files in it or in its folder bab, or bags.
+def is_ramp(record: str) -> bool:
+    """Whether a record is a slow ramp, by its name."""
+    return "rampa" in record or "ramp" in record.split("_")
+
+
+def read_folder(folder: Path, *, slow: bool = False) -> list[Record]:
+    """The records of a folder: the author's .mat files in it or in its folder bab, or bags; slow: those in its folder
+    bab_slow as well.
 
     Raises UserError where neither is there, or one cannot be read.
     """
     if not folder.is_dir():
         raise UserError(f"{folder}: no such folder; name the one with the author's .mat files, or with bags of them")
-    sources = [place for place in (folder, folder / "bab") if any(place.glob("*.mat"))]
+    sources = [place for place in (folder, folder / "bab") if any(place.glob("*.mat"))][:1]
+    if slow and any((folder / "bab_slow").glob("*.mat")):
+        sources.append(folder / "bab_slow")
     signals = load_rig(RIG).signals
     if sources:
         with TemporaryDirectory() as place:
-            return [bags.read(path, signals) for path in bab.import_folder(sources[0], Path(place) / "records")]
+            made = [path for item in sources for path in bab.import_folder(item, Path(place) / "records")]
+            return [bags.read(path, signals) for path in made]
     paths = sorted(path for path in folder.iterdir() if path.suffix == ".mcap" or (path / "metadata.yaml").is_file())
     if not paths:
         raise UserError(f"{folder}: neither .mat files nor bags are there; see docs/bags.md for the author's records")
@@ -90,15 +118,17 @@ def read_folder(folder: Path) -> list[Record]:
 def arrange(records: Sequence[Record], number: int) -> Protocol:
     """Records in a protocol's parts, in the order of the tables.
 
-    Raises UserError for a protocol that is not 1 or 2, or where multisines or random steps are missing.
+    Raises UserError for an unknown protocol, or where multisines, random steps or, for protocol 3, slow ramps are
+    missing.
     """
-    if number not in PUBLISHED:
-        raise UserError(f"protocol {number}: the lecture has protocols 1 and 2")
+    if number not in NUMBERS:
+        raise UserError(f"protocol {number}: there are protocols 1 and 2, the lecture's, and 3, with the slow ramp")
     order = sorted(records, key=lambda item: ("swept" in item.name, "multisine" not in item.name, item.name))
     multisine = [record for record in order if "multisine" in record.name]
     steps = [record for record in order if "random_steps" in record.name]
     swept = [record for record in order if "swept" in record.name]
-    for kind, found in (("multisine", multisine), ("random_steps", steps)):
+    ramps = [record for record in order if is_ramp(record.name)]
+    for kind, found in (("multisine", multisine), ("random_steps", steps), *([("ramp", ramps)] if number == 3 else [])):
         if not found:
             raise UserError(f"protocol {number}: no record has {kind} in its name, so the parts can't be made")
     if number == 1:
@@ -107,10 +137,12 @@ def arrange(records: Sequence[Record], number: int) -> Protocol:
         )
     training = [*multisine, *steps]
     tests = [*((item, SECOND_HALF) for item in training), *((item, WHOLE) for item in swept)]
-    return Protocol(number=2, training=training, part=FIRST_HALF, tests=tests)
+    if number == 3:
+        training, tests = [*training, *ramps], [*tests, *((item, WHOLE) for item in ramps)]
+    return Protocol(number=number, training=training, part=FIRST_HALF, tests=tests)
 
 
 def published(number: int, structure: str) -> dict[str, float] | None:
     """The published row of a structure by the tables' names of records, None where there is none."""
-    row = PUBLISHED[number].get(structure)
+    row = PUBLISHED.get(number, {}).get(structure)
     return None if row is None else dict(zip(COLUMNS, row, strict=True))

@@ -15,6 +15,7 @@ from rich.table import Table
 from hybrid_sysid_ros import report
 from hybrid_sysid_ros.commands.terminal import InputHandling, Period, Step, console, print_table, sampling_of, status
 from hybrid_sysid_ros.models import STRUCTURES
+from hybrid_sysid_ros.models.structures import structure_of
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import beside, check_file, check_folder, written_file
@@ -32,7 +33,10 @@ INTERRUPTED = 130
 
 
 def command(
-    number: Annotated[int, typer.Argument(help="1: train on multisines; 2: on first halves. See docs/protocols.md.")],
+    number: Annotated[
+        int,
+        typer.Argument(help="1: train on multisines; 2: on first halves; 3: and the slow ramp; docs/protocols.md."),
+    ],
     folder: Annotated[Path, typer.Argument(help="Folder with the author's .mat files, or with bags of them.")],
     input_handling: InputHandling = "averaged",
     structure: Annotated[
@@ -50,8 +54,8 @@ def command(
 
     Ctrl-C prints and writes what is finished; the same command then goes on from there.
     """
-    if number not in lecture.PUBLISHED:
-        raise UserError(f"protocol {number}: the lecture has protocols 1 and 2")
+    if number not in lecture.NUMBERS:
+        raise UserError(f"protocol {number}: there are protocols 1 and 2, the lecture's, and 3, with the slow ramp")
     if out is not None:
         check_folder(out, marker="model.yaml")
     for file, suffix in ((as_json, ".json"), (page, ".html")):
@@ -59,12 +63,14 @@ def command(
             check_file(file, suffix=suffix)
     if page is not None:
         report.check_available()
-    chosen = structure or list(STRUCTURES)
-    if unknown := [name for name in chosen if name not in STRUCTURES]:
-        raise UserError(f"structure {unknown[0]!r} is unknown; choose from {', '.join(STRUCTURES)}")
     rig = load_rig(lecture.RIG)
+    # The rig's further gray boxes are of the third protocol: the tables of the first two stay what they were.
+    known = [*STRUCTURES, *rig.structures]
+    chosen = structure or (known if number == 3 else list(STRUCTURES))
+    for name in chosen:
+        structure_of(name, rig.structures)
     sampling = sampling_of(step, period, input_handling)
-    protocol = lecture.arrange(lecture.read_folder(folder), number)
+    protocol = lecture.arrange(lecture.read_folder(folder, slow=number == 3), number)
     structures = list(dict.fromkeys(chosen))
     place = out or as_json or page
     store = None if place is None else CandidateStore(beside(place, ".fits"))
@@ -84,7 +90,8 @@ def command(
                 rig,
                 structures,
                 sampling=sampling,
-                part=protocol.part,
+                part=protocol.parts,
+                alike=protocol.alike,
                 seeds=range(seeds),
                 jobs=jobs,
                 store=store,
@@ -254,7 +261,7 @@ def write_page(path: Path, protocol: Protocol, comparison: Comparison, handling:
     pick = f"The pick has {RULE}: no test record had a say in it."
     about = f"{protocol.about} {pick if comparison.chosen else 'Nothing is chosen: structures are missing.'}"
     section = protocol_section(
-        title, found, about=about, training=[(record, protocol.part) for record in protocol.training]
+        title, found, about=about, training=list(zip(protocol.training, protocol.parts, strict=True))
     )
     model = next(item for item in comparison.candidates if item.structure in shown).models[0]
     write_protocol(path, section, report.provenance(model, " ".join(sys.argv)))

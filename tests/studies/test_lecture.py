@@ -75,9 +75,19 @@ def test_a_kind_of_record_that_is_missing_is_named(author_s, number, kind):
         arrange([item for item in author_s if kind not in item.name], number)
 
 
-@pytest.mark.parametrize("number", [0, 3, -1])
-def test_there_are_two_protocols(author_s, number):
-    with pytest.raises(UserError, match=f"protocol {number}: the lecture has protocols 1 and 2"):
+def test_protocol_3_adds_the_whole_slow_ramp_to_the_halves_of_protocol_2(author_s):
+    protocol = arrange([record("02_rampa_negativa"), *author_s], 3)
+    assert [item.name for item in protocol.training] == [*MULTISINES, *STEPS, "02_rampa_negativa"]
+    assert protocol.parts == [FIRST_HALF] * 6 + [WHOLE]
+    assert [table_name(item.name) for item, _ in protocol.tests] == [*COLUMNS, "ramp_02"]
+    assert protocol.tests[:-1] == arrange([*protocol.training[:-1], protocol.tests[6][0]], 2).tests
+    with pytest.raises(UserError, match="protocol 3: no record has ramp in its name"):
+        arrange(author_s, 3)
+
+
+@pytest.mark.parametrize("number", [0, 4, -1])
+def test_there_are_three_protocols(author_s, number):
+    with pytest.raises(UserError, match=f"protocol {number}: there are protocols 1 and 2"):
         arrange(author_s, number)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.identify import check_record
-from hybrid_sysid_ros.identification.part import Part
+from hybrid_sysid_ros.identification.part import Part, parts_of
 from hybrid_sysid_ros.identification.recipes import Recipe
 from hybrid_sysid_ros.identification.validation.scores import score_free_run
 from hybrid_sysid_ros.models import Options, Sampling
@@ -46,11 +46,11 @@ class Validation:
         return float(np.std(values, ddof=1) / np.sqrt(len(values)))
 
 
-def blocks_of(records: Sequence[Record], sampling: Sampling) -> list[Record]:
-    """Records, each cut at scored samples into as many equal parts as make BLOCKS in all; calmest first, by the
-    outputs' deviations, each as part of its largest.
+def blocks_of(records: Sequence[Record], sampling: Sampling, each: int | None = None) -> list[Record]:
+    """Records, each cut at scored samples into ``each`` equal parts, by default as many as make BLOCKS in all; calmest
+    first, by the outputs' deviations, each as part of its largest.
     """
-    each = max(1, -(-BLOCKS // len(records)))
+    each = each or max(1, -(-BLOCKS // len(records)))
     blocks = []
     for record in records:
         for i in range(each):
@@ -68,33 +68,45 @@ def cross_validate(
     structure: str,
     *,
     sampling: Sampling,
-    part: Part = Part(),
+    part: Part | Sequence[Part] = Part(),
     options: Options | None = None,
     seed: int = 0,
     folds: int = 3,
+    alike: bool = False,
 ) -> Validation:
     """Fit without one group of blocks, free-run over them, for each group in turn.
 
     The groups are the calmest blocks, the next, ... the widest: each is predicted from calmer and wider motion only, so
-    that a structure must carry over to an excitation that it has not seen. No block shares a sample with another.
+    that a structure must carry over to an excitation that it has not seen. ``alike``: each record is cut into as many
+    blocks as there are folds, and every group holds out one of each record, calm or wide: for records of which one
+    shows what no other does, such as the only slow one. No block shares a sample with another.
 
     Raises UserError for records that are too short or don't excite the rig, and for fewer than two folds.
     """
     if not records:
         raise UserError("cross-validation: no record")
-    used = [part.of(record, sampling) for record in records]
+    used = parts_of(records, part, sampling)
     for record in used:
         check_record(record, rig, sampling)
     # Against an output that stands still nothing can be scored.
-    blocks = [block for block in blocks_of(used, sampling) if np.all(np.ptp(block.output, axis=0) > 0.0)]
+    blocks = [
+        block
+        for block in blocks_of(used, sampling, each=folds if alike else None)
+        if np.all(np.ptp(block.output, axis=0) > 0.0)
+    ]
     if not 2 <= folds <= len(blocks):
         raise UserError(f"cross-validation: {folds} folds; choose 2 to {len(blocks)}, the number of blocks")
     recipe = Recipe(rig=rig, structure=structure, sampling=sampling, options=options or {}, seed=seed)
     began = time.perf_counter()
     scores = {}
-    for held in np.array_split(np.arange(len(blocks)), folds):
+    for held in _of_each(blocks, folds) if alike else np.array_split(np.arange(len(blocks)), folds):
         fitted, holds = recipe.fit([block for i, block in enumerate(blocks) if i not in held])
         for i in held:
             experiment = prepare(blocks[i], fitted.system, holds)
             scores[blocks[i].name] = score_free_run(fitted.system, experiment).r2
     return Validation(scores=scores, seconds=time.perf_counter() - began)
+
+
+def _of_each(blocks: Sequence[Record], folds: int) -> list[list[int]]:
+    """The first block of each record, the second of each, ..."""
+    return [[k for k, block in enumerate(blocks) if block.name.endswith(f" {i + 1}/{folds}")] for i in range(folds)]

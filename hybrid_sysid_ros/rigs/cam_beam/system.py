@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Dry, System, bounded
+from hybrid_sysid_ros.core import Ageing, Dry, System, bounded
 from hybrid_sysid_ros.core.friction import rational_stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar, clip, maximum, select, sided, sqrt
 
@@ -114,3 +114,51 @@ class CamBeam(System):
     def viscous(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
         """Viscous rate [1/s], up and down."""
         return self.damping * select(x[1] > 0.0, 1.0 + self.damping_asymmetry, 1.0 - self.damping_asymmetry)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CreepingBeam(CamBeam):
+    """The beam with a friction that holds from creeping to full speed: at the motor, and older the longer it rests.
+
+        v' = gain e cos phi - ... - cos phi (coulomb + rest_excess (1 - r)) sat(v / creep)
+        r' = |v| (1 - r) / memory - r / rest_time
+
+    What rubs is the motor with its gear, before the crank: in beam angles its friction fades towards the dead centres
+    as the drive does, so that break-away takes the same input everywhere but for the unbalance. That is the position
+    friction of :class:`CamBeam` without a number of its own.
+    """
+
+    contacts = (
+        Ageing(
+            on="velocity",
+            level="friction",
+            excess="ageing",
+            rest_time="rest_time",
+            memory="memory",
+            creep="creep",
+            viscous="viscous",
+        ),
+    )
+    doubtful_terms = ("stribeck", "damping_asymmetry", "position_friction")
+
+    rest_excess: float = bounded(1.5, 0.0, 10.0, start=1.5, spread=1.0, unit="rad/s^2", term="ageing")
+    """Friction of the rested contact above that at speed."""
+    rest_time: float = bounded(2.0, 0.01, 100.0, start=1.8, spread=1.0, unit="s", term="ageing")
+    """In which a contact ages."""
+    memory: float = bounded(0.01, 1e-4, 1.0, start=0.018, spread=0.01, unit="rad", term="ageing")
+    """Way of sliding that renews the contact."""
+
+    def friction(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
+        return super().friction(x, u) * self._at_the_motor(x)
+
+    def ageing(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
+        """Level that rest adds [rad/s^2]."""
+        return self.rest_excess * self._at_the_motor(x)
+
+    def _at_the_motor(self, x: Sequence[Scalar]) -> Scalar:
+        s = clip(x[0], self.range_low, self.range_high, over=POSITION_CORNER)
+        return sqrt(maximum(1.0 - self.cam_curvature * s * s, SMALLEST_SQUARED_COSINE))
+
+
+SYSTEM = CamBeam()
+STRUCTURES = {"creeping": CreepingBeam()}

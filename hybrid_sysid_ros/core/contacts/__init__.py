@@ -1,0 +1,32 @@
+"""Friction on one velocity, which a right-hand side can't hold: it is set-valued, or stiff, so a step solves it.
+
+All levels are per unit inertia of their velocity. A field of a contact is a number, the name of a parameter or a
+method(x, u) of the system, or a function(system, x, u).
+
+    Viscous      v' = f_v - D v
+    Dry          v' = f_v - F sat(v / vc) - D v
+    Ageing       v' = f_v - (F + Fe (1 - r)) sat(v / vc) - D v,  r' = |v| (1 - r) / L - r / T
+    Hysteretic   v' = f_v - F(v, v') sat(v / vc) - D v
+    Bristles     v' = f_v - s0 z - s1 z' - D v,  z' = v - |v| z s0 / F
+    MaxwellSlip  v' = f_v - sum k_i z_i - D v,  z_i' = v until |k_i z_i| = c_i F, then it slips
+
+F: level, vc: creep speed (0: it sticks exactly), D: viscous rate; z: deflection of bristles or elements. Each solves
+its step exactly, and smoothed for solvers that need derivatives.
+"""
+
+from hybrid_sysid_ros.core.contacts.bristles import Bristles
+from hybrid_sysid_ros.core.contacts.contact import Contact, Field, Viscous
+from hybrid_sysid_ros.core.contacts.dry import Ageing, Dry, Hysteretic
+from hybrid_sysid_ros.core.contacts.maxwell_slip import MaxwellSlip, fading_stiffnesses
+
+__all__ = [
+    "Ageing",
+    "Bristles",
+    "Contact",
+    "Dry",
+    "Field",
+    "Hysteretic",
+    "MaxwellSlip",
+    "Viscous",
+    "fading_stiffnesses",
+]

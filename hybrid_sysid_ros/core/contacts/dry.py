@@ -1,0 +1,141 @@
+"""Dry friction that sticks exactly: of a level, of one that grows with rest, and of one that acceleration changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from hybrid_sysid_ros.core.contacts.contact import TINY, Contact, Field, Solved, rounded_sign
+from hybrid_sysid_ros.core.friction import stefanski
+from hybrid_sysid_ros.core.mathematics import Scalar, absolute, maximum, saturate
+
+Fields = Mapping[str, Any]
+"""Values of a contact's fields."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Stick(Contact):
+    """What sticks and slips at a level."""
+
+    creep: Field = 0.0
+    """Speed below which it is viscous; 0: it sticks exactly."""
+    fields: ClassVar[tuple[str, ...]] = ("viscous", "creep")
+
+    def level_now(self, v: Scalar, hidden: Sequence[Scalar], smoothing: Scalar | None, at: Fields) -> Scalar:
+        """Level during this step."""
+        raise NotImplementedError
+
+    def after(
+        self, v: Scalar, following: Scalar, hidden: Sequence[Scalar], h: Scalar, smoothing: Scalar | None, at: Fields
+    ) -> Sequence[Scalar]:
+        """Hidden states after it."""
+        return ()
+
+    def solve(
+        self,
+        v: Scalar,
+        pushed: Scalar,
+        hidden: Sequence[Scalar],
+        h: Scalar,
+        smoothing: Scalar | None,
+        **at: Any,
+    ) -> Solved:
+        """Z = pushed - h D v / 2;  v+ = (z - sat(z c / (vc (1 + h D / 2) + c), c)) / (1 + h D / 2),   c = h F.
+
+        With vc = 0 and |z| <= h F the velocity is exactly zero: it sticks. Moreau's time stepping for one contact
+        (Moreau 1988; Acary & Brogliato 2008, section 1.4.3.4) with a regularised sign.
+        """
+        capacity, half = h * self.level_now(v, hidden, smoothing, at), 0.5 * h * at["viscous"]
+        push = pushed - half * v
+        # The ratio first: with vc = 0 it is 1 to the last bit, and the velocity 0.
+        ratio = capacity / maximum(at["creep"] * (1.0 + half) + capacity, TINY)
+        following = (push - saturate(push * ratio, capacity, smoothing)) / (1.0 + half)
+        return following, self.after(v, following, hidden, h, smoothing, at)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dry(_Stick):
+    """Dry friction of a level."""
+
+    level: Field
+    fields: ClassVar[tuple[str, ...]] = ("viscous", "level", "creep")
+
+    def level_now(self, v: Scalar, hidden: Sequence[Scalar], smoothing: Scalar | None, at: Fields) -> Scalar:
+        return at["level"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ageing(Dry):
+    """Dry friction whose level grows while it rests and falls while it slides: F + Fe a.
+
+        a' = (1 - a) / T - |v| a / L,  and as a hidden state r = 1 - a: r' = |v| (1 - r) / L - r / T
+
+    a: age of the contact, 0 just made, 1 fully rested; r: the part of it that sliding has renewed, so that a record
+    which tells nothing of it begins rested. At rest the level grows as 1 - exp(-t / T): break-away rises with rest, and
+    falls with the rate of the force. Sliding at v it settles at a = 1 / (1 + |v| T / L), which weakens with speed, and
+    takes the way L for that: frictional memory. Source: the ageing law of a contact's state, Dieterich (1979), JGR
+    84(B5), Ruina (1983), JGR 88(B12), with a rest that saturates as in Kato, Sato, Matsubayashi (1972), J. Lubrication
+    Technology 94(4), exponent 1.
+    """
+
+    excess: Field
+    """Fe, of the level at full rest."""
+    rest_time: Field
+    """T [s]."""
+    memory: Field
+    """L, the way of sliding that renews the contact."""
+    renewed: str = "renewed"
+    """Name of the hidden state."""
+    fields: ClassVar[tuple[str, ...]] = (*Dry.fields, "excess", "rest_time", "memory")
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        return (f"{self.renewed} [1]",)
+
+    def level_now(self, v: Scalar, hidden: Sequence[Scalar], smoothing: Scalar | None, at: Fields) -> Scalar:
+        return at["level"] + at["excess"] * (1.0 - hidden[0])
+
+    def after(
+        self, v: Scalar, following: Scalar, hidden: Sequence[Scalar], h: Scalar, smoothing: Scalar | None, at: Fields
+    ) -> Sequence[Scalar]:
+        """Backward Euler, which never leaves 0 to 1."""
+        speed = absolute(following) if smoothing is None else following * rounded_sign(following, smoothing)
+        rest = h / maximum(at["rest_time"], TINY)
+        slid = h * speed / maximum(at["memory"], TINY)
+        return ((hidden[0] + slid) / (1.0 + rest + slid),)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hysteretic(_Stick):
+    """Dry friction that is higher while the speed grows than while it falls (:func:`~.friction.stefanski`).
+
+    The acceleration is that of the step before, a hidden state.
+    """
+
+    coulomb: Field
+    """Fc."""
+    static: Field
+    """Fs."""
+    speed_shape: Field
+    """a1, an acceleration over a speed [1/s]."""
+    acceleration_shape: Field
+    """a2 [unit of v / s]."""
+    acceleration: str = "acceleration"
+    """Name of the hidden state."""
+    fields: ClassVar[tuple[str, ...]] = (*_Stick.fields, "coulomb", "static", "speed_shape", "acceleration_shape")
+    hidden_power: ClassVar[int] = -1
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        return (self.acceleration,)
+
+    def level_now(self, v: Scalar, hidden: Sequence[Scalar], smoothing: Scalar | None, at: Fields) -> Scalar:
+        shape = (at["coulomb"], at["static"], at["speed_shape"], at["acceleration_shape"])
+        growing = None if smoothing is None else rounded_sign(v, smoothing) * rounded_sign(hidden[0], smoothing)
+        return stefanski(v, hidden[0], *shape, growing=growing)
+
+    def after(
+        self, v: Scalar, following: Scalar, hidden: Sequence[Scalar], h: Scalar, smoothing: Scalar | None, at: Fields
+    ) -> Sequence[Scalar]:
+        return ((following - v) / h,)

@@ -1,0 +1,117 @@
+"""Generalised Maxwell slip: elements of a spring and a dry block each, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from hybrid_sysid_ros.core.contacts.contact import TINY, Contact, Field, Solved, rounded_sign
+from hybrid_sysid_ros.core.mathematics import Scalar, maximum, minimum, saturate, select, sqrt
+from hybrid_sysid_ros.support.errors import UserError
+
+SMOOTH_ITERATIONS = 3
+"""Newton's, beyond those that solve the exact form: rounded corners bend a little on either side."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MaxwellSlip(Contact):
+    """Elements in parallel, each a spring k_i on a block that slips at its share c_i of the level F(v).
+
+        sticking:  z_i' = v                          until |k_i z_i| = c_i F(v)
+        slipping:  k_i z_i' = C sgn(v) (c_i - k_i z_i / F(v))
+
+    Pre-sliding hysteresis then follows Masing's rules, without drift; at speed the friction is F(v), which it follows
+    at the rate C (attraction): slowly, so that friction lags behind speed. Source: Al-Bender, Lampaert, Swevers (2005),
+    IEEE TAC 50(11), eqs. (9)-(11).
+
+    Raises UserError for elements without stiffness or share, and for shares that are not 1 together.
+    """
+
+    level: Field
+    """F."""
+    stiffness: tuple[Field, ...]
+    """k_i."""
+    shares: tuple[float, ...] = ()
+    """c_i, of the level; equal ones by default."""
+    attraction: Field = 1e12
+    """C; large: at once."""
+    deflection: str = "deflection"
+    """Name of the hidden states, which get numbers; their unit is that of the velocity times s."""
+    fields: ClassVar[tuple[str, ...]] = ("viscous", "level", "stiffness", "attraction")
+
+    def __post_init__(self) -> None:
+        count = len(self.stiffness)
+        if not self.shares:
+            object.__setattr__(self, "shares", (1.0 / max(count, 1),) * count)
+        if not count or any(isinstance(k, float | int) and not k > 0.0 for k in self.stiffness):
+            raise UserError(f"Maxwell slip on {self.on}: every element needs a stiffness above 0, not {self.stiffness}")
+        if len(self.shares) != count or min(self.shares) <= 0.0 or abs(sum(self.shares) - 1.0) > 1e-9:
+            raise UserError(
+                f"Maxwell slip on {self.on}: {count} elements need as many shares of the level above 0, which are 1 "
+                f"together, not {self.shares}"
+            )
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        name, bracket, unit = self.deflection.partition(" [")
+        return tuple(f"{name}_{i + 1}{bracket}{unit}" for i in range(len(self.stiffness)))
+
+    def solve(
+        self,
+        v: Scalar,
+        pushed: Scalar,
+        hidden: Sequence[Scalar],
+        h: Scalar,
+        smoothing: Scalar | None,
+        **at: Any,
+    ) -> Solved:
+        """Backward Euler of all elements and the velocity together, exactly.
+
+            (1 + h D / 2) v+ + h sum f_i = b,   f_i = min(k_i z_i + k_i h v+, l_i),   b = v + h f_v - h D v / 2
+
+        for a push b - h sum k_i z_i upwards (downwards with all signs turned); l_i is c_i F, or on the way down to it
+        after a fall of the level. The left side bends down only, at most once an element, so that Newton's iteration
+        from rest ends at the root after one step more than there are elements.
+
+        Smoothed, the corners of f_i are rounded over the way that the smoothing velocity makes in a step.
+        """
+        half = 0.5 * h * at["viscous"]
+        stiffness, level = at["stiffness"], maximum(at["level"], TINY)
+        forces = [k * z for k, z in zip(stiffness, hidden, strict=True)]
+        drive = pushed - half * v
+        push = drive - h * sum(forces)
+        way = select(push > 0.0, 1.0, -1.0) if smoothing is None else rounded_sign(push, smoothing)
+        pace = h * at["attraction"]
+        lagging = [(way * f + pace * c) / (1.0 + pace / level) for c, f in zip(self.shares, forces, strict=True)]
+        limits = [maximum(c * level, lag) for c, lag in zip(self.shares, lagging, strict=True)]
+        turn = way if smoothing is None else 1.0  # rounded limits hold both ways
+        rounds = len(stiffness) + 1 + (0 if smoothing is None else SMOOTH_ITERATIONS)
+        speed: Scalar = 0.0
+        reached: list[Scalar] = []
+        for _ in range(rounds + 1):
+            ahead = [turn * f + k * h * speed for k, f in zip(stiffness, forces, strict=True)]
+            rounding = [None if smoothing is None else k * h * smoothing for k in stiffness]
+            held = [_held(*item) for item in zip(ahead, limits, rounding, strict=True)]
+            reached = [force for force, _ in held]
+            value = (1.0 + half) * speed + h * sum(reached) - turn * drive
+            slope = 1.0 + half + h * h * sum(k * rises for k, (_, rises) in zip(stiffness, held, strict=True))
+            speed, last = speed - value / slope, speed
+        return turn * last, [turn * force / k for k, force in zip(stiffness, reached, strict=True)]
+
+
+def _held(force: Scalar, limit: Scalar, rounding: Scalar | None) -> tuple[Scalar, Scalar]:
+    """A force that a limit holds, and its slope."""
+    if rounding is None:
+        return minimum(force, limit), select(force < limit, 1.0, 0.0)
+    above, below = force + limit, force - limit
+    far, near = sqrt(above * above + rounding**2), sqrt(below * below + rounding**2)
+    return saturate(force, limit, rounding), 0.5 * (above / maximum(far, TINY) - below / maximum(near, TINY))
+
+
+def fading_stiffnesses(total: Scalar, count: int) -> tuple[Scalar, ...]:
+    """Stiffnesses of elements of equal shares that yield one after another, at deflections of 1 : 2 : ... : count,
+    and together are as stiff as ``total`` at first: k_i = total / (i sum 1 / j).
+    """
+    parts = sum(1.0 / j for j in range(1, count + 1))
+    return tuple(total / (i * parts) for i in range(1, count + 1))

@@ -1,0 +1,129 @@
+"""A constant bias of the inputs: what a record's beginning tells of it, and what that is worth over the rest."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import Dry, System, rollouts
+from hybrid_sysid_ros.identification.validation.input_bias import adapt, estimate
+from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.support.errors import UserError
+from tests.one_joint import Linear, narx, recurrent
+
+SAMPLING = Sampling(step=0.005, period=0.05)
+SECONDS = 20.0
+SPRING = 20.0  # 1/s^2
+
+
+def experiment(system, bias, *, amplitude=1.0, noise=0.0, seed=0):
+    """A record whose inputs had a bias of which it does not tell."""
+    random, m = np.random.default_rng(seed), len(system.inputs)
+    time = np.linspace(0.0, SECONDS, round(SECONDS / SAMPLING.step) + 1)
+    phases = 2 * np.pi * np.arange(m)[:, None] / 3
+    inputs = amplitude * (np.sin(2.3 * time + phases) + 0.6 * np.sin(5.1 * time + 2 * phases)).T
+    starts = np.array([[0, 0, len(time), 0]])
+    first = np.zeros((1, len(system.states)))
+    _, outputs = rollouts(system, starts, first, inputs[:-1] + bias, step=SAMPLING.step)
+    outputs = outputs + noise * random.normal(size=outputs.shape)
+    return Record(name="biased", time=time, input=inputs, output=outputs)
+
+
+class Sled(System):
+    """x'' = u - F sgn x'."""
+
+    states = ("place [m]", "speed [m/s]")
+    inputs = ("push [m/s^2]",)
+    contacts = (Dry(on="speed", level=0.5, viscous=2.0),)
+
+    def law(self, x, u):
+        return x[1], u[0]
+
+
+class Sleds(System):
+    """Two of them, joined by a spring; the force in it is measured, and where the first one is."""
+
+    states = ("left [m]", "right [m]", "left_speed [m/s]", "right_speed [m/s]")
+    inputs = ("left_push [m/s^2]", "right_push [m/s^2]")
+    outputs = ("left", "force [m/s^2]")
+    contacts = (Dry(on="left_speed", level=0.3, viscous=2.0), Dry(on="right_speed", level=0.2, viscous=1.0))
+
+    def law(self, x, u):
+        force = SPRING * (x[1] - x[0])
+        return x[2], x[3], u[0] + force, u[1] - force
+
+    def output(self, x, u):
+        return x[0], SPRING * (x[1] - x[0])
+
+
+@pytest.mark.parametrize("bias", [0.05, -0.08])
+@pytest.mark.parametrize("system", [Linear(), Sled()], ids=["linear", "dry"])
+def test_a_known_bias_is_found_and_the_rest_of_the_record_met(system, bias):
+    found = adapt(system, experiment(system, bias), sampling=SAMPLING, spans=np.array([10.0]), seconds=5.0)
+    assert found.bias[0] == pytest.approx(bias, abs=0.02 * abs(bias))
+    assert found.adapted.r2 > 0.999
+    assert found.without.r2 < found.adapted.r2
+
+
+def test_each_input_has_a_bias_of_its_own_through_sensors_with_noise():
+    system, bias = Sleds(), np.array([0.05, -0.04])
+    record = experiment(system, bias, noise=1e-3, seed=1)
+    found = adapt(system, record, sampling=SAMPLING, spans=np.array([6.0, 6.0]), seconds=5.0)
+    assert found.bias == pytest.approx(bias, abs=0.005)
+    assert found.adapted.r2 > max(0.99, found.without.r2)
+    assert list(found.content(system)["bias"]) == ["left_push", "right_push"]
+
+
+def test_what_comes_after_the_first_seconds_has_no_say_in_the_bias():
+    system = Sled()
+    record = experiment(system, 0.05)
+    later = np.where(record.time[:, None] > 5.0, 3.0, 0.0)
+    other = replace(record, input=record.input + later, output=record.output + later * record.time[:, None])
+    told = [adapt(system, r, sampling=SAMPLING, spans=np.array([10.0]), seconds=5.0) for r in (record, other)]
+    np.testing.assert_array_equal(told[0].bias, told[1].bias)
+
+
+def test_without_a_bias_both_free_runs_are_one():
+    """They begin at one state and are scored on the same samples: a bias that can only be zero changes nothing."""
+    found = adapt(Sled(), experiment(Sled(), 0.05), sampling=SAMPLING, spans=np.array([1e-9]), seconds=5.0)
+    assert found.without.r2 == pytest.approx(found.adapted.r2, abs=1e-6)
+
+
+def test_friction_that_never_lets_go_tells_of_no_bias():
+    """Any bias that keeps the push below the level is as likely as another, and their mean is none."""
+    system = Sled()
+    record = experiment(system, 0.0, amplitude=0.1, noise=1e-4)
+    assert np.ptp(record.output) < 2e-3
+    assert estimate(system, record, sampling=SAMPLING, spans=np.array([10.0])) == pytest.approx(0.0, abs=0.03)
+
+
+def test_maps_from_sample_to_sample_have_biases_too():
+    """A NARX that settles at u + bias, and a network of zeros, on which an input does nothing."""
+    wide = (-9.0, 9.0)
+    lag = narx(
+        exponents=[(1, 0), (0, 1)],
+        coefficients=[0.9, 0.1],
+        output_lags=1,
+        input_lags=1,
+        output_range=wide,
+        input_range=wide,
+    )
+    random = np.random.default_rng(0)
+    u = np.repeat(random.uniform(-1, 1, 40), 100)[:, None]
+    y = np.zeros_like(u)
+    for k in range(0, len(u) - 10, 10):
+        y[k + 10 : k + 20] = 0.9 * y[k] + 0.1 * (u[k] + 0.06)
+    record = Record(name="lag", time=np.linspace(0.0, 0.005 * (len(u) - 1), len(u)), input=u, output=y)
+    sampling = replace(SAMPLING, step=0.05)
+    found = adapt(lag, record, sampling=sampling, spans=np.array([4.0]), seconds=5.0)
+    assert found.bias[0] == pytest.approx(0.06, abs=0.002)
+    assert found.adapted.r2 > 0.999
+    still = adapt(recurrent(3), record, sampling=sampling, spans=np.array([4.0]), seconds=5.0)
+    assert still.adapted.r2 == still.without.r2
+
+
+@pytest.mark.parametrize("seconds", [0.2, 19.8, 60.0])
+def test_a_record_that_leaves_no_rest_is_refused(seconds):
+    with pytest.raises(UserError, match="parted"):
+        adapt(Sled(), experiment(Sled(), 0.0), sampling=SAMPLING, spans=np.array([1.0]), seconds=seconds)
