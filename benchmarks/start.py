@@ -34,7 +34,7 @@ from rich.table import Table
 
 from benchmarks import result
 from hybrid_sysid_ros.commands.terminal import print_table, status
-from hybrid_sysid_ros.nodes import discovery, topics
+from hybrid_sysid_ros.nodes import middleware, topics
 from hybrid_sysid_ros.nodes.messages import nanoseconds
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.session import Session, permitted_priority
@@ -65,7 +65,7 @@ class Listener:
         self._context = Context()
 
     def __enter__(self) -> Listener:
-        discovery.hasten()  # as any node of the rig
+        middleware.prepare()  # as any node of the rig
         rclpy.init(context=self._context, domain_id=DOMAIN)
         node = Node("listener", context=self._context, namespace=self._namespace)
         for topic in self.heard:

@@ -13,8 +13,8 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from threading import Thread
-from time import monotonic, monotonic_ns, sleep, time_ns
+from threading import Lock, Thread
+from time import monotonic_ns, sleep, time_ns
 from typing import Any
 
 import rclpy
@@ -28,7 +28,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.timer import Timer
 
-from hybrid_sysid_ros.nodes import discovery, parameters, topics
+from hybrid_sysid_ros.nodes import middleware, parameters, topics
 from hybrid_sysid_ros.nodes.border import Border, Reason
 from hybrid_sysid_ros.nodes.diagnostics import OK, STALE, WARN, Task, Troubles
 from hybrid_sysid_ros.nodes.listener import Listener
@@ -71,7 +71,8 @@ class RigNode(Node):
         self._ros_clock = self.get_clock()
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.open("/diagnostics")
-        self._reporting = self.every(REPORT_PERIOD, self.report)
+        self._speaking = Lock()
+        self.create_timer(REPORT_PERIOD, self.report, callback_group=self.aside, clock=self._steady)
 
     @cached_property
     def aside(self) -> MutuallyExclusiveCallbackGroup:
@@ -148,7 +149,9 @@ class RigNode(Node):
         return int(clock.now().nanoseconds) if clock.ros_time_is_active else time_ns()
 
     def health(self) -> Sequence[Task]:
-        """What the node says of each of its tasks."""
+        """What the node says of each of its tasks; in another thread than the loop's, so no dictionary that the loop
+        adds to is gone through before it is copied.
+        """
         return [Task(name="loop")]
 
     def judged(self, name: str, counted: Mapping[str, int], total: int, **values: object) -> Task:
@@ -167,12 +170,18 @@ class RigNode(Node):
 
     def dropped(self, topic: str) -> dict[str, int]:
         """What was dropped at a topic's border, by reason; who shares a topic with other joints is not troubled."""
-        found = self.borders[topic].dropped
+        found = dict(self.borders[topic].dropped)
         return {reason.value: count for reason, count in found.items() if reason is not Reason.UNRELATED}
 
     def look_at_sources(self) -> None:
-        """See whether what was read is still there; in another thread than the loop's, for a disk may not answer."""
+        """See whether what was read is still there."""
         self.changed = {task: words for task, source in self.sources.items() if (words := source.changed())}
+
+    def watch_sources(self) -> None:
+        """Look at them again and again; in a thread of its own, for a disk may not answer."""
+        while not self.finished.done():
+            self.look_at_sources()
+            sleep(REPORT_PERIOD)
 
     def tasks(self) -> Sequence[Task]:
         """What the node says of each of its tasks, and of what they have read."""
@@ -188,12 +197,13 @@ class RigNode(Node):
         return list(found.values())
 
     def report(self) -> dict[str, object]:
-        """Publish the diagnostics; return their values by key."""
-        tasks, node = self.tasks(), self.get_fully_qualified_name().strip("/")
-        message = DiagnosticArray(status=[task.status(node, self.rig.name) for task in tasks])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
-        return {key: value for task in tasks for key, value in task.values.items()}
+        """Publish the diagnostics; return their values by key. Beside the loop, which it would hold up by 1 ms."""
+        with self._speaking:
+            tasks, node = self.tasks(), self.get_fully_qualified_name().strip("/")
+            message = DiagnosticArray(status=[task.status(node, self.rig.name) for task in tasks])
+            message.header.stamp = self.get_clock().now().to_msg()
+            self._diagnostics.publish(message)
+            return {key: value for task in tasks for key, value in task.values.items()}
 
     def prioritise(self) -> None:
         """Let all threads of this process go before those of others and keep what they have touched in memory, if the
@@ -261,7 +271,7 @@ def run(make: Callable[[], RigNode]) -> int:
     if os.environ.get(interruption.TETHER):
         Thread(target=_end_with_starter, daemon=True).start()
     try:
-        discovery.hasten()
+        middleware.prepare()
         try:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         except RuntimeError as error:  # what rclpy raises for arguments and parameter files that make no sense
@@ -298,8 +308,8 @@ class Loop(SingleThreadedExecutor):
 
 
 class Services(SingleThreadedExecutor):
-    """A node's services, parameters above all, and looks at the disk, in a thread of their own: no storm of questions
-    and no disk holds the loop up.
+    """A node's services, parameters above all, and its diagnostics, in a thread of their own: no storm of questions and
+    no report holds the loop up.
 
     So are the events of its publishers, which would cost the loop more than its messages, at each of them.
     """
@@ -316,13 +326,9 @@ class Services(SingleThreadedExecutor):
 
     def serve(self) -> None:
         """Answer, one after the other, until the context or this executor ends."""
-        looked = 0.0
         try:
             while self.context.ok() and not self._node.finished.done():
                 self.spin_once(timeout_sec=0.1)
-                if monotonic() - looked > REPORT_PERIOD:
-                    looked = monotonic()
-                    self._node.look_at_sources()
                 sleep(SERVICE_PERIOD)
         except (ExternalShutdownException, ShutdownException):
             return
@@ -332,6 +338,7 @@ def _serve(node: RigNode, ending: Interruption) -> None:
     executor, services = Loop(node), Services(node)
     server = Thread(target=services.serve, daemon=True)
     server.start()
+    Thread(target=node.watch_sources, daemon=True).start()
     node.prioritise()
     gc.collect()
     gc.freeze()  # what is there stays: collections in the loop look at nothing but what it makes

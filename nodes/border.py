@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
 from operator import le
 from typing import Any
 
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
 
-from hybrid_sysid_ros.nodes.cdr import Form
+from hybrid_sysid_ros.nodes.cdr import JointForm, TrajectoryForm
 from hybrid_sysid_ros.nodes.layout import Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints, point_lists
+from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory, point_lists
 
 LARGEST = 1 << 17
 """Bytes of a message: a preview of some 2000 points. A larger one is not even unpacked, which would take its time."""
@@ -84,17 +85,19 @@ class Border:
         self._steady = steady
         self._ahead, self._behind, self._silence = ahead, behind, silence
         self._back = 0
-        self._forms: dict[int, Form] = {}
+        self._forms: dict[int, JointForm | TrajectoryForm] = {}
 
     def drop(self, reason: Reason) -> None:
         """Count a message that is not believed."""
         self.dropped[reason] += 1
 
     def unpack(self, data: bytes) -> Any | None:
-        """What bytes say, with a number for each name or none: Joints, or another message; None where it is none."""
+        """What bytes say, with a number for each name or none: Joints, a Trajectory, or another message; None where it
+        is none.
+        """
         form = self._forms.get(len(data))  # most messages are like one before
-        if form is not None and (joints := form.unpack(data)) is not None:
-            return joints
+        if form is not None and (said := form.unpack(data)) is not None:
+            return said
         if len(data) > LARGEST:
             self.drop(Reason.TOO_LARGE)
             return None
@@ -103,16 +106,34 @@ class Border:
         except Exception:  # whatever the middleware raises for bytes that are no message
             self.drop(Reason.UNREADABLE)
             return None
-        if not _fits(message):
+        if isinstance(message, JointState):
+            return self._joints(message, len(data))
+        return self._trajectory(message, len(data)) if isinstance(message, JointTrajectory) else message
+
+    def _joints(self, message: JointState, size: int) -> Joints | None:
+        joints = Joints.of(message)
+        if not _fit(joints.names, joints.lists):
             self.drop(Reason.MALFORMED)
             return None
-        if not isinstance(message, JointState):
-            return message
-        joints = Joints.of(message)
+        self._keep(size, JointForm(joints.source, joints.names, [len(numbers) for numbers in joints.lists]))
+        return joints
+
+    def _trajectory(self, message: JointTrajectory, size: int) -> Trajectory | None:
+        names, points = message.joint_names, message.points
+        if not _fit(names, [values for point in points for values in point_lists(point)]):
+            self.drop(Reason.MALFORMED)
+            return None
+        trajectory = Trajectory.of(message)
+        counts = {tuple(map(len, (*point_lists(point), point.accelerations))) for point in points}
+        if len(counts) == 1 and not (found := counts.pop())[-1]:
+            self._keep(size, TrajectoryForm(trajectory.source, names, found[:-1], len(points)))
+        return trajectory
+
+    def _keep(self, size: int, form: JointForm | TrajectoryForm) -> None:
+        """Expect more messages of a form, which have this size."""
         if len(self._forms) >= FORMS:
             self._forms.clear()
-        self._forms[len(data)] = Form(joints.source, joints.names, [len(numbers) for numbers in joints.lists])
-        return joints
+        self._forms[size] = form
 
     def read(self, joints: Joints, slots: Slots) -> list[float] | None:
         """A message's numbers, NaN where there is none, or one beyond the slots' bounds; None where it names none of
@@ -186,10 +207,6 @@ class Border:
         self.source = None
 
 
-def _fits(message: Any) -> bool:
+def _fit(names: Sequence[str], lists: Iterable[Sequence[float]]) -> bool:
     """Whether names are there once, and each list has a number for each or none."""
-    if isinstance(message, JointState):
-        names, lists = message.name, [message.position, message.velocity, message.effort]
-    else:
-        names, lists = message.joint_names, [values for point in message.points for values in point_lists(point)]
     return len(set(names)) == len(names) and all(len(values) in (0, len(names)) for values in lists)

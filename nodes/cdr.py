@@ -6,83 +6,138 @@ import math
 from collections.abc import Iterable, Sequence
 from struct import Struct, calcsize
 
+import numpy as np
+
 from hybrid_sysid_ros.nodes.layout import FIELDS, Lists, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints
+from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory
 
 HEADER = b"\x00\x01\x00\x00"
 """Plain CDR, little-endian, no options. What follows is aligned from here on."""
 
 
 class Form:
-    """What joint messages of one source have in common, with the same names and as many numbers in each list: every
-    byte but those of the stamp and the numbers, and where these stand.
+    """What messages of one source have in common, with the same names and as many numbers in each list: every byte but
+    those of the stamp and the numbers, and where these stand.
 
     Nothing in a message says where to look: one that has all these bytes is unpacked by one call, others not at all.
     """
 
-    def __init__(self, source: str, names: Sequence[str], counts: Sequence[int]) -> None:
-        """counts: numbers in each of the lists. Raises UnicodeEncodeError for text that can't be written."""
+    def __init__(self, source: str, names: Sequence[str]) -> None:
+        """Raises UnicodeEncodeError for text that can't be written."""
         self.source, self.names = source, names
-        self._velocity, self._effort = 2 + counts[0], 2 + counts[0] + counts[1]
-        common, values = _Common(), f"<{len(HEADER)}xiI"
-        common.leave(8)
-        common.add_text(source)
-        common.add_number(len(names))
+        self._data, self._mask, self._format = bytearray(), bytearray(), "<"
+        self._add(HEADER)
+        self._take("iI", 4)
+        self._add_text(source)
+        self._add_number(len(names))
         for name in names:
-            common.add_text(name)
+            self._add_text(name)
+
+    def _add(self, data: bytes) -> None:
+        """Bytes that messages have in common."""
+        self._data += data
+        self._mask += b"\xff" * len(data)
+
+    def _add_number(self, number: int) -> None:
+        self._align(4)
+        self._add(number.to_bytes(4, "little"))
+
+    def _add_text(self, text: str) -> None:
+        data = text.encode() + b"\0"
+        self._add_number(len(data))
+        self._add(data)
+
+    def _align(self, size: int) -> None:
+        """Leave out what brings the next part to a multiple of its size."""
+        self._leave((len(HEADER) - len(self._data)) % size)
+
+    def _leave(self, size: int) -> None:
+        """Bytes that messages don't have in common."""
+        self._data += bytes(size)
+        self._mask += bytes(size)
+
+    def _take(self, kinds: str, size: int) -> None:
+        """Numbers of a size each, by their kinds in a Struct."""
+        self._align(size)
+        self._format += f"{len(self._data) - calcsize(self._format)}x{kinds}"
+        self._leave(calcsize(f"<{kinds}"))
+
+    def _take_list(self, count: int) -> None:
+        self._add_number(count)
+        if count:
+            self._take(f"{count}d", 8)
+
+    def _end(self) -> None:
+        """All parts are there."""
+        self._values = Struct(f"{self._format}{len(self._data) - calcsize(self._format)}x")
+        self._common = int.from_bytes(self._data, "little")
+        self._where = int.from_bytes(self._mask, "little")
+
+    def _numbers(self, data: bytes) -> tuple[float, ...] | None:
+        """The numbers of a message of this form. What lies between or after its parts may be anything."""
+        if len(data) < self._values.size or int.from_bytes(data, "little") & self._where != self._common:
+            return None
+        return self._values.unpack_from(data)
+
+    def _message(self, *numbers: float) -> bytes:
+        values = self._values.pack(*numbers)
+        return (int.from_bytes(values, "little") | self._common).to_bytes(len(values), "little")
+
+
+class JointForm(Form):
+    """That of JointState."""
+
+    def __init__(self, source: str, names: Sequence[str], counts: Sequence[int]) -> None:
+        """counts: numbers in each of the lists."""
+        super().__init__(source, names)
+        self._velocity, self._effort = 2 + counts[0], 2 + counts[0] + counts[1]
         for count in counts:
-            common.add_number(count)
-            if count:
-                common.align(8)
-                values += f"{len(common.data) - calcsize(values)}x{count}d"
-                common.leave(8 * count)
-        self._values = Struct(f"{values}{len(common.data) - calcsize(values)}x")
-        self._common = int.from_bytes(common.data, "little")
-        self._mask = int.from_bytes(common.mask, "little")
+            self._take_list(count)
+        self._end()
 
     def unpack(self, data: bytes) -> Joints | None:
-        """What a message says, if it is of this form. What lies between or after its parts may be anything."""
-        if len(data) < self._values.size or int.from_bytes(data, "little") & self._mask != self._common:
+        """What a message says, if it is of this form."""
+        values = self._numbers(data)
+        if values is None:
             return None
-        values = self._values.unpack_from(data)
         lists = values[2 : self._velocity], values[self._velocity : self._effort], values[self._effort :]
-        return Joints(self.source, values[0] * SECOND + values[1], self.names, lists)
+        return Joints(self.source, int(values[0]) * SECOND + int(values[1]), self.names, lists)
 
     def pack(self, stamp: int, lists: Lists) -> bytes:
         """The message with this stamp [ns] and these numbers."""
         position, velocity, effort = lists
-        values = self._values.pack(*divmod(stamp, SECOND), *position, *velocity, *effort)
-        return (int.from_bytes(values, "little") | self._common).to_bytes(len(values), "little")
+        return self._message(*divmod(stamp, SECOND), *position, *velocity, *effort)
 
 
-class _Common:
-    """Bytes that messages have in common, nothing elsewhere; mask: all ones where they stand."""
+class TrajectoryForm(Form):
+    """That of JointTrajectory whose points all have the same lists."""
 
-    def __init__(self) -> None:
-        self.data, self.mask = bytearray(), bytearray()
-        self.add(HEADER)
+    def __init__(self, source: str, names: Sequence[str], counts: Sequence[int], points: int) -> None:
+        """counts: numbers in each of the lists of a point, the accelerations left out, which nobody reads."""
+        super().__init__(source, names)
+        position, velocity, effort = counts
+        self._columns = 0, position, position + velocity, position + velocity + effort
+        self._points = points
+        self._add_number(points)
+        for _ in range(points):
+            for count in (position, velocity, 0, effort):
+                self._take_list(count)
+            self._take("iI", 4)
+        self._end()
 
-    def add(self, data: bytes) -> None:
-        self.data += data
-        self.mask += b"\xff" * len(data)
+    def unpack(self, data: bytes) -> Trajectory | None:
+        """What a message says, if it is of this form."""
+        values = self._numbers(data)
+        if values is None:
+            return None
+        *rows, seconds, rest = np.array(values[2:]).reshape(self._points, self._columns[-1] + 2).T
+        times = seconds.astype(np.int64) * SECOND + rest.astype(np.int64)
+        lists = [rows[begin:end] for begin, end in zip(self._columns, self._columns[1:], strict=False)]
+        return Trajectory(self.source, int(values[0]) * SECOND + int(values[1]), self.names, times, lists)
 
-    def add_number(self, number: int) -> None:
-        self.align(4)
-        self.add(number.to_bytes(4, "little"))
-
-    def add_text(self, text: str) -> None:
-        data = text.encode() + b"\0"
-        self.add_number(len(data))
-        self.add(data)
-
-    def align(self, size: int) -> None:
-        """Leave out what brings the next part to a multiple of its size."""
-        self.leave((len(HEADER) - len(self.data)) % size)
-
-    def leave(self, size: int) -> None:
-        """Bytes that messages don't have in common."""
-        self.data += bytes(size)
-        self.mask += bytes(size)
+    def pack(self, stamp: int, numbers: Iterable[float]) -> bytes:
+        """The message with this stamp [ns] and, for each point, its numbers, seconds and nanoseconds."""
+        return self._message(*divmod(stamp, SECOND), *numbers)
 
 
 class JointWriter:
@@ -90,12 +145,36 @@ class JointWriter:
 
     def __init__(self, slots: Slots, source: str = "") -> None:
         """source: the frame_id of each."""
-        counts = [len(slots.names) if field in slots.fields else 0 for field in FIELDS]
-        self._slots, self._form = slots, Form(source, slots.names, counts)
-        position, velocity, effort = ([math.nan] * count for count in counts)
-        self._lists = position, velocity, effort
+        self._slots, self._lists = slots, _lists(slots)
+        self._form = JointForm(source, slots.names, [len(values) for values in self._lists])
 
     def pack(self, stamp: int, values: Iterable[float]) -> bytes:
         """The message with a stamp [ns] and a value for each slot."""
         self._slots.write(self._lists, values)
         return self._form.pack(stamp, self._lists)
+
+
+class TrajectoryWriter:
+    """Trajectories with the entries of some slots, one after the other; NaN where there is no slot."""
+
+    def __init__(self, slots: Slots, offsets: Sequence[int], source: str = "") -> None:
+        """offsets: of the points from the stamp on [ns]; source: the frame_id of each."""
+        self._slots, self._lists = slots, _lists(slots)
+        counts = [len(values) for values in self._lists]
+        self._form = TrajectoryForm(source, slots.names, counts, len(offsets))
+        self._times = [divmod(offset, SECOND) for offset in offsets]
+
+    def pack(self, stamp: int, rows: Iterable[Iterable[float]]) -> bytes:
+        """The message with a stamp [ns] and, for each point, a value for each slot."""
+        numbers: list[float] = []
+        for row, time in zip(rows, self._times, strict=True):
+            self._slots.write(self._lists, row)
+            for values in (*self._lists, time):
+                numbers += values
+        return self._form.pack(stamp, numbers)
+
+
+def _lists(slots: Slots) -> tuple[list[float], list[float], list[float]]:
+    """Those of a message with the entries of some slots."""
+    position, velocity, effort = ([math.nan] * (len(slots.names) if field in slots.fields else 0) for field in FIELDS)
+    return position, velocity, effort

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from rclpy.publisher import Publisher
-from trajectory_msgs.msg import JointTrajectory
 
 from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Problem
 from hybrid_sysid_ros.control.policy import policy
@@ -24,10 +23,10 @@ from hybrid_sysid_ros.control.safety.supervisor import LAYERS, Supervisor
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.nodes.base import RigNode, run
 from hybrid_sysid_ros.nodes.border import Order
-from hybrid_sysid_ros.nodes.cdr import JointWriter
+from hybrid_sysid_ros.nodes.cdr import JointWriter, TrajectoryWriter
 from hybrid_sysid_ros.nodes.diagnostics import OK, Task
 from hybrid_sysid_ros.nodes.layout import AHEAD, Layout, Place, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints, joint_trajectory, point_lists, set_nanoseconds
+from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory
 from hybrid_sysid_ros.nodes.model import model_of
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.source import Source
@@ -84,8 +83,8 @@ class ControllerNode(RigNode):
         names: tuple[str, ...] = correction.names if correction is not None else ()
         self.followed = Slots([Place(name, "position") for name in names])
         self.rest = np.array([actuator.rest for actuator in self.rig.actuators])
-        self.planned = Slots([*layout.states, *layout.inputs])
-        self.plan_message = joint_trajectory(self.planned, self.grid.tolist())
+        planned = Slots([*layout.states, *layout.inputs])
+        self.plans = TrajectoryWriter(planned, self.grid.tolist(), self.signature)
         self.writer = JointWriter(Slots(layout.inputs), self.signature)
         self.commands: Publisher | None = None
         self.predictions = self.open("predicted_trajectory")
@@ -200,15 +199,15 @@ class ControllerNode(RigNode):
         """Open the topic of the commands."""
         self.commands = self.open("joint_command")
 
-    def on_reference(self, message: JointTrajectory) -> None:
+    def on_reference(self, message: Trajectory) -> None:
         """Keep the newest reference."""
-        if not self.wishes.hears(message.header.frame_id):
+        if not self.wishes.hears(message.source):
             return
         now = self.stamp if self.lockstep else self.now()
         preview = Preview.of(message, self.wishes, self.outputs, self.tracked, now)
         if preview is None:
             return
-        self.wishes.believe(message.header.frame_id)
+        self.wishes.believe(message.source)
         self.clipped += not preview.within(*self.reach)
         self.preview = preview
         if self.waiting is not None:
@@ -348,19 +347,15 @@ class ControllerNode(RigNode):
         """Publish the predicted trajectory, if someone looks."""
         if not len(plan.states) or not self.predictions.get_subscription_count():
             return
-        set_nanoseconds(self.plan_message.header.stamp, start)
-        for point, state, inputs in zip(
-            self.plan_message.points, plan.states.tolist(), plan.inputs.tolist(), strict=True
-        ):
-            self.planned.write(point_lists(point), [*state, *inputs])
-        self.predictions.publish(self.plan_message)
+        self.predictions.publish(self.plans.pack(start, np.hstack([plan.states, plan.inputs]).tolist()))
 
     def health(self) -> Sequence[Task]:
-        answers = sum(count for name, count in self.layers.items() if name != NO_REFERENCE)
+        layers, statuses = dict(self.layers), dict(self.statuses)
+        answers = sum(count for name, count in layers.items() if name != NO_REFERENCE)
         loop = {
-            "answers without a reference": self.layers[NO_REFERENCE],
-            "commands held": self.layers[HELD],
-            "commands at rest": self.layers[ZEROED],
+            "answers without a reference": layers.get(NO_REFERENCE, 0),
+            "commands held": layers.get(HELD, 0),
+            "commands at rest": layers.get(ZEROED, 0),
             "answers after the end of the reference": self.ended,
             "references beyond the travel": self.clipped,
             **{f"estimates {reason}": count for reason, count in self.dropped("state_estimate").items()},
@@ -369,7 +364,7 @@ class ControllerNode(RigNode):
         values = {
             "policy": self.settings["policy"],
             "commands": answers,
-            **named("layer", self.layers),
+            **named("layer", layers),
             "dropped_estimates": sum(self.entry.dropped.values()),
             "dropped_references": sum(self.wishes.dropped.values()),
             "clipped_references": self.clipped,
@@ -380,9 +375,9 @@ class ControllerNode(RigNode):
         judged = self.silent(self.judged("loop", loop, answers, **values), "state_estimate")
         if not self.stamp and judged.level == OK:
             judged = replace(judged, message="waiting for estimates")
-        plans = {f"plans {name}": count for name, count in self.statuses.items() if name not in SOUND}
-        checked = named("check", self.controller.reasons) if isinstance(self.controller, Supervisor) else {}
-        return [judged, self.judged("policy", plans, answers, **named("status", self.statuses), **checked)]
+        plans = {f"plans {name}": count for name, count in statuses.items() if name not in SOUND}
+        checked = named("check", dict(self.controller.reasons)) if isinstance(self.controller, Supervisor) else {}
+        return [judged, self.judged("policy", plans, answers, **named("status", statuses), **checked)]
 
 
 def named(prefix: str, counts: Mapping[str, int]) -> dict[str, int]:

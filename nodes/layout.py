@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, MutableSequence, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.rigs.rig import BEYOND, Rig
@@ -14,6 +15,7 @@ FIELDS = ("position", "velocity", "effort")
 """The lists of a joint message."""
 Lists = Sequence[Sequence[float]]
 """Those lists, in this order: a number for each entry, or none at all."""
+T = TypeVar("T")
 AHEAD = "_ahead"
 """Ending of the entries of the state that the next command will meet."""
 
@@ -105,8 +107,8 @@ class Slots:
         for (field, index), value in zip(self._found, values, strict=True):
             lists[field][index] = value
 
-    def read(self, names: Sequence[str], lists: Lists) -> list[float]:
-        """Numbers of a message's lists, NaN where there is none."""
+    def read(self, names: Sequence[str], lists: Sequence[Sequence[T]]) -> list[T | float]:
+        """Entries of a message's lists, NaN where there is none."""
         if names != self._read_names:
             self._read_names, self._read_found = names, self._where(names)
             self.named = sum(index >= 0 for _, index in self._read_found)

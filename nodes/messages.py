@@ -1,23 +1,21 @@
-"""Messages: what they say of joints, and times. Those that are published more than once are made once, with their
-arrays, then filled: an array of doubles takes no number of another kind, which rclpy would not check.
-"""
+"""Messages: what they say of joints, and times."""
 
 from __future__ import annotations
 
 import math
-from array import array
-from collections.abc import Iterable, MutableSequence, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
 from builtin_interfaces.msg import Duration, Time
+from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hybrid_sysid_ros.nodes.layout import Lists, Slots
+from hybrid_sysid_ros.nodes.layout import FIELDS, Lists
+from hybrid_sysid_ros.support.arrays import Array
 
 SECOND = 1_000_000_000  # ns
-POINT = {"position": "positions", "velocity": "velocities", "effort": "effort"}
-"""Lists of a point of a JointTrajectory, by those of a JointState."""
 
 
 def nanoseconds(stamp: Time | Duration) -> int:
@@ -47,18 +45,32 @@ class Joints(NamedTuple):
         return cls(header.frame_id, nanoseconds(header.stamp), message.name, lists)
 
 
-def point_lists(point: JointTrajectoryPoint) -> Sequence[MutableSequence[float]]:
-    """The lists of a point of a trajectory."""
+class Trajectory(NamedTuple):
+    """What a JointTrajectory says."""
+
+    source: str
+    """Its frame_id, by which its publisher is told from others."""
+    stamp: int
+    """[ns]"""
+    names: Sequence[str]
+    times: NDArray[np.int64]
+    """Of the points, from the stamp on (points,) [ns]."""
+    lists: Sequence[Sequence[Array]]
+    """Like those of Joints: numbers (points,) for each name, or none at all; NaN where a point has none."""
+
+    @classmethod
+    def of(cls, message: JointTrajectory) -> Trajectory:
+        """What a message says that the middleware has unpacked; each point has a number for each name or none."""
+        header, points, names = message.header, message.points, message.joint_names
+        times = np.array([nanoseconds(point.time_from_start) for point in points], dtype=np.int64)
+        lists = []
+        for k in range(len(FIELDS)):
+            rows = [point_lists(point)[k] for point in points]
+            full = any(map(len, rows))
+            lists.append([*np.array([row or [math.nan] * len(names) for row in rows]).T] if full else [])
+        return cls(header.frame_id, nanoseconds(header.stamp), names, times, lists)
+
+
+def point_lists(point: JointTrajectoryPoint) -> Lists:
+    """The lists of a point of a trajectory, as they stand in a JointState."""
     return point.positions, point.velocities, point.effort
-
-
-def joint_trajectory(slots: Slots, offsets: Iterable[int]) -> JointTrajectory:
-    """A trajectory with the entries of these slots, all NaN, and points so long after its stamp [ns]."""
-    message = JointTrajectory(joint_names=slots.names)
-    for offset in offsets:
-        point = JointTrajectoryPoint()
-        for field in slots.fields:
-            setattr(point, POINT[field], array("d", [math.nan] * len(slots.names)))
-        set_nanoseconds(point.time_from_start, offset)
-        message.points.append(point)
-    return message

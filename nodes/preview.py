@@ -1,14 +1,13 @@
-"""Preview: the reference ahead, out of a JointTrajectory."""
+"""Preview: the reference ahead, out of a trajectory."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from trajectory_msgs.msg import JointTrajectory
 
 from hybrid_sysid_ros.nodes.border import Border, Reason
 from hybrid_sysid_ros.nodes.layout import Slots
-from hybrid_sysid_ros.nodes.messages import nanoseconds, point_lists
+from hybrid_sysid_ros.nodes.messages import Trajectory
 from hybrid_sysid_ros.rigs.rig import BEYOND
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -24,16 +23,15 @@ class Preview:
 
     @classmethod
     def of(
-        cls, message: JointTrajectory, border: Border, outputs: Slots, tracked: NDArray[np.bool_], now: int
+        cls, message: Trajectory, border: Border, outputs: Slots, tracked: NDArray[np.bool_], now: int
     ) -> Preview | None:
         """Preview of a message, 0 for the outputs that are not tracked (outputs,); None where it lacks one that is, or
         its numbers or times make no sense, which its border counts. now: where one begins that has no stamp [ns].
         """
-        rows = [outputs.read(message.joint_names, point_lists(point)) for point in message.points]
-        values = np.array(rows).reshape(len(rows), len(outputs))
+        rows = outputs.read(message.names, message.lists)
+        times = (message.stamp or now) + message.times
+        values = np.stack([np.broadcast_to(row, times.shape) for row in rows], axis=-1)
         values[:, ~tracked] = 0.0
-        start = nanoseconds(message.header.stamp) or now
-        times = np.array([start + nanoseconds(point.time_from_start) for point in message.points], dtype=np.int64)
         if not len(times) or (np.diff(times) <= 0).any():
             border.drop(Reason.MALFORMED)
             return None

@@ -11,9 +11,10 @@ import numpy as np
 
 from hybrid_sysid_ros.nodes.base import RigNode, announce, run
 from hybrid_sysid_ros.nodes.border import Order
+from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
 from hybrid_sysid_ros.nodes.diagnostics import Task
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints, joint_trajectory, point_lists, set_nanoseconds
+from hybrid_sysid_ros.nodes.messages import SECOND, Joints
 from hybrid_sysid_ros.nodes.timeline import Timeline
 from hybrid_sysid_ros.rigs.excitation import Reference, constant, multisine, random_steps, sine
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -87,9 +88,8 @@ class ReferenceNode(RigNode):
         layout = Layout(self.rig, self.rig.system)
         self.tracked = np.flatnonzero(defaults(self.rig, "controller")["output_weight"])
         self.scales = np.array([display.scale for display in self.rig.display])
-        self.slots = Slots([layout.outputs[k] for k in self.tracked])
-        self.message = joint_trajectory(self.slots, self.offsets.tolist())
-        self.message.header.frame_id = self.signature
+        slots = Slots([layout.outputs[k] for k in self.tracked])
+        self.writer, self.preview = TrajectoryWriter(slots, self.offsets.tolist(), self.signature), b""
         self.zero = 0
         self.timeline = Timeline(self.now)
         self.sent = 0
@@ -114,7 +114,7 @@ class ReferenceNode(RigNode):
             self.timeline.begin(stamp)
             announce("begun")
         if order is Order.AGAIN:  # nobody answered it: maybe for want of a reference
-            self.previews.publish(self.message)
+            self.previews.publish(self.preview)
         self.advance(stamp - self.zero)
 
     def tick(self) -> None:
@@ -140,10 +140,8 @@ class ReferenceNode(RigNode):
         """Publish the preview that begins `start` after time 0 [ns]."""
         seconds = np.minimum(start + self.offsets, self.duration or np.inf) / SECOND
         values = (self.scales * self.signal(seconds))[:, self.tracked]
-        for point, row in zip(self.message.points, values.tolist(), strict=True):
-            self.slots.write(point_lists(point), row)
-        set_nanoseconds(self.message.header.stamp, self.zero + start)
-        self.previews.publish(self.message)
+        self.preview = self.writer.pack(self.zero + start, values.tolist())
+        self.previews.publish(self.preview)
 
     def close(self) -> None:
         """Tell that it is over."""

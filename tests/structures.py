@@ -1,7 +1,7 @@
 """Systems of every structure with numbers that matter, for tests of what holds for all of them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -11,11 +11,12 @@ from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.models import STRUCTURES, build
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.recurrent import Recurrent
+from hybrid_sysid_ros.models.residual import ResidualHybrid
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 
 RANGE = np.array([0.15, 0.5, 10.0])  # position [rad], velocity [rad/s], drive [V] of the beam's records
 DEFLECTION = 0.005  # of bristles, as far as they bend [rad]
-MOTIONS = [name for name in STRUCTURES if name not in ("narx", "recurrent")]
+MOTIONS = [name for name in STRUCTURES if name not in ("narx", "recurrent", "residual")]
 
 
 def structure(name: str, seed: int = 0) -> System:
@@ -50,6 +51,28 @@ def polynomial() -> Narx:
         scales=(0.1, 5.0),
         low=(-0.2, -10.0),
         high=(0.2, 10.0),
+    )
+
+
+def residual(physics: System | None = None, seed: int = 0) -> ResidualHybrid:
+    """Beside the beam, or another system: two lags of each output, a linear term, a product, and a network."""
+    random, physics = np.random.default_rng(seed), structure("gray") if physics is None else physics
+    outputs, seen = len(physics.outputs), len(physics.declared_states) + len(physics.inputs)
+    width = seen + len(physics.inputs) + 2 * outputs
+    linear, product = (tuple(int(i in places) for i in range(width)) for places in ((seen - 1,), (0, width - 1)))
+    size = 2 * outputs + 3 * (width + 1 + outputs)
+    design = {
+        "period": 0.005,
+        "output_lags": 2,
+        "input_lags": 2,
+        "units": 3,
+        "exponents": [[linear, product]] * outputs,
+    }
+    system = ResidualHybrid.of(physics, {**design, "physics": physics.design}, random.normal(size=size))
+    return replace(
+        system,
+        reflections=tuple(random.uniform(-0.9, 0.9, 2 * outputs).tolist()),
+        scales=(*random.uniform(0.1, 1.0, width).tolist(), *random.uniform(0.01, 0.02, outputs).tolist()),
     )
 
 
@@ -104,4 +127,5 @@ SYSTEMS: dict[str, Callable[[], System]] = {
     **{name: partial(structure, name) for name in MOTIONS},
     "narx": polynomial,
     "recurrent": recurrent,
+    "residual": residual,
 }

@@ -148,7 +148,7 @@ def test_the_flexible_joint_is_learnt_with_every_friction(joint, swings, structu
     assert evaluate(model, swings[1]).r2 > least
 
 
-@pytest.mark.parametrize("structure", [name for name in STRUCTURES if name not in ("narx", "recurrent")])
+@pytest.mark.parametrize("structure", [name for name in STRUCTURES if name not in ("narx", "recurrent", "residual")])
 def test_compiled_steps_of_four_states_are_the_traced_ones(structure):
     """Features beyond the second state are the states', and inputs follow the last of them."""
     random = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""Joint messages as bytes: what we pack and unpack against the middleware, and against rosbags' own reading of CDR."""
+"""Joint messages and trajectories as bytes, against the middleware and against rosbags' own reading of CDR."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hybrid_sysid_ros.nodes.border import FORMS, Border
-from hybrid_sysid_ros.nodes.cdr import Form, JointWriter
+from hybrid_sysid_ros.nodes.cdr import JointForm, JointWriter, TrajectoryWriter
 from hybrid_sysid_ros.nodes.layout import Place, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints, set_nanoseconds
+from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory, set_nanoseconds
 
 TEXTS = ("", "a", "beam", "beam_ahead", "gelenk_ä", "関節", "🦾", "a b\t\n", "x" * 300)
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -54,16 +55,19 @@ def new_border() -> Border:
     return Border(JointState, steady=lambda: 0)
 
 
-def shown(joints: Joints | None) -> object:
+def shown(joints: Joints | Trajectory | None) -> object:
     """For comparison, numbers bit by bit."""
     if joints is None:
         return None
+    if isinstance(joints, Trajectory):
+        rows = [[row.tobytes() for row in rows] for rows in joints.lists]
+        return joints.source, joints.stamp, list(joints.names), joints.times.tolist(), rows
     return joints.source, joints.stamp, list(joints.names), [array("d", values).tobytes() for values in joints.lists]
 
 
-def form_of(message: JointState) -> Form:
+def form_of(message: JointState) -> JointForm:
     joints = Joints.of(message)
-    return Form(joints.source, joints.names, [len(values) for values in joints.lists])
+    return JointForm(joints.source, joints.names, [len(values) for values in joints.lists])
 
 
 @pytest.mark.parametrize("seed", range(50))
@@ -143,3 +147,60 @@ def test_what_is_written_can_be_read_by_name() -> None:
         assert joints is not None
         assert (joints.source, joints.stamp) == ("someone", stamp)
         assert border.read(joints, slots) == values
+
+
+def any_trajectory(draw: random.Random, names: list[str], shape: tuple[int, ...], points: int) -> JointTrajectory:
+    """Points with or without positions, velocities, accelerations and efforts, as the shape says, and any numbers."""
+    message = JointTrajectory(joint_names=names)
+    message.header.frame_id = "sender"
+    set_nanoseconds(message.header.stamp, draw.randrange(2**31) * SECOND + draw.randrange(SECOND))
+    for _ in range(points):
+        position, velocity, acceleration, effort = (array("d", draw.randbytes(8 * len(names) * full)) for full in shape)
+        point = JointTrajectoryPoint(positions=position, velocities=velocity, accelerations=acceleration, effort=effort)
+        set_nanoseconds(point.time_from_start, draw.randrange(-(2**31), 2**31) * SECOND + draw.randrange(SECOND))
+        message.points.append(point)
+    return message
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_trajectories_are_read_as_the_middleware_reads_them(seed: int) -> None:
+    draw = random.Random(seed)
+    names, points = draw.sample(TEXTS, draw.randrange(4)), draw.randrange(5)
+    shape = tuple(draw.randrange(2) for _ in range(4))
+    border = Border(JointTrajectory, steady=lambda: 0)
+    for _ in range(3):
+        message = any_trajectory(draw, names, shape, points)
+        said, data = Trajectory.of(message), serialize_message(message)
+        assert shown(border.unpack(data)) == shown(said)
+        for k, point in enumerate(message.points):
+            for rows, values in zip(said.lists, (point.positions, point.velocities, point.effort), strict=True):
+                assert array("d", [row[k] for row in rows]).tobytes() == values.tobytes()
+        other = damaged(draw, data)
+        assert shown(border.unpack(other)) == shown(Border(JointTrajectory, steady=lambda: 0).unpack(other))
+
+
+def test_points_may_have_different_lists() -> None:
+    points = [JointTrajectoryPoint(positions=[1.0]), JointTrajectoryPoint(velocities=[2.0])]
+    border = Border(JointTrajectory, steady=lambda: 0)
+    for _ in range(2):
+        said = border.unpack(serialize_message(JointTrajectory(joint_names=["a"], points=points)))
+        assert said is not None
+        np.testing.assert_array_equal(said.lists[0], [[1.0, np.nan]])
+        np.testing.assert_array_equal(said.lists[1], [[np.nan, 2.0]])
+        assert not said.lists[2]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_a_written_trajectory_is_what_the_middleware_reads(count: int) -> None:
+    slots = Slots([Place(f"joint {k}", field) for k in range(count) for field in ("position", "effort")])
+    offsets = [0, 5_000_000, 2 * SECOND + 1]
+    rows = np.random.default_rng(count).normal(size=(3, 2 * count))
+    message = JointTrajectory(joint_names=slots.names)
+    message.header.frame_id = "sender"
+    set_nanoseconds(message.header.stamp, 7 * SECOND + 3)
+    for row, offset in zip(rows, offsets, strict=True):
+        point = JointTrajectoryPoint(positions=row[::2], effort=row[1::2])
+        set_nanoseconds(point.time_from_start, offset)
+        message.points.append(point)
+    packed = TrajectoryWriter(slots, offsets, "sender").pack(7 * SECOND + 3, rows.tolist())
+    assert deserialize_message(packed, JointTrajectory) == message

@@ -136,7 +136,9 @@ def test_ipopt_commands_what_the_compiled_solver_does(domain: int, carts: Path, 
     np.testing.assert_allclose(found[0], found[1], atol=1e-2)
 
 
-@pytest.mark.parametrize(("structure", "own"), [("lugre", "deflection"), ("narx", "drive_1")])
+@pytest.mark.parametrize(
+    ("structure", "own"), [("lugre", "deflection"), ("narx", "drive_1"), ("residual", "residual_position_1")]
+)
 def test_a_structure_with_states_of_its_own_drives_the_beam(
     domain: int, tmp_path: Path, structure: str, own: str
 ) -> None:

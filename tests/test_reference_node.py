@@ -11,7 +11,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from hybrid_sysid_ros.nodes.border import Border
 from hybrid_sysid_ros.nodes.layout import Place, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND
+from hybrid_sysid_ros.nodes.messages import SECOND, Trajectory
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
 from tests.node_bench import VOLT, Bench, joint
@@ -29,7 +29,7 @@ def test_previews_agree_where_they_overlap(bench: Bench, kind: str) -> None:
     bench.until(lambda: len(previews) == 4)  # every 50 ms of 195 ms
     border = Border(JointTrajectory, steady=lambda: 0)
     beam, tracked = Slots([Place("beam", "position")]), np.array([True])
-    first, second = (Preview.of(message, border, beam, tracked, 0) for message in previews[:2])
+    first, second = (Preview.of(Trajectory.of(message), border, beam, tracked, 0) for message in previews[:2])
     assert first is not None
     assert second is not None
     times = 3 * SECOND + np.arange(60, 480, 3) * SECOND // 1000

@@ -1,7 +1,8 @@
 """What the soak benchmark counts and what it calls growth."""
 
 import math
-import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -51,13 +52,29 @@ def test_the_chance_of_as_many_is_that_of_fair_coins():
     assert excess(0, 5) == excess(0, 0) == 1.0
 
 
-def test_what_a_process_takes_is_what_the_kernel_says(tmp_path):
+BLOCK = 32_000_000
+"""Bytes that a process takes, and a file that it opens, after a line on its standard input."""
+TAKER = f"""
+print("begun", flush=True)
+input()
+block, file = b"x" * {BLOCK}, open("/dev/null")
+print("done", flush=True)
+input()
+"""
 
-    before = taken(os.getpid())
-    block = np.ones(4_000_000)
-    with (tmp_path / "file").open("w"):
-        after = taken(os.getpid())
-    assert after["memory_mb"] - before["memory_mb"] == pytest.approx(1e-6 * block.nbytes, abs=4.0)
+
+def test_what_a_process_takes_is_what_the_kernel_says():
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", TAKER], stdin=pipe, stdout=pipe, bufsize=0) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdout.readline()
+        before = taken(process.pid)
+        process.stdin.write(b"\n")
+        process.stdout.readline()
+        after = taken(process.pid)
+        process.stdin.write(b"\n")
+    assert after["memory_mb"] - before["memory_mb"] == pytest.approx(1e-6 * BLOCK, abs=1.0)
     assert after["files"] == before["files"] + 1
     assert after["page_faults"] > before["page_faults"]
 

@@ -140,5 +140,6 @@ QUIET = {
     "empty diagnostics",
     "parameter storm",
     "best-effort driver",
+    "ten busy processes",
 }
 """Those that a loop may bear without a word: nothing is lost by them."""

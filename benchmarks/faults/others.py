@@ -12,7 +12,7 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from benchmarks.faults.stage import LASTING, NODES, Fault, Stage
+from benchmarks.faults.stage import LASTING, NODES, STRANGER, Fault, Stage
 from hybrid_sysid_ros.nodes.messages import SECOND, set_nanoseconds
 
 
@@ -38,7 +38,7 @@ def joint(stage: Stage, stamp: int, **fields: float) -> JointState:
     for name, value in fields.items():
         setattr(message, name, [value])
     set_nanoseconds(message.header.stamp, stamp)
-    message.header.frame_id = "somebody else"
+    message.header.frame_id = STRANGER
     return message
 
 
@@ -80,7 +80,7 @@ def estimate(value: float) -> Fault:
         for field in ("position", "velocity", "effort"):
             setattr(message, field, [value] * 2)
         set_nanoseconds(message.header.stamp, now(stage))
-        message.header.frame_id = "somebody else"
+        message.header.frame_id = STRANGER
         return message
 
     return spoken("state_estimate", make)

@@ -21,6 +21,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 OUTLIVED = 2.0
 """By which nodes may outlive their run [s]: they say their last words."""
+RECORDED = 1 << 17
+"""Bytes of the bag of a run whose loop goes: some three seconds."""
 
 
 def killed(name: str) -> Fault:
@@ -214,7 +216,7 @@ def killed_run(stage: Stage) -> None:
     environment = {**os.environ, "ROS_DOMAIN_ID": str(stage.domain + 1)}
     run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
     try:
-        _wait(lambda: (bag / f"{bag.name}.mcap").exists() or run.poll() is not None, 2.0 * PATIENCE)
+        _wait(lambda: _size(bag / f"{bag.name}.mcap") > RECORDED or run.poll() is not None, 2.0 * PATIENCE)
         time.sleep(LASTING)
         nodes = [int(pid) for pid in os.listdir("/proc") if pid.isdigit() and _status(int(pid))[1] == str(run.pid)]
         run.send_signal(signal.SIGKILL)
@@ -231,6 +233,11 @@ def killed_run(stage: Stage) -> None:
     actuator = stage.rig.actuators[0]
     if not ((record.input >= actuator.low) & (record.input <= actuator.high)).all():
         raise UserError("an input of the killed run was out of its bounds")
+
+
+def _size(file: Path) -> int:
+    """In bytes, 0 where there is none."""
+    return file.stat().st_size if file.exists() else 0
 
 
 def _status(process: int) -> tuple[str, str]:

@@ -8,10 +8,11 @@ import shutil
 import signal
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
@@ -25,14 +26,16 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from benchmarks.faults import disk
 from benchmarks.faults.disk import TROUBLE
-from hybrid_sysid_ros.nodes import topics
+from hybrid_sysid_ros.nodes import middleware, topics
 from hybrid_sysid_ros.nodes.base import SWITCH_INTERVAL
-from hybrid_sysid_ros.nodes.messages import nanoseconds, set_nanoseconds
+from hybrid_sysid_ros.nodes.border import Border
+from hybrid_sysid_ros.nodes.messages import set_nanoseconds
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import TRAINED, shipped
 from hybrid_sysid_ros.runtime.session import Session, permitted_priority
@@ -49,6 +52,10 @@ SETTLED = 60
 """Measurements in a row that are answered in time: the loop is back."""
 LATE = 0.004
 """By which an answer that came before the next measurement may be seen later than that [s]."""
+STRANGER = "somebody else"
+"""frame_id of what the one who disturbs says: that is no command of the loop."""
+REMEMBERED = 20_000
+"""Measurements, and commands."""
 PATIENCE = 30.0
 """Of all that is waited for [s]."""
 
@@ -68,22 +75,25 @@ class Said:
 
 
 class Relay:
-    """Passes measurements on, as they are or as a fault makes them."""
+    """Passes measurements on: as bytes, which takes next to no time, or as a fault makes them."""
 
-    def __init__(self, node: Node) -> None:
-        self.change: Callable[[JointState], Sequence[JointState]] = lambda message: [message]
-        self._node = node
+    def __init__(self, node: Node, see: Callable[[bytes], None]) -> None:
+        """see: gets each measurement once it has been passed on."""
+        self.change: Callable[[JointState], Sequence[JointState]] | None = None
+        self._node, self._see = node, see
         self.publisher = self.new_publisher()
-        node.create_subscription(JointState, SEEN, self.on_measurement, topics.profile(HEARD))
+        node.create_subscription(JointState, SEEN, self.on_measurement, topics.profile(HEARD), raw=True)
 
     def new_publisher(self) -> Publisher:
         """As the plant's own."""
         return self._node.create_publisher(JointState, HEARD, topics.profile(HEARD))
 
-    def on_measurement(self, message: JointState) -> None:
+    def on_measurement(self, data: bytes) -> None:
         """Pass on what is left of it."""
-        for each in self.change(message):
+        change = self.change
+        for each in [data] if change is None else change(deserialize_message(data, JointState)):
             self.publisher.publish(each)
+        self._see(data)
 
 
 class SetClock:
@@ -114,10 +124,10 @@ class Stage:
         """What nodes have told: a traceback would be among them."""
         self.answered: dict[int, float] = {}
         """Steady time of the first command for each stamp [s]."""
-        self.measured: list[tuple[float, int, float, float]] = []
+        self.measured: deque[tuple[float, int, float, float]] = deque(maxlen=REMEMBERED)
         """Steady time, stamp, position and input of each measurement."""
-        self.commands: list[tuple[float, float]] = []
-        """Steady time and effort of every command."""
+        self.commands: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)
+        """Steady time and effort of every command, but the stranger's."""
         self.begun = 0.0
         """Steady time at which a fault begins; one that must prepare something moves it [s]."""
         self.said: list[Said] = []
@@ -137,13 +147,16 @@ class Stage:
         os.environ[TROUBLE] = str(self.disk)
         self.session = Session(self.rig.source, domain=self.domain, tell=self.lines.append)
         self.context = Context()
+        middleware.prepare()
         rclpy.init(context=self.context, domain_id=self.domain)
-        self.node = Node("saboteur", context=self.context, namespace=self.rig.namespace)
-        self.relay = Relay(self.node)
+        options = {"start_parameter_services": False, "enable_rosout": False}  # each would cost the relay time
+        self.node = Node("saboteur", context=self.context, namespace=self.rig.namespace, **options)
+        self.border = Border(JointState, steady=time.monotonic_ns)  # by which bytes are read at once
+        self.relay = Relay(self.node, self._see)
         if self.clocked:
             self.clock = SetClock(self.node)
-        self.node.create_subscription(JointState, SEEN, self._see, topics.profile(HEARD))
-        self.node.create_subscription(JointState, "joint_command", self._hear, topics.profile("joint_command"))
+        heard = topics.profile("joint_command")
+        self.node.create_subscription(JointState, "joint_command", self._hear, heard, raw=True)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._note, topics.profile("/diagnostics"))
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
@@ -168,13 +181,12 @@ class Stage:
         return Path(shutil.copytree(shipped(rig, kind), self.folder / kind))
 
     def _spin(self) -> None:
-        if self.priority:  # the relay stands in the loop
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(self.priority))
+        # The relay stands in the loop, with the middleware's threads; the main one does not.
+        for thread in {int(name) for name in os.listdir("/proc/self/task")} - {os.getpid()} if self.priority else ():
+            os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(self.priority))
         while self.context.ok():
-            try:
+            with suppress(Exception):  # a publisher is destroyed, or the context ends, while it spins
                 self.executor.spin_once(timeout_sec=0.1)
-            except Exception:  # the context ends while it spins
-                return
 
     @property
     def bag(self) -> Path:
@@ -251,16 +263,21 @@ class Stage:
 
     # ------------------------------------------------------------------ what is seen
 
-    def _see(self, message: JointState) -> None:
-        index = list(message.name).index(self.joint)
-        values = message.position[index], message.effort[index]
-        self.measured.append((time.monotonic(), nanoseconds(message.header.stamp), *values))
+    def _see(self, data: bytes) -> None:
+        now, joints = time.monotonic(), self.border.unpack(data)
+        if joints is None:
+            return
+        position, _, effort = joints.lists
+        index = list(joints.names).index(self.joint)
+        self.measured.append((now, joints.stamp, position[index], effort[index]))
 
-    def _hear(self, message: JointState) -> None:
-        now = time.monotonic()
-        self.answered.setdefault(nanoseconds(message.header.stamp), now)
-        if len(message.effort) == 1:
-            self.commands.append((now, message.effort[0]))
+    def _hear(self, data: bytes) -> None:
+        now, joints = time.monotonic(), self.border.unpack(data)
+        if joints is None:
+            return
+        self.answered.setdefault(joints.stamp, now)
+        if len(joints.lists[-1]) == 1 and joints.source != STRANGER:
+            self.commands.append((now, joints.lists[-1][0]))
 
     def _note(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -276,7 +293,7 @@ class Stage:
         """
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
-            recent = [entry for entry in list(self.measured) if entry[0] >= since][:-1]
+            recent = [*takewhile(lambda entry: entry[0] >= since, reversed(self.measured.copy()))][:0:-1]
             first, run = since, 0
             for (moment, stamp, *_), (following, *_) in pairwise(recent):
                 answer = self.answered.get(stamp)
@@ -290,15 +307,15 @@ class Stage:
     def bounded(self, since: float) -> bool:
         """Whether all inputs since then were within the actuator's limits, applied or commanded."""
         actuator = self.rig.actuators[0]
-        applied = [entry[3] for entry in self.measured if entry[0] >= since]
-        commanded = [effort for moment, effort in self.commands if moment >= since and math.isfinite(effort)]
+        applied = [entry[3] for entry in self.measured.copy() if entry[0] >= since]
+        commanded = [effort for moment, effort in self.commands.copy() if moment >= since and math.isfinite(effort)]
         values = np.array([*applied, *commanded])
         return bool(np.all((values >= actuator.low - 1e-9) & (values <= actuator.high + 1e-9)))
 
     def inside(self, since: float) -> bool:
         """Whether the rig was within its travel, its stops not touched, as its sensor shows it."""
         low, high = self.rig.travel_of_outputs[:, 0]
-        positions = np.array([entry[2] for entry in self.measured if entry[0] >= since])
+        positions = np.array([entry[2] for entry in self.measured.copy() if entry[0] >= since])
         return bool(np.all((positions > low) & (positions < high)))
 
     def alive(self) -> None:

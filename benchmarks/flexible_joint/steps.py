@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 from scipy.optimize import differential_evolution
 
-from benchmarks import picture, result
+from benchmarks import picture, result, step_response
 from hybrid_sysid_ros.control import Controller, ExactMpc, Plan
 from hybrid_sysid_ros.control.closed_loop import simulate_loop
 from hybrid_sysid_ros.control.policy import policy
@@ -84,26 +84,9 @@ class Watched:
         return estimate
 
 
-def levels(rig: Rig) -> list[tuple[float, float, float, float]]:
-    """Each step of the reference: when it comes, when the next one does [s], from and to which speed, as shown."""
-    schedule, last, found = rig.schedule(REFERENCE), 0.0, []
-    for start, stop in schedule.windows.values():
-        level = float(schedule(np.array([start]))[0, OUTPUT])
-        found.append((start, stop, last, level))
-        last = level
-    return found
-
-
 def settled(rig: Rig, time: Array, speed: Array) -> Array:
     """Settling time [s] and overshoot [of the step] of each step, (steps, 2); speed as it is shown, (samples,)."""
-    rows = []
-    for start, stop, before, after in levels(rig):
-        inside = (time >= start - 1e-9) & (time < stop - 1e-9)
-        error = (speed[inside] - after) / (after - before)
-        outside = np.flatnonzero(np.abs(error) > BAND)
-        last = time[inside][outside[-1]] + PERIOD - start if len(outside) else 0.0
-        rows.append((last, max(0.0, float(error.max()))))
-    return np.array(rows)
+    return step_response.settled(rig.schedule(REFERENCE), OUTPUT, time, speed, band=BAND)[:, :2]
 
 
 def pi_loop(rig: Rig, gain: float, integral: float, *, seed: int) -> tuple[Array, Array, Array]:
@@ -145,18 +128,12 @@ def mpc_loop(rig: Rig, model: Model, controller: Controller, *, seed: int) -> tu
     watched = Watched(controller, ExtendedKalmanFilter(model.system, tuning, period=PERIOD, latency=0.0))
     schedule, scales = rig.schedule(REFERENCE), np.array([display.scale for display in rig.display])
 
-    def reference(times: Array) -> Array:
-        if len(times) == 1:
-            return np.asarray(scales * schedule(times))
-        now = schedule(times[:1] - controller.period)  # what is wanted when the state is measured
-        return np.asarray(scales * np.repeat(now, len(times), axis=0))
-
     watched.reset()
     loop = simulate_loop(
         Plant(rig, seed=seed, bias=rig.bias),
         watched,
         watched,
-        reference,
+        step_response.unforeseen(schedule, scales, controller.period, lead=model.system.delay),
         inputs=len(rig.actuators),
         duration=schedule.duration,
         period=PERIOD,
@@ -246,7 +223,13 @@ def measured(rig: Rig, model: Model) -> dict[str, Any]:
         loops["supervised policy"] = lockstep(rig, model, lambda: Supervisor(imitation, mpc, tolerances))
     draw(rig, model, gains["PI"], {name: make for name, make in drawn.items() if name in loops})
     ratio = loops["exact MPC"]["settling_mean"]["mean"] / loops["PI"]["settling_mean"]["mean"]
-    return {"pi": laws, "levels": levels(rig), "loops": loops, "settling_ratio": ratio}
+    levels = step_response.levels(rig.schedule(REFERENCE), OUTPUT)
+    return {
+        "pi": laws,
+        "levels": levels,
+        "loops": loops,
+        "settling_ratio": ratio,
+    }
 
 
 def draw(rig: Rig, model: Model, law: tuple[float, float], made: Mapping[str, Callable[[], Controller]]) -> Path:

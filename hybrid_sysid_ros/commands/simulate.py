@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -19,8 +19,10 @@ def command(
     seed: Seed = 0,
     duration: Annotated[float, typer.Option(help="Seconds.", min=1.0, max=3600.0)] = 40.0,
     rate: Annotated[float, typer.Option(help="Samples per second.", min=1.0)] = 200.0,
+    undisturbed: Annotated[bool, typer.Option("--undisturbed", help="Without the rig's disturbances.")] = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Simulate an experiment on a rig, driven as the real one is, and write its bag."""
     chosen = load_rig(rig)
-    console.print(str(simulate(chosen, kind, out, seed=seed, duration=duration, rate=rate, overwrite=overwrite)))
+    options: dict[str, Any] = {"seed": seed, "duration": duration, "rate": rate}
+    console.print(str(simulate(chosen, kind, out, **options, overwrite=overwrite, disturbed=not undisturbed)))

@@ -92,8 +92,14 @@ class Problem:
     def sized(self, system: System) -> Problem:
         """The problem with a value for each output, input and state of a system.
 
-        Raises UserError where it has another number of values.
+        Raises UserError where it has another number of values, or steps that are not the problem's.
         """
+        own, step = system.sampling_time, self.period / self.substeps
+        if own is not None and abs(step - own) > 1e-9:
+            raise UserError(
+                f"mpc: {type(system).__name__} steps by {own:g} s, the problem by {step:g} s: choose a period of whole "
+                "steps, and as many substeps"
+            )
         each = (_PER_OUTPUT, system.outputs), (_PER_INPUT, system.inputs), (_PER_STATE, system.states)
         found = {
             name: numbers(getattr(self, name), f"mpc: {name} of {type(system).__name__}", count=len(of))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import casadi
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +44,13 @@ def symbolic_features(system: System) -> casadi.Function:
     x, u = casadi.SX.sym("x", len(system.declared_states)), casadi.SX.sym("u", len(system.inputs))
     z = casadi.vertcat(*system.feature(casadi.vertsplit(x), casadi.vertsplit(u)))
     return casadi.Function("features", [x, u], [z], ["x", "u"], ["z"])
+
+
+def symbolic_values(system: System, values: Callable[[Sequence[Any], Sequence[Any]], Sequence[Any]]) -> casadi.Function:
+    """Values of a function of all states and inputs as a CasADi function (x, u) -> values."""
+    x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u", len(system.inputs))
+    found = casadi.vertcat(*values(casadi.vertsplit(x), casadi.vertsplit(u)))
+    return casadi.Function("values", [x, u], [found], ["x", "u"], ["values"])
 
 
 def linearised(system: System, x: Array, u: Array) -> tuple[Array, Array]:

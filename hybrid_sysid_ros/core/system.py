@@ -143,6 +143,11 @@ class System:
         return type(self).output is System.output
 
     @property
+    def sampling_time(self) -> float | None:
+        """The one step [s] that the system holds at; None: at any."""
+        return None
+
+    @property
     def kinematics(self) -> Mapping[int, int]:
         """Position state -> the velocity state that is its rate."""
         from hybrid_sysid_ros.core.trace import kinematics_of
@@ -240,9 +245,15 @@ class System:
         return found
 
     @property
+    def remembered(self) -> range:
+        """States that are what was before: a record's past tells where they begin."""
+        return range(0)
+
+    @property
     def hidden(self) -> list[int]:
-        """Declared states that no record shows."""
-        return [index for index in range(len(self.declared_states)) if index not in self.shown]
+        """Declared states that no record tells."""
+        declared = range(len(self.declared_states))
+        return [index for index in declared if index not in self.shown and index not in self.remembered]
 
     @property
     def outside(self) -> tuple[tuple[Parameter, float], ...]:
@@ -271,9 +282,13 @@ class Recurrence(System):
     """Sampling time [s]."""
 
     @property
-    def hidden(self) -> list[int]:
-        """None: what is no output is the record's past."""
-        return []
+    def sampling_time(self) -> float:
+        return self.period
+
+    @property
+    def remembered(self) -> range:
+        """All: what is no output is the record's past."""
+        return range(len(self.states))
 
 
 def _key(value: Any) -> Any:

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from hybrid_sysid_ros.core import Recurrence, System
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation.beginning import Beginning
 from hybrid_sysid_ros.estimation.memory import GATED, LONGEST_GAP, LONGEST_STEP, USED, memory_of
 from hybrid_sysid_ros.estimation.observability import check_observable, offset_gains
@@ -93,12 +93,14 @@ class Estimator(ABC):
         Raises UserError where no estimator can be made of these.
         """
         tuning = tuning.checked(system)
-        if isinstance(system, Recurrence):
-            if abs(period - system.period) > 1e-9 or tuning.channels:
+        if system.sampling_time is not None:
+            steps = round(period / system.sampling_time)
+            if steps < 1 or abs(period - steps * system.sampling_time) > 1e-9 or tuning.channels:
                 raise UserError(
-                    f"{type(system).__name__} steps by {system.period:g} s: give it one measurement for each step"
+                    f"{type(system).__name__} steps by {system.sampling_time:g} s: measurements must come whole steps "
+                    f"apart, not {period:g} s, and from no further channels"
                 )
-            self._window, step = 0.0, system.period
+            self._window, step = 0.0, system.sampling_time
         else:
             self._window = self._window_of(tuning, period)
         check_observable(system, tuning, step=step)

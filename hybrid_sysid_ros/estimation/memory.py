@@ -14,7 +14,7 @@ from llvmlite import ir
 from numba import carray, types
 from numba.extending import intrinsic
 
-from hybrid_sysid_ros.core import Recurrence, System, compiled
+from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.trace import shown_states
 from hybrid_sysid_ros.estimation.tuning import Tuning
@@ -169,7 +169,7 @@ def memory_of(
         "windowed": windowed,
         "keep": keep,
         "longest_step": step,
-        "slack": 0.5 if isinstance(system, Recurrence) else 1e-6,
+        "slack": 1e-6 if system.sampling_time is None else 0.5,
         "span": span,
         "gate": tuning.gate,
         "lead": lead,

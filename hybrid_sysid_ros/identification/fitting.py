@@ -65,6 +65,8 @@ def fit(
     hold: Sequence[str] = (),
     starts: int = 1,
     seed: int = 0,
+    tolerance: float | None = None,
+    iterations: int = ITERATIONS,
     progress: Progress | None = None,
 ) -> Fit:
     """Fit the free parameters and weights of a system to several experiments at once.
@@ -72,8 +74,9 @@ def fit(
     anchor: an earlier fit of the same physics, about which its parameters then stay (within a few deviations): what the
     physics can't explain is left to a network. ridge, hold: see
     :class:`~hybrid_sysid_ros.identification.problem.Problem`. starts: points where the first stage begins, all but the
-    first random by ``seed``; the best one goes on. Trust-region least squares with bounds; the Jacobian is exact
-    and simulated in parallel threads.
+    first random by ``seed``; the best one goes on. tolerance, iterations: of each stage, by default FINE in the last
+    one of a physical structure and COARSE elsewhere, and ITERATIONS. Trust-region least squares with bounds; the
+    Jacobian is exact and simulated in parallel threads.
 
     Raises UserError for records without excitation or beyond the system's range, and where every simulation
     diverges.
@@ -91,7 +94,8 @@ def fit(
         for horizon in stages:
             problem.carry(points[0], horizon)
             physical = horizon == stages[-1] and not len(system.weights)
-            solutions = [_solve(problem, horizon, point, FINE if physical else COARSE, pool.map) for point in points]
+            limits = tolerance or (FINE if physical else COARSE), iterations
+            solutions = [_solve(problem, horizon, point, limits, pool.map) for point in points]
             solution = min(solutions, key=lambda item: float(item.cost))
             points = [solution.x]
             relative = problem.relative_error(solution.fun)
@@ -131,7 +135,9 @@ def _anchors(system: System, fitted: Fit) -> tuple[Array, Array]:
     return fitted.system.values[free], ANCHOR * fitted.spreads[: len(free)]
 
 
-def _solve(problem: Problem, horizon: int | None, point: Array, tolerance: float, run: Map) -> Any:
+def _solve(problem: Problem, horizon: int | None, point: Array, limits: tuple[float, int], run: Map) -> Any:
+    """limits: tolerance and iterations."""
+    tolerance, iterations = limits
     lower, upper = problem.bounds
     return least_squares(
         problem.residuals(horizon),
@@ -141,5 +147,5 @@ def _solve(problem: Problem, horizon: int | None, point: Array, tolerance: float
         method="trf",
         ftol=tolerance,
         xtol=tolerance,
-        max_nfev=ITERATIONS,
+        max_nfev=iterations,
     )

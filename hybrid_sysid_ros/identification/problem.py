@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Recurrence, Sensitivities, System, rollouts
+from hybrid_sysid_ros.core import Sensitivities, System, rollouts
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -261,13 +261,13 @@ class Problem:
 
 
 def _shown(system: System) -> list[int]:
-    """States where a record's own beginning counts. Of a recurrence these are its outputs: the rest is its past."""
-    return [i for i, (_, rate) in system.shown.items() if not (rate and isinstance(system, Recurrence))]
+    """States where a record's own beginning counts. Of what is remembered these are outputs: the rest is its past."""
+    return [i for i, (_, rate) in system.shown.items() if not (rate and i in system.remembered)]
 
 
 def _hidden(system: System) -> list[int]:
-    """States that records don't show."""
-    return [] if isinstance(system, Recurrence) else [i for i in range(len(system.states)) if i not in system.shown]
+    """States that records don't tell."""
+    return [i for i in range(len(system.states)) if i not in system.shown and i not in system.remembered]
 
 
 def _check_excitation(system: System, inputs: Array, deviation: Array) -> None:

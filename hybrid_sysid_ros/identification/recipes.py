@@ -12,6 +12,7 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.fitting import STAGES, Fit, Progress, fit
 from hybrid_sysid_ros.identification.gradient_training import train
+from hybrid_sysid_ros.identification.residual import Leftover, beginning, check_forgets
 from hybrid_sysid_ros.identification.selection.term_selection import select_terms
 from hybrid_sysid_ros.identification.starting import begun, magnitudes
 from hybrid_sysid_ros.models import Sampling, build
@@ -19,12 +20,16 @@ from hybrid_sysid_ros.models.hybrid import Hybrid, averaged
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.options import Options, complete
 from hybrid_sysid_ros.models.recurrent import PERIOD as RECURRENT_PERIOD
+from hybrid_sysid_ros.models.residual import ResidualHybrid
 from hybrid_sysid_ros.models.structures import options_of, structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 
 NARX_RIDGE = 1e-6
 """Its terms are chosen already: nothing pulls their coefficients to zero."""
+
+RESIDUAL_TOLERANCE, RESIDUAL_ITERATIONS = 1e-4, 80
+"""Of a residual's fit: its feedback makes the cost's valleys long and narrow."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,6 +58,8 @@ class Recipe:
         row, box = structure_of(self.structure, self.rig.structures)
         if row.network == "anchored":
             return self._anchored(box, records), self.sampling
+        if row.network == "residual":
+            return self._residual(box, records), self.sampling
         if row.network == "frozen":
             first = self._one(box, records)
             return self._one(self.structure, records, start=first, hold=first.names), self.sampling
@@ -74,6 +81,30 @@ class Recipe:
             relative_error=float(np.mean([member.relative_error for member in members])),
             seconds=gray.seconds + sum(member.seconds for member in members),
             evaluations=gray.evaluations + sum(member.evaluations for member in members),
+        )
+
+    def _residual(self, box: str, records: Sequence[Record]) -> Fit:
+        """The gray box first; then a model of what it leaves, by its own free run beside the gray box as it is."""
+        gray = self._one(box, records)
+        leftovers = [Leftover.of(gray.system, prepare(record, gray.system, self.sampling)) for record in records]
+        system = beginning(gray.system, leftovers, self.chosen, seed=self.seed)
+        found = fit(
+            system,
+            [leftover.begun(system) for leftover in leftovers],
+            ridge=float(self.chosen["ridge"]),
+            hold=[item.name for item in gray.system.parameters],
+            tolerance=RESIDUAL_TOLERANCE,
+            iterations=RESIDUAL_ITERATIONS,
+            progress=self.progress,
+        )
+        assert isinstance(found.system, ResidualHybrid)
+        check_forgets(found.system, leftovers)
+        return replace(
+            gray,
+            system=found.system,
+            relative_error=found.relative_error,
+            seconds=gray.seconds + found.seconds,
+            evaluations=gray.evaluations + found.evaluations,
         )
 
     def _one(

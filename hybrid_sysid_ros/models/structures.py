@@ -17,6 +17,7 @@ from hybrid_sysid_ros.models.linear import Friction, Linear
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.options import Option, Options, complete
 from hybrid_sysid_ros.models.recurrent import Recurrent
+from hybrid_sysid_ros.models.residual import ResidualHybrid
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -45,6 +46,15 @@ _NARX = {
     "degree": Option(default=3, low=1, high=3, kind="int", description="of the polynomial"),
     "terms": Option(default=4, low=0, high=40, kind="int", description="number of terms of an output, 0 for BIC's"),
 }
+_RESIDUAL = {
+    "output_lags": Option(default=3, low=1, high=6, kind="int", description="past residuals of each output"),
+    "input_lags": Option(default=2, low=1, high=6, kind="int", description="past inputs"),
+    "units": replace(_UNITS, default=12, low=0, description="of the residual's network, 0: none"),
+    "degree": Option(default=1, low=0, high=3, kind="int", description="of the residual's polynomial, 0: none"),
+    "terms": Option(default=0, low=0, high=40, kind="int", description="products in it for an output, 0 for BIC's"),
+    "ridge": replace(_RIDGE, default=0.3),
+    **_FIT,
+}
 _RECURRENT = {"units": Option(default=24, low=2, high=64, kind="int", description="hidden states of the GRU")}
 
 
@@ -54,9 +64,9 @@ class Structure:
 
     physics: Literal["own", "viscous", "stribeck", "dahl", "lugre", "straight", "none"]
     """The rig's own system, the linear one of its signature with a friction, its straight part, or nothing."""
-    network: Literal["", "joint", "frozen", "anchored"] = ""
-    """Whether a network is added, and what becomes of the physics: fitted with it, fitted before and then left, or
-    fitted before and then held near.
+    network: Literal["", "joint", "frozen", "anchored", "residual"] = ""
+    """Whether something learned is added, and what becomes of the physics: fitted with it, fitted before and then left,
+    fitted before and then held near, or fitted before and simulated without it, what is learned beside.
     """
     options: Mapping[str, Option] = field(default_factory=lambda: _FIT)
     everywhere: bool = False
@@ -85,8 +95,11 @@ TABLE: Mapping[str, Structure] = {
     "hybrid_frozen": Structure(physics="viscous", network="frozen", options=_NETWORK),
     "gray": Structure(physics="own"),
     "hybrid": Structure(physics="own", network="anchored", options=_ANCHORED),
+    "residual": Structure(physics="own", network="residual", options=_RESIDUAL),
 }
-"""By name. A rig may offer further gray boxes of its own, and any gray box G has its anchored hybrid, hybrid_G."""
+"""By name. A rig may offer further gray boxes of its own, and any gray box G has its anchored hybrid, hybrid_G, and its
+hybrid by residual, residual_G.
+"""
 
 STRUCTURES = tuple(TABLE)
 Boxes = Mapping[str, System]
@@ -104,12 +117,12 @@ def structure_of(name: str, boxes: Boxes | None = None) -> tuple[Structure, str]
         return row, {"own": "gray", "viscous": "linear"}.get(row.physics, row.physics)
     if name in known:
         return known[name], name
-    box = name.removeprefix("hybrid_")
-    if box in known and box != name:
-        return replace(TABLE["hybrid"], physics=known[box].physics), box
+    kind, _, box = name.partition("_")
+    if box in known and kind in ("hybrid", "residual"):
+        return replace(TABLE[kind], physics=known[box].physics), box
     raise UserError(
-        f"structure {name!r} is unknown; choose one of {', '.join((*TABLE, *(boxes or {})))}, or hybrid_NAME of a "
-        "gray box"
+        f"structure {name!r} is unknown; choose one of {', '.join((*TABLE, *(boxes or {})))}, or hybrid_NAME or "
+        "residual_NAME of a gray box"
     )
 
 
@@ -173,6 +186,8 @@ def assemble(
     if structure == "recurrent":
         return Recurrent.of(design, weights)
     base = _physics(row, box, physics, boxes, design.get("physics") or {})
+    if row.network == "residual":
+        return ResidualHybrid.of(base, design, weights)
     on = tuple(design["on"])
     scales = (1.0,) * (len(features_of(base)) + len(on))
     return Hybrid(physics=base, on=on, units=int(design["units"]), scales=scales, network_weights=weights)
@@ -205,12 +220,12 @@ def build(
     training data, and their means. features: magnitudes of the features that the rig's own system declares. seed: of a
     network's first weights. unshown: states that no record shows.
 
-    Raises UserError for an unknown name or option, for a structure that makes no sense on the rig, and for narx and
-    recurrent, which are not built before their data are seen.
+    Raises UserError for an unknown name or option, for a structure that makes no sense on the rig, and for narx,
+    recurrent and residual, which are not built before their data are seen.
     """
     row, box = structure_of(structure, boxes)
     chosen = complete(options or {}, options_of(structure, physics, boxes), structure)
-    if row.physics == "none":
+    if row.physics == "none" or row.network == "residual":
         raise UserError(f"structure {structure}: is made of its data, so it can't be built before them; identify it")
     own = physics.with_values([item.start for item in physics.parameters])
     n, at = len(own.declared_states), np.zeros(len(scales)) if centre is None else centre

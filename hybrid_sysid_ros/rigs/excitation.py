@@ -78,9 +78,39 @@ def swept_sine(*, amplitude: float, low: float, high: float, duration: float) ->
     return reference
 
 
+def pulses(
+    seed: int, *, amplitude: float, shortest: float, longest: float, apart: float, rise: float = 0.2
+) -> Reference:
+    """What a hand does: one pulse at a random time of each ``apart`` [s], as long as random from shortest to longest
+    [s], as high as random from a third of the amplitude to all of it, its flanks ``rise`` [s] long.
+
+    Raises UserError where they don't fit into ``apart``.
+    """
+    if not shortest <= longest <= apart:
+        raise UserError(
+            f"pulses of {shortest:g} to {longest:g} s, one in {apart:g} s: shortest, longest, apart must grow"
+        )
+
+    def reference(t: ArrayLike) -> Array:
+        t = np.asarray(t, dtype=float)
+        numbers, places = np.unique(np.maximum(np.floor(t / apart), 0.0).astype(int), return_inverse=True)
+        drawn = np.array([np.random.default_rng((seed, k)).uniform(size=3) for k in numbers.tolist()]).reshape(-1, 3)
+        lengths = shortest + (longest - shortest) * drawn[:, 0]
+        starts = numbers * apart + (apart - lengths) * drawn[:, 1]
+        heights = amplitude * (1.0 + 2.0 * drawn[:, 2]) / 3.0
+        length, start, height = (values[places].reshape(t.shape) for values in (lengths, starts, heights))
+        inside = np.minimum(t - start, start + length - t)  # from the nearer flank
+        return np.asarray(height * np.clip(inside / rise, 0.0, 1.0))
+
+    return reference
+
+
 KINDS: Mapping[str, Callable[..., Reference]] = {
-    function.__name__: function for function in (constant, sine, multisine, random_steps, hashed_steps, swept_sine)
+    function.__name__: function
+    for function in (constant, sine, multisine, random_steps, hashed_steps, swept_sine, pulses)
 }
+LEAST = {"hold": 1e-9, "period": 1e-9, "lines": 1, "shortest": 1e-9, "longest": 1e-9, "apart": 1e-9, "rise": 1e-9}
+"""Values that a kind's numbers must have."""
 GIVEN = ("seed", "duration", "period")
 """Of a kind's numbers, what whoever asks for the signal gives: the period of a multisine is its duration by default."""
 
@@ -107,7 +137,7 @@ class Excitation:
                 raise UserError(f"{where}: {name} is missing")
         for name, value in values.items():
             (values[name],) = numbers(value, f"{where}.{name}", count=1)
-            if values[name] < {"hold": 1e-9, "period": 1e-9, "lines": 1}.get(name, -math.inf):
+            if values[name] < LEAST.get(name, -math.inf):
                 raise UserError(f"{where}.{name} is {values[name]:g}: it must be above 0")
         return cls(kind=kind, numbers=values)
 
@@ -117,6 +147,12 @@ class Excitation:
         value, most = self.numbers[name], (min if low < 0.0 < high else max)(-low, high)
         within = low <= value <= high if name == "level" else abs(value) <= most
         return "" if within else f"{name} {value:g}"
+
+    @property
+    def endless(self) -> bool:
+        """Whether it goes on for as long as anybody looks."""
+        parameters = inspect.signature(KINDS[self.kind]).parameters
+        return "duration" not in parameters and ("period" not in parameters or "period" in self.numbers)
 
     def signal(self, *, seed: int = 0, duration: float = math.inf) -> Reference:
         """As a function of time. duration [s]: of a sweep, of steps, and the period of a multisine without one."""

@@ -63,11 +63,20 @@ def driven(plant: Plant, wanted: Array) -> Iterator[Array]:
 
 
 def simulate(
-    rig: Rig, kind: str, out: Path, *, seed: int, duration: float, rate: float, overwrite: bool = False
+    rig: Rig,
+    kind: str,
+    out: Path,
+    *,
+    seed: int,
+    duration: float,
+    rate: float,
+    overwrite: bool = False,
+    disturbed: bool = True,
 ) -> Path:
     """Drive the simulated rig through an experiment as the real one is driven, and write the bag.
 
-    rate: of the bag's samples [Hz]; each carries the mean inputs since the one before. Raises UserError for a rate that
+    rate: of the bag's samples [Hz]; each carries the mean inputs since the one before. disturbed: see
+    :class:`~.plant.Plant`. Raises UserError for a rate that
     does not divide the rig's, an experiment that the rig has not, one in which a state grows beyond :data:`BEYOND`, and
     a place that can't be written.
     """
@@ -76,7 +85,7 @@ def simulate(
     samples = round(duration * rate) + 1
     times = np.arange((samples - 1) * every + 1, dtype=np.float64) * rig.step
     wanted = excitation(rig, kind, seed=seed, duration=duration, times=times)
-    plant = Plant(rig, seed=seed, bias=rig.bias)
+    plant = Plant(rig, seed=seed, bias=rig.bias, disturbed=disturbed)
     steps = driven(plant, wanted)
     shown, applied = [plant.measure()], [np.zeros(len(rig.actuators))]
     for _ in range(samples - 1):
@@ -90,6 +99,8 @@ def simulate(
     stamps = START + np.round(np.arange(samples) / rate * 1e9).astype(np.int64)
     told = ", ".join(f"{value:g} {item.unit}" for value, item in zip(rig.bias, rig.system.inputs, strict=True))
     made_by = f"simulated {rig.name}, {kind}, seed {seed}, {duration:g} s at {rate:g} Hz, bias {told}"
+    if rig.disturbances and not disturbed:
+        made_by += ", undisturbed"
     series = [_measurements(rig, stamps, shown, np.array(applied))]
     if rig.experiments.loops:
         series.append(_references(rig, stamps, wanted[::every]))

@@ -18,7 +18,7 @@ from hybrid_sysid_ros.rigs.sensor import LowPassFilter, Sensor
 
 Array = NDArray[np.float64]
 DRAWN = 1024
-"""Rows of noise that are drawn at once."""
+"""Rows of noise and of disturbances that are drawn at once."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,9 +36,11 @@ class Measurement:
 class Plant:
     """The rig's system integrated at ``rig.step``, driven by inputs that are bounded and never NaN."""
 
-    def __init__(self, rig: Rig, *, seed: int, bias: ArrayLike = 0.0, noisy: bool = True) -> None:
+    def __init__(
+        self, rig: Rig, *, seed: int, bias: ArrayLike = 0.0, noisy: bool = True, disturbed: bool = True
+    ) -> None:
         """bias: constant added to each input (inputs,) or one for all, a disturbance that no model knows. noisy: hum,
-        noise and counts.
+        noise and counts. disturbed: what moves states from outside (``rig.disturbances``).
         """
         self.rig = rig
         self.step = rig.step
@@ -51,7 +53,12 @@ class Plant:
         self._phases = random.uniform(0, 2 * np.pi, len(rig.sensors))
         self._random = random
         self._noise: Iterator[list[float]] = iter(())
+        acting = rig.disturbances if disturbed else {}
+        self._disturbances = {index: item.signal(seed=seed) for index, item in acting.items()}
         self._delays = [_split(delay / rig.step) for delay in system.input_delays]
+        for item, sensor in zip(rig.system.outputs, rig.sensors, strict=True):
+            if sensor.window:
+                rig.steps(sensor.window, f"{rig.file}: sensors.{item.name}.window")
         self._channels = [_Reading(sensor, rig.step) for sensor in rig.sensors]
         self._drive, self._outputs = np.zeros(len(rig.actuators)), np.zeros(len(rig.sensors))
         velocities = (system.kinematics.get(index, -1) for index in range(len(system.states)))
@@ -63,6 +70,7 @@ class Plant:
     def reset(self, state: ArrayLike, *, inputs: ArrayLike | None = None) -> None:
         """Start again at time 0 from a state (states,), the inputs having stood at ``inputs`` (inputs,), or at rest."""
         self._ticks = 0
+        self._levels: Iterator[list[float]] = iter(())
         self.state = np.array(state, dtype=float)
         rest = [actuator.rest for actuator in self.rig.actuators]
         stood = np.broadcast_to(rest if inputs is None else np.asarray(inputs, dtype=float), len(rest)).tolist()
@@ -91,6 +99,7 @@ class Plant:
         for actuator, past, value in zip(self.rig.actuators, self._past, values, strict=True):
             past.appendleft(actuator.bounded(value))
         self._act()
+        self._disturb()
         for channel in self._channels:
             channel.advance()
         for channel, value in zip(self._channels, self._move(steps=1), strict=True):
@@ -111,6 +120,18 @@ class Plant:
         """What acts on the system now, behind the delays."""
         for index, (past, (whole, part)) in enumerate(zip(self._past, self._delays, strict=True)):
             self._drive[index] = (1.0 - part) * past[whole] + part * past[whole + 1] + self.bias[index]
+
+    def _disturb(self) -> None:
+        """Move the states that are moved from outside."""
+        if not self._disturbances:
+            return
+        levels = next(self._levels, None)
+        if levels is None:
+            times = (self._ticks + np.arange(DRAWN)) * self.rig.step
+            self._levels = iter(np.column_stack([signal(times) for signal in self._disturbances.values()]).tolist())
+            levels = next(self._levels)
+        for index, level in zip(self._disturbances, levels, strict=True):
+            self.state[index] = level
 
     def _read(self) -> None:
         if not self.noisy:
@@ -183,6 +204,7 @@ class _Reading:
         self._sensor = sensor
         self._low_pass = LowPassFilter(sensor.low_pass, step) if sensor.low_pass else None
         self._whole, self._part = _split(sensor.delay / step)
+        self._window = round(sensor.window / step)
         self.value = 0.0
 
     @property
@@ -194,6 +216,9 @@ class _Reading:
         self._past = deque([output] * (self._whole + 2), maxlen=self._whole + 2)
         if self._low_pass is not None:
             self._low_pass.reset(output)
+        self._sum = 0.0
+        before = [k * output / self._sensor.scale / max(self._window, 1) for k in range(-self._window, 1)]
+        self._counts = deque(map(self._counted, before), maxlen=self._window + 1)
 
     def see(self, output: float) -> None:
         self._past.appendleft(output)
@@ -216,8 +241,16 @@ class _Reading:
         sensor, hum = self._sensor, 0.0
         if sensor.hum is not None:
             hum = math.sqrt(2) * sensor.hum.rms * math.sin(2 * math.pi * sensor.hum.hertz * time + phase)
-        reading = self.value / sensor.scale + hum + sensor.white_noise * white
-        self.value = (sensor.quantiser.read(reading) if sensor.quantiser else reading) * sensor.scale
+        reading = self.value / sensor.scale + hum
+        if self._window:  # the noise is half that of each end
+            self._sum += reading / self._window
+            self._counts.append(self._counted(self._sum + math.sqrt(0.5) * sensor.white_noise * white))
+            self.value = (self._counts[-1] - self._counts[0]) * sensor.scale
+        else:
+            self.value = self._counted(reading + sensor.white_noise * white) * sensor.scale
+
+    def _counted(self, reading: float) -> float:
+        return self._sensor.quantiser.read(reading) if self._sensor.quantiser else reading
 
 
 def _split(steps: float) -> tuple[int, float]:

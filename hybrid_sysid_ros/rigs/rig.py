@@ -23,7 +23,7 @@ from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, re
 
 SECTIONS = (
     "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
-    "policy_training", "policy_certificate", "demo", "travel",
+    "policy_training", "policy_certificate", "demo", "travel", "disturbances",
 )  # fmt: skip
 BEYOND = 1e9
 """No state, input or output of a rig is that large, whatever its unit."""
@@ -82,6 +82,8 @@ class Rig:
     """By name; the first is the one to show."""
     content: Mapping[str, Any]
     """All of rig.yaml."""
+    disturbances: Mapping[int, Excitation] = field(default_factory=dict)
+    """By state: the signal that moves it while the rig is simulated, which no model knows."""
 
     def __reduce__(self) -> Any:
         """To another process a rig goes by its source: that runs its Python there, too."""
@@ -213,6 +215,7 @@ def _read(found: folders.RigFolder) -> Rig:
         sensors=sensors,
         actuators=actuators,
         travel=_travel(section(content, "travel", where), system, f"{where}: travel"),
+        disturbances=_disturbances(section(content, "disturbances", where), system, f"{where}: disturbances"),
         joints=joints,
         namespace=namespace,
         signals=signals.ordered(system.inputs, system.outputs),
@@ -284,6 +287,17 @@ def _travel(told: Mapping[str, Any], system: System, where: str) -> NDArray[np.f
         if not low < high:
             raise UserError(f"{where}.{name} goes from {low:g} to {high:g}: the lowest value must come first")
         found[:, index] = low, high
+    return found
+
+
+def _disturbances(told: Mapping[str, Any], system: System, where: str) -> dict[int, Excitation]:
+    """The signals of states that are moved from outside."""
+    found = {}
+    for name, value in told.items():
+        signal = Excitation.of(value, f"{where}.{name}")
+        if not signal.endless:
+            raise UserError(f"{where}.{name}: a {signal.kind} comes to an end: take another kind, or give it a period")
+        found[_index(name, system.declared_states, where, "state")] = signal
     return found
 
 

@@ -1,4 +1,4 @@
-"""A sensor, made of parts: scale, delay, hum, white noise, quantiser and low-pass."""
+"""A sensor, made of parts: scale, delay, window, hum, white noise, quantiser and low-pass."""
 
 from __future__ import annotations
 
@@ -93,11 +93,15 @@ class Sensor:
     low_pass: LowPass | None = None
     delay: float = 0.0
     """Age of what a reading shows [s]."""
+    window: float = 0.0
+    """A reading is the mean over this time [s], in counts of the sum: a counter of pulses. 0: that of a moment."""
 
     def __post_init__(self) -> None:
         if not (self.scale != 0 and math.isfinite(self.scale)):
             raise UserError(f"scale is {self.scale:g}: it needs a number of SI units per {self.unit or 'reading'}")
-        _at_least_zero(self, "white_noise", "delay")
+        _at_least_zero(self, "white_noise", "delay", "window")
+        if self.window and self.quantiser and math.isfinite(self.quantiser.range):
+            raise UserError("a counter of pulses, one with a window, has no range: give its quantiser a count alone")
 
     @property
     def display(self) -> Display:

@@ -187,7 +187,7 @@ def test_a_recurrence_has_the_textbook_s_filter(kind):
 
 
 def test_a_recurrence_knows_only_its_own_samples(kind):
-    with pytest.raises(UserError, match=r"Narx steps by 0\.05 s: give it one measurement for each step"):
+    with pytest.raises(UserError, match=r"Narx steps by 0\.05 s: measurements must come whole steps apart"):
         kind(ARX, PLAIN, period=PERIOD)
 
 

@@ -61,7 +61,7 @@ def select_terms(
     own, lags = (scales[: len(outputs)], scales[len(outputs) :]), (output_lags, input_lags)
     parts = [_regression(item.outputs / own[0], item.inputs / own[1], *lags) for item in experiments]
     lagged, targets = (np.concatenate(blocks) for blocks in zip(*parts, strict=True))
-    candidates = _exponents(lagged.shape[1], degree)
+    candidates = exponents_of(lagged.shape[1], degree)
     values = np.stack([np.prod(lagged**term, axis=1) for term in candidates], axis=1)
     most = min(len(candidates), len(targets) - 1, MOST if terms is None else terms)
     if terms is not None and most < terms:
@@ -70,9 +70,9 @@ def select_terms(
         )
     exponents, coefficients = [], []
     for target in targets.T:
-        chosen = _forward(values, target, most)
+        chosen = forward_selection(values, target, most)
         if terms is None:
-            chosen = chosen[: _count(values[:, chosen], target)]
+            chosen = chosen[: least_criterion(values[:, chosen], target)]
         exponents.append(tuple(candidates[index] for index in chosen))
         coefficients += np.linalg.lstsq(values[:, chosen], target, rcond=None)[0].tolist()
     return Narx(
@@ -108,7 +108,7 @@ def _regression(outputs: Array, inputs: Array, output_lags: int, input_lags: int
     return np.concatenate(past, axis=1), outputs[first + 1 :]
 
 
-def _exponents(values: int, degree: int) -> list[tuple[int, ...]]:
+def exponents_of(values: int, degree: int) -> list[tuple[int, ...]]:
     """Exponents of all products of at most ``degree`` of so many values, the constant first."""
     return [
         tuple(factors.count(value) for value in range(values))
@@ -117,7 +117,7 @@ def _exponents(values: int, degree: int) -> list[tuple[int, ...]]:
     ]
 
 
-def _forward(values: Array, target: Array, count: int) -> NDArray[np.intp]:
+def forward_selection(values: Array, target: Array, count: int) -> NDArray[np.intp]:
     """Columns of values (rows, candidates) in the order in which forward regression takes them, (count,)."""
     with extra("narx"):
         from sysidentpy.model_structure_selection import FROLS
@@ -132,7 +132,7 @@ def _forward(values: Array, target: Array, count: int) -> NDArray[np.intp]:
     return np.asarray(chosen, dtype=np.intp)
 
 
-def _count(values: Array, target: Array) -> int:
+def least_criterion(values: Array, target: Array) -> int:
     """The number n of leading columns (rows, columns) with the least N ln s2 + n ln N, s2 the mean square of N errors.
 
     The Bayesian information criterion of Schwarz (1978).
