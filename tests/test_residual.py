@@ -18,6 +18,7 @@ from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.identification import Experiment, free_run
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.residual import Leftover, beginning, check_forgets, levinson
+from hybrid_sysid_ros.identification.validation.leftovers import before_and_after
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.hybrid import CLIP
 from hybrid_sysid_ros.models.residual import RADIUS, ResidualHybrid, coefficients
@@ -201,6 +202,23 @@ def test_a_known_residual_comes_back() -> None:
     error = prepared.outputs - free_run(system, prepared)
     before = unseen.outputs - free_run(Belt(), unseen)
     assert np.std(error[:, 0]) < 0.01 * np.std(before[:, 0])
+
+
+def test_its_three_steps_are_told() -> None:
+    """What the gray box leaves follows the input, what the true recursion leaves does not."""
+    system, _ = fitted(units=0, output_lags=2)
+    unseen = told(7)
+    states = system.observed(unseen.outputs, 0.0 * unseen.outputs, np.zeros((1501, 2)))
+    states[0] = 0.0
+    rows = {(row.step, row.output): row for row in before_and_after(system, replace(unseen, states=states))}
+    before, after = rows["gray box", "first"], rows["with its residual", "first"]
+    assert not before.random
+    assert before.independence.outside > 10
+    assert after.scores.r2 > before.scores.r2
+    assert after.independence.outside <= 3
+    np.testing.assert_allclose(
+        before.scores.rmse, np.std(unseen.outputs[:, 0] - free_run(Belt(), unseen)[:, 0]), rtol=0.1
+    )
 
 
 def test_a_residual_that_swings_by_itself_is_refused() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,9 +12,12 @@ from rich.table import Table
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part, identify
+from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
+from hybrid_sysid_ros.identification.validation.leftovers import Leftovers, before_and_after
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.options import parse
+from hybrid_sysid_ros.models.residual import ResidualHybrid
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.files import check_folder
 
@@ -69,7 +73,22 @@ def command(
     print_table(
         terminal.score_table({name: dict(scores) for name, scores in model.scores.items()}, described, "training")
     )
+    if isinstance(model.system, ResidualHybrid):
+        used = [experiment_of(model, record, part=Part.parse(part)) for record in records]
+        print_table(leftovers_table([row for item in used for row in before_and_after(model.system, item)]))
     console.print(f"{out}: {structure} from {len(records)} records in {model.fit['seconds']:.1f} s")
+
+
+def leftovers_table(rows: Sequence[Leftovers]) -> Table:
+    """The steps of a hybrid by residual: the gray box, whether what it leaves is random, and what is left after."""
+    table = Table(
+        "record", "output", "free run of", "R2", "lags outside: itself", "input", "random",
+        title="1 fit the gray box, 2 test what it leaves, 3 add a model of that (free run, 99 % bounds)",
+    )  # fmt: skip
+    for row in sorted(rows, key=lambda row: (row.record, row.output)):
+        outside = (f"{test.outside} of {len(test.lags)}" for test in (row.whiteness, row.independence))
+        table.add_row(row.record, row.output, row.step, f"{row.scores.r2:.4f}", *outside, "yes" if row.random else "no")
+    return table
 
 
 def parameter_table(model: Model) -> Table:

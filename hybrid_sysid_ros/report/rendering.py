@@ -104,6 +104,7 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
         "adapted": section.adapted,
         "inputs": section.model.system.inputs,
         "free_runs": [drawn(figures.free_run(run), f"{prefix}free-run-{number}") for number, run in enumerate(runs)],
+        "leftovers": section.leftovers,
         "tests": section.tests,
         "residual_tests": drawn(figures.residual_tests(section), f"{prefix}residual-tests") if section.tests else "",
         "horizons": [

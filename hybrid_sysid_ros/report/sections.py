@@ -17,6 +17,7 @@ from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, k_step_errors
 from hybrid_sysid_ros.identification.validation.identifiability import Doubt, correlated, doubts
 from hybrid_sysid_ros.identification.validation.input_bias import Adapted
+from hybrid_sysid_ros.identification.validation.leftovers import Leftovers, before_and_after
 from hybrid_sysid_ros.identification.validation.residual_tests import (
     LAGS,
     ResidualTest,
@@ -27,6 +28,7 @@ from hybrid_sysid_ros.identification.validation.resimulation import Resimulation
 from hybrid_sysid_ros.identification.validation.scores import initial_state
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.model import versions
+from hybrid_sysid_ros.models.residual import ResidualHybrid
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.excitation import Schedule
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -93,6 +95,8 @@ class IdentificationSection:
 
     model: Model
     runs: Sequence[FreeRun]
+    leftovers: Sequence[Leftovers] = ()
+    """Of a hybrid by residual: what its gray box leaves, and what is left with its residual's model."""
     adapted: Mapping[str, Adapted] = field(default_factory=dict)
     """By record: the free run over the rest of it, without and with the input bias that its first seconds show."""
 
@@ -170,8 +174,13 @@ def identification_section(
     Raises:
         UserError: a record does not fit the model's sampling.
     """
-    runs = tuple(run for record, part in records for run in free_runs_of(model, record, part))
-    return IdentificationSection(model=model, runs=runs, adapted=adapted or {})
+    used, system = list(records), model.system
+    runs = tuple(run for record, part in used for run in free_runs_of(model, record, part))
+    leftovers: tuple[Leftovers, ...] = ()
+    if isinstance(system, ResidualHybrid):
+        experiments = (experiment_of(model, record, part=part) for record, part in used)
+        leftovers = tuple(row for item in experiments for row in before_and_after(system, item))
+    return IdentificationSection(model=model, runs=runs, leftovers=leftovers, adapted=adapted or {})
 
 
 def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRun]:

@@ -80,7 +80,7 @@ def test_protocol_3_adds_the_whole_slow_ramp_to_the_halves_of_protocol_2(author_
     assert [item.name for item in protocol.training] == [*MULTISINES, *STEPS, "02_rampa_negativa"]
     assert protocol.parts == [FIRST_HALF] * 6 + [WHOLE]
     assert [table_name(item.name) for item, _ in protocol.tests] == [*COLUMNS, "ramp_02"]
-    assert protocol.tests[:-1] == arrange(protocol.training[:-1] + [protocol.tests[6][0]], 2).tests
+    assert protocol.tests[:-1] == arrange([*protocol.training[:-1], protocol.tests[6][0]], 2).tests
     with pytest.raises(UserError, match="protocol 3: no record has ramp in its name"):
         arrange(author_s, 3)
 
