@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from benchmarks.drill_string import classical, plants
+from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.core import simulate
+from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.structures import build
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.plant import Plant
+from hybrid_sysid_ros.runtime import configuration
 
 STEP = 1e-3
 TWIST, BIT, TOP = range(3)
@@ -142,3 +145,15 @@ def test_settling_is_told_from_the_next_event():
     assert found.times[0] == pytest.approx(1.0, abs=0.011)
     assert found.failed.tolist() == [False, True]
     assert not found.suppressed(wanted)
+
+
+def test_what_ships_belongs_together_and_knows_the_rig(rig):
+    """Free numbers of the friction and the shaft are the rig's within 3 %; the brake is not among them."""
+    model = load_model(configuration.shipped(rig.name, "model"))
+    for name in ("stiffness", "coulomb", "static_excess", "stribeck_speed", "torque_delay"):
+        assert model.system.named[name] == pytest.approx(rig.system.named[name], rel=0.03), name
+    shipped = policy.load(configuration.shipped(rig.name, "policy"), model=model)
+    values = configuration.defaults(rig.name, "controller")
+    assert shipped.problem == configuration.mpc_problem(values, rig, model.system)
+    assert shipped.certificate is not None
+    assert min(shipped.certificate.bounds["binomial"]["supervised"][kept] for kept in ("bounds", "cost")) >= 0.99
