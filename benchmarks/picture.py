@@ -10,6 +10,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.report.line_plots import ticks
 from hybrid_sysid_ros.support.files import written_file
 
 Array = NDArray[np.float64]
@@ -69,11 +70,11 @@ def _panel(panel: Panel, time: Array, top: int, colours: Mapping[str, str], *, l
         return top + panel.height * (high - value) / (high - low)
 
     parts = []
-    for tick in _ticks(low, high, 6):
+    for tick in ticks(low, high, 6):
         y = down(tick)
         parts.append(f'<path d="M{LEFT} {y:.1f}H{WIDTH - RIGHT}" stroke="{GRID}"/>')
         parts.append(f'<text x="{LEFT - 6}" y="{y + 4:.1f}" text-anchor="end">{tick:g}</text>')
-    for tick in _ticks(float(time[0]), float(time[-1]), 10):
+    for tick in ticks(float(time[0]), float(time[-1]), 10):
         x = across(tick)
         parts.append(f'<path d="M{x:.1f} {top}v{panel.height}" stroke="{GRID}"/>')
         if last:
@@ -93,12 +94,3 @@ def _panel(panel: Panel, time: Array, top: int, colours: Mapping[str, str], *, l
         style = f'stroke="{colours[name]}"{DASHED if name == list(colours)[-1] else ""}'
         parts.append(f'<polyline points="{points}" fill="none" {style} stroke-width="1.5"/>')
     return parts
-
-
-def _ticks(low: float, high: float, about: int) -> Array:
-    """Round numbers within low and high, some so many."""
-    rough = (high - low) / about
-    power = 10.0 ** np.floor(np.log10(rough))
-    step = power * min(factor for factor in (1, 2, 5, 10) if factor * power >= rough * 0.999)
-    counts: Array = np.arange(np.ceil(low / step), np.floor(high / step) + 1, dtype=np.float64)
-    return step * counts + 0.0  # -0 is no tick

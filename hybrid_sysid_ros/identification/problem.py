@@ -266,8 +266,9 @@ def _shown(system: System) -> list[int]:
 
 
 def _hidden(system: System) -> list[int]:
-    """States that records don't tell."""
-    return [i for i in range(len(system.states)) if i not in system.shown and i not in system.remembered]
+    """States that records don't tell, with the deflections of bristles."""
+    deflections = range(len(system.declared_states), len(system.states))
+    return [*system.hidden, *(i for i in deflections if i not in system.shown and i not in system.remembered)]
 
 
 def _check_excitation(system: System, inputs: Array, deviation: Array) -> None:

@@ -240,10 +240,14 @@ def build(
         system = system.begun(_entries(system, a, b))
     system = system.with_values([item.start for item in system.parameters])
     if row.network:
-        on = rates_of(own, everywhere=row.everywhere or bool(chosen.get("everywhere")))
+        having = {item.name for item in system.declared_states}
+        chosen_rates = rates_of(own, everywhere=row.everywhere or bool(chosen.get("everywhere")))
+        on = tuple(name for name in chosen_rates if name in having)
         names = [item.name for item in own.declared_states]
         sizes = [scale_of(float(chosen.get("scale", 1.0)) * efforts[names.index(name)]) for name in on]
-        seen = features if system.features and features is not None else scales
+        sized = dict(zip((item.name for item in (*own.declared_states, *own.inputs)), scales.tolist(), strict=True))
+        by_name = np.array([sized.get(item.name, 1.0) for item in features_of(system)])
+        seen = features if system.features and features is not None else by_name
         block = Softsign(features=len(seen), units=int(chosen["units"]), outputs=len(on))
         system = Hybrid(
             physics=system,

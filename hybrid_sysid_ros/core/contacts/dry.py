@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from hybrid_sysid_ros.core.contacts.contact import TINY, Contact, Field, Solved, rounded_sign
-from hybrid_sysid_ros.core.friction import stefanski
+from hybrid_sysid_ros.core.friction.levels import stefanski
 from hybrid_sysid_ros.core.mathematics import Scalar, absolute, maximum, saturate
 
 Fields = Mapping[str, Any]
@@ -108,7 +108,7 @@ class Ageing(Dry):
 
 @dataclass(frozen=True, kw_only=True)
 class Hysteretic(_Stick):
-    """Dry friction that is higher while the speed grows than while it falls (:func:`~.friction.stefanski`).
+    """Dry friction that is higher while the speed grows than while it falls (``stefanski`` of core.friction).
 
     The acceleration is that of the step before, a hidden state.
     """

@@ -1,0 +1,117 @@
+"""What tells laws of friction apart: four experiments on a block, simulated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core.friction.laws import Block
+from hybrid_sysid_ros.core.rollout import rollouts, simulate
+
+Array = NDArray[np.float64]
+
+STEP = 1e-4
+EVERY = 400
+"""Steps from one drawn point to the next."""
+STIFF, STIFF_DAMPER = 1e6, 1e3
+"""N/m, N s/m per kg of a drive that leads the block."""
+SETTLED = 0.7
+"""Part of a run after which it is steady."""
+SLID = 0.02
+"""m: a block has broken away, far beyond what elements and bristles bend."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Line:
+    """A line of a plot: points (samples,) of x and y."""
+
+    x: Array
+    y: Array
+
+
+def friction_over_speed(system: Block, *, top: float = 0.3, speeds: int = 13) -> Line:
+    """Steady friction [N] at speeds up to ``top`` [m/s] both ways, the block led by a stiff drive."""
+    tried = np.geomspace(top / 300.0, top, speeds)
+    return _both_ways(tried, np.array([_led_steadily(system, speed) for speed in tried]))
+
+
+def _both_ways(speeds: Array, friction: Array) -> Line:
+    return Line(x=np.concatenate([-speeds[::-1], speeds]), y=np.concatenate([-friction[::-1], friction]))
+
+
+def _led_steadily(system: Block, speed: float) -> float:
+    seconds = float(np.clip(0.05 / speed, 0.5, 10.0))
+    time = _times(seconds)
+    friction, _ = led(system, speed * time, np.full(len(time), speed))
+    return float(friction[int(SETTLED * len(friction)) :].mean())
+
+
+def pre_sliding(system: Block, *, amplitude: float = 0.01, period: float = 4.0) -> Line:
+    """Friction [N] over the place [m] of a block that is led to and fro, the third time half as far."""
+    time = _times(3.0 * period)
+    swing = np.where(time < 2.0 * period, 1.0, 0.5) * amplitude
+    phase = 2.0 * np.pi * time / period
+    end, speed = swing * np.sin(phase), swing * 2.0 * np.pi / period * np.cos(phase)
+    friction, places = led(system, end, speed)
+    shown = slice(0, None, 250)
+    return Line(x=places[shown], y=friction[shown])
+
+
+def break_away(system: Block, *, slowest: float = 0.3, fastest: float = 300.0, rates: int = 13) -> Line:
+    """Largest dry friction [N] until a block that has just come to rest slides, over the rate [N/s] of the force."""
+    tried = np.geomspace(slowest, fastest, rates)
+    return Line(x=tried, y=np.array([_broken(system, rate) for rate in tried]))
+
+
+def _broken(system: Block, rate: float) -> float:
+    named = system.named
+    most = 3.0 * max(named.get("static", 0.0), named.get("coulomb", 0.0), 0.1)
+    seconds = most / rate + 1.0
+    h = float(np.clip(seconds / 50_000, 1e-5, 1e-3))
+    force = rate * _times(seconds, h)
+    states = simulate(system, _just_stopped(system), _inputs(force=force), step=h)
+    friction = force - system.mass * np.diff(states[:, 1]) / h - named["viscous"] * states[:-1, 1]
+    slid = np.flatnonzero(np.abs(states[1:, 0]) > SLID)
+    return float(friction[: slid[0] + 1 if len(slid) else None].max())
+
+
+def _just_stopped(system: Block) -> Array:
+    """At rest, a contact that ages just renewed."""
+    names = [str(item).partition(" ")[0] for item in system.states]
+    return np.array([1.0 if name == "renewed" else 0.0 for name in names])
+
+
+def stick_slip(system: Block, *, spring: float = 20.0, speed: float = 0.02, seconds: float = 12.0) -> tuple[Line, Line]:
+    """Place [m] over time [s] of a block on a spring [N/m] whose end a belt draws at a speed [m/s]; and the end's."""
+    time = _times(seconds)
+    end = speed * time
+    drawn = replace(system, spring=spring, damper=0.0)
+    inputs = _inputs(end=end, end_speed=np.full(len(time), speed))
+    places = simulate(drawn, np.zeros(len(system.states)), inputs, step=STEP, every=EVERY)[:, 0]
+    shown = _times(STEP * EVERY * len(places), STEP * EVERY)
+    return Line(x=shown, y=places), Line(x=shown, y=speed * shown)
+
+
+def led(system: Block, end: Array, speed: Array) -> tuple[Array, Array]:
+    """Friction [N] and places [m] of a block that a stiff drive leads along ``end`` [m] with ``speed`` [m/s]."""
+    drive = replace(system, spring=STIFF * system.mass, damper=STIFF_DAMPER * system.mass)
+    first = np.zeros((1, len(system.states)))
+    first[0, 1] = speed[0]
+    inputs = _inputs(end=end, end_speed=speed)
+    states, _ = rollouts(drive, np.array([[0, 0, len(end) + 1, 0]]), first, inputs, step=STEP)
+    place, v = states[:-1, 0], states[:-1, 1]
+    pull = drive.spring * (end - place) + drive.damper * (speed - v)
+    return pull - system.mass * np.diff(states[:, 1]) / STEP, states[1:, 0]
+
+
+def _times(seconds: float, h: float = STEP) -> Array:
+    """[s], from 0 in steps of h."""
+    return np.asarray(h * np.arange(round(seconds / h)), dtype=np.float64)
+
+
+def _inputs(force: Array | None = None, end: Array | None = None, end_speed: Array | None = None) -> Array:
+    given = next(item for item in (force, end, end_speed) if item is not None)
+    none = np.zeros(len(given))
+    return np.column_stack([none if item is None else item for item in (force, end, end_speed)])

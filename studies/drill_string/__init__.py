@@ -1,0 +1,1 @@
+"""A public record of a laboratory drill string that sticks and slips."""

@@ -1,0 +1,19 @@
+"""python -m studies.drill_string record FOLDER."""
+
+from __future__ import annotations
+
+from hybrid_sysid_ros.commands.program import Commands, LateCommand, run_program
+from hybrid_sysid_ros.support import interruption
+
+HERE = "studies.drill_string"
+COMMANDS = [LateCommand("record", f"{HERE}.study", "The public record: clean it, learn from one half, run the other.")]
+
+
+def main() -> None:
+    """Run a command of the study."""
+    run_program(Commands(f"python -m {HERE}", COMMANDS))
+
+
+if __name__ == "__main__":
+    interruption.install()
+    main()

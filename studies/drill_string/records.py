@@ -1,0 +1,106 @@
+"""The record: speeds of top and bit and torque at the bit, read from the folder that the user names, and cleaned."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import loadmat
+from scipy.io.matlab import MatReadError
+from scipy.ndimage import label, percentile_filter
+
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import sha256
+
+Array = NDArray[np.float64]
+
+FILE = Path("drillstring") / "175_completo_1.mat"
+CHANNELS = {"time": "Time", "top": "Top_Speed", "bit": "Bit_Speed", "torque": "Bit_Torque"}
+"""What each is called in the file, before ``_Sample_``."""
+RPM = 2.0 * np.pi / 60.0
+WINDOW, LEVEL, FLANK = 0.1, 80.0, 0.5
+"""A spike reaches, about its samples below zero, as far as readings stay below FLANK times the LEVEL percentile of the
+WINDOW [s] about them."""
+MOST, LONGEST = 0.15, 0.25
+"""Share of the samples, and time on end [s], that cleaning may replace."""
+_UNREADABLE = (MatReadError, ValueError, TypeError, KeyError, IndexError, EOFError, OSError, struct.error, zlib.error)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cleaning:
+    """What was done to the top's speed."""
+
+    negative: int
+    """Samples below zero, which a top that turns forward does not have."""
+    spikes: int
+    replaced: float
+    """Share of the samples."""
+    longest: float
+    """Piece that was replaced [s]."""
+    lowest: float
+    """Reading [rad/s]."""
+
+
+def cleaned(top: Array, period: float, *, name: str = "top speed") -> tuple[Array, Cleaning]:
+    """The speed of the top (samples,) with its negative spikes and their flanks replaced by straight lines.
+
+    Raises UserError where more than MOST of the samples or a piece longer than LONGEST would have to go.
+    """
+    below = top < 0.0
+    usual = percentile_filter(top, LEVEL, size=round(WINDOW / period))
+    pieces, _ = label(top < np.maximum(FLANK * usual, 0.0))
+    bad = np.isin(pieces, np.setdiff1d(pieces[below], 0)) | below
+    edges = np.diff(np.concatenate([[False], bad, [False]]).astype(int))
+    starts, stops = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    lengths = (stops - starts) * period
+    found = Cleaning(
+        negative=int(below.sum()),
+        spikes=int(np.sum(np.diff(np.concatenate([[0], below.astype(int)])) > 0)),
+        replaced=float(np.mean(bad)),
+        longest=float(lengths.max(initial=0.0)),
+        lowest=float(top.min()),
+    )
+    if found.replaced > MOST or found.longest > LONGEST:
+        where = int(starts[np.argmax(lengths)])
+        raise UserError(
+            f"{name}: {found.spikes} negative spikes, {100 * found.replaced:.1f} % of the samples, the longest of "
+            f"{found.longest:.3g} s at {where * period:.3f} s: at most {100 * MOST:g} % and {LONGEST:g} s can be "
+            "replaced; take a better record"
+        )
+    samples = np.arange(len(top))
+    return np.interp(samples, samples[~bad], top[~bad]), found
+
+
+def load(folder: Path) -> tuple[Record, Cleaning]:
+    """The record of a folder, with the cleaned top as input and the bit's speed and torque as outputs.
+
+    Raises UserError where the file is missing, unreadable or lacks a channel, and for spikes beyond cleaning.
+    """
+    path = next((place for place in (folder / FILE, folder / FILE.name) if place.is_file()), None)
+    if path is None:
+        raise UserError(f"{folder}: no {FILE.name}, nor {FILE}: it is in the public repository thiagoritto/drillstring")
+    try:
+        content = loadmat(path)
+    except _UNREADABLE as error:
+        raise UserError(f"{path}: is no readable .mat file ({error}); fetch it again") from error
+    arrays = {}
+    for channel, called in CHANNELS.items():
+        keys = [key for key in content if key.startswith(f"{called}_Sample")]
+        if len(keys) != 1:
+            raise UserError(f"{path}: has no {called}_Sample...: it is another record")
+        arrays[channel] = np.asarray(content[keys[0]], dtype=float).ravel()
+    if len({len(array) for array in arrays.values()}) > 1:
+        raise UserError(f"{path}: its channels have different numbers of samples; fetch it again")
+    period = float(np.median(np.diff(arrays["time"])))
+    top, found = cleaned(RPM * arrays["top"], period, name=f"{path}: {CHANNELS['top']}")
+    outputs = np.column_stack([RPM * arrays["bit"], arrays["torque"]])
+    time = period * np.arange(len(top), dtype=np.float64)
+    record = Record(
+        name=path.stem, time=time, input=top[:, None], output=outputs, source=str(path), digest=sha256(path)
+    )
+    return record, found
