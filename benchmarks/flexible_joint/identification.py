@@ -7,7 +7,6 @@ and of each hybrid by residual for itself.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -106,14 +105,15 @@ def _choice(
         try:
             found = cross_validate(learnt, rig, structure, sampling=SAMPLING, part=TRAINING, options=options)
         except UserError as error:
-            choice.append({"options": dict(options), "r2": -math.inf, "refused": str(error)})
+            choice.append({"options": dict(options), "refused": str(error)})
             continue
         choice.append({"options": dict(options), "r2": found.value, "standard_error": found.standard_error})
     return choice
 
 
 def _best(choice: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    return dict(max(choice, key=lambda item: float(item["r2"]))["options"])
+    scored = [item for item in choice if "r2" in item]
+    return dict(max(scored, key=lambda item: float(item["r2"]))["options"])
 
 
 def scaled(r2: Mapping[str, float]) -> float:
