@@ -64,7 +64,8 @@ def measured(rig: Rig) -> dict[str, Any]:
     learnt = [records[name] for name in LEARNT]
     choice = _choice(learnt, rig, "hybrid_lugre", CANDIDATES)
     residual_choice = {box: _choice(learnt, rig, f"residual_{box}", RESIDUAL_CANDIDATES) for box in BOXES}
-    chosen, residual = _best(choice), {box: _best(found) for box, found in residual_choice.items()}
+    chosen = _best(choice)
+    residual = {box: _best(found) for box, found in residual_choice.items()}
     rows = {}
     for box in BOXES:
         for structure, seeds, options in (
@@ -100,7 +101,7 @@ def _choice(
     learnt: Sequence[Record], rig: Rig, structure: str, candidates: Sequence[Mapping[str, float]]
 ) -> list[dict[str, Any]]:
     """Scores of blocked cross-validation within the training data."""
-    choice = []
+    choice: list[dict[str, Any]] = []
     for options in candidates:
         try:
             found = cross_validate(learnt, rig, structure, sampling=SAMPLING, part=TRAINING, options=options)
