@@ -7,7 +7,6 @@ and of each hybrid by residual for itself.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -65,7 +64,8 @@ def measured(rig: Rig) -> dict[str, Any]:
     learnt = [records[name] for name in LEARNT]
     choice = _choice(learnt, rig, "hybrid_lugre", CANDIDATES)
     residual_choice = {box: _choice(learnt, rig, f"residual_{box}", RESIDUAL_CANDIDATES) for box in BOXES}
-    chosen, residual = _best(choice), {box: _best(found) for box, found in residual_choice.items()}
+    chosen = _best(choice)
+    residual = {box: _best(found) for box, found in residual_choice.items()}
     rows = {}
     for box in BOXES:
         for structure, seeds, options in (
@@ -101,19 +101,20 @@ def _choice(
     learnt: Sequence[Record], rig: Rig, structure: str, candidates: Sequence[Mapping[str, float]]
 ) -> list[dict[str, Any]]:
     """Scores of blocked cross-validation within the training data."""
-    choice = []
+    choice: list[dict[str, Any]] = []
     for options in candidates:
         try:
             found = cross_validate(learnt, rig, structure, sampling=SAMPLING, part=TRAINING, options=options)
         except UserError as error:
-            choice.append({"options": dict(options), "r2": -math.inf, "refused": str(error)})
+            choice.append({"options": dict(options), "refused": str(error)})
             continue
         choice.append({"options": dict(options), "r2": found.value, "standard_error": found.standard_error})
     return choice
 
 
 def _best(choice: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    return dict(max(choice, key=lambda item: float(item["r2"]))["options"])
+    scored = [item for item in choice if "r2" in item]
+    return dict(max(scored, key=lambda item: float(item["r2"]))["options"])
 
 
 def scaled(r2: Mapping[str, float]) -> float:
