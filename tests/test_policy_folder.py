@@ -71,6 +71,7 @@ BAD = {
     "too few layers": (sealed(lambda c, a: c.update(layers=2)), "3 answers"),
     "other shape": (sealed(lambda c, a: a.update(W1=np.zeros((3, 4)))), "layer of 5 units"),
     "other horizon": (sealed(lambda c, a: c["problem"].update(horizon=5)), "8 features"),
+    "horizon with a point": (sealed(lambda c, a: c["problem"].update(horizon=3.0)), "horizon is 3.0"),
     "bad problem": (sealed(lambda c, a: c["problem"].update(period=-1.0)), "period is -1"),
     "half a problem": (sealed(lambda c, a: c["problem"].update(rate_weights=[1.0, 2.0])), "each input"),
     "missing key": (sealed(lambda c, a: c.pop("problem")), "problem"),

@@ -21,6 +21,7 @@ _PER_OUTPUT = ("output_weights", "output_scales")
 _PER_INPUT = ("rate_weights", "input_weights", "input_low", "input_high", "rate_limits")
 _PER_STATE = ("state_low", "state_high", "soft_linear", "soft_quadratic")
 _POSITIVE = ("horizon", "period", "substeps", "max_iterations", "output_scales", "soft_quadratic", "rate_limits")
+_WHOLE = ("horizon", "substeps", "max_iterations")
 _NOT_NEGATIVE = ("output_weights", "rate_weights", "input_weights", "soft_linear", "smoothing")
 
 
@@ -75,6 +76,9 @@ class Problem:
     def __post_init__(self) -> None:
         for name in (*_PER_OUTPUT, *_PER_INPUT, *_PER_STATE):
             object.__setattr__(self, name, _numbers(name, getattr(self, name)))
+        for name in _WHOLE:
+            if not isinstance(getattr(self, name), int):
+                raise UserError(f"mpc: {name} is {getattr(self, name)!r}; it must be a whole number")
         for name in (*_POSITIVE, *_NOT_NEGATIVE, "input_low", "input_high"):
             values = np.atleast_1d(getattr(self, name))
             sound = values > 0.0 if name in _POSITIVE else values >= (0.0 if name in _NOT_NEGATIVE else -math.inf)
