@@ -102,7 +102,7 @@ def test_the_flexible_joint_s_link_follows_speeds_in_lockstep(domain: int, tmp_p
     bench = Bench(domain, namespace="flexible_joint")
     try:
         loop = Lockstep(bench, "flexible_joint", model)
-        loop.run(800)
+        loop.run(500)
     finally:
         bench.close()
     rig = rigs.load("flexible_joint")
@@ -110,7 +110,7 @@ def test_the_flexible_joint_s_link_follows_speeds_in_lockstep(domain: int, tmp_p
     seconds = np.array([stamp_of(item) for item in loop.measurements]) / SECOND - 1.0
     wanted = rig.schedule()(seconds)[:, 1]
     speed = rig.display[1].shown(loop.column(loop.measurements, "velocity", "link"))
-    settled = (seconds % 1.0 > 0.6) & (seconds > 1.0)
+    settled = (seconds % 1.0 > 0.6) & (seconds % 1.0 < 0.8) & (seconds > 1.0)  # the next step is seen .2 s ahead
     assert np.abs(speed - wanted)[settled].mean() < 1.5  # rpm, of steps up to 30; the sensor's noise is .2
     torque = loop.column(loop.commands, "effort", "motor")
     assert np.abs(torque).max() <= 2.0

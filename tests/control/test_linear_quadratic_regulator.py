@@ -36,6 +36,7 @@ def scalar(slope, gain, constant=0.0):
         input_lags=1,
         output_range=(-1e6, 1e6),
         input_range=(-1e6, 1e6),
+        period=1.0,
     )
 
 
