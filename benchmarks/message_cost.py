@@ -12,19 +12,23 @@ from collections.abc import Callable
 from time import monotonic_ns, perf_counter, time_ns
 from typing import Any
 
+import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from rich.table import Table
 from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
 
 from benchmarks import result
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.nodes.border import Border
-from hybrid_sysid_ros.nodes.cdr import JointWriter
+from hybrid_sysid_ros.nodes.cdr import JointWriter, TrajectoryWriter
 from hybrid_sysid_ros.nodes.layout import FIELDS, Place, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND
+from hybrid_sysid_ros.nodes.preview import Preview
 
 NAME = "message_cost"
 SIZES = (1, 2, 20)  # joints, with position, velocity and effort each
+POINTS = 101  # of a preview
 REPEATS, CALLS = 400, 50
 PARTS = {
     "deserialised": "unpacked by the middleware",
@@ -68,18 +72,34 @@ def measure(joints: int) -> dict[str, float]:
     return {name: 1e6 * seconds(call) for name, call in calls.items()}
 
 
+def measure_preview(points: int) -> dict[str, float]:
+    """Microseconds of each part, for a reference of one joint and so many points."""
+    slots, offsets = Slots([Place("joint", "position")]), [k * SECOND // 1000 for k in range(points)]
+    writer, rows = TrajectoryWriter(slots, offsets, "/rig/reference 12345"), [[0.1 * k] for k in range(points)]
+    border, tracked = Border(JointTrajectory, steady=monotonic_ns), np.array([True])
+    data = writer.pack(time_ns(), rows)
+    said, message = border.unpack(data), deserialize_message(data, JointTrajectory)
+    assert said is not None
+    calls: dict[str, Callable[[], Any]] = {
+        "deserialised": lambda: deserialize_message(data, JointTrajectory),
+        "unpacked": lambda: border.unpack(data),
+        "read": lambda: Preview.of(said, border, slots, tracked, 0),
+        "serialised": lambda: serialize_message(message),
+        "packed": lambda: writer.pack(said.stamp, rows),
+    }
+    return {name: 1e6 * seconds(call) for name, call in calls.items()}
+
+
 def main() -> int:
     """Measure, print the table and write the results."""
     argparse.ArgumentParser(prog=f"python -m benchmarks.{NAME}", description=__doc__).parse_args()
     on = result.machine()
-    found = {joints: measure(joints) for joints in SIZES}
-    shown = Table("", *(f"{joints} joints" for joints in SIZES), title="us of a message")
+    found = {f"joints_{joints}": measure(joints) for joints in SIZES} | {f"points_{POINTS}": measure_preview(POINTS)}
+    shown = Table("", *found, title="us of a message")
     for part, title in PARTS.items():
-        shown.add_row(title, *(f"{times[part]:.1f}" for times in found.values()))
+        shown.add_row(title, *(f"{times[part]:.1f}" if part in times else "" for times in found.values()))
     print_table(shown)
-    results = {
-        f"joints_{joints}": {f"{part}_us": value for part, value in times.items()} for joints, times in found.items()
-    }
+    results = {name: {f"{part}_us": value for part, value in times.items()} for name, times in found.items()}
     print(f"written to {result.write(NAME, results, on=on)}")
     return 0
 
