@@ -1,4 +1,4 @@
-"""python -m studies.drill_string record FOLDER."""
+"""python -m studies.drill_string record|choose FOLDER."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from hybrid_sysid_ros.commands.program import Commands, LateCommand, run_program
 from hybrid_sysid_ros.support import interruption
 
 HERE = "studies.drill_string"
-COMMANDS = [LateCommand("record", f"{HERE}.study", "The public record: clean it, learn from one half, run the other.")]
+COMMANDS = [
+    LateCommand("record", f"{HERE}.study", "The public record: clean it, learn from one half, run the other."),
+    LateCommand("choose", f"{HERE}.choice", "Search the observer's noises on the first half."),
+]
 
 
 def main() -> None:

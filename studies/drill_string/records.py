@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
-from scipy.ndimage import label, percentile_filter
+from scipy.ndimage import binary_dilation, label, mean, percentile_filter
 
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.identification import Part
+from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256
 
@@ -22,10 +24,16 @@ Array = NDArray[np.float64]
 FILE = Path("drillstring") / "175_completo_1.mat"
 CHANNELS = {"time": "Time", "top": "Top_Speed", "bit": "Bit_Speed", "torque": "Bit_Torque"}
 """What each is called in the file, before ``_Sample_``."""
+SAMPLING = Sampling(step=0.002, period=0.01)
+LEARNT, KEPT = Part(stop=0.5), Part(start=0.5)
 RPM = 2.0 * np.pi / 60.0
 WINDOW, LEVEL, FLANK = 0.1, 80.0, 0.5
 """A spike reaches, about its samples below zero, as far as readings stay below FLANK times the LEVEL percentile of the
 WINDOW [s] about them."""
+ABOUT = 0.04
+"""Time before and after a spike [s] over which the angle that it takes back is spread; spikes closer than twice that
+are one piece.
+"""
 MOST, LONGEST = 0.15, 0.25
 """Share of the samples, and time on end [s], that cleaning may replace."""
 _UNREADABLE = (MatReadError, ValueError, TypeError, KeyError, IndexError, EOFError, OSError, struct.error, zlib.error)
@@ -44,10 +52,16 @@ class Cleaning:
     """Piece that was replaced [s]."""
     lowest: float
     """Reading [rad/s]."""
+    returned: float
+    """Angle by which the straight lines turn further than the readings, and which was taken off around them [rad]."""
 
 
 def cleaned(top: Array, period: float, *, name: str = "top speed") -> tuple[Array, Cleaning]:
-    """The speed of the top (samples,) with its negative spikes and their flanks replaced by straight lines.
+    """The speed of the top (samples,) with its negative spikes and their flanks replaced by straight lines, to which
+    the angle that the spikes take back returns, spread evenly over the ABOUT around them.
+
+    That angle is true, as the record shows: with it the top turns as far as the bit; while both stand for a second,
+    readings of 30 rpm and more between spikes add up to nothing with them.
 
     Raises UserError where more than MOST of the samples or a piece longer than LONGEST would have to go.
     """
@@ -58,12 +72,15 @@ def cleaned(top: Array, period: float, *, name: str = "top speed") -> tuple[Arra
     edges = np.diff(np.concatenate([[False], bad, [False]]).astype(int))
     starts, stops = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
     lengths = (stops - starts) * period
+    samples = np.arange(len(top))
+    lines = np.interp(samples, samples[~bad], top[~bad]) if not bad.all() else top
     found = Cleaning(
         negative=int(below.sum()),
         spikes=int(np.sum(np.diff(np.concatenate([[0], below.astype(int)])) > 0)),
         replaced=float(np.mean(bad)),
         longest=float(lengths.max(initial=0.0)),
         lowest=float(top.min()),
+        returned=float(np.sum(lines - top)) * period,
     )
     if found.replaced > MOST or found.longest > LONGEST:
         where = int(starts[np.argmax(lengths)])
@@ -72,8 +89,9 @@ def cleaned(top: Array, period: float, *, name: str = "top speed") -> tuple[Arra
             f"{found.longest:.3g} s at {where * period:.3f} s: at most {100 * MOST:g} % and {LONGEST:g} s can be "
             "replaced; take a better record"
         )
-    samples = np.arange(len(top))
-    return np.interp(samples, samples[~bad], top[~bad]), found
+    about, pieces = label(binary_dilation(bad, iterations=round(ABOUT / period)))
+    excess = mean(lines - top, about, np.arange(1, pieces + 1))
+    return lines - np.concatenate([[0.0], excess])[about], found
 
 
 def load(folder: Path) -> tuple[Record, Cleaning]:

@@ -1,4 +1,6 @@
-"""The study of the record: a law of torque over speed, learnt from its first half and run freely over the second."""
+"""The study of the record: a law of torque over speed, learnt from its first half and run freely over the second, and
+an observer of the bit's speed, which nobody measures there.
+"""
 
 from __future__ import annotations
 
@@ -9,32 +11,27 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 from rich.table import Table
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands.terminal import console, print_table
-from hybrid_sysid_ros.identification import Part, identify
+from hybrid_sysid_ros.identification import identify
 from hybrid_sysid_ros.identification.experiment import prepare
-from hybrid_sysid_ros.identification.validation.scores import Scores, free_run
-from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, score
+from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.files import written_file
-from studies.drill_string.records import RPM, load
-
-Array = NDArray[np.float64]
+from studies.drill_string import observer, stops
+from studies.drill_string.choice import Choice, Folder
+from studies.drill_string.records import KEPT, LEARNT, RPM, SAMPLING, load
+from studies.drill_string.stops import STUCK
 
 RIG = Path(__file__).parent / "turned_top"
-SAMPLING = Sampling(step=0.002, period=0.01)
-LEARNT, KEPT = Part(stop=0.5), Part(start=0.5)
-STUCK = 0.2
-"""Speed of a bit that is stuck [rad/s], as the source's table of torque over speed has it."""
 SPEEDS = (0.2, 1.0, 2.0, 4.0, 8.0, 12.0, 16.0, 21.0)
 """Bounds of speed over which the mean torque is shown [rad/s]."""
 STRUCTURES = ("gray", "hybrid")
 STARTS = 8
 
-Folder = Annotated[Path, typer.Argument(help="Folder that holds drillstring/175_completo_1.mat, or that file.")]
 Out = Annotated[Path, typer.Option(help="Where the numbers go, as JSON.")]
 
 
@@ -51,6 +48,7 @@ def command(folder: Folder, out: Out = Path("out/drill_string_record.json")) -> 
         "cleaning": asdict(cleaning),
         "torque_over_speed": torque_over_speed(record),
         "structures": structures,
+        "observer": observed(record),
     }
     out.parent.mkdir(parents=True, exist_ok=True)
     with written_file(out) as partial:
@@ -58,7 +56,9 @@ def command(folder: Folder, out: Out = Path("out/drill_string_record.json")) -> 
     line = f"{cleaning.spikes} negative spikes of {len(record.time)} samples' top speed, down to "
     line += f"{cleaning.lowest / RPM:.0f} rpm: {cleaning.negative} samples below zero, {100 * cleaning.replaced:.1f} % "
     console.print(f"{line}replaced with their flanks, the longest piece of {cleaning.longest:.3f} s")
+    console.print(f"{cleaning.returned:.1f} rad that these pieces turn too far are taken off around them")
     print_table(table(found))
+    print_table(stuck_table(found))
     console.print(str(out))
 
 
@@ -78,26 +78,42 @@ def judged(model: Model, record: Record) -> dict[str, Any]:
     return {
         "r2": {name: item.r2 for name, item in scores.outputs.items()},
         "rmse": {name: item.rmse for name, item in scores.outputs.items()},
-        "stuck": found_stuck(experiment.outputs[:, 0], simulated[:, 0]),
+        "stuck": stops.found(np.abs(experiment.outputs[:, 0]) < STUCK, np.abs(simulated[:, 0]) < STUCK),
     }
 
 
-def found_stuck(measured: Array, simulated: Array) -> dict[str, float]:
-    """Precision and recall of stuck samples, and their share."""
-    truth, told = np.abs(measured) < STUCK, np.abs(simulated) < STUCK
-    both = float(np.sum(truth & told))
-    return {
-        "precision": both / max(float(told.sum()), 1.0),
-        "recall": both / max(float(truth.sum()), 1.0),
-        "share": float(truth.mean()),
-    }
+def observed(record: Record) -> dict[str, Any]:
+    """The observer, identified and chosen on the first half: R2 of the bit's speed and stuck samples in either."""
+    learnt, kept = (part.of(record, SAMPLING) for part in (LEARNT, KEPT))
+    system, balance = observer.identified(learnt)
+    found: dict[str, Any] = {"balance": asdict(balance), "parameters": system.named, "choice": asdict(Choice())}
+    for name, part in (("first", learnt), ("second", kept)):
+        measured, speed = Choice().estimated(system, observer.aligned(part, balance.delay))
+        scores = score(measured, speed)
+        told = stops.found(np.abs(measured) < STUCK, np.abs(speed) < Choice().told)
+        found[name] = {"r2": scores.r2, "rmse": scores.rmse, "stuck": told}
+    return found
 
 
 def table(found: dict[str, Any]) -> Table:
     """Scores of each structure."""
-    headings = "R2 bit speed", "R2 torque", "RMSE bit speed [rad/s]", "RMSE torque [N m]", "precision", "recall"
+    headings = "R2 bit speed", "R2 torque", "RMSE bit speed [rad/s]", "RMSE torque [N m]"
     shown = Table("", *headings, title="second half, strict free run from the top's speed alone")
     for name, row in found["structures"].items():
-        values = [*row["r2"].values(), *row["rmse"].values(), row["stuck"]["precision"], row["stuck"]["recall"]]
+        shown.add_row(name, *(f"{value:.3f}" for value in (*row["r2"].values(), *row["rmse"].values())))
+    return shown
+
+
+def stuck_table(found: dict[str, Any]) -> Table:
+    """Stuck samples and stops that each finds."""
+    shown = Table("", "precision", "recall", "of stops", "recall", "R2 bit speed", title="stuck samples")
+    seen = found["observer"]
+    rows = {
+        f"{name}, free run, second half": (row["stuck"], row["r2"]["bit_speed"])
+        for name, row in found["structures"].items()
+    }
+    rows |= {f"observer, {half} half": (seen[half]["stuck"], seen[half]["r2"]) for half in ("first", "second")}
+    for name, (stuck, r2) in rows.items():
+        values = *(stuck[key] for key in ("precision", "recall", "stop_precision", "stop_recall")), r2
         shown.add_row(name, *(f"{value:.3f}" for value in values))
     return shown
