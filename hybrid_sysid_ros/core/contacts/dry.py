@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -15,16 +16,16 @@ Fields = Mapping[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Stick(Contact):
+class _Stick(Contact, ABC):
     """What sticks and slips at a level."""
 
     creep: Field = 0.0
     """Speed below which it is viscous; 0: it sticks exactly."""
     fields: ClassVar[tuple[str, ...]] = ("viscous", "creep")
 
+    @abstractmethod
     def level_now(self, v: Scalar, hidden: Sequence[Scalar], smoothing: Scalar | None, at: Fields) -> Scalar:
         """Level during this step."""
-        raise NotImplementedError
 
     def after(
         self, v: Scalar, following: Scalar, hidden: Sequence[Scalar], h: Scalar, smoothing: Scalar | None, at: Fields
