@@ -87,6 +87,7 @@ class Session:
         self._tell = tell
         self._namespace = rigs.load(rig).namespace
         self._environment = _environment(domain)
+        self._place = tempfile.TemporaryDirectory(prefix="hybrid_sysid_")
         self._lines: Queue[tuple[Child, str, str]] = Queue()
         self._stopped = False
 
@@ -98,35 +99,40 @@ class Session:
     ) -> None:
         if not self._stopped:
             self.stop()
+        self._place.cleanup()
 
     def command(self, node: str, values: Mapping[str, Any]) -> list[str]:
         """Command that starts a node with these parameters; the others have their defaults. Raises UserError where a
         parameter is unknown or not allowed.
         """
-        return [*self._beginning(node), *self._arguments(node, values)]
+        given = self._checked(node, values)
+        return [*self._beginning(node), *(f for name in given for f in ("-p", f"{name}:={json.dumps(given[name])}"))]
 
     def composed(self, values: Mapping[str, Mapping[str, Any]]) -> list[str]:
         """Command that starts nodes with their parameters in one process. Raises UserError: see command()."""
-        given = [argument for node in values for argument in self._arguments(node, values[node], f"{node}:")]
-        return [*self._beginning(COMPOSED, "--nodes", *values), *given]
+        lines = []
+        for node, given in values.items():
+            lines += [f"/**/{node}:", "  ros__parameters:"]
+            lines += [f"    {name}: {json.dumps(value)}" for name, value in self._checked(node, given).items()]
+        file = Path(self._place.name) / "parameters.yaml"
+        file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return [*self._beginning(COMPOSED, "--nodes", *values), "--params-file", str(file)]
 
     def _beginning(self, module: str, *arguments: str) -> list[str]:
         command = [sys.executable, "-m", f"hybrid_sysid_ros.nodes.{module}", *arguments, "--ros-args"]
         return [*command, "-r", f"__ns:=/{self._namespace}", "-p", f"rig:={json.dumps(self.rig)}"]
 
-    def _arguments(self, node: str, values: Mapping[str, Any], prefix: str = "") -> list[str]:
-        known, found = configuration.parameters(self.rig, node), []
-        checked = {name: item.default for name, item in known.items()}
+    def _checked(self, node: str, values: Mapping[str, Any]) -> dict[str, Any]:
+        known = configuration.parameters(self.rig, node)
         try:
-            for name, value in values.items():
+            for name in values:
                 if name not in known:
                     raise UserError(f"unknown parameter {name}: known are {', '.join(known)}")
-                checked[name] = known[name].checked(value)
-                found += ["-p", f"{prefix}{name}:={json.dumps(checked[name])}"]
-            configuration.check_rules(known, checked)
+            given = {name: known[name].checked(value) for name, value in values.items()}
+            configuration.check_rules(known, {**{name: item.default for name, item in known.items()}, **given})
         except UserError as error:
             raise UserError(f"{node}: {error}") from error
-        return found
+        return given
 
     def start(self, node: str, command: Sequence[str]) -> None:
         """Start a node's process."""
