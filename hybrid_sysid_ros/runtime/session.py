@@ -7,8 +7,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +19,7 @@ from typing import Any
 
 from hybrid_sysid_ros.bags import METADATA, markers
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.runtime import configuration, processes
 from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
@@ -31,7 +29,6 @@ START_TIMEOUT = 30.0  # s, until the loop is complete
 STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # s
 STOP_ORDER = (("plant", "reference"), ("estimator", "controller"), ("recorder",))
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a session
-REAL_TIME_PRIORITY = 10  # of the loop's processes: above every ordinary one, below what a system keeps for itself
 TICK = 0.25  # s, between two calls of progress
 
 Tell = Callable[[str], None]
@@ -84,7 +81,7 @@ class Session:
         self.children: dict[str, Child] = {}
         self._tell = tell
         self._namespace = rigs.load(rig).namespace
-        self._environment = _environment(domain)
+        self._environment = {**processes.environment(domain), interruption.TETHER: "1"}
         self._lines: Queue[tuple[Child, str, str]] = Queue()
         self._stopped = False
 
@@ -98,20 +95,8 @@ class Session:
             self.stop()
 
     def command(self, node: str, values: Mapping[str, Any]) -> list[str]:
-        """Command that starts a node with these parameters; the others have their defaults. Raises UserError where a
-        parameter is unknown or not allowed.
-        """
-        known = configuration.parameters(self.rig, node)
-        command = [sys.executable, "-m", f"hybrid_sysid_ros.nodes.{node}", "--ros-args"]
-        command += ["-r", f"__ns:=/{self._namespace}", "-p", f"rig:={json.dumps(self.rig)}"]
-        for name, value in values.items():
-            if name not in known:
-                raise UserError(f"{node}: unknown parameter {name}: known are {', '.join(known)}")
-            try:
-                command += ["-p", f"{name}:={json.dumps(known[name].checked(value))}"]
-            except UserError as error:
-                raise UserError(f"{node}: {error}") from error
-        return command
+        """Command that starts a node in the rig's namespace; see :func:`.processes.command`."""
+        return processes.command(node, values, rig=self.rig, namespace=self._namespace)
 
     def start(self, node: str, command: Sequence[str]) -> None:
         """Start a node's process."""
@@ -272,7 +257,7 @@ def run(
         "plant": {"rate": rate, **lock, "wait_for_readers": 2 if bag is None else 3},
     }
     values |= {} if bag is None else {"recorder": {"path": str(bag), "overwrite": overwrite}}
-    chosen = permitted_priority() if priority is None and not lockstep else priority or 0
+    chosen = processes.permitted_priority() if priority is None and not lockstep else priority or 0
     for node in ("plant", "estimator", "controller"):
         values[node]["priority"] = chosen
     for node, more in (parameters or {}).items():
@@ -296,31 +281,6 @@ def run(
         diagnostics = session.stop()
         session.check_end()
     return Outcome(diagnostics=diagnostics, interrupted=interrupted, bag=None if bag is None else Path(bag))
-
-
-def permitted_priority() -> int:
-    """REAL_TIME_PRIORITY where this process may have one (as root, or by `ulimit -r`), else 0."""
-    try:
-        before = os.sched_getscheduler(0)
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
-        os.sched_setscheduler(0, before, os.sched_param(0))
-    except (OSError, AttributeError):  # not permitted, or no Linux
-        return 0
-    return REAL_TIME_PRIORITY
-
-
-def _environment(domain: int | None) -> dict[str, str]:
-    """Environment of the nodes. What the user has set stays."""
-    environment = dict(os.environ)
-    if domain is not None:
-        environment["ROS_DOMAIN_ID"] = str(domain)
-    environment[interruption.TETHER] = "1"
-    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # a loop's matrices are too small for more
-        environment.setdefault(name, "1")
-    if "HOME" not in environment:
-        environment.setdefault("ROS_LOG_DIR", str(Path(tempfile.gettempdir()) / "ros_log"))
-    return environment
 
 
 @contextmanager
