@@ -17,7 +17,7 @@ from queue import Empty, Queue
 from types import TracebackType
 from typing import Any
 
-from hybrid_sysid_ros.bags import METADATA, markers
+from hybrid_sysid_ros.bags import markers
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import configuration, processes
 from hybrid_sysid_ros.support import interruption
@@ -294,8 +294,7 @@ def _naming(bag: Path | str | None) -> Iterator[None]:
     except UserError as error:
         if _number(bag) in (None, before) or str(bag) in str(error):
             raise
-        how = "" if (Path(bag) / METADATA).exists() else ": read it with --recover"
-        raise UserError(f"{error}; what was recorded is in {bag}{how}") from error
+        raise UserError(f"{error}; what was recorded is in {bag}") from error
 
 
 def _number(path: Path | str) -> int | None:
