@@ -27,7 +27,7 @@ from hybrid_sysid_ros.support.files import check_folder
 READY_TIMEOUT = 300.0  # s, until a node has imported and compiled everything
 START_TIMEOUT = 30.0  # s, until the loop is complete
 STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # s
-STOP_ORDER = (("plant", "reference"), ("estimator", "controller"), ("recorder",))
+STOP_ORDER = (("plant", "reference"), ("estimator", "controller"), ("recorder", "replay"))
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a session
 TICK = 0.25  # s, between two calls of progress
 
