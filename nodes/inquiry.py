@@ -39,7 +39,13 @@ class Inquiry:
                 answer.add_done_callback(partial(self._answered, name))
 
     def _client(self, name: str) -> Client:
-        return self._node.create_client(GetParameters, self._node.full_name(f"{name}/get_parameters"))
+        return self._node.create_client(GetParameters, f"{name}/get_parameters")
+
+    def close(self) -> None:
+        """Ask nobody any more."""
+        for client in self._silent.values():
+            self._node.destroy_client(client)
+        self._silent.clear()
 
     def _answered(self, name: str, answer: Future) -> None:
         values = answer.result().values

@@ -8,7 +8,10 @@ from typing import Any
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
+
+from hybrid_sysid_ros.nodes.topics import OVERRIDES
 
 
 class Listener:
@@ -29,7 +32,7 @@ class Listener:
         """kind: of the messages; topic: its name, for rclpy to resolve; soon: calls something outside of callbacks."""
         self._node, self._kind, self._topic, self._callback = node, kind, topic, callback
         self._soon = soon
-        self._subscription: Subscription | None = self._subscribed(quality)
+        self._subscription: Subscription | None = self._subscribed(quality, OVERRIDES)
 
     def publishers(self) -> int:
         """How many there are whose messages come here."""
@@ -57,8 +60,14 @@ class Listener:
             self._node.destroy_subscription(self._subscription)
             self._subscription = None
 
-    def _subscribed(self, quality: QoSProfile) -> Subscription:
+    def _subscribed(self, quality: QoSProfile, overrides: QoSOverridingOptions | None = None) -> Subscription:
         events = SubscriptionEventCallbacks(incompatible_qos=lambda event: self._soon(self.make_do))
         return self._node.create_subscription(
-            self._kind, self._topic, self._callback, quality, raw=True, event_callbacks=events
+            self._kind,
+            self._topic,
+            self._callback,
+            quality,
+            raw=True,
+            event_callbacks=events,
+            qos_overriding_options=overrides,
         )

@@ -8,21 +8,25 @@ from functools import partial
 from threading import Condition, Thread
 from typing import Any
 
+from rclpy.duration import Duration
 from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from hybrid_sysid_ros.bags.bag import Bag, opened
 from hybrid_sysid_ros.nodes import topics
-from hybrid_sysid_ros.nodes.base import RigNode, run
+from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.diagnostics import Task
 from hybrid_sysid_ros.nodes.keys import keys
 from hybrid_sysid_ros.nodes.messages import SECOND, set_nanoseconds
 from hybrid_sysid_ros.nodes.playhead import Playhead
+from hybrid_sysid_ros.nodes.process import run
 from hybrid_sysid_ros.support.errors import UserError
 
 DISCOVERY = 1.0  # s, from the opening of the topics to the first message: readers have yet to hear of them
 CLOCK_PERIOD = 0.01  # s, between two messages on /clock where nothing is published
 PATIENCE = 1.0  # s, after which it looks whether it is over
+ACKNOWLEDGED = 1.0  # s, that readers have to get the last messages
 PAUSE, STEP = b" ", (b"\x1b[C", b"\x1bOC", b".")  # keys: space; the right arrow, as terminals send it, or a dot
 
 
@@ -32,39 +36,46 @@ class PlayerNode(RigNode):
     /clock, if it is asked for, is the time at which messages were logged: never behind that of a message.
     """
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__("player", **options)
-        settings = self.settings
-        if not settings["bag"]:
+    NAME = "player"
+
+    def configure(self) -> None:
+        path, wanted = self.settings["bag"], self.settings["topics"].split()
+        if not path:
             raise UserError("parameter bag is empty: give the bag to play, as -p bag:=FOLDER")
+        with opened(path, recover=self.settings["recover"]) as bag:
+            for name in wanted:
+                if name not in bag.topics:
+                    raise UserError(f"{path}: no topic {name}: the bag has {bag.listing}")
+            kinds = {name: topics.type_of(bag.topics[name].type) for name in wanted or bag.topics}
+            for name in (name for name, kind in kinds.items() if kind is None):
+                self.get_logger().error(f"topic {name} is not played: no type {bag.topics[name].type} is installed")
+            self.played = {
+                name: (kind, topics.profile_of(bag.qualities.get(name, ())))
+                for name, kind in kinds.items()
+                if kind is not None
+            }
+            if not self.played:
+                raise UserError(f"{path}: no topic to play: the bag has {bag.listing}")
+
+    def activate(self) -> None:
+        settings = self.settings
         self.playhead = Playhead(rate=settings["rate"], paused=settings["pause"])
         self.turn = Condition()
         """Of who plays and who presses keys."""
         self.sent = self.rounds = self.told = 0
         self.trouble: UserError | None = None
-        with opened(settings["bag"], recover=settings["recover"]) as bag:
-            self.outlets = self.opened(bag, settings["topics"].split())
-        self.clock = self.create_publisher(Clock, "/clock", 10) if settings["clock"] else None
+        self.ended = False
+        self.outlets = {name: self.outlet(name, *offer) for name, offer in self.played.items()}
+        self.clock = self.outlet("/clock", Clock, QoSProfile(depth=10)) if settings["clock"] else None
         if self.clock is not None:
             self.every(CLOCK_PERIOD, self.tick)
-        self.thread = Thread(target=self.play, daemon=True)
-        self.thread.start()
+        self.reader = Thread(target=self.play, daemon=True)
+        self.reader.start()
 
-    def opened(self, bag: Bag, wanted: Sequence[str]) -> dict[str, Publisher]:
-        """Publishers of a bag's topics by name, of those that are wanted and whose type is installed."""
-        for name in wanted:
-            if name not in bag.topics:
-                raise UserError(f"{bag.path}: no topic {name}: the bag has {bag.listing}")
-        found = {}
-        for name in wanted or bag.topics:
-            kind = topics.type_of(bag.topics[name].type)
-            if kind is None:
-                self.get_logger().error(f"topic {name} is not played: no type {bag.topics[name].type} is installed")
-            else:
-                found[name] = self.create_publisher(kind, name, topics.profile_of(bag.qualities.get(name, ())))
-        if not found:
-            raise UserError(f"{bag.path}: no topic to play: the bag has {bag.listing}")
-        return found
+    def outlet(self, topic: str, kind: Any, quality: QoSProfile) -> Publisher:
+        """Publisher of any topic, as long as the node is active."""
+        self._opened.append(publisher := self.create_publisher(kind, topic, quality))
+        return publisher
 
     def messages(self, bag: Bag) -> Iterator[tuple[str, int, bytes]]:
         """Those to play: topic, when it was logged [ns] and data."""
@@ -81,28 +92,31 @@ class PlayerNode(RigNode):
         """Play to the end, once or again and again; runs in a thread of its own."""
         try:
             with self.turn:
-                self.turn.wait_for(self.finished.done, DISCOVERY)
+                self.turn.wait_for(lambda: self.ended, DISCOVERY)
             with opened(self.settings["bag"], recover=self.settings["recover"]) as bag:
-                while not self.finished.done():
+                while not self.ended:
                     before = self.sent
                     for name, logged, data in self.messages(bag):
                         if not self.wait(logged):
                             return
-                        self.tell(logged)
+                        self.tell_time(logged)
                         self.outlets[name].publish(data)
                         self.sent += 1
                     self.rounds += 1
                     if not self.settings["loop"] or self.sent == before:
                         break
+            for outlet in self.outlets.values():
+                outlet.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED))
         except UserError as error:
             self.trouble = error
         finally:
-            self.finish()
+            if not self.ended:
+                self.finish()
 
     def wait(self, logged: int) -> bool:
         """Wait until a message is due that was logged then [ns]; False where it is over before."""
         with self.turn:
-            while not self.finished.done():
+            while not self.ended:
                 seconds = self.playhead.until(logged)
                 if seconds <= 0.0:
                     return True
@@ -112,9 +126,9 @@ class PlayerNode(RigNode):
     def tick(self) -> None:
         """Let time go on where nothing is published."""
         if self.sent and not self.playhead.paused:
-            self.tell(self.playhead.time)
+            self.tell_time(self.playhead.time)
 
-    def tell(self, time: int) -> None:
+    def tell_time(self, time: int) -> None:
         """Say on /clock what time of the bag it is [ns]."""
         if self.clock is None:
             return
@@ -138,19 +152,18 @@ class PlayerNode(RigNode):
             self.playhead.step()
             self.turn.notify_all()
 
-    def close(self) -> None:
+    def deactivate(self) -> None:
         """Stop. Raises UserError where the bag was found to be damaged."""
-        self.finish()
         with self.turn:
+            self.ended = True
             self.turn.notify_all()
-        self.thread.join()
-        super().close()
+        self.reader.join()
         if self.trouble is not None:
             raise self.trouble
         self.get_logger().info(f"{self.sent} messages played")
 
     def health(self) -> Sequence[Task]:
-        words = "done" if self.finished.done() else "paused" if self.playhead.paused else "playing"
+        words = "done" if self.ended or self.finished.done() else "paused" if self.playhead.paused else "playing"
         values = {"messages": self.sent, "rounds": self.rounds, "bag": self.settings["bag"]}
         return [Task(name="player", message=words, values=values)]
 

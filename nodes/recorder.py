@@ -18,19 +18,19 @@ from rclpy.qos import QoSProfile
 
 from hybrid_sysid_ros.bags import Quality, Recording, Split, collected
 from hybrid_sysid_ros.nodes import topics
-from hybrid_sysid_ros.nodes.base import RigNode, run
+from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
 from hybrid_sysid_ros.nodes.inquiry import Inquiry
-from hybrid_sysid_ros.nodes.listener import Listener
+from hybrid_sysid_ros.nodes.process import run
 from hybrid_sysid_ros.runtime.belongings import folders, parameter_file
 from hybrid_sysid_ros.support.errors import UserError
 
 DEPTH = 10_000  # messages that wait for the recorder: it comes after the loop
 NICENESS = 10  # of the process
 SEARCH_PERIOD = 0.5  # s
-FLUSH_PERIOD = 0.4  # s, between two times that all is on the disk which came before the last one
+FLUSH_PERIOD = 0.25  # s, between two times that all is on the disk which came before the last one
 QUEUE_BYTES = 1 << 26  # of messages that wait for the disk; what is over is lost
-SLOW = 0.3  # s, that the disk takes for one block, from which on it is called slow
+SLOW = 0.2  # s, that the disk takes for one block, from which on it is called slow
 PATIENCE = 10.0  # s, with the disk at the end
 ASKED = ("plant", "reference", "estimator", "controller")  # nodes whose parameters the bag keeps
 
@@ -60,11 +60,15 @@ class RecorderNode(RigNode):
     and the folders that these name, is kept in the bag with them.
     """
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__("recorder", **options)
-        path, wanted = self.settings["path"], self.settings["topics"].split()
-        if not path:
+    NAME = "recorder"
+    HEARS = topics.RECORDED
+
+    def configure(self) -> None:
+        if not self.settings["path"]:
             raise UserError("parameter path is empty: give the folder of the bag to write, as -p path:=FOLDER")
+
+    def activate(self) -> None:
+        path, wanted = self.settings["path"], self.settings["topics"].split()
         self.received: dict[str, int] = {}
         self.waiting: deque[Entry] = deque()
         self.held: list[Entry] = []
@@ -79,26 +83,26 @@ class RecorderNode(RigNode):
         self.busy_since = 0.0  # s, when the disk got what it has not answered yet
         self.trouble: Exception | None = None
         self.searched: set[str] = set()
-        known = {self.resolve_topic_name(self.full_name(topic)): topic for topic in topics.TYPES}
-        for name in [self.resolve_topic_name(self.full_name(topic)) for topic in wanted] or list(known):
+        known = {self.resolve_topic_name(topic): topic for topic in topics.TYPES}
+        for name in [self.resolve_topic_name(topic) for topic in wanted or topics.RECORDED]:
             if name in known:
                 topic = known[name]
-                self.take(name, topics.TYPES[topic], topics.profile(topic, depth=DEPTH))
+                self.record(name, topics.TYPES[topic], topics.profile(topic, depth=DEPTH))
             else:
                 self.searched.add(name)
         if self.searched:
             self.every(SEARCH_PERIOD, self.search)
-        Inquiry(self, ASKED, self.learn)
+        self.inquiry = Inquiry(self, ASKED, self.learn)
         split = Split(size=self.settings["split_bytes"], seconds=self.settings["split_seconds"])
         self.recording = Recording(path, replace=self.settings["overwrite"], split=split)
-        self.thread = Thread(target=self.write, daemon=True)  # a disk that never answers keeps nobody
-        self.thread.start()
+        self.writer = Thread(target=self.write, daemon=True)  # a disk that never answers keeps nobody
+        self.writer.start()
 
-    def take(self, name: str, message_type: Any, quality: QoSProfile) -> None:
+    def record(self, name: str, message_type: Any, quality: QoSProfile) -> None:
         """Record a topic from now on."""
         self.received[name] = 0
         kind = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
-        Listener(self, message_type, name, quality, partial(self.keep, name, kind), soon=self.soon)
+        self.hear(message_type, name, quality, partial(self.keep, name, kind))
 
     def keep(self, name: str, kind: str, data: bytes, information: Mapping[str, int]) -> None:
         """Put a message of a topic into the queue, if there is room."""
@@ -135,7 +139,7 @@ class RecorderNode(RigNode):
                 continue
             offered = publishers[0].qos_profile
             quality = QoSProfile(depth=DEPTH, reliability=offered.reliability, durability=offered.durability)
-            self.take(name, message_type, quality)
+            self.record(name, message_type, quality)
 
     def write(self) -> None:
         """Write what waits, again and again, until the end; runs in a thread of its own."""
@@ -182,13 +186,13 @@ class RecorderNode(RigNode):
         while self.belongings and self.recording.kept:
             self.recording.attach(*self.belongings.popleft(), time.time_ns())
 
-    def close(self) -> None:
+    def deactivate(self) -> None:
         """Write the rest and end the bag. Raises UserError where it could not be written."""
+        self.inquiry.close()
         self.ended.set()
-        self.thread.join(PATIENCE)
-        if self.thread.is_alive():
+        self.writer.join(PATIENCE)
+        if self.writer.is_alive():
             self.trouble = TimeoutError(f"the disk does not answer for {PATIENCE:g} s")
-        super().close()
         if self.trouble is not None:
             raise UserError(self.ending()) from self.trouble
         self.get_logger().info(f"{self.recording.path}: {self.recording.kept} messages")

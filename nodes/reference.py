@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.nodes.base import RigNode, announce, run
+from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.border import Order
 from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
 from hybrid_sysid_ros.nodes.diagnostics import Task
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints
+from hybrid_sysid_ros.nodes.process import announce, run
 from hybrid_sysid_ros.nodes.timeline import Timeline
 from hybrid_sysid_ros.rigs.excitation import Reference, constant, multisine, random_steps, sine
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -26,6 +27,7 @@ LONGEST = 3600.0  # s of steps that are drawn; the last one is held
 LOWEST = 0.05  # Hz, of the multisine
 MULTISINE_PERIOD = 20.0  # s
 LINES = 20  # of the multisine
+CHOOSING = {"kind", "amplitude", "frequency", "hold", "seed"}  # parameters that a reference is made of
 
 
 def signal_of(kind: str, settings: Mapping[str, Any], rig: Rig) -> Reference:
@@ -57,6 +59,19 @@ def _signal(kind: str, settings: Mapping[str, Any], output: int, amplitude: floa
     return multisine(seed, amplitude=amplitude, low=LOWEST, high=frequency, lines=LINES, period=MULTISINE_PERIOD)
 
 
+class Choice:
+    """What the parameters ask for."""
+
+    def __init__(self, settings: Mapping[str, Any], rig: Rig) -> None:
+        """Raises UserError where there is no such kind, or it has no room."""
+        self.kind: str = settings["kind"] or rig.reference
+        self.signal = signal_of(self.kind, settings, rig)
+        schedule = rig.references.get(self.kind)
+        own = schedule.duration if schedule else 0.0
+        self.duration = round((settings["duration"] or own) * SECOND)
+        """[ns]; 0: no end."""
+
+
 class ReferenceNode(RigNode):
     """Publishes previews of the outputs that the rig's controller tracks.
 
@@ -64,11 +79,12 @@ class ReferenceNode(RigNode):
     periods, so that all points of all messages lie on one grid.
     """
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__("reference", **options)
+    NAME = "reference"
+    PUBLISHES = ("reference",)
+    HEARS = ("joint_states",)
+
+    def configure(self) -> None:
         settings = self.settings
-        self.kind: str = settings["kind"] or self.rig.reference
-        self.signal = signal_of(self.kind, settings, self.rig)
         self.spacing = round(settings["point_spacing"] * SECOND)
         self.period = round(settings["publish_period"] * SECOND)
         if self.period % self.spacing:
@@ -76,29 +92,41 @@ class ReferenceNode(RigNode):
                 f"parameter publish_period is {settings['publish_period']:g} s: "
                 f"it must be a multiple of point_spacing, {settings['point_spacing']:g} s"
             )
-        if settings["preview_seconds"] <= settings["publish_period"]:
-            raise UserError(
-                f"parameter preview_seconds is {settings['preview_seconds']:g} s: "
-                f"it must be more than publish_period, {settings['publish_period']:g} s"
-            )
-        schedule = self.rig.references.get(self.kind)
-        own = schedule.duration if schedule else 0.0
-        self.duration = round((settings["duration"] or own) * SECOND)
+        self.choose(Choice(settings, self.rig))
         self.offsets = np.arange(round(settings["preview_seconds"] * SECOND) // self.spacing + 1) * self.spacing
         layout = Layout(self.rig, self.rig.system)
         self.tracked = np.flatnonzero(defaults(self.rig, "controller")["output_weight"])
         self.scales = np.array([display.scale for display in self.rig.display])
         slots = Slots([layout.outputs[k] for k in self.tracked])
         self.writer, self.preview = TrajectoryWriter(slots, self.offsets.tolist(), self.signature), b""
-        self.zero = 0
-        self.timeline = Timeline(self.now)
-        self.sent = 0
-        self.previews = self.open("reference")
         self.measured = Slots([*layout.outputs, *layout.inputs])
+
+    def choose(self, choice: Choice) -> None:
+        """Begin anew with a reference."""
+        self.choice = choice
+        self.zero = self.sent = 0
+
+    def prepare(self, settings: Mapping[str, Any], names: frozenset[str]) -> Callable[[], object]:
+        if not names & CHOOSING:
+            return super().prepare(settings, names)
+        choice = Choice(settings, self.rig)
+
+        def begin() -> None:
+            now = self.zero + self.timeline.elapsed() if self.active and self.zero else 0
+            self.choose(choice)
+            if now and not self.settings["lockstep"]:
+                self.begin(now)
+
+        return begin
+
+    def activate(self) -> None:
+        self.zero = self.sent = 0
+        self.timeline = Timeline(self.now)
+        self.previews = self.open("reference")
         self.entry = self.border("joint_states")
         self.measurements = self.listen(self.entry, "joint_states", self.on_measurement)
-        if not settings["lockstep"]:
-            self.every(settings["publish_period"], self.tick)
+        if not self.settings["lockstep"]:
+            self.every(self.settings["publish_period"], self.tick)
 
     def on_measurement(self, joints: Joints) -> None:
         """Begin with the first measurement; in lockstep follow their stamps."""
@@ -110,12 +138,16 @@ class ReferenceNode(RigNode):
             return
         stamp = self.entry.stamp
         if not self.zero:
-            self.zero = stamp
-            self.timeline.begin(stamp)
+            self.begin(stamp)
             announce("begun")
         if order is Order.AGAIN:  # nobody answered it: maybe for want of a reference
             self.previews.publish(self.preview)
         self.advance(stamp - self.zero)
+
+    def begin(self, stamp: int) -> None:
+        """Let time 0 be the one of a stamp [ns]."""
+        self.zero = stamp
+        self.timeline.begin(stamp)
 
     def tick(self) -> None:
         """In real time go on with it, and let the stamps follow the clock."""
@@ -128,7 +160,7 @@ class ReferenceNode(RigNode):
 
     def advance(self, elapsed: int) -> None:
         """Publish if a message is due so long after the start [ns]; end when the reference has ended."""
-        if self.duration and elapsed >= self.duration:
+        if self.choice.duration and elapsed >= self.choice.duration:
             self.finish()
             return
         due = elapsed // self.period + 1
@@ -138,19 +170,19 @@ class ReferenceNode(RigNode):
 
     def publish(self, start: int) -> None:
         """Publish the preview that begins `start` after time 0 [ns]."""
-        seconds = np.minimum(start + self.offsets, self.duration or np.inf) / SECOND
-        values = (self.scales * self.signal(seconds))[:, self.tracked]
+        seconds = np.minimum(start + self.offsets, self.choice.duration or np.inf) / SECOND
+        values = (self.scales * self.choice.signal(seconds))[:, self.tracked]
         self.preview = self.writer.pack(self.zero + start, values.tolist())
         self.previews.publish(self.preview)
 
     def close(self) -> None:
         """Tell that it is over."""
-        if self.duration and self.sent * self.period >= self.duration:
-            self.get_logger().info(f"done after {self.duration / SECOND:g} s")
+        if self.configured and self.choice.duration and self.sent * self.period >= self.choice.duration:
+            self.get_logger().info(f"done after {self.choice.duration / SECOND:g} s")
         super().close()
 
     def health(self) -> Sequence[Task]:
-        values = {"kind": self.kind, "messages": self.sent, "seconds": self.sent * self.period / SECOND}
+        values = {"kind": self.choice.kind, "messages": self.sent, "seconds": self.sent * self.period / SECOND}
         begun = "done" if self.finished.done() else "running"
         return [Task(name="reference", message=begun if self.zero else "waiting for a measurement", values=values)]
 

@@ -23,7 +23,7 @@ from rclpy.time import Time
 from hybrid_sysid_ros.bags import BagWriter
 from hybrid_sysid_ros.bags.bag import opened
 from hybrid_sysid_ros.nodes import middleware
-from hybrid_sysid_ros.nodes.base import RigNode, announce
+from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.border import Border
 from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
@@ -114,11 +114,8 @@ def _made(kind: Callable[..., Kind], context: Context, namespace: str, values: M
     return kind(context=context, namespace=namespace, parameter_overrides=overrides)
 
 
-def replay(order: Order, told: Callable[[str], None] = announce) -> None:
-    """Replay a bag into another. told: gets how far it is, in shares of a hundred, as a line each.
-
-    Raises UserError where the bag is damaged or lacks a topic, or a node can't be made.
-    """
+def replay(order: Order) -> None:
+    """Replay a bag into another. Raises UserError where it is damaged or lacks a topic, or a node can't be made."""
     topics = {f"{order.namespace}/{topic}": topic for topic in ("joint_states", "reference", "state_estimate")}
     with opened(order.bag, recover=order.recover) as bag, BagWriter(order.out, replace=True) as out:
         types = {name: bag.topics[name].type for name in topics if name in bag.topics}

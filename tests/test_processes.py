@@ -170,7 +170,7 @@ def test_a_recorder_that_cannot_go_on_leaves_what_it_has(domain: int, start, tmp
 
 STARTING = """
 import os, signal, sys
-from hybrid_sysid_ros.nodes import base, recorder
+from hybrid_sysid_ros.nodes import process, recorder
 
 def make():
     {before}
@@ -178,7 +178,7 @@ def make():
     os.kill(os.getpid(), signal.SIGTERM)
     return node
 
-sys.exit(base.run(make))
+sys.exit(process.run(make))
 """
 COMPILING = "import time; os.kill(os.getpid(), signal.SIGINT); time.sleep(60.0)"
 

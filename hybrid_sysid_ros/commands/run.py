@@ -28,8 +28,10 @@ def command(
     bag: Annotated[Path | None, typer.Option(help="Record into this bag.")] = None,
     overwrite: Overwrite = False,
     lockstep: Annotated[bool, typer.Option("--lockstep", help="As fast as the nodes answer, repeatable.")] = False,
+    composed: Annotated[bool, typer.Option("--composed", help="All in one process, but the recorder.")] = False,
+    domain: Annotated[int | None, typer.Option(help="ROS domain; that of ROS_DOMAIN_ID by default.")] = None,
 ) -> None:
-    """Run plant, estimator, controller and reference as ROS 2 processes."""
+    """Run plant, estimator, controller and reference as ROS 2 nodes."""
     with progress_bars(status) as update:
 
         def progress(seconds: float, expected: float) -> None:
@@ -48,6 +50,8 @@ def command(
             bag=bag,
             overwrite=overwrite,
             lockstep=lockstep,
+            composed=composed,
+            domain=domain,
             tell=status.print,
             progress=progress,
         )

@@ -11,14 +11,14 @@ from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.parameters import Parameter, defaults, parameters
+from hybrid_sysid_ros.runtime.parameters import Parameter, check_rules, defaults, parameters
 from hybrid_sysid_ros.runtime.shipped import TRAINED, shipped
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers
 
 __all__ = [
-    "CAMERA", "TRAINED", "Parameter", "defaults", "estimator_tuning", "mpc_problem", "parameters", "shipped",
-    "spread_of",
+    "CAMERA", "TRAINED", "Parameter", "check_rules", "defaults", "estimator_tuning", "mpc_problem", "parameters",
+    "shipped", "spread_of",
 ]  # fmt: skip
 
 CAMERA = "camera"

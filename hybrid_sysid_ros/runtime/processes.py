@@ -14,6 +14,8 @@ from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 
+COMPOSED = "composed"
+"""Module of several nodes in one process."""
 REAL_TIME_PRIORITY = 10  # of the loop's processes: above every ordinary one, below what a system keeps for itself
 
 
@@ -21,17 +23,33 @@ def command(node: str, values: Mapping[str, Any], *, rig: str = "", namespace: s
     """Command that starts a node with these parameters; the others have their defaults. rig: by default the one that is
     meant where none is named. Raises UserError where a parameter is unknown or not allowed.
     """
-    known = configuration.parameters(rig or rigs.default(), node)
-    words = [sys.executable, "-m", f"hybrid_sysid_ros.nodes.{node}", "--ros-args"]
-    words += ["-r", f"__ns:=/{namespace}", "-p", f"rig:={json.dumps(rig)}"]
-    for name, value in values.items():
-        if name not in known:
-            raise UserError(f"{node}: unknown parameter {name}: known are {', '.join(known)}")
-        try:
-            words += ["-p", f"{name}:={json.dumps(known[name].checked(value))}"]
-        except UserError as error:
-            raise UserError(f"{node}: {error}") from error
-    return words
+    return [*_beginning(node, rig=rig, namespace=namespace), *_arguments(rig, node, values)]
+
+
+def composed(values: Mapping[str, Mapping[str, Any]], *, rig: str, namespace: str) -> list[str]:
+    """Command that starts nodes with their parameters in one process. Raises UserError: see command()."""
+    given = [argument for node in values for argument in _arguments(rig, node, values[node], f"{node}:")]
+    return [*_beginning(COMPOSED, "--nodes", *values, rig=rig, namespace=namespace), *given]
+
+
+def _beginning(module: str, *arguments: str, rig: str, namespace: str) -> list[str]:
+    words = [sys.executable, "-m", f"hybrid_sysid_ros.nodes.{module}", *arguments, "--ros-args"]
+    return [*words, "-r", f"__ns:=/{namespace}", "-p", f"rig:={json.dumps(rig)}"]
+
+
+def _arguments(rig: str, node: str, values: Mapping[str, Any], prefix: str = "") -> list[str]:
+    known, found = configuration.parameters(rig or rigs.default(), node), []
+    checked = {name: item.default for name, item in known.items()}
+    try:
+        for name, value in values.items():
+            if name not in known:
+                raise UserError(f"unknown parameter {name}: known are {', '.join(known)}")
+            checked[name] = known[name].checked(value)
+            found += ["-p", f"{prefix}{name}:={json.dumps(checked[name])}"]
+        configuration.check_rules(known, checked)
+    except UserError as error:
+        raise UserError(f"{node}: {error}") from error
+    return found
 
 
 def permitted_priority() -> int:

@@ -20,6 +20,7 @@ from typing import Any
 from hybrid_sysid_ros.bags import markers
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import configuration, processes
+from hybrid_sysid_ros.runtime.processes import COMPOSED
 from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
@@ -27,7 +28,8 @@ from hybrid_sysid_ros.support.files import check_folder
 READY_TIMEOUT = 300.0  # s, until a node has imported and compiled everything
 START_TIMEOUT = 30.0  # s, until the loop is complete
 STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # s
-STOP_ORDER = (("plant", "reference"), ("estimator", "controller"), ("recorder", "replay"))
+STOP_ORDER = (("plant", "reference", COMPOSED), ("estimator", "controller"), ("recorder", "replay"))
+LOOP = ("plant", "estimator", "controller", "reference")
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a session
 TICK = 0.25  # s, between two calls of progress
 
@@ -56,7 +58,6 @@ class Child:
     process: subprocess.Popen[str]
     listeners: list[threading.Thread] = field(default_factory=list)
     words: set[str] = field(default_factory=set)
-    diagnostics: dict[str, Any] = field(default_factory=dict)
     complaint: str = ""
 
 
@@ -79,6 +80,7 @@ class Session:
             raise UserError(f"ROS domain {domain}: it must be within 0 and 232")
         self.rig = rigs.load(rig).source
         self.children: dict[str, Child] = {}
+        self.diagnostics: dict[str, dict[str, Any]] = {}
         self._tell = tell
         self._namespace = rigs.load(rig).namespace
         self._environment = {**processes.environment(domain), interruption.TETHER: "1"}
@@ -97,6 +99,10 @@ class Session:
     def command(self, node: str, values: Mapping[str, Any]) -> list[str]:
         """Command that starts a node in the rig's namespace; see :func:`.processes.command`."""
         return processes.command(node, values, rig=self.rig, namespace=self._namespace)
+
+    def composed(self, values: Mapping[str, Mapping[str, Any]]) -> list[str]:
+        """Command that starts nodes with their parameters in one process. Raises UserError: see command()."""
+        return processes.composed(values, rig=self.rig, namespace=self._namespace)
 
     def start(self, node: str, command: Sequence[str]) -> None:
         """Start a node's process."""
@@ -160,7 +166,9 @@ class Session:
             if child.process.stdin is not None:
                 child.process.stdin.close()
         self._stopped = True
-        return {child.node: child.diagnostics for child in self.children.values()}
+        return {
+            node: self.diagnostics.get(node, {}) for node in (*self.children, *self.diagnostics) if node != COMPOSED
+        }
 
     def check_end(self) -> None:
         """Raise UserError for a node that told of a failure, as a recorder that could not write, or did not end."""
@@ -203,8 +211,9 @@ class Session:
 
     def _take(self, child: Child, stream: str, line: str) -> None:
         if stream == "stdout" and line.startswith("{"):
-            with suppress(ValueError):  # cut short, where the node was killed
-                child.diagnostics.update(json.loads(line))
+            with suppress(ValueError, KeyError):  # cut short, where the node was killed
+                said = json.loads(line)
+                self.diagnostics[said.pop("node")] = said
         elif stream == "stdout":
             child.words.add(line)
         elif line:
@@ -228,6 +237,7 @@ def run(
     overwrite: bool = False,
     domain: int | None = None,
     priority: int | None = None,
+    composed: bool = False,
     parameters: Mapping[str, Mapping[str, Any]] | None = None,
     tell: Tell = print,
     progress: Progress = lambda seconds, duration: None,
@@ -237,9 +247,9 @@ def run(
     rig: name or path, the default one by default. rate: of measurements [Hz], the rig's by default. reference: a kind,
     or one of the rig's by name, its first by default. duration: of the reference [s]; 0: its own, or until Ctrl-C.
     lockstep: as fast as the nodes are, in simulated time. bag: folder to record all topics into. priority: of plant,
-    estimator and controller as real-time processes; None: a modest one where the system permits it. parameters: more of
-    them, by node and name. tell: gets lines for the user. progress: gets the seconds since the start, and how many
-    there will be (0: unknown).
+    estimator and controller as real-time processes; None: a modest one where the system permits it. composed: all but
+    the recorder in one process and one loop. parameters: more of them, by node and name. tell: gets lines for the user.
+    progress: gets the seconds since the start, and how many there will be (0: unknown).
 
     Raises UserError without ROS, and where a parameter is wrong, the bag can't be written, or a node could not start or
     ended too early.
@@ -270,12 +280,15 @@ def run(
     interrupted = False
     with _interruptible(), _naming(bag), Session(described.source, domain=domain, tell=tell) as session:
         try:
-            commands = {node: session.command(node, given) for node, given in values.items()}
-            for node, command in commands.items():
-                session.start(node, command)
-            session.wait_for("ready", list(values), READY_TIMEOUT)
-            session.wait_for("started", ["plant"], START_TIMEOUT)
-            session.wait_for_end(["reference", "plant"], lambda seconds: progress(seconds, expected))
+            together = {node: values.pop(node) for node in LOOP} if composed else {}
+            commands = {COMPOSED: session.composed(together)} if composed else {}
+            commands |= {node: session.command(node, given) for node, given in values.items()}
+            for child, command in commands.items():
+                session.start(child, command)
+            session.wait_for("ready", list(commands), READY_TIMEOUT)
+            session.wait_for("started", [COMPOSED if composed else "plant"], START_TIMEOUT)
+            ending = [COMPOSED] if composed else ["reference", "plant"]
+            session.wait_for_end(ending, lambda seconds: progress(seconds, expected))
         except KeyboardInterrupt:
             interrupted = True
         diagnostics = session.stop()
