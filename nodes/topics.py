@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
+from hybrid_sysid_ros.bags import Quality
 from hybrid_sysid_ros.runtime.parameters import DECLARATIONS
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import read_mapping, section
@@ -88,3 +90,35 @@ def profile(topic: str, *, depth: int | None = None) -> QoSProfile:
         raise UserError(f"{DECLARATIONS}: no class in section qos has the topic {topic}: add it to one")
     settings = qualities()[topic]
     return QoSProfile(**{**settings, "depth": depth or settings["depth"]})
+
+
+def qualities_of(publishers: Iterable[Any]) -> list[Quality]:
+    """How publishers, as rclpy tells of them, offer a topic."""
+    profiles = [publisher.qos_profile for publisher in publishers]
+    return [
+        Quality(
+            reliability=profile.reliability.name.lower(),
+            durability=profile.durability.name.lower(),
+            history=profile.history.name.lower(),
+            depth=profile.depth,
+        )
+        for profile in profiles
+    ]
+
+
+def profile_of(qualities: Sequence[Quality]) -> QoSProfile:
+    """How to offer a topic again that was offered so; as ROS does of itself where publishers differed, or unknown."""
+    chosen = qualities[0] if len(set(qualities)) == 1 else Quality()
+    policies = {"reliability": ReliabilityPolicy, "durability": DurabilityPolicy}
+    told = {name: policy.__members__.get(getattr(chosen, name).upper()) for name, policy in policies.items()}
+    known = {name: policy for name, policy in told.items() if policy is not None}
+    return QoSProfile(**{"depth": max(chosen.depth, Quality.depth), **known})
+
+
+def type_of(name: str) -> Any | None:
+    """The class of a message type, such as sensor_msgs/msg/JointState; None where it is not installed."""
+    package, _, kind = name.rpartition("/")
+    try:
+        return getattr(import_module(package.replace("/", ".")), kind)
+    except (ImportError, AttributeError):
+        return None

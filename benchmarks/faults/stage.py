@@ -38,7 +38,8 @@ from hybrid_sysid_ros.nodes.messages import set_nanoseconds
 from hybrid_sysid_ros.nodes.process import SWITCH_INTERVAL
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import TRAINED, shipped
-from hybrid_sysid_ros.runtime.session import Session, permitted_priority
+from hybrid_sysid_ros.runtime.processes import permitted_priority
+from hybrid_sysid_ros.runtime.session import Session
 from hybrid_sysid_ros.support.errors import UserError
 
 Fault = Callable[["Stage"], None]

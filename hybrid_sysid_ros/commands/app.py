@@ -13,6 +13,8 @@ COMMANDS = [
     LateCommand("search", f"{HERE}.search", "Search the options of a structure."),
     LateCommand("friction", f"{HERE}.friction", "Draw a law of friction, or list them."),
     LateCommand("run", f"{HERE}.run", "Run plant, estimator, controller and reference as ROS 2 nodes."),
+    LateCommand("play", f"{HERE}.play", "Publish the messages of a bag again."),
+    LateCommand("replay", f"{HERE}.replay", "Let estimator and controller answer a recorded loop again."),
     LateCommand("parameters", f"{HERE}.parameters", "Write the ROS parameter file of a rig's nodes."),
     LateCommand("check", f"{HERE}.check", "Check the installation in a quarter of a minute."),
     LateCommand("demo", f"{HERE}.demo", "From bags to a controlled rig: identify, run the loop, report."),

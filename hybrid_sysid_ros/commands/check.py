@@ -20,7 +20,7 @@ from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.rigs import check as rig_check
 from hybrid_sysid_ros.rigs import experiments
 from hybrid_sysid_ros.rigs.rig import Rig, load
-from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.runtime import processes, session
 from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -110,8 +110,8 @@ class Checks:
     def priority(self) -> str:
         """A loop may go before other processes."""
         return (
-            f"{session.permitted_priority()}"
-            if session.permitted_priority()
+            f"{processes.permitted_priority()}"
+            if processes.permitted_priority()
             else "not permitted: `ulimit -r` raises it"
         )
 

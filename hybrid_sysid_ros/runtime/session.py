@@ -7,7 +7,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -19,9 +18,10 @@ from queue import Empty, Queue
 from types import TracebackType
 from typing import Any
 
-from hybrid_sysid_ros.bags import METADATA, markers
+from hybrid_sysid_ros.bags import markers
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.runtime import configuration, processes
+from hybrid_sysid_ros.runtime.processes import COMPOSED
 from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
@@ -29,11 +29,9 @@ from hybrid_sysid_ros.support.files import check_folder
 READY_TIMEOUT = 300.0  # s, until a node has imported and compiled everything
 START_TIMEOUT = 30.0  # s, until the loop is complete
 STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # s
-COMPOSED = "composed"
-STOP_ORDER = (("plant", "reference", COMPOSED), ("estimator", "controller"), ("recorder",))
+STOP_ORDER = (("plant", "reference", COMPOSED), ("estimator", "controller"), ("recorder", "replay"))
 LOOP = ("plant", "estimator", "controller", "reference")
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a session
-REAL_TIME_PRIORITY = 10  # of the loop's processes: above every ordinary one, below what a system keeps for itself
 TICK = 0.25  # s, between two calls of progress
 
 Tell = Callable[[str], None]
@@ -86,7 +84,7 @@ class Session:
         self.diagnostics: dict[str, dict[str, Any]] = {}
         self._tell = tell
         self._namespace = rigs.load(rig).namespace
-        self._environment = _environment(domain)
+        self._environment = {**processes.environment(domain), interruption.TETHER: "1"}
         self._place = tempfile.TemporaryDirectory(prefix="hybrid_sysid_")
         self._lines: Queue[tuple[Child, str, str]] = Queue()
         self._stopped = False
@@ -102,37 +100,13 @@ class Session:
         self._place.cleanup()
 
     def command(self, node: str, values: Mapping[str, Any]) -> list[str]:
-        """Command that starts a node with these parameters; the others have their defaults. Raises UserError where a
-        parameter is unknown or not allowed.
-        """
-        given = self._checked(node, values)
-        return [*self._beginning(node), *(f for name in given for f in ("-p", f"{name}:={json.dumps(given[name])}"))]
+        """Command that starts a node in the rig's namespace; see :func:`.processes.command`."""
+        return processes.command(node, values, rig=self.rig, namespace=self._namespace)
 
     def composed(self, values: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Command that starts nodes with their parameters in one process. Raises UserError: see command()."""
-        lines = []
-        for node, given in values.items():
-            lines += [f"/**/{node}:", "  ros__parameters:"]
-            lines += [f"    {name}: {json.dumps(value)}" for name, value in self._checked(node, given).items()]
+        """Command that starts nodes in one process; see :func:`.processes.composed`."""
         file = Path(self._place.name) / "parameters.yaml"
-        file.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        return [*self._beginning(COMPOSED, "--nodes", *values), "--params-file", str(file)]
-
-    def _beginning(self, module: str, *arguments: str) -> list[str]:
-        command = [sys.executable, "-m", f"hybrid_sysid_ros.nodes.{module}", *arguments, "--ros-args"]
-        return [*command, "-r", f"__ns:=/{self._namespace}", "-p", f"rig:={json.dumps(self.rig)}"]
-
-    def _checked(self, node: str, values: Mapping[str, Any]) -> dict[str, Any]:
-        known = configuration.parameters(self.rig, node)
-        try:
-            for name in values:
-                if name not in known:
-                    raise UserError(f"unknown parameter {name}: known are {', '.join(known)}")
-            given = {name: known[name].checked(value) for name, value in values.items()}
-            configuration.check_rules(known, {**{name: item.default for name, item in known.items()}, **given})
-        except UserError as error:
-            raise UserError(f"{node}: {error}") from error
-        return given
+        return processes.composed(values, file, rig=self.rig, namespace=self._namespace)
 
     def start(self, node: str, command: Sequence[str]) -> None:
         """Start a node's process."""
@@ -297,7 +271,7 @@ def run(
         "plant": {"rate": rate, **lock, "wait_for_readers": 2 if bag is None else 3},
     }
     values |= {} if bag is None else {"recorder": {"path": str(bag), "overwrite": overwrite}}
-    chosen = permitted_priority() if priority is None and not lockstep else priority or 0
+    chosen = processes.permitted_priority() if priority is None and not lockstep else priority or 0
     for node in ("plant", "estimator", "controller"):
         values[node]["priority"] = chosen
     for node, more in (parameters or {}).items():
@@ -326,31 +300,6 @@ def run(
     return Outcome(diagnostics=diagnostics, interrupted=interrupted, bag=None if bag is None else Path(bag))
 
 
-def permitted_priority() -> int:
-    """REAL_TIME_PRIORITY where this process may have one (as root, or by `ulimit -r`), else 0."""
-    try:
-        before = os.sched_getscheduler(0)
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
-        os.sched_setscheduler(0, before, os.sched_param(0))
-    except (OSError, AttributeError):  # not permitted, or no Linux
-        return 0
-    return REAL_TIME_PRIORITY
-
-
-def _environment(domain: int | None) -> dict[str, str]:
-    """Environment of the nodes. What the user has set stays."""
-    environment = dict(os.environ)
-    if domain is not None:
-        environment["ROS_DOMAIN_ID"] = str(domain)
-    environment[interruption.TETHER] = "1"
-    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # a loop's matrices are too small for more
-        environment.setdefault(name, "1")
-    if "HOME" not in environment:
-        environment.setdefault("ROS_LOG_DIR", str(Path(tempfile.gettempdir()) / "ros_log"))
-    return environment
-
-
 @contextmanager
 def _naming(bag: Path | str | None) -> Iterator[None]:
     """Let an error say where the recording is, if there is one."""
@@ -362,8 +311,7 @@ def _naming(bag: Path | str | None) -> Iterator[None]:
     except UserError as error:
         if _number(bag) in (None, before) or str(bag) in str(error):
             raise
-        how = "" if (Path(bag) / METADATA).exists() else ": read it with --recover"
-        raise UserError(f"{error}; what was recorded is in {bag}{how}") from error
+        raise UserError(f"{error}; what was recorded is in {bag}") from error
 
 
 def _number(path: Path | str) -> int | None:
