@@ -120,7 +120,10 @@ class RigNode(ManagedNode):
             if message is not None:
                 callback(message)
 
-        return self.hear(topics.TYPES[topic], topic, topics.profile(topic), arrive)
+        listener = self.hear(topics.TYPES[topic], topic, topics.profile(topic), arrive)
+        if self.exchange is not None:
+            listener.share(self.exchange)
+        return listener
 
     def now(self) -> int:
         """Time of the ROS clock [ns]: simulated, or the system's, which needs no detour."""

@@ -13,6 +13,8 @@ from rclpy.parameter import Parameter
 from rclpy.utilities import remove_ros_args
 
 from hybrid_sysid_ros.nodes.base import RigNode
+from hybrid_sysid_ros.nodes.exchange import Exchange
+from hybrid_sysid_ros.nodes.middleware import leaves_alone
 from hybrid_sysid_ros.nodes.process import run
 
 KINDS: Mapping[str, str] = {
@@ -35,8 +37,9 @@ def compose(arguments: list[str]) -> list[RigNode]:
     if len(rigs) != len(asked.namespaces):
         parser.error(f"{len(asked.namespaces)} namespaces and {len(rigs)} rigs: give one for each")
     made: list[RigNode] = []
+    exchange = Exchange() if leaves_alone() else None
     for namespace, rig in zip(asked.namespaces, rigs, strict=True):
-        options: dict[str, Any] = {"namespace": namespace} if namespace else {}
+        options: dict[str, Any] = {"exchange": exchange, **({"namespace": namespace} if namespace else {})}
         options |= {"parameter_overrides": [Parameter("rig", value=rig)]} if rig else {}
         made.extend(_kind(name)(**options) for name in asked.nodes)
     return made
@@ -49,7 +52,7 @@ def _kind(name: str) -> type[RigNode]:
 
 def main() -> int:
     """Run them until one of them is finished."""
-    return run(partial(compose, remove_ros_args(sys.argv)[1:]))
+    return run(partial(compose, remove_ros_args(sys.argv)[1:]), together=True)
 
 
 if __name__ == "__main__":

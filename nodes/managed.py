@@ -23,6 +23,7 @@ from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
 from hybrid_sysid_ros.nodes import topics
+from hybrid_sysid_ros.nodes.exchange import Exchange, Outlet
 from hybrid_sysid_ros.nodes.listener import Listener
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -46,8 +47,9 @@ class ManagedNode(LifecycleNodeMixin, Node):
     finished: done when the node has nothing more to do.
     """
 
-    def __init__(self, name: str, **options: Any) -> None:
-        """options: of rclpy.node.Node."""
+    def __init__(self, name: str, *, exchange: Exchange | None = None, **options: Any) -> None:
+        """exchange: with other nodes of this process. options: of rclpy.node.Node."""
+        self.exchange = exchange
         Node.__init__(self, name, **options)
         self.finished = Future()
         self.configured = self.active = False
@@ -179,6 +181,9 @@ class ManagedNode(LifecycleNodeMixin, Node):
         for listener in self._listeners:
             listener.close()
         for publisher in self._opened:
+            if isinstance(publisher, Outlet):
+                publisher.close()
+                publisher = publisher.publisher
             self.destroy_publisher(publisher)
         for timer in self._ticking:
             self.destroy_timer(timer)
@@ -206,8 +211,9 @@ class ManagedNode(LifecycleNodeMixin, Node):
 
     def open(self, topic: str) -> Publisher:
         """Publisher of a topic, as long as the node is active."""
-        self._opened.append(publisher := self.publication(topic))
-        return publisher
+        publisher = self.publication(topic)
+        self._opened.append(publisher if self.exchange is None else Outlet(publisher, self.exchange))
+        return self._opened[-1]
 
     def hear(self, kind: type[Any], topic: str, quality: QoSProfile, callback: Callable[..., None]) -> Listener:
         """Hear serialised messages of a topic, as long as the node is active."""

@@ -37,9 +37,11 @@ def announce(word: str) -> None:
     print(word, flush=True)
 
 
-def run(make: Callable[[], RigNode | Sequence[RigNode]]) -> int:
+def run(make: Callable[[], RigNode | Sequence[RigNode]], *, together: bool = False) -> int:
     """Run a node, or several in one loop, until one is finished or SIGINT or SIGTERM comes, once or more often; return
     the exit status.
+
+    together: messages between them go by an exchange, and the middleware leaves them alone.
 
     0: ended as it should; 2: a parameter, file or argument is wrong, told in one line.
     """
@@ -49,7 +51,7 @@ def run(make: Callable[[], RigNode | Sequence[RigNode]]) -> int:
     if os.environ.get(interruption.TETHER):
         Thread(target=_end_with_starter, daemon=True).start()
     try:
-        middleware.prepare()
+        middleware.prepare(together=together)
         try:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         except RuntimeError as error:  # what rclpy raises for arguments and parameter files that make no sense
@@ -80,11 +82,18 @@ class Loop(SingleThreadedExecutor):
     def __init__(self, nodes: Sequence[RigNode]) -> None:
         super().__init__()
         self._aside = frozenset(node.aside for node in nodes)
+        self._exchange = nodes[0].exchange
         for node in nodes:
             self.add_node(node)
 
     def can_execute(self, entity: Any) -> bool:
         return entity.callback_group not in self._aside and super().can_execute(entity)
+
+    def turn(self) -> None:
+        """Wait for something to do and do it, with all that follows in this process."""
+        self.spin_once()
+        if self._exchange is not None and self._exchange.deliver():
+            self.wake()
 
 
 class Services(SingleThreadedExecutor):
@@ -135,7 +144,7 @@ def _serve(nodes: Sequence[RigNode], ending: Interruption) -> None:
     try:
         # Not spin_until_future_complete, by which the future keeps a function of every turn: 260 bytes each.
         while executor.context.ok() and not ended(nodes):
-            executor.spin_once()
+            executor.turn()
     finally:
         try:
             for node in nodes:

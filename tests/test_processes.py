@@ -293,3 +293,11 @@ def test_no_node_outlives_its_session(domain: int, model_folder: Path, policy_fo
     for end in ends:
         assert select.select([end], [], [], TIMEOUT)[0]  # readable once the process has ended
         os.close(end)
+
+
+def test_all_nodes_run_in_one_process_with_the_parameters_of_each(domain: int) -> None:
+    outcome = session.run(composed=True, lockstep=True, duration=1.0, reference="sine", domain=domain)
+    assert outcome.diagnostics["reference"]["kind"] == "sine"
+    assert outcome.diagnostics["plant"]["commands"] == pytest.approx(200, abs=25)
+    assert outcome.diagnostics["controller"]["commands"] >= outcome.diagnostics["plant"]["commands"]
+    assert outcome.diagnostics["estimator"]["missing_measurements"] == 0

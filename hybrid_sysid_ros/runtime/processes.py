@@ -23,13 +23,21 @@ def command(node: str, values: Mapping[str, Any], *, rig: str = "", namespace: s
     """Command that starts a node with these parameters; the others have their defaults. rig: by default the one that is
     meant where none is named. Raises UserError where a parameter is unknown or not allowed.
     """
-    return [*_beginning(node, rig=rig, namespace=namespace), *_arguments(rig, node, values)]
+    given = _checked(rig, node, values)
+    words = [word for name in given for word in ("-p", f"{name}:={json.dumps(given[name])}")]
+    return [*_beginning(node, rig=rig, namespace=namespace), *words]
 
 
-def composed(values: Mapping[str, Mapping[str, Any]], *, rig: str, namespace: str) -> list[str]:
-    """Command that starts nodes with their parameters in one process. Raises UserError: see command()."""
-    given = [argument for node in values for argument in _arguments(rig, node, values[node], f"{node}:")]
-    return [*_beginning(COMPOSED, "--nodes", *values, rig=rig, namespace=namespace), *given]
+def composed(values: Mapping[str, Mapping[str, Any]], file: Path, *, rig: str, namespace: str) -> list[str]:
+    """Command that starts nodes with their parameters in one process. file: to write them into. Raises UserError: see
+    command().
+    """
+    lines = []
+    for node, given in values.items():
+        lines += [f"/**/{node}:", "  ros__parameters:"]
+        lines += [f"    {name}: {json.dumps(value)}" for name, value in _checked(rig, node, given).items()]
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return [*_beginning(COMPOSED, "--nodes", *values, rig=rig, namespace=namespace), "--params-file", str(file)]
 
 
 def _beginning(module: str, *arguments: str, rig: str, namespace: str) -> list[str]:
@@ -37,19 +45,17 @@ def _beginning(module: str, *arguments: str, rig: str, namespace: str) -> list[s
     return [*words, "-r", f"__ns:=/{namespace}", "-p", f"rig:={json.dumps(rig)}"]
 
 
-def _arguments(rig: str, node: str, values: Mapping[str, Any], prefix: str = "") -> list[str]:
-    known, found = configuration.parameters(rig or rigs.default(), node), []
-    checked = {name: item.default for name, item in known.items()}
+def _checked(rig: str, node: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    known = configuration.parameters(rig or rigs.default(), node)
     try:
-        for name, value in values.items():
+        for name in values:
             if name not in known:
                 raise UserError(f"unknown parameter {name}: known are {', '.join(known)}")
-            checked[name] = known[name].checked(value)
-            found += ["-p", f"{prefix}{name}:={json.dumps(checked[name])}"]
-        configuration.check_rules(known, checked)
+        given = {name: known[name].checked(value) for name, value in values.items()}
+        configuration.check_rules(known, {**{name: item.default for name, item in known.items()}, **given})
     except UserError as error:
         raise UserError(f"{node}: {error}") from error
-    return found
+    return given
 
 
 def permitted_priority() -> int:

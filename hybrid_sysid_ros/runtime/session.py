@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import subprocess
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -84,6 +85,7 @@ class Session:
         self._tell = tell
         self._namespace = rigs.load(rig).namespace
         self._environment = {**processes.environment(domain), interruption.TETHER: "1"}
+        self._place = tempfile.TemporaryDirectory(prefix="hybrid_sysid_")
         self._lines: Queue[tuple[Child, str, str]] = Queue()
         self._stopped = False
 
@@ -95,14 +97,16 @@ class Session:
     ) -> None:
         if not self._stopped:
             self.stop()
+        self._place.cleanup()
 
     def command(self, node: str, values: Mapping[str, Any]) -> list[str]:
         """Command that starts a node in the rig's namespace; see :func:`.processes.command`."""
         return processes.command(node, values, rig=self.rig, namespace=self._namespace)
 
     def composed(self, values: Mapping[str, Mapping[str, Any]]) -> list[str]:
-        """Command that starts nodes with their parameters in one process. Raises UserError: see command()."""
-        return processes.composed(values, rig=self.rig, namespace=self._namespace)
+        """Command that starts nodes in one process in the rig's namespace; see :func:`.processes.composed`."""
+        file = Path(self._place.name) / "parameters.yaml"
+        return processes.composed(values, file, rig=self.rig, namespace=self._namespace)
 
     def start(self, node: str, command: Sequence[str]) -> None:
         """Start a node's process."""
