@@ -45,7 +45,7 @@ class Order:
     recover: bool = False
 
 
-class Outlet:
+class Tap:
     """Takes what a node would publish."""
 
     def __init__(self) -> None:
@@ -71,7 +71,7 @@ class Replay:
         """Raises UserError when a parameter is not as nodes.yaml says, or a folder cannot be loaded."""
         self.estimator = _made(EstimatorNode, context, order.namespace, order.estimator)
         self.controller = _made(ControllerNode, context, order.namespace, order.controller)
-        self.estimates, self.commands = Outlet(), Outlet()
+        self.estimates, self.commands = Tap(), Tap()
         self.estimator.estimates, self.controller.commands = self.estimates, self.commands
         self.waiting: dict[int, bytes] = {}
         """Estimates that have not reached the controller, by their stamps [ns]."""
