@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification.experiment import Experiment, check_range, prepare
-from hybrid_sysid_ros.identification.fitting import Progress
+from hybrid_sysid_ros.identification.fitting import Fit, Progress
 from hybrid_sysid_ros.identification.part import Part, parts_of
 from hybrid_sysid_ros.identification.recipes import Recipe
 from hybrid_sysid_ros.identification.validation.scores import Scores, score_free_run
@@ -73,8 +74,15 @@ def identify(
             "seconds": round(fitted.seconds, 3),
             "evaluations": fitted.evaluations,
             "seed": seed,
+            **_told_biases(fitted, [record.name for record in records]),
         },
     )
+
+
+def _told_biases(fitted: Fit, records: Sequence[str]) -> dict[str, Any]:
+    """The biases of inputs that were fitted beside the parameters, by input and record."""
+    biases = {name: dict(zip(records, values.tolist(), strict=True)) for name, values in fitted.biases.items()}
+    return {"input_bias": biases} if biases else {}
 
 
 def check_record(record: Record, rig: Rig, sampling: Sampling) -> None:

@@ -85,7 +85,8 @@ def _drifts(text: str) -> dict[str, float]:
 def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> Problem:
     """Problem of the exact MPC from the parameters of the node `controller`; outputs are weighed as they are shown.
 
-    system: the model that the MPC predicts with, by default the rig's own. States that it has alone have no bounds.
+    system: the model that the MPC predicts with, by default the rig's own. States that it has alone have no bounds, and
+    one that holds at one step only is predicted by that, whatever `substeps` is.
     Raises UserError where a number makes no problem.
     """
     system = system or rig.system
@@ -102,7 +103,7 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
     return Problem(
         horizon=values["horizon"],
         period=values["period"],
-        substeps=values["substeps"],
+        substeps=_substeps(values, system),
         output_weights=listed(values, "output_weight", "parameter", outputs),
         rate_weights=of_inputs("rate_weight"),
         input_low=tuple(actuator.low for actuator in rig.actuators),
@@ -117,6 +118,12 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
         soft_linear=of_states("soft_linear", 0.0),
         soft_quadratic=of_states("soft_quadratic", 1.0),
     ).sized(system)
+
+
+def _substeps(values: Mapping[str, Any], system: System) -> int:
+    """Steps of an interval: those of a model that has its own, where they are whole ones."""
+    own = system.sampling_time
+    return int(values["substeps"]) if own is None else max(1, round(values["period"] / own))
 
 
 def by_state(values: Sequence[float], rig: Rig, model: System) -> tuple[float, ...]:
