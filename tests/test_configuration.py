@@ -15,7 +15,7 @@ from hybrid_sysid_ros.runtime.configuration import Parameter
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.yaml_text import Dumper, parsed
 
-NODES = ("plant", "estimator", "controller", "reference", "recorder")
+NODES = ("plant", "estimator", "controller", "reference", "recorder", "view")
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ COMMANDS = [
     LateCommand("run", f"{HERE}.run", "Run plant, estimator, controller and reference as ROS 2 nodes."),
     LateCommand("parameters", f"{HERE}.parameters", "Write the ROS parameter file of a rig's nodes."),
     LateCommand("check", f"{HERE}.check", "Check the installation in a quarter of a minute."),
+    LateCommand("view", f"{HERE}.view", "Show a running rig on a page of this computer."),
     LateCommand("demo", f"{HERE}.demo", "From bags to a controlled rig: identify, run the loop, report."),
 ]
 POLICY_COMMANDS = [
@@ -28,6 +29,7 @@ MODEL_COMMANDS = [
 RIG_COMMANDS = [
     LateCommand("new", f"{HERE}.rig_new", "Write a small rig to begin with."),
     LateCommand("check", f"{HERE}.rig_check", "Check a rig and show its step response."),
+    LateCommand("layouts", f"{HERE}.rig_layouts", "Write a rig's URDF, and layouts for Foxglove and PlotJuggler."),
     LateCommand("list", f"{HERE}.rig_list", "List the rigs that are known by name."),
 ]
 
