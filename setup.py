@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 from setuptools import Distribution, find_namespace_packages, setup
 
 NAME = "hybrid_sysid_ros"
-NODES = ("plant", "estimator", "controller", "reference", "recorder", "composed", "player")
+NODES = ("plant", "estimator", "controller", "reference", "recorder", "composed", "player", "view")
 PIP = not {"bdist_wheel", "dist_info", "editable_wheel", "sdist"}.isdisjoint(sys.argv)
 
 # `ros2 run` looks in lib/hybrid_sysid_ros. colcon installs the console scripts there, under the nodes' own names; pip
@@ -28,7 +28,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10,<3.14",
     packages=find_namespace_packages(include=[NAME, f"{NAME}.*"], exclude=["*.__pycache__"]),  # data folders too
-    package_data={"": ["*.yaml", "*.xml", "*.json", "*.safetensors", "*.html", "*.c", "*.h"]},
+    package_data={"": ["*.yaml", "*.xml", "*.json", "*.safetensors", "*.html", "*.js", "*.css", "*.txt", "*.c", "*.h"]},
     entry_points={
         "console_scripts": [
             f"hybrid-sysid = {NAME}.__main__:main",

@@ -42,7 +42,6 @@ NO_REFERENCE, HELD, ZEROED, STOPPED = (
 SOUND = {"solved", "iterated", "policy"}
 STANDING_IN = {"shifted plan", "held"}  # layers that may stand in for zero_after, no longer
 REFERENCE_PATIENCE = 3 * SECOND  # that a controller waits for somebody who gives references
-MARGIN = 0.02  # of the travel, at each end, that no reference reaches
 
 OF_PROBLEM = {
     *("output_weight", "rate_weight", "input_weight", "rate_limit"),
@@ -84,9 +83,7 @@ class ControllerNode(RigNode):
         actuators = self.rig.actuators
         self.rest = np.array([actuator.rest for actuator in actuators])
         self.span = np.array([actuator.high - actuator.low for actuator in actuators])
-        low, high = self.rig.travel_of_outputs
-        margin = np.where(np.isfinite(high - low), MARGIN * (high - low), 0.0)
-        self.reach = low + margin, high - margin
+        self.reach = self.rig.reach
         self.fly(self.pilot_of(self.settings))
 
     def pilot_of(self, settings: Mapping[str, Any]) -> Pilot:

@@ -6,6 +6,7 @@ import math
 import sys
 from collections.abc import Sequence
 from functools import partial
+from random import Random
 from time import perf_counter
 
 from hybrid_sysid_ros.nodes.base import RigNode
@@ -24,6 +25,8 @@ LOCKSTEP_START = SECOND  # stamp of the first measurement: 0 means "no time yet"
 EARLY = 0.1  # periods that a timer may be early; late ones never reach into the next period
 START_DELAY = 0.5  # s from all being there to the start: they may have yet to hear of one another
 READER_PATIENCE = 0.5  # s, with further readers where there is a loop
+FAULTS = ("bias", "sensor_out", "brake", "command_delay")
+"""Parameters that make the rig worse than it is."""
 ANSWER_TIMEOUT = 5.0  # s, after which an unanswered measurement is published again
 
 
@@ -57,6 +60,7 @@ class PlantNode(RigNode):
     def begin(self) -> None:
         """Put the rig where it is at first, its time at 0."""
         self.plant = Plant(self.rig, seed=self.settings["seed"], bias=self.settings["bias"])
+        self.chance = Random(self.settings["seed"])
         self.answers = Answers(start=LOCKSTEP_START, period=round(self.steps * self.rig.step * SECOND))
         self.rested()
         self.started = False
@@ -129,10 +133,15 @@ class PlantNode(RigNode):
         number = int(elapsed / period + EARLY)
         self.overruns += max(number - self.answers.latest - 1, 0)
         self.lateness.add(max(elapsed - number * period, 0.0))
-        self.plant.bias[:] = self.settings["bias"]
+        self.disturb()
         self.drive.timeout = self.settings["command_timeout"]
         while self.answers.latest < number and not self.finished.done():
             self.measure(self.answers.latest + 1, self.integrate(self.steps))
+
+    def disturb(self) -> None:
+        """Let those faults be in force that the parameters say."""
+        self.plant.bias[:] = self.settings["bias"]
+        self.plant.brake[:] = self.settings["brake"]
 
     @property
     def time(self) -> float:
@@ -153,7 +162,10 @@ class PlantNode(RigNode):
         self.answers.measured(number, self.time)
         measurement = self.plant.measure()
         filtered = measurement.filtered[self.low_passed].tolist()
-        values = [*measurement.outputs.tolist(), *applied, *filtered]
+        lost = [self.chance.random() < share if share else False for share in self.settings["sensor_out"]]
+        outputs = [math.nan if out else value for value, out in zip(measurement.outputs.tolist(), lost, strict=True)]
+        filtered = [math.nan if lost[k] else value for k, value in zip(self.low_passed, filtered, strict=True)]
+        values = [*outputs, *applied, *filtered]
         self.measurement = self.writer.pack(self.answers.stamp(number), values)
         self.publish()
         if 0.0 < self.settings["duration"] <= self.plant.time:
@@ -182,9 +194,9 @@ class PlantNode(RigNode):
                 return
             self.direct += 1
         self.entry.believe(joints.source)
-        self.drive.command(inputs, self.plant.time if self.lockstep else time)
+        self.drive.command(inputs, (self.plant.time if self.lockstep else time) + self.settings["command_delay"])
         if self.lockstep and self.answers.answered == self.answers.latest:
-            self.plant.bias[:] = self.settings["bias"]
+            self.disturb()
             self.measure(self.answers.latest + 1, self.integrate(self.steps))
 
     def is_direct(self, stamp: int, time: float) -> bool:
@@ -234,6 +246,7 @@ class PlantNode(RigNode):
             "saturated_commands": drive.saturated,
             "overruns": self.overruns,
             "repeated_measurements": self.repeated,
+            **{fault: self.settings[fault] for fault in FAULTS},
             **answers.delay.report("delay"),
             **self.lateness.report("timer_lateness"),
         }

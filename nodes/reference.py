@@ -8,18 +8,21 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.border import Order
 from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
 from hybrid_sysid_ros.nodes.diagnostics import Task
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints
+from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory
+from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.process import announce, run
 from hybrid_sysid_ros.nodes.timeline import Timeline
 from hybrid_sysid_ros.rigs.excitation import Reference, constant, multisine, random_steps, sine
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import defaults
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 KINDS = ("constant", "steps", "sine", "multisine")
@@ -72,8 +75,26 @@ class Choice:
         """[ns]; 0: no end."""
 
 
+class SetPoint:
+    """What somebody asks for by the topic set_point; the last point is held."""
+
+    kind = "set_point"
+    duration = 0
+
+    def __init__(self, preview: Preview, zero: int, scales: Array) -> None:
+        """zero: stamp of the reference's time 0 [ns]; scales: SI per shown unit (outputs,)."""
+        self.preview, self.zero, self.scales = preview, zero, scales
+
+    def signal(self, seconds: ArrayLike) -> Array:
+        """As of any reference: the outputs as they are shown."""
+        times = self.zero + np.round(np.asarray(seconds) * SECOND).astype(np.int64)
+        return self.preview.at(times) / self.scales
+
+
 class ReferenceNode(RigNode):
-    """Publishes previews of the outputs that the rig's controller tracks.
+    """Publishes previews of the outputs that the rig's controller tracks: of a reference by its kind, or, from when one
+    comes, of a set-point, a trajectory of the same joints, until a kind is set. Such a one begins when it comes, where
+    it has no stamp; so there is one publisher of references, whoever asks.
 
     Time 0 of the reference is the stamp of the first measurement that the node sees. Message i begins at i publish
     periods, so that all points of all messages lie on one grid.
@@ -81,7 +102,7 @@ class ReferenceNode(RigNode):
 
     NAME = "reference"
     PUBLISHES = ("reference",)
-    HEARS = ("joint_states",)
+    HEARS = ("joint_states", "set_point")
 
     def configure(self) -> None:
         settings = self.settings
@@ -97,13 +118,14 @@ class ReferenceNode(RigNode):
         layout = Layout(self.rig, self.rig.system)
         self.tracked = np.flatnonzero(defaults(self.rig, "controller")["output_weight"])
         self.scales = np.array([display.scale for display in self.rig.display])
+        self.outputs = Slots(layout.outputs)
         slots = Slots([layout.outputs[k] for k in self.tracked])
         self.writer, self.preview = TrajectoryWriter(slots, self.offsets.tolist(), self.signature), b""
         self.measured = Slots([*layout.outputs, *layout.inputs])
 
     def choose(self, choice: Choice) -> None:
         """Begin anew with a reference."""
-        self.choice = choice
+        self.choice: Choice | SetPoint = choice
         self.zero = self.sent = 0
 
     def prepare(self, settings: Mapping[str, Any], names: frozenset[str]) -> Callable[[], object]:
@@ -125,6 +147,8 @@ class ReferenceNode(RigNode):
         self.previews = self.open("reference")
         self.entry = self.border("joint_states")
         self.measurements = self.listen(self.entry, "joint_states", self.on_measurement)
+        self.wishes = self.border("set_point")
+        self.listen(self.wishes, "set_point", self.on_set_point)
         if not self.settings["lockstep"]:
             self.every(self.settings["publish_period"], self.tick)
 
@@ -144,6 +168,18 @@ class ReferenceNode(RigNode):
             self.previews.publish(self.preview)
         self.advance(stamp - self.zero)
 
+    def on_set_point(self, message: Trajectory) -> None:
+        """Follow it from now on, and say so at once."""
+        if not self.zero or not self.wishes.hears(message.source):
+            return
+        elapsed = self.entry.stamp - self.zero if self.settings["lockstep"] else self.timeline.elapsed()
+        tracked = np.isin(np.arange(len(self.scales)), self.tracked)
+        preview = Preview.of(message, self.wishes, self.outputs, tracked, self.zero + elapsed)
+        if preview is not None:
+            self.wishes.believe(message.source)
+            self.choice = SetPoint(preview, self.zero, self.scales)
+            self.publish(elapsed // self.spacing * self.spacing)
+
     def begin(self, stamp: int) -> None:
         """Let time 0 be the one of a stamp [ns]."""
         self.zero = stamp
@@ -160,7 +196,7 @@ class ReferenceNode(RigNode):
 
     def advance(self, elapsed: int) -> None:
         """Publish if a message is due so long after the start [ns]; end when the reference has ended."""
-        if self.choice.duration and elapsed >= self.choice.duration:
+        if self.choice.duration and elapsed >= self.choice.duration and not self.settings["stay"]:
             self.finish()
             return
         due = elapsed // self.period + 1
@@ -177,7 +213,8 @@ class ReferenceNode(RigNode):
 
     def close(self) -> None:
         """Tell that it is over."""
-        if self.configured and self.choice.duration and self.sent * self.period >= self.choice.duration:
+        ending = self.configured and not self.settings["stay"]
+        if ending and self.choice.duration and self.sent * self.period >= self.choice.duration:
             self.get_logger().info(f"done after {self.choice.duration / SECOND:g} s")
         super().close()
 

@@ -27,6 +27,7 @@ TYPES: Mapping[str, Any] = {
     "state_estimate": JointState,
     "state_covariance": Float64MultiArray,
     "reference": JointTrajectory,
+    "set_point": JointTrajectory,
     "predicted_trajectory": JointTrajectory,
     "/diagnostics": DiagnosticArray,
 }

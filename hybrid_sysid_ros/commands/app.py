@@ -17,6 +17,7 @@ COMMANDS = [
     LateCommand("replay", f"{HERE}.replay", "Let estimator and controller answer a recorded loop again."),
     LateCommand("parameters", f"{HERE}.parameters", "Write the ROS parameter file of a rig's nodes."),
     LateCommand("check", f"{HERE}.check", "Check the installation in a quarter of a minute."),
+    LateCommand("view", f"{HERE}.view", "Show a running rig on a page of this computer."),
     LateCommand("demo", f"{HERE}.demo", "From bags to a controlled rig: identify, run the loop, report."),
 ]
 POLICY_COMMANDS = [
@@ -30,6 +31,7 @@ MODEL_COMMANDS = [
 RIG_COMMANDS = [
     LateCommand("new", f"{HERE}.rig_new", "Write a small rig to begin with."),
     LateCommand("check", f"{HERE}.rig_check", "Check a rig and show its step response."),
+    LateCommand("layouts", f"{HERE}.rig_layouts", "Write a rig's URDF, and layouts for Foxglove and PlotJuggler."),
     LateCommand("list", f"{HERE}.rig_list", "List the rigs that are known by name."),
 ]
 

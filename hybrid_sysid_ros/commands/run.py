@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import PORT, Overwrite, Port, RigName, console, print_table, status
 from hybrid_sysid_ros.runtime import session
 from hybrid_sysid_ros.support.errors import Interrupted
 from hybrid_sysid_ros.support.progress import progress_bars
@@ -27,6 +27,8 @@ def command(
     ] = "",
     bag: Annotated[Path | None, typer.Option(help="Record into this bag.")] = None,
     overwrite: Overwrite = False,
+    view: Annotated[bool, typer.Option("--view", help="Show the run on a page, and go on until Ctrl-C.")] = False,
+    port: Port = PORT,
     lockstep: Annotated[bool, typer.Option("--lockstep", help="As fast as the nodes answer, repeatable.")] = False,
     composed: Annotated[bool, typer.Option("--composed", help="All in one process, but the recorder.")] = False,
     domain: Annotated[int | None, typer.Option(help="ROS domain; that of ROS_DOMAIN_ID by default.")] = None,
@@ -49,6 +51,7 @@ def command(
             reference=reference,
             bag=bag,
             overwrite=overwrite,
+            view=port if view else None,
             lockstep=lockstep,
             composed=composed,
             domain=domain,

@@ -29,7 +29,7 @@ from hybrid_sysid_ros.support.files import check_folder
 READY_TIMEOUT = 300.0  # s, until a node has imported and compiled everything
 START_TIMEOUT = 30.0  # s, until the loop is complete
 STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # s
-STOP_ORDER = (("plant", "reference", COMPOSED), ("estimator", "controller"), ("recorder", "replay"))
+STOP_ORDER = (("plant", "reference", COMPOSED), ("estimator", "controller"), ("recorder", "replay", "view"))
 LOOP = ("plant", "estimator", "controller", "reference")
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a session
 TICK = 0.25  # s, between two calls of progress
@@ -57,6 +57,8 @@ class Child:
 
     node: str
     process: subprocess.Popen[str]
+    needed: bool = True
+    """Whether a run can't go on without it, once it is ready."""
     listeners: list[threading.Thread] = field(default_factory=list)
     words: set[str] = field(default_factory=set)
     complaint: str = ""
@@ -108,8 +110,8 @@ class Session:
         file = Path(self._place.name) / "parameters.yaml"
         return processes.composed(values, file, rig=self.rig, namespace=self._namespace)
 
-    def start(self, node: str, command: Sequence[str]) -> None:
-        """Start a node's process."""
+    def start(self, node: str, command: Sequence[str], *, needed: bool = True) -> None:
+        """Start a node's process; needed: whether the session ends when it does, also once it was ready."""
         process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,  # which ends with this process, however that does
@@ -121,7 +123,7 @@ class Session:
             start_new_session=True,  # Ctrl-C comes here, and they are stopped in their order
         )
         self._stopped = False
-        child = self.children[node] = Child(node=node, process=process)
+        child = self.children[node] = Child(node=node, process=process, needed=needed)
         for stream in ("stdout", "stderr"):
             child.listeners.append(threading.Thread(target=self._listen, args=(child, stream), daemon=True))
             child.listeners[-1].start()
@@ -133,10 +135,15 @@ class Session:
         end = time.monotonic() + timeout
         while waiting := [node for node in nodes if word not in self.children[node].words]:
             self._hear(TICK)
-            for child in self.children.values():
+            for child in list(self.children.values()):
                 self._check(child)
             if time.monotonic() > end:
                 raise UserError(f"{', '.join(waiting)} not {word} after {timeout:g} s: is the machine overloaded?")
+
+    @property
+    def url(self) -> str:
+        """Where the page of the node view is, once that is ready."""
+        return next((word for word in self.children["view"].words if word.startswith("http://")), "")
 
     def wait_for_end(self, nodes: Sequence[str], progress: Callable[[float], None]) -> None:
         """Wait until one of these nodes has ended well; `progress` gets the seconds waited. Raises UserError where a
@@ -146,7 +153,7 @@ class Session:
         while True:
             self._hear(TICK)
             progress(time.monotonic() - begin)
-            for child in self.children.values():
+            for child in list(self.children.values()):
                 if child.node in nodes and child.process.poll() == 0:
                     return
                 self._check(child)
@@ -182,9 +189,15 @@ class Session:
                 raise self._failure(child)
 
     def _check(self, child: Child) -> None:
-        if child.process.poll() is not None:
-            self._hear_last(child)
+        if child.process.poll() is None:
+            return
+        self._hear_last(child)
+        if child.needed or "ready" not in child.words:
             raise self._failure(child)
+        self._tell(f"{self._failure(child)}; the others go on")
+        if child.process.stdin is not None:
+            child.process.stdin.close()
+        del self.children[child.node]
 
     def _failure(self, child: Child) -> UserError:
         status = child.process.poll()
@@ -239,6 +252,7 @@ def run(
     reference: str = "",
     bag: Path | str | None = None,
     overwrite: bool = False,
+    view: int | None = None,
     domain: int | None = None,
     priority: int | None = None,
     composed: bool = False,
@@ -250,9 +264,10 @@ def run(
 
     rig: name or path, the default one by default. rate: of measurements [Hz], the rig's by default. reference: a kind,
     or one of the rig's by name, its first by default. duration: of the reference [s]; 0: its own, or until Ctrl-C.
-    lockstep: as fast as the nodes are, in simulated time. bag: folder to record all topics into. priority: of plant,
-    estimator and controller as real-time processes; None: a modest one where the system permits it. composed: all but
-    the recorder in one process and one loop. parameters: more of them, by node and name. tell: gets lines for the user.
+    lockstep: as fast as the nodes are, in simulated time. bag: folder to record all topics into. view: port of a page
+    that shows the run (0: any); it then goes on when a reference of the rig's own has ended. priority: of plant,
+    estimator and controller as real-time processes; None: a modest one where the system permits it. composed: those of
+    the loop in one process. parameters: more of them, by node and name. tell: gets lines for the user.
     progress: gets the seconds since the start, and how many there will be (0: unknown).
 
     Raises UserError without ROS, and where a parameter is wrong, the bag can't be written, or a node could not start or
@@ -271,6 +286,9 @@ def run(
         "plant": {"rate": rate, **lock, "wait_for_readers": 2 if bag is None else 3},
     }
     values |= {} if bag is None else {"recorder": {"path": str(bag), "overwrite": overwrite}}
+    if view is not None:
+        values["reference"]["stay"] = not duration
+        values["view"] = {"port": view}
     chosen = processes.permitted_priority() if priority is None and not lockstep else priority or 0
     for node in ("plant", "estimator", "controller"):
         values[node]["priority"] = chosen
@@ -288,8 +306,10 @@ def run(
             commands = {COMPOSED: session.composed(together)} if composed else {}
             commands |= {node: session.command(node, given) for node, given in values.items()}
             for child, command in commands.items():
-                session.start(child, command)
+                session.start(child, command, needed=child != "view")
             session.wait_for("ready", list(commands), READY_TIMEOUT)
+            if view is not None:
+                tell(f"live view: {session.url}")
             session.wait_for("started", [COMPOSED if composed else "plant"], START_TIMEOUT)
             ending = [COMPOSED] if composed else ["reference", "plant"]
             session.wait_for_end(ending, lambda seconds: progress(seconds, expected))
@@ -298,6 +318,20 @@ def run(
         diagnostics = session.stop()
         session.check_end()
     return Outcome(diagnostics=diagnostics, interrupted=interrupted, bag=None if bag is None else Path(bag))
+
+
+def view(*, rig: str, port: int, show: Callable[[str], None], domain: int | None = None, tell: Tell = print) -> None:
+    """Show a rig that others run on a page, until an interrupt. show: gets the page's address. Raises UserError without
+    ROS, where the port is taken, and where the view ended early.
+    """
+    with _interruptible(), Session(rig, domain=domain, tell=tell) as session:
+        with suppress(KeyboardInterrupt):
+            session.start("view", session.command("view", {"port": port}))
+            session.wait_for("ready", ["view"], READY_TIMEOUT)
+            show(session.url)
+            session.wait_for_end(["view"], lambda seconds: None)
+        session.stop()
+        session.check_end()
 
 
 @contextmanager
