@@ -2,8 +2,9 @@
 
 Plant, estimator, controller (supervised), reference and recorder as processes of their own, at 200 Hz and at real-time
 priority where that is permitted, as ``hybrid-sysid run --bag`` starts them; alone, or beside N processes that do
-nothing but count; or, composed, all but the recorder in one process. Asked: memory, file descriptors, threads, shared memory and delays that do not grow, delays below
-4 ms in 99 %, and no command missed beyond what a bare sleeper would have missed.
+nothing but count; or, composed, all but the recorder in one process. Asked: memory, file descriptors, threads, shared
+memory and delays that do not grow, delays below 4 ms in 99 %, and no command missed beyond what a bare sleeper would
+have missed.
 
 A command is missed where it has not come to the plant by its next measurement (``missed_commands``). The sleeper is a
 process of the loop's priority that sleeps to absolute deadlines at the loop's rate, at the same time on the same
