@@ -113,9 +113,8 @@ class PlantNode(RigNode):
         """Advance the rig; return the mean inputs applied (m,)."""
         total = [0.0] * len(self.inputs)
         for _ in range(steps):
-            inputs = self.drive.at(self.plant.time)
-            self.plant.advance(inputs)
-            total = [one + other for one, other in zip(total, inputs, strict=True)]
+            self.plant.advance(self.drive.at(self.plant.time))
+            total = [one + other for one, other in zip(total, self.plant.applied, strict=True)]
         return [value / steps for value in total]
 
     def measure(self, number: int, applied: Sequence[float]) -> None:
