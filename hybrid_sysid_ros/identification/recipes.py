@@ -14,6 +14,7 @@ from hybrid_sysid_ros.identification.fitting import STAGES, Fit, Progress, fit
 from hybrid_sysid_ros.identification.gradient_training import train
 from hybrid_sysid_ros.identification.residual import Leftover, beginning, check_forgets
 from hybrid_sysid_ros.identification.selection.term_selection import select_terms
+from hybrid_sysid_ros.identification.shooting import windows_of
 from hybrid_sysid_ros.identification.starting import begun, magnitudes
 from hybrid_sysid_ros.models import Sampling, build
 from hybrid_sysid_ros.models.hybrid import Hybrid, averaged
@@ -137,6 +138,7 @@ class Recipe:
                     hold=(*neutral, *hold),
                     starts=int(options.get("starts", 1)) if start is None else 1,
                     seed=seed,
+                    windows=windows_of(self.rig),
                     progress=self.progress,
                 )
                 fits.append(found)
