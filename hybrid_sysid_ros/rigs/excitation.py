@@ -158,6 +158,8 @@ LEAST = {
     "lines": 1,
 }
 """Values that a kind's numbers must have."""
+ONE_SIDED = ("constant", "pulses", "pulse_train")
+"""Kinds that go from 0 to one level."""
 GIVEN = ("seed", "duration", "period")
 """Of a kind's numbers, what whoever asks for the signal gives: the period of a multisine is its duration by default."""
 
@@ -192,7 +194,7 @@ class Excitation:
         """What an input of these limits can't do, as words; of one to one side of 0 what is beyond 0 does not count."""
         name = "level" if "level" in self.numbers else "amplitude"
         value, most = self.numbers[name], (min if low < 0.0 < high else max)(-low, high)
-        within = low <= value <= high if name == "level" else abs(value) <= most
+        within = low <= value <= high if self.kind in ONE_SIDED else abs(value) <= most
         return "" if within else f"{name} {value:g}"
 
     @property
