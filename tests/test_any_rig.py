@@ -67,9 +67,7 @@ def test_where_the_pressure_began_is_found(press, records, gray):
     experiments = [prepare(record, press.system, SAMPLING) for record in records]
     begun = press.system.with_values([item.start for item in press.system.parameters])
     fitted = fit(begun, experiments)
-    names = [item.name for item in press.system.states]
-    pressures = fitted.nuisances[names.index("pressure")]  # shown states first, which are position and speed
-    np.testing.assert_allclose(pressures, PRESSURES, atol=0.1)
+    np.testing.assert_allclose(fitted.nuisances["pressure"], PRESSURES, atol=0.1)
     for experiment, pressure in zip(experiments, PRESSURES, strict=True):
         assert initial_state(gray.system, experiment)[2] == pytest.approx(pressure, abs=0.15)
 

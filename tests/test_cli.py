@@ -367,4 +367,5 @@ def test_laws_of_friction_are_listed_and_drawn(command, tmp_path):
     assert picture.count("<polyline") == 5  # a plot each, and the spring's end
     refused(command("friction", "stribeck", "--set", "static=0.5"), "below Coulomb")
     refused(command("friction", "stribeck", "--set", "static"), "NAME=VALUE")
+    refused(command("friction", "stribeck", "--set", "static=2", "--set", "static=3"), "static is given 2 times")
     refused(command("friction", "sticky"), "sticky")

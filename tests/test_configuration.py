@@ -14,8 +14,9 @@ from hybrid_sysid_ros.runtime import configuration, parameters
 from hybrid_sysid_ros.runtime.configuration import Parameter
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.yaml_text import Dumper, parsed
+from tests.structures import residual
 
-NODES = ("plant", "estimator", "controller", "reference", "recorder")
+NODES = ("plant", "estimator", "controller", "reference", "recorder", "player", "view")
 
 
 @pytest.fixture
@@ -31,6 +32,15 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
     yield written
     parameters.declarations.cache_clear()
+
+
+def test_a_model_that_holds_at_one_step_is_predicted_by_its_own(rig: Rig) -> None:
+    values = configuration.defaults("cam_beam", "controller") | {"period": 0.02, "substeps": 3}
+    assert configuration.mpc_problem(values, rig).substeps == 3
+    model = residual(rig.system)  # of 5 ms
+    assert configuration.mpc_problem(values, rig, model).substeps == 4
+    with pytest.raises(UserError, match=r"ResidualHybrid steps by 0\.005 s, the problem by 0\.006 s"):
+        configuration.mpc_problem(values | {"period": 0.006}, rig, model)
 
 
 @pytest.mark.parametrize("node", NODES)

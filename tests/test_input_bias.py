@@ -123,7 +123,7 @@ def test_maps_from_sample_to_sample_have_biases_too():
     assert still.adapted.r2 == still.without.r2
 
 
-@pytest.mark.parametrize("seconds", [0.2, 19.8, 60.0])
+@pytest.mark.parametrize("seconds", [0.2, 19.8, 60.0, float("nan"), float("inf")])
 def test_a_record_that_leaves_no_rest_is_refused(seconds):
     with pytest.raises(UserError, match="parted"):
         adapt(Sled(), experiment(Sled(), 0.0), sampling=SAMPLING, spans=np.array([1.0]), seconds=seconds)

@@ -278,7 +278,7 @@ def test_a_term_that_is_switched_off_does_not_move_the_beam():
 def test_physics_has_its_terms_as_options_and_a_network_its_own():
     assert {"cam", "stribeck", "creep", "starts"} <= set(options_of("gray", CamBeam()))
     assert {"cam", "units", "members", "ridge"} <= set(options_of("hybrid", CamBeam()))
-    assert set(options_of("linear", CamBeam())) == {"starts"}
+    assert set(options_of("linear", CamBeam())) == {"starts", "input_bias"}
     for structure in STRUCTURES:
         for name, option in options_of(structure, CamBeam()).items():
             assert option.low <= option.default <= option.high, name
@@ -287,7 +287,7 @@ def test_physics_has_its_terms_as_options_and_a_network_its_own():
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        ({"colour": 1}, "structure black_box has no option colour; it has units, ridge, starts"),
+        ({"colour": 1}, "structure black_box has no option colour; it has units, ridge, starts, input_bias"),
         ({"units": 0}, "option units = 0 is outside 1 to 32"),
         ({"units": 2.5}, r"option units = 2\.5 must be a whole number"),
         ({"ridge": float("nan")}, "option ridge = nan is outside"),

@@ -21,7 +21,7 @@ from hybrid_sysid_ros.identification.residual import Leftover, beginning, check_
 from hybrid_sysid_ros.identification.validation.leftovers import before_and_after
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.hybrid import CLIP
-from hybrid_sysid_ros.models.residual import RADIUS, ResidualHybrid, coefficients
+from hybrid_sysid_ros.models.residual import RADIUS, ResidualHybrid, averaged, coefficients
 from hybrid_sysid_ros.models.structures import options_of
 from hybrid_sysid_ros.support.errors import UserError
 from tests.structures import residual
@@ -118,6 +118,34 @@ def test_its_derivatives_are_what_simulations_differ_by() -> None:
         np.testing.assert_allclose(slopes[:, :, column], (found[0] - found[1]) / (2 * h), rtol=1e-4, atol=1e-6)
 
 
+def test_the_mean_of_models_runs_in_their_mean() -> None:
+    """Where what drives a residual does not see it and the memory is one, a free run is linear in what drives it."""
+    first, second = residual(Belt(), seed=1), residual(Belt(), seed=2)
+    second = replace(second, reflections=first.reflections, scales=first.scales)
+    seen = len(first.regressors) - 4  # the rest are residuals and their changes
+
+    def deaf(system: ResidualHybrid) -> ResidualHybrid:
+        weights = system.weights.copy()
+        weights[[1, 3]] = 0.0  # products with a residual's change
+        weights[4:].reshape(system.units, -1)[:, seen : seen + 4] = 0.0
+        return system.with_weights(weights)
+
+    inputs, members = drive(400), [deaf(first), deaf(second)]
+    runs = [along(member, inputs)[1] for member in members]
+    mean = averaged(members)
+    assert mean.units == 2 * first.units
+    np.testing.assert_allclose(along(mean, inputs)[1], np.mean(runs, axis=0), rtol=1e-9, atol=1e-12)
+    assert np.std(runs[0] - runs[1]) > 1e-3
+
+
+def test_a_network_comes_beside_what_is_learnt_already() -> None:
+    system = residual(Belt())
+    renewed = system.with_network(5, seed=3)
+    assert renewed.units == 5
+    np.testing.assert_array_equal(renewed.weights[:4], system.weights[:4])
+    np.testing.assert_array_equal(renewed.weights, system.with_network(2, seed=1).with_network(5, seed=3).weights)
+
+
 # Its stability
 
 
@@ -184,7 +212,7 @@ def told(seed: int, steps: int = 3000, noise: float = 1e-5) -> Experiment:
 def fitted(**options: float) -> tuple[ResidualHybrid, list[Leftover]]:
     chosen = {name: option.default for name, option in options_of("residual", Belt()).items()} | options
     leftovers = [Leftover.of(Belt(), told(seed)) for seed in (0, 1)]
-    system = beginning(Belt(), leftovers, chosen, seed=0)
+    system = beginning(Belt(), leftovers, chosen)
     held = [item.name for item in Belt().parameters]
     found = fit(system, [item.begun(system) for item in leftovers], ridge=1e-6, hold=held).system
     assert isinstance(found, ResidualHybrid)

@@ -162,7 +162,7 @@ def test_groups_are_the_products_that_a_covariance_leaves(record):
     covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
     found = Fit(
         system=system, names=tuple(item.name for item in system.parameters), covariance=4.0 * covariance,
-        by_cost=covariance, nuisances=np.zeros((0, 1)), relative_error=0.0, seconds=0.0, evaluations=0,
+        by_cost=covariance, nuisances={}, relative_error=0.0, seconds=0.0, evaluations=0,
     )  # fmt: skip
     (group,) = groups(found)
     assert group.exponents == {"inertia": -1.0, "weight": 1.0, "gain": 1.0}

@@ -40,7 +40,7 @@ from benchmarks.picture import Panel, draw
 from benchmarks.soak.trend import excess, too_late, trend
 from benchmarks.soak.watch import Watch
 from hybrid_sysid_ros.commands.terminal import print_table, status
-from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.runtime import processes, session
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.progress import progress_bars
 
@@ -118,7 +118,7 @@ def _number(text: str) -> float:
 
 def measure(minutes: float, others: int) -> tuple[dict[str, Any], bool]:
     """Run the loop; what was seen, and whether it was interrupted."""
-    priority, seconds = session.permitted_priority(), 60.0 * minutes
+    priority, seconds = processes.permitted_priority(), 60.0 * minutes
     watch = Watch(period=SAMPLING)
     with tempfile.TemporaryDirectory() as place:
         bag = Path(place) / "bag"

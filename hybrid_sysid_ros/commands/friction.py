@@ -13,6 +13,7 @@ from hybrid_sysid_ros.core.friction import experiments
 from hybrid_sysid_ros.core.friction.laws import LAWS, Block, law
 from hybrid_sysid_ros.report.line_plots import Plot, draw
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import check_file
 
 
 def command(
@@ -29,7 +30,8 @@ def command(
             table.add_row(key, " ".join((known.__doc__ or "").split()), ", ".join(_own(known)))
         print_table(table)
         return
-    chosen = law(name, _values(settings or []))
+    chosen, picture = law(name, _values(settings or [])), out / f"{name}.svg"
+    check_file(picture)
     table = Table("parameter", "value", "unit", "from", "to", "", title=" ".join((chosen.__doc__ or "").split()))
     for item in chosen.parameters:
         if item.name in _own(chosen):
@@ -37,7 +39,7 @@ def command(
             table.add_row(item.name, f"{chosen.named[item.name]:g}", item.unit, *bounds, item.description)
     print_table(table)
     console.print(f"source: {chosen.source}")
-    console.print(str(draw(out / f"{name}.svg", plots(chosen), title=f"friction law {name}")))
+    console.print(str(draw(picture, plots(chosen), title=f"friction law {name}")))
 
 
 def plots(system: Block) -> list[Plot]:
@@ -69,7 +71,7 @@ def _own(system: Block) -> list[str]:
 
 
 def _values(settings: list[str]) -> dict[str, float]:
-    values = {}
+    values, given = {}, [text.partition("=")[0].strip() for text in settings]
     for text in settings:
         key, equals, number = text.partition("=")
         try:
@@ -78,4 +80,6 @@ def _values(settings: list[str]) -> dict[str, float]:
             equals = ""
         if not equals:
             raise UserError(f"--set {text!r}: write NAME=VALUE, such as static=2")
+        if given.count(key.strip()) > 1:
+            raise UserError(f"--set {key.strip()} is given {given.count(key.strip())} times: give one value")
     return values

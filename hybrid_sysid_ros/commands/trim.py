@@ -13,7 +13,8 @@ from rich.table import Table
 from hybrid_sysid_ros.commands.terminal import console, print_table
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.equilibrium import Equilibrium, Mode, equilibrium
-from hybrid_sysid_ros.rigs.rig import Rig, load
+from hybrid_sysid_ros.rigs.modes import name_of
+from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.rigs.validity import check_valid
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -38,25 +39,12 @@ def command(
     found = equilibrium(system, _values(at or []))
     if system.declared_states == described.system.declared_states:
         check_valid(described, found.states[None], "the equilibrium")
-    named = [(mode, name_of(mode, system, described)) for mode in found.modes]
+    named = [(mode, name_of(mode, system, described.modes)) for mode in found.modes]
     if as_json:
         console.print_json(json.dumps(_content(system, found, named)))
         return
     print_table(_point(system, found, f"{described.name}: {type(system).__name__} stays at"))
     print_table(_modes(system, named))
-
-
-def name_of(mode: Mode, system: System, rig: Rig) -> str:
-    """The name of the mode of a rig whose states have the largest share in this one, "" where none fits."""
-    names = [item.name for item in system.declared_states]
-    shares = dict(zip(names, mode.shares.tolist(), strict=True))
-    fitting = {
-        name: sum(shares.get(state, 0.0) for state in known.states)
-        for name, known in rig.modes.items()
-        if known.oscillates in (None, mode.oscillates)
-    }
-    best = max(fitting, key=lambda name: fitting[name], default="")
-    return best if fitting.get(best, 0.0) >= 0.5 else ""
 
 
 def _values(texts: list[str]) -> dict[str, float]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -47,13 +47,15 @@ class Fit:
     """Of them, (free, free), in their units."""
     by_cost: Array
     """The same by the curvature of the cost alone, as if errors were independent of deviation one."""
-    nuisances: Array
-    """(moved states, records): what was added to initial states, see :class:`~.problem.Problem`."""
+    nuisances: Mapping[str, Array]
+    """What was added to initial states, (records,) by the state's name, see :class:`~.problem.Problem`."""
     relative_error: float
     seconds: float
     """Of the optimisation, without compilation."""
     evaluations: int
     """Simulations of all records, with or without derivatives."""
+    biases: Mapping[str, Array] = field(default_factory=dict)
+    """Constant bias of an input in each record, (records,) by the input's name, where they were fitted."""
     chi_squared: float | None = None
     """Mean squared error in the sensors' noise; None where the fit was not over :class:`~.shooting.Windows`."""
 
@@ -126,7 +128,7 @@ def fit(
         names=problem.names,
         covariance=robust[shared, shared] * units,
         by_cost=inverse[shared, shared] * units,
-        nuisances=problem.nuisances(solution.x),
+        nuisances=problem.named_nuisances(solution.x),
         relative_error=relative,
         seconds=time.perf_counter() - began,
         evaluations=problem.evaluations,

@@ -97,7 +97,7 @@ def train(
         names=(),
         covariance=np.zeros((0, 0)),
         by_cost=np.zeros((0, 0)),
-        nuisances=np.zeros((0, len(records))),
+        nuisances={},
         relative_error=least,
         seconds=time.perf_counter() - began,
         evaluations=done,

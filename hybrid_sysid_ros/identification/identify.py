@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.experiment import Experiment, check_range, prepare
-from hybrid_sysid_ros.identification.fitting import Progress
+from hybrid_sysid_ros.identification.fitting import Fit, Progress
 from hybrid_sysid_ros.identification.grouping import groups
 from hybrid_sysid_ros.identification.part import Part, parts_of
 from hybrid_sysid_ros.identification.recipes import Recipe
@@ -81,6 +82,7 @@ def identify(
             "seconds": round(fitted.seconds, 3),
             "evaluations": fitted.evaluations,
             "seed": seed,
+            **_told_biases(fitted, [record.name for record in records]),
             **({} if fitted.chi_squared is None else {"chi_squared": fitted.chi_squared}),
             **({"groups": [group.content for group in told]} if told else {}),
         },
@@ -94,6 +96,12 @@ def _training_scores(system: System, experiment: Experiment, rig: Rig) -> Scores
         return score_free_run(system, experiment)
     names = [item.name for item in system.outputs]
     return Scores.of(names, experiment.outputs, stabilised_run(system, experiment, stabiliser))
+
+
+def _told_biases(fitted: Fit, records: Sequence[str]) -> dict[str, Any]:
+    """The biases of inputs that were fitted beside the parameters, by input and record."""
+    biases = {name: dict(zip(records, values.tolist(), strict=True)) for name, values in fitted.biases.items()}
+    return {"input_bias": biases} if biases else {}
 
 
 def check_record(record: Record, rig: Rig, sampling: Sampling) -> None:

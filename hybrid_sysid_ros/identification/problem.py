@@ -130,6 +130,11 @@ class Problem:
         scaled = point[self.shared :].reshape(len(self.nuisance_units), len(self.experiments))
         return np.asarray(scaled * self.nuisance_units[:, None])
 
+    def named_nuisances(self, point: Array) -> dict[str, Array]:
+        """The same by the states' names."""
+        names = (self.system.states[state].name for state in self.moved_states)
+        return dict(zip(names, self.nuisances(point), strict=True))
+
     def priors(self, point: Array) -> Array:
         """Prior rows, each in its own deviation: parameters about their centres, weights and nuisances about zero."""
         physical = len(self.free)
@@ -157,7 +162,9 @@ class Problem:
         self._carried = [held[begin:end] for begin, end in pairwise(edges)]
 
     def _hidden_spread(self) -> Array:
-        """What hidden states are worth where a fit begins: root mean squares of a simulation, (hidden,)."""
+        """What hidden states are worth where a fit begins: root mean squares of a simulation, (hidden,); 1 for those
+        that stand still there, as biases of inputs do, which count in their own deviations.
+        """
         if not len(self.hidden):
             return np.zeros(0)
         squares = []

@@ -9,6 +9,7 @@ import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.identification.biased import Biased
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.fitting import STAGES, Fit, Progress, fit
 from hybrid_sysid_ros.identification.gradient_training import train
@@ -17,11 +18,12 @@ from hybrid_sysid_ros.identification.selection.term_selection import select_term
 from hybrid_sysid_ros.identification.shooting import windows_of
 from hybrid_sysid_ros.identification.starting import begun, magnitudes
 from hybrid_sysid_ros.models import Sampling, build
-from hybrid_sysid_ros.models.hybrid import Hybrid, averaged
+from hybrid_sysid_ros.models.hybrid import Hybrid
+from hybrid_sysid_ros.models.hybrid import averaged as averaged_hybrid
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.options import Options, complete
 from hybrid_sysid_ros.models.recurrent import PERIOD as RECURRENT_PERIOD
-from hybrid_sysid_ros.models.residual import ResidualHybrid
+from hybrid_sysid_ros.models.residual import ResidualHybrid, averaged
 from hybrid_sysid_ros.models.structures import options_of, structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
@@ -78,34 +80,41 @@ class Recipe:
         hybrids = [member.system for member in members if isinstance(member.system, Hybrid)]
         return replace(
             gray,
-            system=averaged(hybrids),
+            system=averaged_hybrid(hybrids),
             relative_error=float(np.mean([member.relative_error for member in members])),
             seconds=gray.seconds + sum(member.seconds for member in members),
             evaluations=gray.evaluations + sum(member.evaluations for member in members),
         )
 
     def _residual(self, box: str, records: Sequence[Record]) -> Fit:
-        """The gray box first; then a model of what it leaves, by its own free run beside the gray box as it is."""
+        """The gray box first; then models of what it leaves, by their own free run beside the gray box as it is: with
+        networks of several seeds, averaged into one, so that no single seed decides.
+        """
         gray = self._one(box, records)
         leftovers = [Leftover.of(gray.system, prepare(record, gray.system, self.sampling)) for record in records]
-        system = beginning(gray.system, leftovers, self.chosen, seed=self.seed)
-        found = fit(
+        start, units = beginning(gray.system, leftovers, self.chosen), int(self.chosen["units"])
+        seeds = [self.seed + 1000 * member for member in range(int(self.chosen["members"]) if units else 1)]
+        fits = [self._beside(start.with_network(units, seed=seed), leftovers) for seed in seeds]
+        system = averaged([item.system for item in fits if isinstance(item.system, ResidualHybrid)])
+        check_forgets(system, leftovers)
+        return replace(
+            gray,
+            system=system,
+            relative_error=float(np.mean([item.relative_error for item in fits])),
+            seconds=gray.seconds + sum(item.seconds for item in fits),
+            evaluations=gray.evaluations + sum(item.evaluations for item in fits),
+        )
+
+    def _beside(self, system: ResidualHybrid, leftovers: Sequence[Leftover]) -> Fit:
+        """A model of the residual, while the gray box stays as it is."""
+        return fit(
             system,
             [leftover.begun(system) for leftover in leftovers],
             ridge=float(self.chosen["ridge"]),
-            hold=[item.name for item in gray.system.parameters],
+            hold=[item.name for item in system.physics.parameters],
             tolerance=RESIDUAL_TOLERANCE,
             iterations=RESIDUAL_ITERATIONS,
             progress=self.progress,
-        )
-        assert isinstance(found.system, ResidualHybrid)
-        check_forgets(found.system, leftovers)
-        return replace(
-            gray,
-            system=found.system,
-            relative_error=found.relative_error,
-            seconds=gray.seconds + found.seconds,
-            evaluations=gray.evaluations + found.evaluations,
         )
 
     def _one(
@@ -126,8 +135,12 @@ class Recipe:
         systems, neutral = self._built(structure, records, options, seed)
         if start is not None:
             systems = [replace(item, physics=start.system) for item in systems if isinstance(item, Hybrid)]
+        windows = windows_of(self.rig)
+        if windows is not None and options.get("input_bias"):
+            raise UserError(f"input_bias: {self.rig.name} is unstable, and windows tell no bias: leave it out")
         fits, reasons = [], []
-        for system in systems:
+        for plain in systems:
+            system = self._biased(plain, options)
             try:
                 found = fit(
                     system,
@@ -138,10 +151,10 @@ class Recipe:
                     hold=(*neutral, *hold),
                     starts=int(options.get("starts", 1)) if start is None else 1,
                     seed=seed,
-                    windows=windows_of(self.rig),
+                    windows=windows,
                     progress=self.progress,
                 )
-                fits.append(found)
+                fits.append(_unbiased(found))
             except UserError as error:
                 reasons.append(error)
         if not fits:
@@ -149,6 +162,12 @@ class Recipe:
         best = min(fits, key=lambda item: item.relative_error)
         seconds, evaluations = (sum(values) for values in zip(*((f.seconds, f.evaluations) for f in fits), strict=True))
         return replace(best, seconds=seconds, evaluations=evaluations)
+
+    def _biased(self, system: System, options: Options) -> System:
+        """The system with a bias of each record's inputs, where that is asked for."""
+        spans = np.diff(self.rig.limits, axis=0)[0]
+        spreads = float(options.get("input_bias", 0.0)) * spans
+        return Biased(physics=system, spreads=tuple(spreads.tolist())) if np.any(spreads) else system
 
     def _built(
         self, structure: str, records: Sequence[Record], options: Options, seed: int
@@ -195,3 +214,13 @@ class Recipe:
         sampling = replace(self.sampling, step=step)
         units, system = int(self.chosen["units"]), self.rig.system
         return train(records, system, sampling, units=units, seed=self.seed, progress=self.progress), sampling
+
+
+def _unbiased(found: Fit) -> Fit:
+    """A fit of the system without its biases, which are told beside it."""
+    system = found.system
+    return (
+        replace(found, system=system.physics, biases=system.biases(found.nuisances))
+        if isinstance(system, Biased)
+        else found
+    )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
-from hybrid_sysid_ros.core import Softsign, System, rollouts
+from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.core.symbolic import symbolic_values
 from hybrid_sysid_ros.identification.experiment import Experiment
@@ -80,13 +80,13 @@ class Leftover:
         return replace(self.experiment, states=states)
 
 
-def beginning(physics: System, leftovers: Sequence[Leftover], options: Options, *, seed: int) -> ResidualHybrid:
-    """A model of the residual before its fit, beside a fitted gray box.
+def beginning(physics: System, leftovers: Sequence[Leftover], options: Options) -> ResidualHybrid:
+    """A model of the residual before its fit, beside a fitted gray box, and without a network.
 
     Its memory is that of the autocorrelation; its products are those by which forward regression explains most of one
-    step, as of a NARX (:mod:`~.selection.term_selection`); coefficients are zero, the network is random and small.
+    step, as of a NARX (:mod:`~.selection.term_selection`); coefficients are zero.
     """
-    lags, outputs, units = int(options["output_lags"]), len(physics.outputs), int(options["units"])
+    lags, outputs = int(options["output_lags"]), len(physics.outputs)
     shape = {
         "period": leftovers[0].experiment.sampling.step,
         "output_lags": lags,
@@ -108,14 +108,12 @@ def beginning(physics: System, leftovers: Sequence[Leftover], options: Options, 
     )
     sizes = _sizes(changes)
     exponents = tuple(_terms(rows, change, len(bare.changes), options) for change in (changes / sizes).T)
-    network = Softsign(features=len(scales), units=units, outputs=outputs).initial(seed, output=0.05)
     return replace(
         bare,
-        units=units,
         exponents=exponents,
         reflections=tuple(value for own in reflections for value in own),
         scales=(*scales.tolist(), *sizes.tolist()),
-        learned=np.concatenate([np.zeros(sum(map(len, exponents))), network]),
+        learned=np.zeros(sum(map(len, exponents))),
     )
 
 

@@ -177,6 +177,12 @@ class ResidualHybrid(System):
     def with_weights(self, weights: Array) -> ResidualHybrid:
         return replace(self, learned=weights)
 
+    def with_network(self, units: int, *, seed: int) -> ResidualHybrid:
+        """The same with a network of its own, random and small, in the place of any other."""
+        block = replace(self.network, units=units)
+        learned = np.concatenate([self.learned[: block.at], block.initial(seed, output=0.05)])
+        return replace(self, units=units, learned=learned)
+
     def trained_on(self, low: Array, high: Array) -> ResidualHybrid:
         return replace(self, physics=self.physics.trained_on(*(np.array(self._own(x.tolist())) for x in (low, high))))
 
@@ -276,6 +282,24 @@ class ResidualHybrid(System):
         none = np.zeros((len(outputs), len(self.outputs) * self.output_lags))
         own, n = self.physics.observed(outputs, rates, inputs), len(self.physics.declared_states)
         return np.concatenate([own[:, :n], none, past, own[:, n:]], axis=1)
+
+
+def averaged(members: Sequence[ResidualHybrid]) -> ResidualHybrid:
+    """The mean of models beside one gray box: of their reflection coefficients, which is stable as they are, and of
+    what drives their residuals: one polynomial, and one network that holds all of theirs.
+    """
+    first, outputs, at = members[0], len(members[0].outputs), members[0].network.at
+    if len(members) == 1:
+        return first
+    weights = np.concatenate([member.learned[at:].reshape(first.units, -1) for member in members])
+    weights[:, -outputs:] /= len(members)
+    polynomial = np.mean([member.learned[:at] for member in members], axis=0)
+    return replace(
+        first,
+        reflections=tuple(np.mean([member.reflections for member in members], axis=0).tolist()),
+        units=first.units * len(members),
+        learned=np.concatenate([polynomial, weights.ravel()]),
+    )
 
 
 def coefficients(reflections: Sequence[Scalar]) -> list[Scalar]:

@@ -31,13 +31,21 @@ _UNITS = Option(default=8, low=1, high=32, kind="int", description="of the netwo
 _EVERYWHERE = Option(
     default=0, low=0, high=1, kind="int", description="1: a network on all rates, not only where friction is"
 )
-_FIT = {"starts": _STARTS}
+_INPUT_BIAS = Option(
+    default=0.0,
+    low=0.0,
+    high=0.05,
+    kind="float",
+    description="prior deviation of a constant bias of each record's inputs, as part of their span; 0: none",
+)
+_MEMBERS = Option(default=1, low=1, high=10, kind="int", description="networks of other seeds in the mean")
+_FIT = {"starts": _STARTS, "input_bias": _INPUT_BIAS}
 _NETWORK = {"units": _UNITS, "scale": _SCALE, "everywhere": _EVERYWHERE, "ridge": _RIDGE, **_FIT}
 _ANCHORED = {
     **_NETWORK,
     "units": replace(_UNITS, default=4),
     "scale": replace(_SCALE, default=0.1),
-    "members": Option(default=1, low=1, high=10, kind="int", description="networks of other seeds in the mean"),
+    "members": _MEMBERS,
     "ridge": replace(_RIDGE, default=10.0),
 }
 _NARX = {
@@ -52,6 +60,7 @@ _RESIDUAL = {
     "units": replace(_UNITS, default=12, low=0, description="of the residual's network, 0: none"),
     "degree": Option(default=1, low=0, high=3, kind="int", description="of the residual's polynomial, 0: none"),
     "terms": Option(default=0, low=0, high=40, kind="int", description="products in it for an output, 0 for BIC's"),
+    "members": _MEMBERS,
     "ridge": replace(_RIDGE, default=0.3),
     **_FIT,
 }

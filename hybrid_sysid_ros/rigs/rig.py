@@ -18,29 +18,22 @@ from hybrid_sysid_ros.rigs.actuator import Actuator
 from hybrid_sysid_ros.rigs.drivers import Experiments, experiments_of, index_of
 from hybrid_sysid_ros.rigs.excitation import Excitation, Schedule, Segment
 from hybrid_sysid_ros.rigs.joints import Joints
+from hybrid_sysid_ros.rigs.modes import NamedMode, modes_of
 from hybrid_sysid_ros.rigs.sensor import Display, Sensor
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_endless, refuse_unknown, section
 
 SECTIONS = (
     "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
-    "policy_training", "policy_certificate", "demo", "travel", "disturbances", "modes", "validity",
+    "policy_training", "policy_certificate", "demo", "travel", "disturbances", "drawing", "faults", "modes", "validity",
 )  # fmt: skip
 BEYOND = 1e9
 """No state, input or output of a rig is that large, whatever its unit."""
 
+MARGIN = 0.02
+"""Of the travel, at each end, that no reference reaches."""
 LONGEST_NAME = 100  # characters
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
-
-
-@dataclass(frozen=True, kw_only=True)
-class NamedMode:
-    """What a mode of motion is known by."""
-
-    states: tuple[str, ...]
-    """Those that it moves."""
-    oscillates: bool | None = None
-    """Whether it does; None: it may."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,6 +112,13 @@ class Rig:
             if item.name in names:
                 found[:, index] = self.travel[:, names.index(item.name)]
         return found
+
+    @property
+    def reach(self) -> NDArray[np.float64]:
+        """Lowest and highest value of each output that a reference may ask for (2, outputs), inside of its travel."""
+        low, high = self.travel_of_outputs
+        margin = np.where(np.isfinite(high - low), MARGIN * (high - low), 0.0)
+        return np.array([low + margin, high - margin])
 
     @property
     def bias(self) -> tuple[float, ...]:
@@ -213,7 +213,7 @@ def _read(found: folders.RigFolder) -> Rig:
         namespace=namespace,
         signals=signals.ordered(system.inputs, system.outputs),
         experiments=experiments_of(section(content, "experiments", where), system, f"{where}: experiments"),
-        modes=_modes(section(content, "modes", where), system, f"{where}: modes"),
+        modes=modes_of(section(content, "modes", where), system, f"{where}: modes"),
         references=_references(section(content, "references", where), system, f"{where}: references"),
         content=content,
     )
@@ -292,21 +292,6 @@ def _disturbances(told: Mapping[str, Any], system: System, where: str) -> dict[i
         if not signal.endless:
             raise UserError(f"{where}.{name}: a {signal.kind} comes to an end: take another kind, or give it a period")
         found[index_of(name, system.declared_states, where, "state")] = signal
-    return found
-
-
-def _modes(told: Mapping[str, Any], system: System, where: str) -> dict[str, NamedMode]:
-    """Modes by their names."""
-    found = {}
-    for name, value in told.items():
-        here, content = f"{where}.{name}", section(told, name, where)
-        refuse_unknown(content, ("states", "oscillates"), here)
-        states, oscillates = content.get("states"), content.get("oscillates")
-        if not isinstance(states, list) or not isinstance(oscillates, bool | None):
-            raise UserError(f"{here} is {value!r}: it needs a list of states, and whether it oscillates, true or false")
-        for state in states:
-            index_of(state, system.declared_states, f"{here}.states", "state")
-        found[name] = NamedMode(states=tuple(states), oscillates=oscillates)
     return found
 
 

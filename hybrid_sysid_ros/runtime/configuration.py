@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.control import Problem
@@ -12,12 +11,14 @@ from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.parameters import Parameter, defaults, parameters
+from hybrid_sysid_ros.runtime.parameters import Parameter, check_rules, defaults, parameters
+from hybrid_sysid_ros.runtime.shipped import TRAINED, shipped
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers
 
 __all__ = [
-    "CAMERA", "Parameter", "defaults", "estimator_tuning", "mpc_problem", "parameters", "shipped", "spread_of",
+    "CAMERA", "TRAINED", "Parameter", "check_rules", "defaults", "estimator_tuning", "mpc_problem", "parameters",
+    "shipped", "spread_of",
 ]  # fmt: skip
 
 CAMERA = "camera"
@@ -26,19 +27,6 @@ OWN_NOISE = 0.05
 """Process noise of a state without a unit that a model has beside the rig's [1/sqrt(s)]."""
 NONE = 1e9
 """A bound of a state from which on it is none."""
-OPTIONS = {"model": "--model", "policy": "--policy-path"}
-"""Of commands, by which another folder than the shipped one is given."""
-TRAINED = Path(__file__).parents[1] / "trained"
-
-
-def shipped(rig: str, kind: str) -> Path:
-    """Folder of what comes trained with the package for a rig; kind: model or policy. Raises UserError where nothing
-    does.
-    """
-    folder = TRAINED / rig / kind
-    if not folder.is_dir():
-        raise UserError(f"no {kind} comes with the package for the rig {rig} ({folder}): give {OPTIONS[kind]}")
-    return folder
 
 
 def in_si(values: Sequence[float], rig: Rig) -> tuple[float, ...]:
@@ -97,7 +85,8 @@ def _drifts(text: str) -> dict[str, float]:
 def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> Problem:
     """Problem of the exact MPC from the parameters of the node `controller`; outputs are weighed as they are shown.
 
-    system: the model that the MPC predicts with, by default the rig's own. States that it has alone have no bounds.
+    system: the model that the MPC predicts with, by default the rig's own. States that it has alone have no bounds, and
+    one that holds at one step only is predicted by that, whatever `substeps` is.
     Raises UserError where a number makes no problem.
     """
     system = system or rig.system
@@ -114,7 +103,7 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
     return Problem(
         horizon=values["horizon"],
         period=values["period"],
-        substeps=values["substeps"],
+        substeps=_substeps(values, system),
         output_weights=listed(values, "output_weight", "parameter", outputs),
         rate_weights=of_inputs("rate_weight"),
         input_low=tuple(actuator.low for actuator in rig.actuators),
@@ -129,6 +118,12 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
         soft_linear=of_states("soft_linear", 0.0),
         soft_quadratic=of_states("soft_quadratic", 1.0),
     ).sized(system)
+
+
+def _substeps(values: Mapping[str, Any], system: System) -> int:
+    """Steps of an interval: those of a model that has its own, where they are whole ones."""
+    own = system.sampling_time
+    return int(values["substeps"]) if own is None else max(1, round(values["period"] / own))
 
 
 def by_state(values: Sequence[float], rig: Rig, model: System) -> tuple[float, ...]:

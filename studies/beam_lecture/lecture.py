@@ -130,7 +130,8 @@ def arrange(records: Sequence[Record], number: int) -> Protocol:
     ramps = [record for record in order if is_ramp(record.name)]
     for kind, found in (("multisine", multisine), ("random_steps", steps), *([("ramp", ramps)] if number == 3 else [])):
         if not found:
-            raise UserError(f"protocol {number}: no record has {kind} in its name, so the parts can't be made")
+            where = "; those of .mat files are read from the folder's bab_slow" if kind == "ramp" else ""
+            raise UserError(f"protocol {number}: no record has {kind} in its name, so the parts can't be made{where}")
     if number == 1:
         return Protocol(
             number=1, training=multisine, part=WHOLE, tests=[(item, WHOLE) for item in (*multisine, *steps, *swept)]

@@ -34,6 +34,8 @@ ABOUT = 0.04
 """Time before and after a spike [s] over which the angle that it takes back is spread; spikes closer than twice that
 are one piece.
 """
+SHORTEST = 4.0
+"""A record that can be parted in halves [s]."""
 MOST, LONGEST = 0.15, 0.25
 """Share of the samples, and time on end [s], that cleaning may replace."""
 _UNREADABLE = (MatReadError, ValueError, TypeError, KeyError, IndexError, EOFError, OSError, struct.error, zlib.error)
@@ -99,7 +101,7 @@ def load(folder: Path) -> tuple[Record, Cleaning]:
 
     Raises UserError where the file is missing, unreadable or lacks a channel, and for spikes beyond cleaning.
     """
-    path = next((place for place in (folder / FILE, folder / FILE.name) if place.is_file()), None)
+    path = next((place for place in (folder / FILE, folder / FILE.name, folder) if place.is_file()), None)
     if path is None:
         raise UserError(f"{folder}: no {FILE.name}, nor {FILE}: it is in the public repository thiagoritto/drillstring")
     try:
@@ -111,10 +113,15 @@ def load(folder: Path) -> tuple[Record, Cleaning]:
         keys = [key for key in content if key.startswith(f"{called}_Sample")]
         if len(keys) != 1:
             raise UserError(f"{path}: has no {called}_Sample...: it is another record")
-        arrays[channel] = np.asarray(content[keys[0]], dtype=float).ravel()
+        arrays[channel] = _numbers(path, called, content[keys[0]])
     if len({len(array) for array in arrays.values()}) > 1:
         raise UserError(f"{path}: its channels have different numbers of samples; fetch it again")
-    period = float(np.median(np.diff(arrays["time"])))
+    steps = np.diff(arrays["time"])
+    period = float(np.median(steps)) if len(steps) else 0.0
+    if len(steps) * period < SHORTEST or np.abs(steps - period).max() > 0.5 * period:
+        raise UserError(
+            f"{path}: {CHANNELS['time']} is no {SHORTEST:g} s in even steps, which the study needs; fetch it again"
+        )
     top, found = cleaned(RPM * arrays["top"], period, name=f"{path}: {CHANNELS['top']}")
     outputs = np.column_stack([RPM * arrays["bit"], arrays["torque"]])
     time = period * np.arange(len(top), dtype=np.float64)
@@ -122,3 +129,14 @@ def load(folder: Path) -> tuple[Record, Cleaning]:
         name=path.stem, time=time, input=top[:, None], output=outputs, source=str(path), digest=sha256(path)
     )
     return record, found
+
+
+def _numbers(path: Path, channel: str, value: Array) -> Array:
+    """A channel as finite numbers, (samples,)."""
+    if value.dtype.kind not in "fiub":
+        raise UserError(f"{path}: {channel} holds no numbers; fetch it again")
+    array = np.asarray(value, dtype=float).ravel()
+    wrong = ~np.isfinite(array)
+    if wrong.any():
+        raise UserError(f"{path}: {channel} is not finite at sample {int(np.argmax(wrong))}, {int(wrong.sum())} in all")
+    return array

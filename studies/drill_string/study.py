@@ -20,7 +20,7 @@ from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, score
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.support.files import written_file
+from hybrid_sysid_ros.support.files import check_file, written_file
 from studies.drill_string import observer, stops
 from studies.drill_string.choice import Choice, Folder
 from studies.drill_string.records import KEPT, LEARNT, RPM, SAMPLING, load
@@ -37,6 +37,7 @@ Out = Annotated[Path, typer.Option(help="Where the numbers go, as JSON.")]
 
 def command(folder: Folder, out: Out = Path("out/drill_string_record.json")) -> None:
     """Clean the public record, learn from its first half, and report the free run over the second."""
+    check_file(out, suffix=".json")
     record, cleaning = load(folder)
     structures: dict[str, Any] = {}
     rig = load_rig(RIG)
@@ -50,7 +51,6 @@ def command(folder: Folder, out: Out = Path("out/drill_string_record.json")) -> 
         "structures": structures,
         "observer": observed(record),
     }
-    out.parent.mkdir(parents=True, exist_ok=True)
     with written_file(out) as partial:
         partial.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     line = f"{cleaning.spikes} negative spikes of {len(record.time)} samples' top speed, down to "

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.io import savemat
 
 from hybrid_sysid_ros.support.errors import UserError
+from studies.drill_string import __main__ as study
 from studies.drill_string.records import ABOUT, RPM, cleaned, load
+from tests.command_line import refused
 
 PERIOD = 0.001
 
@@ -84,6 +88,8 @@ def test_a_record_is_read_in_si(tmp_path):
     assert record.input.shape == (6000, 1)
     np.testing.assert_allclose(record.output[:, 0], RPM * record.output[:, 1])
     assert found.spikes == 1
+    again, _ = load(tmp_path / "175_completo_1.mat")
+    np.testing.assert_array_equal(again.output, record.output)
 
 
 def test_what_is_no_such_record_is_refused(tmp_path):
@@ -92,9 +98,27 @@ def test_what_is_no_such_record_is_refused(tmp_path):
     written(tmp_path, Bit_Speed=np.zeros(10))
     with pytest.raises(UserError, match="different numbers of samples"):
         load(tmp_path)
+    written(tmp_path, Bit_Torque=np.where(np.arange(6000) == 70, np.nan, 1.0))
+    with pytest.raises(UserError, match="Bit_Torque is not finite at sample 70, 1 in all"):
+        load(tmp_path)
+    written(tmp_path, Time=np.where(np.arange(6000) == 70, 0.0, PERIOD * np.arange(6000)))
+    with pytest.raises(UserError, match=r"Time is no 4 s in even steps"):
+        load(tmp_path)
+    written(tmp_path, **dict.fromkeys(("Time", "Top_Speed", "Bit_Speed", "Bit_Torque"), PERIOD * np.arange(900)))
+    with pytest.raises(UserError, match=r"Time is no 4 s in even steps"):
+        load(tmp_path)
     savemat(tmp_path / "175_completo_1.mat", {"Time_Sample_1": np.arange(5.0)})
     with pytest.raises(UserError, match="has no Top_Speed_Sample"):
         load(tmp_path)
     (tmp_path / "175_completo_1.mat").write_bytes(b"no such file")
     with pytest.raises(UserError, match=r"is no readable \.mat file"):
         load(tmp_path)
+
+
+@pytest.mark.parametrize("place", ["file/x.json", "/proc/x.json", "taken", "numbers.txt"])
+def test_the_study_says_where_it_cannot_write_before_anything_else(call, tmp_path, place):
+    (tmp_path / "file").touch()
+    (tmp_path / "taken").mkdir()
+    command = partial(call, study.main, "python -m studies.drill_string")
+    refused(command("record", tmp_path / "nowhere", "--out", tmp_path / place), place)
+    refused(command("choose", tmp_path, "--seed", "-1"), "--seed")

@@ -31,7 +31,7 @@ class Line:
     y: Array
 
 
-def friction_over_speed(system: Block, *, top: float = 0.3, speeds: int = 13) -> Line:
+def friction_over_speed(system: Block, *, top: float = 0.3, speeds: int = 41) -> Line:
     """Steady friction [N] at speeds up to ``top`` [m/s] both ways, the block led by a stiff drive."""
     tried = np.geomspace(top / 300.0, top, speeds)
     return _both_ways(tried, np.array([_led_steadily(system, speed) for speed in tried]))
@@ -59,7 +59,7 @@ def pre_sliding(system: Block, *, amplitude: float = 0.01, period: float = 4.0) 
     return Line(x=places[shown], y=friction[shown])
 
 
-def break_away(system: Block, *, slowest: float = 0.3, fastest: float = 300.0, rates: int = 13) -> Line:
+def break_away(system: Block, *, slowest: float = 0.3, fastest: float = 300.0, rates: int = 25) -> Line:
     """Largest dry friction [N] until a block that has just come to rest slides, over the rate [N/s] of the force."""
     tried = np.geomspace(slowest, fastest, rates)
     return Line(x=tried, y=np.array([_broken(system, rate) for rate in tried]))
@@ -69,7 +69,7 @@ def _broken(system: Block, rate: float) -> float:
     named = system.named
     most = 3.0 * max(named.get("static", 0.0), named.get("coulomb", 0.0), 0.1)
     seconds = most / rate + 1.0
-    h = float(np.clip(seconds / 50_000, 1e-5, 1e-3))
+    h = max(seconds / 50_000, 1e-5)
     force = rate * _times(seconds, h)
     states = simulate(system, _just_stopped(system), _inputs(force=force), step=h)
     friction = force - system.mass * np.diff(states[:, 1]) / h - named["viscous"] * states[:-1, 1]

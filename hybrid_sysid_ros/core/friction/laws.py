@@ -202,7 +202,7 @@ class StefanskiLaw(_Static):
 class AgeingLaw(_Static):
     """F = [Fc + (Fs - Fc) (1 - r)] sgn v + fv v,  r' = |v| (1 - r) / L - r / T."""
 
-    source = Ageing.__doc__.split("Source: ")[1].strip().replace("\n        ", " ") if Ageing.__doc__ else ""
+    source = " ".join((Ageing.__doc__ or "").partition("Source: ")[2].split()).rstrip(".")
     contacts = (
         Ageing(
             on="speed",
@@ -250,6 +250,9 @@ def law(name: str, values: Mapping[str, float] | None = None) -> Block:
             names = ", ".join(key for key in known if key not in ("spring", "damper"))
             raise UserError(f"friction law {name} has no parameter {item!r}: it has {names}")
     made = chosen.with_values([given.get(item, value) for item, value in known.items()])
+    for parameter, value in made.outside:
+        bounds = f"{parameter.low:g} to {parameter.high:g}"
+        raise UserError(f"friction law {name}: {parameter.name} = {value:g} {parameter.unit} is outside {bounds}")
     made.check()
     assert isinstance(made, Block)
     return made

@@ -63,7 +63,7 @@ def adapt(system: System, record: Record, *, sampling: Sampling, spans: Array, s
     leave ten samples before that moment and as many after it, and for an output that is constant after it.
     """
     every = scored_every(record, sampling)
-    cut = round(seconds / sampling.period)
+    cut = round(seconds / sampling.period) if np.isfinite(seconds) else 0
     samples = (record.samples - 1) // every + 1
     if min(cut, samples - cut) < 10:
         raise UserError(
