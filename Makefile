@@ -33,7 +33,7 @@ lint: .venv/dev
 	$(BIN)/mypy hybrid_sysid_ros studies benchmarks tests
 
 docs: .venv/ros .venv/docs
-	$(BIN)/mkdocs build --quiet
+	NO_MKDOCS_2_WARNING=1 DISABLE_MKDOCS_2_WARNING=true $(BIN)/mkdocs build --quiet
 	@echo out/docs/index.html
 
 clean: # out/ may hold recordings: it stays
