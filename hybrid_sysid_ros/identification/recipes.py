@@ -82,6 +82,7 @@ class Recipe:
             gray,
             system=averaged_hybrid(hybrids),
             relative_error=float(np.mean([member.relative_error for member in members])),
+            chi_squared=None if gray.chi_squared is None else float(np.mean([m.chi_squared for m in members])),
             seconds=gray.seconds + sum(member.seconds for member in members),
             evaluations=gray.evaluations + sum(member.evaluations for member in members),
         )
