@@ -50,7 +50,7 @@ endif
 	$(PYTHON) -m venv --clear .venv
 	@touch $@
 
-.venv/ros: EXTRAS := ros,report
+.venv/ros: EXTRAS := ros,report,view
 .venv/dev: EXTRAS := dev
 .venv/train: EXTRAS := train
 .venv/docs: EXTRAS := docs

@@ -64,6 +64,7 @@ class Browser:
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self.call("Emulation.setEmulatedMedia", features=scheme)
         self.call("Page.navigate", url=url)
+        self.until("document.readyState == 'complete' && location.href != 'about:blank'")
 
     def __enter__(self) -> Browser:
         return self

@@ -34,6 +34,7 @@ ARGUMENTS = {
     "respawn": ("false", TRUTHS, "true: a node that dies is started again; false: the launch ends with it"),
     "autostart": ("true", TRUTHS, "false: a manager configures and activates the nodes"),
     "bag": ("", (), "folder of a bag to record; empty: none"),
+    "view": ("false", TRUTHS, "true: a page of this computer that shows the rig; its address is printed"),
 }
 
 
@@ -53,6 +54,9 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         "controller": {**model, **driven, **lock, **latency},
         "plant": {"wait_for_readers": readers, **rate, **lock},
     }
+    seen = given["view"] == "true"
+    if seen:
+        values["reference"]["stay"] = True
     if given["simulated"] == "false":
         del values["plant"]
     shared = {**({"rig": asked["rig"]} if "rig" in asked else {}), "autostart": given["autostart"] == "true"}
@@ -83,11 +87,12 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         found = [node(name, parameters, name=name) for name, parameters in values.items()]
     if given["bag"]:
         found.append(node("recorder", {"path": given["bag"]}, name="recorder"))
+    beside = [node("view", {}, name="view")] if seen else []
     if respawn:
-        return found
+        return [*found, *beside]
     # The reference ends when it is over, any other node when something is wrong: the rest would wait for ever.
     end = EmitEvent(event=Shutdown(reason="a node has ended"))
-    return [*found, *(RegisterEventHandler(OnProcessExit(target_action=item, on_exit=end)) for item in found)]
+    return [*found, *beside, *(RegisterEventHandler(OnProcessExit(target_action=item, on_exit=end)) for item in found)]
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -142,7 +142,7 @@ export class Chart {
       if (!line.key) continue;
       const [times, values] = line.data();
       const value = line.ahead ? at(times, values, this.clock.now) : values[values.length - 1];
-      line.key.textContent = Number.isFinite(value) ? `${line.name} ${value.toFixed(this.decimals)}` : line.name;
+      line.key.textContent = Number.isFinite(value) ? `${line.name} ${fixed(value, this.decimals)}` : line.name;
     }
     if (note !== undefined) {
       if (!this.note.parentNode) this.place.previousElementSibling.appendChild(this.note);
@@ -201,6 +201,9 @@ function stroke(context, tone, width, dash, [from, to]) {
   context.setLineDash(dash.map((d) => d * width));
   context.stroke();
 }
+
+// A number with so many decimals; nothing is -0.
+export const fixed = (value, decimals) => (value + 0).toFixed(decimals).replace(/^-(0\.?0*)$/, "$1");
 
 // A line's value at a time.
 export function at(times, values, time) {

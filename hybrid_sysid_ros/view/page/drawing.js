@@ -18,7 +18,8 @@ export class Drawing {
     const groups = { "": root };
     for (const body of bodies) {
       const group = (groups[body.name] = made("g", groups[body.on], { "data-body": body.name }));
-      for (const shape of body.shapes) this.draw(group, shape, body.joint ? "moving" : "standing");
+      const tone = body.joint ? (this.moving.length % 2 ? "moving other" : "moving") : "standing";
+      for (const shape of body.shapes) this.draw(group, shape, tone);
       group.setAttribute("transform", `translate(${body.at[0]} ${body.at[1]})`);
       if (body.joint) this.moving.push({ body, group });
     }
@@ -27,7 +28,7 @@ export class Drawing {
   draw(group, { box, disc, at: [x, y] }, tone) {
     if (disc) {
       made("circle", group, { class: tone, cx: x, cy: y, r: disc });
-      if (tone === "moving") made("rect", group, { class: "mark", x: x + 0.25 * disc, y: y - 0.07 * disc, width: 0.65 * disc, height: 0.14 * disc });
+      if (tone !== "standing") made("rect", group, { class: "mark", x: x + 0.25 * disc, y: y - 0.07 * disc, width: 0.65 * disc, height: 0.14 * disc });
     } else {
       const [width, height] = box;
       const rx = 0.2 * Math.min(width, height);

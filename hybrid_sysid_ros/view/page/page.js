@@ -1,13 +1,14 @@
 // The page: takes frames, draws them, and asks for what its user wants. It asks for a frame when it has drawn the one
 // before, so that a slow or hidden page costs nothing. The server checks all it says.
 
-import { Chart, Rows, at, colour, forgetColours } from "./charts.js";
+import { Chart, Rows, at, colour, fixed, forgetColours } from "./charts.js";
 import { Drawing } from "./drawing.js";
 
 const element = (id) => document.getElementById(id);
 const AHEAD = 3; // s, shown right of now, where curves are drawn
 const SLIDES = 33; // ms, between two set-points of a slider
 const LEVELS = ["ok", "warn", "error", "stale"];
+const WORST = ["error", "stale", "warn", "ok"];
 const SILENT = 2000; // ms without diagnostics of a node
 const LAYERS = { policy: "predicted", exact: "estimate", feedback: "measured", shifted_plan: "warn", held: "warn", zeroed: "error", stopped: "error" };
 const OTHER = "stale"; // colour of other layers
@@ -330,7 +331,7 @@ function slide(item) {
   }, wait);
 }
 
-const tellSlider = ({ output, slider, shown }) => (shown.textContent = `${Number(slider.value).toFixed(2)} ${output.unit}`);
+const tellSlider = ({ output, slider, shown }) => (shown.textContent = `${fixed(Number(slider.value), 2)} ${output.unit}`);
 
 function badge(words, level) {
   element("health").textContent = words;
@@ -380,17 +381,24 @@ function placed(value, slides) {
   return slides ? `${value.toFixed(3)} m` : `${(degrees - 360 * Math.round(degrees / 360)).toFixed(1)}°`;
 }
 
+function rowOf({ name, level, words }) {
+  const row = document.createElement("tr");
+  row.className = level;
+  const cell = row.insertCell();
+  cell.textContent = name;
+  if (words !== "running") cell.appendChild(document.createElement("small")).textContent = words;
+  row.insertCell().textContent = level.toUpperCase();
+  return row;
+}
+
 function tellStatuses() {
-  const rows = [...statuses].sort(([one], [other]) => (one < other ? -1 : 1)).map(([name, status]) => {
+  const rows = [...statuses].map(([name, status]) => {
     const silent = performance.now() - status.heard > SILENT;
-    const level = silent ? "stale" : LEVELS[status.level] ?? "error";
-    const row = document.createElement("tr");
-    row.className = level;
-    for (const text of [name, level.toUpperCase(), silent ? "silent" : status.line]) row.insertCell().textContent = text;
-    return { row, level };
+    return { name, level: silent ? "stale" : LEVELS[status.level] ?? "error", words: silent ? "silent" : status.line };
   });
-  element("diagnostics").querySelector("tbody").replaceChildren(...rows.map(({ row }) => row));
-  const worst = ["error", "stale", "warn"].find((level) => rows.some((item) => item.level === level));
+  rows.sort((one, other) => WORST.indexOf(one.level) - WORST.indexOf(other.level) || (one.name < other.name ? -1 : 1));
+  element("diagnostics").querySelector("tbody").replaceChildren(...rows.map(rowOf));
+  const worst = WORST.find((level) => level !== "ok" && rows.some((item) => item.level === level));
   if (!rows.length) badge("waiting for the rig", "");
   else badge(worst ? `${rows.filter((item) => item.level === worst).length} ${worst.toUpperCase()}` : "running", worst ?? "ok");
   const values = (name) => statuses.get(name)?.values ?? {};
