@@ -51,12 +51,6 @@ def command(
     chosen = Part.parse(part)
     records = terminal.read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling)
     scores = {record.name: evaluate(loaded, record, part=chosen).content for record in records}
-    again, skipped = resimulations(
-        loaded.system, [(record, chosen) for record in records], described, sampling=loaded.sampling
-    )
-    loops = {name: item.output.content for name, item in again.items()}
-    for reason in skipped.values():
-        status.print(f"no closed loop: {reason}")
     low, high = described.limits
     shared: dict[str, Any] = {"sampling": loaded.sampling, "spans": high - low, "seconds": adapted}
     runs = {
@@ -64,6 +58,12 @@ def command(
         for record in (records if adapted else ())
     }
     biases = {name: run.content(loaded.system) for name, run in runs.items()}
+    again, skipped = resimulations(
+        loaded.system, [(record, chosen) for record in records], described, sampling=loaded.sampling
+    )
+    loops = {name: item.output.content for name, item in again.items()}
+    for reason in skipped.values():
+        status.print(f"no closed loop: {reason}")
     if report is not None:
         section = reports.identification_section(loaded, [(record, chosen) for record in records], runs)
         reports.write(report, section, None, reports.provenance(loaded, " ".join(sys.argv)))
