@@ -1,4 +1,4 @@
-# make demo | test | bench | lint | clean: each sets up what it needs in .venv, with nothing but python3 and make.
+# make demo | test | bench | lint | docs | clean: each sets up what it needs in .venv, with nothing but python3 and make.
 #   make demo RIG=NAME     of another rig, by its name or path, into out/demo_NAME
 #   make demo TRAIN=1      trains the shipped policy afresh (adds torch)
 #   make PYTHON=python3.12 another interpreter, where python3 is too old or too new; a .venv of another one is made anew
@@ -15,7 +15,7 @@ ifneq ($(ROS_DISTRO)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
 unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 endif
 
-.PHONY: demo test bench lint clean again
+.PHONY: demo test bench lint docs clean again
 .NOTPARALLEL:
 
 demo: .venv/ros $(if $(TRAINED),.venv/train)
@@ -31,6 +31,10 @@ lint: .venv/dev
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy hybrid_sysid_ros studies benchmarks tests
+
+docs: .venv/ros .venv/docs
+	NO_MKDOCS_2_WARNING=1 DISABLE_MKDOCS_2_WARNING=true $(BIN)/mkdocs build --quiet
+	@echo out/docs/index.html
 
 clean: # out/ may hold recordings: it stays
 	rm -rf .venv build install log *.egg-info .mypy_cache .pytest_cache .ruff_cache
@@ -49,8 +53,9 @@ endif
 .venv/ros: EXTRAS := ros,report
 .venv/dev: EXTRAS := dev
 .venv/train: EXTRAS := train
+.venv/docs: EXTRAS := docs
 .venv/peers: EXTRAS := peers,report,search
-.venv/ros .venv/dev .venv/train .venv/peers: .venv/python $(PACKAGE)
+.venv/ros .venv/dev .venv/train .venv/docs .venv/peers: .venv/python $(PACKAGE)
 	@echo "Setting up .venv: hybrid_sysid_ros[$(EXTRAS)]"
 	@$(PIP) --editable '.[$(EXTRAS)]'
 	@touch $@

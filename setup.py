@@ -7,12 +7,12 @@ from xml.etree import ElementTree
 from setuptools import Distribution, find_namespace_packages, setup
 
 NAME = "hybrid_sysid_ros"
-NODES = ("plant", "estimator", "controller", "reference", "recorder")
+NODES = ("plant", "estimator", "controller", "reference", "recorder", "composed", "player", "view")
 PIP = not {"bdist_wheel", "dist_info", "editable_wheel", "sdist"}.isdisjoint(sys.argv)
 
 # `ros2 run` looks in lib/hybrid_sysid_ros. colcon installs the console scripts there, under the nodes' own names; pip
 # installs them in bin/, where such names would be too general, so there they get a prefix and lib/ a link to each.
-scripts = {f"hybrid-sysid-{node}" if PIP else node: f"{NAME}.nodes.{node}:main" for node in NODES}
+scripts = {f"hybrid-sysid-{node}" if PIP else node: f"{NAME}.nodes.executable:main" for node in NODES}
 links = [(f"lib/{NAME}", [f"resource/executables/{node}" for node in NODES])] if PIP else []
 
 
@@ -28,7 +28,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10,<3.14",
     packages=find_namespace_packages(include=[NAME, f"{NAME}.*"], exclude=["*.__pycache__"]),  # data folders too
-    package_data={"": ["*.yaml", "*.xml", "*.json", "*.safetensors", "*.html", "*.c", "*.h"]},
+    package_data={"": ["*.yaml", "*.xml", "*.json", "*.safetensors", "*.html", "*.js", "*.css", "*.txt", "*.c", "*.h"]},
     entry_points={
         "console_scripts": [
             f"hybrid-sysid = {NAME}.__main__:main",
@@ -37,7 +37,7 @@ setup(
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
-        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}", ["package.xml", "CHANGELOG.rst"]),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
         (f"share/{NAME}/config", sorted(glob("msgs_config/*.yaml"))),
         *links,

@@ -17,7 +17,6 @@ from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 from typing import Any
 
-import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
@@ -26,6 +25,7 @@ from rosbags.highlevel import AnyReader
 
 from benchmarks import result
 from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.bags.storage import Compression
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
@@ -35,19 +35,16 @@ NEEDED = 5.0  # times faster than AnyReader
 STEP = 1_000_000  # ns between two messages of a topic
 START = 1_700_000_000_000_000_000  # ns
 PART = 50_000  # messages made at once
-COMPRESSIONS = ("", "lz4", "zstd")
+COMPRESSIONS: tuple[Compression, ...] = ("", "lz4", "zstd")
 SLOWER = 0.1  # s, period of the record that stays small
 
 Arrays = dict[str, NDArray[np.float64]]
 
 
-def make(path: Path, messages: int, compression: str, topics: int) -> int:
+def make(path: Path, messages: int, compression: Compression, topics: int) -> int:
     """Write a bag of so many messages and return its size in bytes."""
     noise = np.random.default_rng(0)
-    with bags.BagWriter(path, compressed=compression == "zstd") as writer:
-        if compression == "lz4":  # which BagWriter does not write, but others do
-            storage: Any = writer._writer.storage
-            storage.compression, storage.compressor = "lz4", lz4.frame.compress
+    with bags.BagWriter(path, compression=compression) as writer:
         for first in range(0, messages // topics, PART):
             k = np.arange(first, min(first + PART, messages // topics))
             at = START + STEP * k

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from benchmarks import result
 from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.runtime import processes, session
 
 NAME = "loop_timing"
 RATE = 200.0  # Hz, what the rig runs at
@@ -86,7 +86,7 @@ def main() -> int:
     options = parser.parse_args()
     on = result.machine()
     runs = []
-    priority = session.permitted_priority() if options.priority is None else options.priority
+    priority = processes.permitted_priority() if options.priority is None else options.priority
     given = {"model": options.model, "policy_path": options.policy_path, "priority": priority}
     for rate in (RATE, *OTHERS):
         seconds = options.seconds if rate == RATE else options.seconds / 4

@@ -19,7 +19,18 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import written_file
 
 RESULTS = Path(__file__).parent / "results"
-PACKAGES = ("hybrid_sysid_ros", "numpy", "scipy", "numba", "casadi", "torch", "filterpy", "rosbags", "ros-jazzy-rclpy")
+PACKAGES = (
+    "hybrid_sysid_ros",
+    "numpy",
+    "scipy",
+    "numba",
+    "casadi",
+    "torch",
+    "filterpy",
+    "mcap",
+    "rosbags",
+    "ros-jazzy-rclpy",
+)
 
 
 def machine() -> dict[str, Any]:

@@ -37,7 +37,8 @@ from hybrid_sysid_ros.commands.terminal import print_table, status
 from hybrid_sysid_ros.nodes import middleware, topics
 from hybrid_sysid_ros.nodes.messages import nanoseconds
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime.session import Session, permitted_priority
+from hybrid_sysid_ros.runtime.processes import permitted_priority
+from hybrid_sysid_ros.runtime.session import Session
 from hybrid_sysid_ros.support.errors import UserError
 
 NAME, RIG, DOMAIN = "start", "cam_beam", 93

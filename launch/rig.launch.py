@@ -1,10 +1,13 @@
-"""Launch a rig: ros2 launch hybrid_sysid_ros rig.launch.py [rig:=NAME_OR_PATH] [policy:=exact] [bag:=FOLDER]."""
+"""Launch a rig: ros2 launch hybrid_sysid_ros rig.launch.py [rig:=NAME_OR_PATH] [namespace:=NAME] [bag:=FOLDER] ..."""
+
+from typing import Any
 
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.launch_context import LaunchContext
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchDescription, LaunchDescriptionEntity
 
@@ -13,8 +16,9 @@ TRUTHS = ("true", "false")
 # Name: default, choices, description.
 ARGUMENTS = {
     "rig": ("", (), "the rig, by its name or by the path of its folder"),
-    "namespace": ("", (), "of nodes and topics; empty: the topics are in the rig's own"),
-    "rate": ("200.0", (), "measurements per second [Hz]"),
+    "namespace": ("", (), "of nodes and topics, for one of several rigs"),
+    "params_file": ("", (), "ROS parameter file of the nodes, as `hybrid-sysid parameters` writes it"),
+    "rate": ("", (), "measurements per second [Hz]; empty: the rig's"),
     "policy": (
         "supervised",
         ("supervised", "network", "exact"),
@@ -26,6 +30,9 @@ ARGUMENTS = {
     "reference": ("", (), "one of the rig's references, constant, steps, sine or multisine; empty: the rig's first"),
     "simulated": ("true", TRUTHS, "false: the rig is real: its driver has joint_states and joint_command"),
     "lockstep": ("false", TRUTHS, "true: as fast as the nodes answer, in simulated time, the same in every run"),
+    "composed": ("false", TRUTHS, "true: all but the recorder in one process and one loop"),
+    "respawn": ("false", TRUTHS, "true: a node that dies is started again; false: the launch ends with it"),
+    "autostart": ("true", TRUTHS, "false: a manager configures and activates the nodes"),
     "bag": ("", (), "folder of a bag to record; empty: none"),
 }
 
@@ -33,28 +40,51 @@ ARGUMENTS = {
 def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Plant (unless the rig is real), estimator, controller, reference and, if asked for, recorder."""
     given = context.launch_configurations
-    lock = {"lockstep": given["lockstep"] == "true"}
-    latency = {"latency": 0.0} if lock["lockstep"] else {}
-    rate, model = {"rate": float(given["rate"])}, {"model": given["model"]}
-    driven = {name: given[name] for name in ("policy", "policy_path", "solver")}
+    asked = {name: given[name] for name, (default, *_) in ARGUMENTS.items() if given[name] != default}
+    lock = {"lockstep": True} if "lockstep" in asked else {}
+    latency = {"latency": 0.0} if lock else {}
+    rate = {"rate": float(asked["rate"])} if "rate" in asked else {}
+    model = {name: asked[name] for name in ("model",) if name in asked}
+    driven = {name: asked[name] for name in ("policy", "policy_path", "solver") if name in asked}
+    readers = 3 if given["bag"] else 2  # of joint_states: estimator, reference and recorder, whom the rig waits for
+    values: dict[str, dict[str, Any]] = {
+        "reference": {**({"kind": asked["reference"]} if "reference" in asked else {}), **lock},
+        "estimator": {**model, **rate, **lock, **latency},
+        "controller": {**model, **driven, **lock, **latency},
+        "plant": {"wait_for_readers": readers, **rate, **lock},
+    }
+    if given["simulated"] == "false":
+        del values["plant"]
+    shared = {**({"rig": asked["rig"]} if "rig" in asked else {}), "autostart": given["autostart"] == "true"}
+    respawn = given["respawn"] == "true"
 
-    def node(name: str, **parameters: object) -> Node:
+    def node(executable: str, parameters: dict[str, Any], arguments: tuple[str, ...] = (), **more: Any) -> Node:
+        # Text is text, whatever quotes and colons are in it.
+        given_to_it = {
+            name: ParameterValue(value, value_type=str) if isinstance(value, str) else value
+            for name, value in {**shared, **parameters}.items()
+        }
         return Node(
             package=PACKAGE,
-            executable=name,
-            name=name,
+            executable=executable,
             namespace=given["namespace"],
-            parameters=[{"rig": given["rig"], **parameters}],
+            parameters=[*([given["params_file"]] if given["params_file"] else []), given_to_it],
+            arguments=[*arguments],
             output="screen",
+            respawn=respawn,
+            respawn_delay=1.0,
+            **more,
         )
 
-    found = [node("reference", kind=given["reference"], **lock), node("estimator", **rate, **model, **lock, **latency)]
-    found.append(node("controller", **driven, **model, **lock, **latency))
+    if given["composed"] == "true":  # each takes what is its own
+        together = {name: value for parameters in values.values() for name, value in parameters.items()}
+        found = [node("composed", together, ("--nodes", *values))]
+    else:
+        found = [node(name, parameters, name=name) for name, parameters in values.items()]
     if given["bag"]:
-        found.append(node("recorder", path=given["bag"]))
-    if given["simulated"] == "true":
-        # Joint states go to estimator, reference and recorder: the rig waits for those that there are.
-        found.append(node("plant", wait_for_readers=3 if given["bag"] else 2, **rate, **lock))
+        found.append(node("recorder", {"path": given["bag"]}, name="recorder"))
+    if respawn:
+        return found
     # The reference ends when it is over, any other node when something is wrong: the rest would wait for ever.
     end = EmitEvent(event=Shutdown(reason="a node has ended"))
     return [*found, *(RegisterEventHandler(OnProcessExit(target_action=item, on_exit=end)) for item in found)]

@@ -32,10 +32,11 @@ class Drive:
         self._last = NEVER
 
     def command(self, inputs: Sequence[float], time: float) -> None:
-        """Finite inputs (m,) that are in force from `time` on; times must not fall."""
+        """Finite inputs (m,) that are in force from `time` on, or from when those before them are, if that is later."""
         bounded = [min(max(u, low), high) for u, low, high in zip(inputs, self._low, self._high, strict=True)]
         self.saturated += bounded != list(inputs)
-        self._pending.append((time, bounded))
+        earliest = self._pending[-1][0] if self._pending else time
+        self._pending.append((max(time, earliest), bounded))
 
     def at(self, time: float) -> list[float]:
         """Inputs (m,) at a time; times must not fall."""

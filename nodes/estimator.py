@@ -5,34 +5,33 @@ from __future__ import annotations
 import math
 import sys
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
 from typing import Any
 
-import numpy as np
 from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
-from hybrid_sysid_ros.core.rollout import output_of
-from hybrid_sysid_ros.estimation import METHODS, Estimate
+from hybrid_sysid_ros.estimation import Estimate
 from hybrid_sysid_ros.estimation.consistency import band
-from hybrid_sysid_ros.nodes.base import RigNode, run
+from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.border import Order
-from hybrid_sysid_ros.nodes.cdr import JointWriter
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
-from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints
 from hybrid_sysid_ros.nodes.model import model_of
+from hybrid_sysid_ros.nodes.observer import Measured, Observer, Still
+from hybrid_sysid_ros.nodes.process import run
+from hybrid_sysid_ros.nodes.source import Source
 from hybrid_sysid_ros.nodes.timing import Timing
-from hybrid_sysid_ros.runtime.configuration import CAMERA, estimator_tuning
+from hybrid_sysid_ros.runtime.configuration import CAMERA
 from hybrid_sysid_ros.support.errors import UserError
 
 SHOW_PERIOD = SECOND // 20  # ns, between two covariances
 SOON = 0.6  # periods, less than which lie between measurements that are more frequent than expected
-SLACK = 0.05  # of its range, by which an input may be beyond its limits to be believed
-WINDOW = 10.0  # s of innovations whose mean square is told
+REPEATED = 1.0  # s of measurements that an observer sees before it takes over from another one
+WORDS = {"innovation_warn", "innovation_error", "warn_share", "error_share", "stale_seconds"}  # of diagnostics alone
 
 
 class EstimatorNode(RigNode):
@@ -47,51 +46,58 @@ class EstimatorNode(RigNode):
     second sensor of the first output: it corrects the estimate at its own stamp and is not answered.
     """
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__("estimator", **options)
-        self.system = system = model_of(self).system
-        layout = Layout(self.rig, system)
-        limits = [(item.low, item.high, SLACK * (item.high - item.low)) for item in self.rig.actuators]
-        bounds = [(low - slack, high + slack) for low, high, slack in limits]
-        self.measured = Slots([*layout.outputs, *layout.inputs], bounds=bounds)
-        self.given = np.empty(len(self.measured))
-        self.outputs, self.applied = np.split(self.given, [len(layout.outputs)])
-        self.names = [item.name for item in system.outputs]
-        self.camera = Slots([layout.outputs[0].ending(f"_{CAMERA}")])
-        self.further = layout.further
+    NAME = "estimator"
+    PUBLISHES = ("state_estimate", "state_covariance")
+    HEARS = ("joint_states",)
+
+    def configure(self) -> None:
+        self.use(self.observer_of(self.settings))
+        self.names = [item.name for item in self.rig.system.outputs]
         self.noisy = [sensor.noisy for sensor in self.rig.sensors]
+
+    def observer_of(self, settings: Mapping[str, Any]) -> tuple[Observer, Source]:
+        """What parameters name, and where its model was read."""
+        model, source = model_of(self.rig, settings)
+        return Observer(self.rig, model, settings, self.signature), source
+
+    def use(self, made: tuple[Observer, Source]) -> None:
+        """Estimate with an observer from now on."""
+        self.observer, source = made
+        self.sources = {"model": source}
+        self.covariance_message = _labelled(self.observer.filter.labels)
+
+    def forget(self) -> None:
+        """Begin a new experiment."""
+        self.observer.begin()
+        self.stamp = self.shown = self.usable = 0
+        self.recent: deque[Measured] = deque(maxlen=round(REPEATED * self.settings["rate"]))
+
+    def prepare(self, settings: Mapping[str, Any], names: frozenset[str]) -> Callable[[], object]:
+        if names <= WORDS:
+            return super().prepare(settings, names)
+        made = self.observer_of(settings)
+        seen = list(self.recent) if self.active else []
+        made[0].see(seen)
+
+        def take_over() -> None:
+            if self.active:
+                made[0].see([item for item in self.recent if not seen or item[0] > seen[-1][0]])
+            self.use(made)
+
+        return take_over
+
+    def activate(self) -> None:
+        settings = self.settings
+        self.forget()
+        self.unusable = self.repeated = self.restarts = self.too_soon = self.seen = self.blind = 0
+        self.still = [Still(after=round(settings["frozen_after"] * settings["rate"])) for _ in self.names]
+        self.execution = Timing()
         self.estimates: Publisher | None = None
         self.covariances = self.open("state_covariance")
-        self.begin()
-        followed = tuple(self.filter.tuning.followed)
-        self.writer = JointWriter(Slots(layout.estimate(followed)), self.signature)
-        self.covariance_message = _labelled(self.filter.labels)
         self.entry = self.border("joint_states")
-        self.warm_up()
-        self.begin()
         measurements = self.listen(self.entry, "joint_states", self.on_measurement)
         self.when(lambda: measurements.publishers() > 0, self.advertise)
-
-    def warm_up(self) -> None:
-        """Take measurements that nobody made: this compiles, and has seen it all once before it matters."""
-        for k in range(1, 4):
-            self.take([0.0] * len(self.given), round(k * SECOND / self.settings["rate"]), Order.NEW, perf_counter())
-
-    def begin(self) -> None:
-        """Begin anew, nothing estimated and nothing counted."""
-        settings = self.settings
-        self.filter = METHODS[settings["method"]](
-            self.system,
-            estimator_tuning(settings, self.rig, self.system),
-            period=1.0 / settings["rate"],
-            latency=settings["latency"],
-        )
-        self.stamp = self.shown = self.usable = 0
-        self.unusable = self.repeated = self.restarts = self.too_soon = self.seen = self.blind = 0
-        self.still = [Still(after=round(settings["frozen_after"] * settings["rate"])) for _ in self.outputs]
-        self.execution = Timing()
-        self.innovations: deque[float] = deque(maxlen=round(WINDOW * settings["rate"]))
-        self.parameters: Mapping[str, float] = {}
+        self.offer("reset", self.forget)
 
     def advertise(self) -> None:
         """Open the topic of the estimates."""
@@ -100,23 +106,23 @@ class EstimatorNode(RigNode):
     def on_measurement(self, joints: Joints) -> None:
         """Answer a measurement."""
         began = perf_counter()
-        if joints.names == self.camera.names:
-            frame = self.entry.read(joints, self.camera)
+        if joints.names == self.observer.camera.names:
+            frame = self.entry.read(joints, self.observer.camera)
             if frame is not None and self.entry.is_near(joints.stamp):
                 self.on_camera(joints.stamp, frame[0])
             return
-        given = self.entry.read(joints, self.measured)
+        given = self.entry.read(joints, self.observer.measured)
         if given is not None and (order := self.entry.admit(joints)) is not None:
-            self.take(given, joints.stamp, order, began)
+            self.answer(given, joints.stamp, order, began)
 
-    def take(self, given: list[float], stamp: int, order: Order, began: float) -> None:
+    def answer(self, given: list[float], stamp: int, order: Order, began: float) -> None:
         """Answer what a measurement gave, outputs and inputs; stamp [ns], began: when it came [s]."""
         if order is Order.AGAIN:
             self.repeated += 1
             self.publish()
             return
         if order is Order.RESTART:
-            self.filter.reset()
+            self.observer.filter.reset()
             self.stamp = self.shown = self.usable = 0
             self.restarts += 1
         if not self.stamp:
@@ -126,11 +132,12 @@ class EstimatorNode(RigNode):
         for k, still in enumerate(self.still):
             if self.noisy[k] and still.sees(given[k]):
                 given[k] = math.nan
-        self.given[:] = given
-        if any(map(math.isfinite, given[: len(self.outputs)])):
+        self.observer.given[:] = given
+        self.recent.append(((stamp - self.zero) / SECOND, given))
+        if any(map(math.isfinite, given[: len(self.names)])):
             self.usable = max(stamp, self.usable)
         try:
-            estimate = self.filter.update((stamp - self.zero) / SECOND, self.outputs, self.applied)
+            estimate = self.observer.update((stamp - self.zero) / SECOND)
         except UserError as error:  # nothing to hold on to yet
             self.unusable += 1
             self.get_logger().warning(str(error), once=True)
@@ -138,7 +145,9 @@ class EstimatorNode(RigNode):
         if order is Order.LATE:
             return  # the answer to a newer one is out
         self.stamp = stamp
-        self.packed = self.pack(estimate)
+        blind = stamp - self.usable > self.settings["sensor_timeout"] * SECOND
+        self.blind += blind
+        self.packed = self.observer.pack(estimate, stamp, blind=blind)
         taken = perf_counter() - began
         self.publish()
         self.execution.add(taken)
@@ -147,25 +156,11 @@ class EstimatorNode(RigNode):
     def on_camera(self, stamp: int, reading: float) -> None:
         """Use a measurement of the second sensor, in its place by its stamp."""
         try:
-            self.filter.correct((stamp - self.zero) / SECOND if self.stamp else 0.0, reading, CAMERA)
+            self.observer.filter.correct((stamp - self.zero) / SECOND if self.stamp else 0.0, reading, CAMERA)
             self.seen += 1
         except UserError as error:  # no such sensor in the parameters, or nothing to correct yet
             self.unusable += 1
             self.get_logger().warning(str(error), once=True)
-
-    def pack(self, estimate: Estimate) -> bytes:
-        """The message of an estimate."""
-        state, ahead, disturbance = estimate.state.tolist(), estimate.ahead.tolist(), estimate.disturbance.tolist()
-        further: list[float] = []
-        if self.further:
-            outputs = output_of(self.system, estimate.state, self.applied + estimate.disturbance)
-            further = outputs[self.further].tolist()
-        parameters = estimate.parameters.tolist()
-        numbers = [*state, *further, *disturbance, *ahead, *disturbance, *parameters]
-        if self.stamp - self.usable > self.settings["sensor_timeout"] * SECOND:  # a guess: nobody should act on it
-            self.blind += 1
-            numbers = [math.nan] * len(numbers)
-        return self.writer.pack(self.stamp, numbers)
 
     def publish(self) -> None:
         """Publish the newest estimate."""
@@ -174,9 +169,7 @@ class EstimatorNode(RigNode):
 
     def afterwards(self, estimate: Estimate) -> None:
         """What need not be done before the answer."""
-        if math.isfinite(estimate.normalised_innovation):
-            self.innovations.append(estimate.normalised_innovation)
-        self.parameters = dict(zip(self.filter.tuning.followed, estimate.parameters, strict=True))
+        self.observer.note(estimate)
         if self.estimates is None or self.stamp - self.shown < SHOW_PERIOD:
             return
         self.shown = self.stamp
@@ -185,7 +178,7 @@ class EstimatorNode(RigNode):
             self.covariances.publish(self.covariance_message)
 
     def health(self) -> Sequence[Task]:
-        counters, entry = self.filter.counters, self.entry
+        counters, entry = self.observer.filter.counters, self.entry
         loop = {
             "measurements missing": counters.missing,
             "measurements too late": counters.late,
@@ -212,7 +205,7 @@ class EstimatorNode(RigNode):
 
     def sensor(self) -> Task:
         """What is to be said of the readings."""
-        counters, frozen = self.filter.counters, [still.seen for still in self.still]
+        counters, frozen = self.observer.filter.counters, [still.seen for still in self.still]
         values = {
             "invalid_entries": counters.invalid,
             "gated_outliers": counters.gated,
@@ -231,14 +224,15 @@ class EstimatorNode(RigNode):
 
     def believed(self) -> Task:
         """What is to be said of the model: whether its innovations are as large as it says."""
-        count = len(self.innovations)
-        low, high = band(max(count, 1), len(self.outputs))
-        mean = math.fsum(self.innovations) / count if count else math.nan
+        innovations, parameters = list(self.observer.innovations), self.observer.parameters
+        count = len(innovations)
+        low, high = band(max(count, 1), len(self.names))
+        mean = math.fsum(innovations) / count if count else math.nan
         values = {
             "innovation_mean_square": mean,
             "innovation_band_low": low,
             "innovation_band_high": high,
-            **{f"parameter_{name}": value for name, value in self.parameters.items()},
+            **{f"parameter_{name}": value for name, value in parameters.items()},
         }
         worse = mean / high if count else 0.0
         level = ERROR if worse > self.settings["innovation_error"] else OK
@@ -246,23 +240,6 @@ class EstimatorNode(RigNode):
             level = WARN
         message = "running" if level == OK else f"innovations {worse:.1f} times as large as the model says"
         return Task(name="model", level=level, message=message, values=values)
-
-
-class Still:
-    """A sensor with noise that shows the same number for too long."""
-
-    def __init__(self, *, after: int) -> None:
-        self.seen = 0
-        """Readings that were no news."""
-        self._after, self._count, self._last = after, 0, math.nan
-
-    def sees(self, reading: float) -> bool:
-        """Whether a reading is no news."""
-        self._count = self._count + 1 if reading == self._last else 0
-        self._last = reading
-        found = 0 < self._after <= self._count
-        self.seen += found
-        return found
 
 
 def _labelled(names: Sequence[str]) -> Float64MultiArray:

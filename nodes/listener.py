@@ -8,7 +8,11 @@ from typing import Any
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
+
+from hybrid_sysid_ros.nodes.exchange import Exchange
+from hybrid_sysid_ros.nodes.topics import OVERRIDES
 
 
 class Listener:
@@ -29,11 +33,19 @@ class Listener:
         """kind: of the messages; topic: its name, for rclpy to resolve; soon: calls something outside of callbacks."""
         self._node, self._kind, self._topic, self._callback = node, kind, topic, callback
         self._soon = soon
-        self._subscription: Subscription | None = self._subscribed(quality)
+        self._exchange: Exchange | None = None
+        self._subscription: Subscription | None = self._subscribed(quality, OVERRIDES)
+
+    def share(self, exchange: Exchange) -> None:
+        """Hear those of this process through an exchange, too."""
+        if self._subscription is not None:
+            self._exchange, self._name = exchange, self._subscription.topic_name
+            exchange.hear(self._name, self._callback)
 
     def publishers(self) -> int:
         """How many there are whose messages come here."""
-        return self._subscription.get_publisher_count() if self._subscription is not None else 0
+        near = self._exchange.publishers(self._name) if self._exchange is not None else 0
+        return near + (self._subscription.get_publisher_count() if self._subscription is not None else 0)
 
     def make_do(self) -> None:
         """Ask for no more than best effort."""
@@ -43,7 +55,7 @@ class Listener:
             f"{self._subscription.topic_name}: a publisher offers best effort: heard so from now on"
         )
         quality = self._subscription.qos_profile
-        self.close()
+        self._unsubscribe()
         quality.reliability = ReliabilityPolicy.BEST_EFFORT
         self._subscription = self._subscribed(quality)
 
@@ -53,12 +65,24 @@ class Listener:
 
     def close(self) -> None:
         """Hear nothing any more."""
+        if self._exchange is not None:
+            self._exchange.leave(self._name, self._callback)
+            self._exchange = None
+        self._unsubscribe()
+
+    def _unsubscribe(self) -> None:
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
             self._subscription = None
 
-    def _subscribed(self, quality: QoSProfile) -> Subscription:
+    def _subscribed(self, quality: QoSProfile, overrides: QoSOverridingOptions | None = None) -> Subscription:
         events = SubscriptionEventCallbacks(incompatible_qos=lambda event: self._soon(self.make_do))
         return self._node.create_subscription(
-            self._kind, self._topic, self._callback, quality, raw=True, event_callbacks=events
+            self._kind,
+            self._topic,
+            self._callback,
+            quality,
+            raw=True,
+            event_callbacks=events,
+            qos_overriding_options=overrides,
         )

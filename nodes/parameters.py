@@ -3,64 +3,81 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
+from hybrid_sysid_ros.nodes.topics import check_override
 from hybrid_sysid_ros.rigs.rig import default
-from hybrid_sysid_ros.runtime.parameters import Parameter, parameters
+from hybrid_sysid_ros.runtime.parameters import Parameter, check_rules, declarations, parameters
 from hybrid_sysid_ros.support.errors import UserError
 
 RIG = Parameter(name="rig", default="", description="the rig, by its name or by the path of its folder")
-OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+OF_ROS = ("use_sim_time", "start_type_description_service")
+OF_QUALITY = "qos_overrides."
+Take = Callable[[Mapping[str, Any], Sequence[str]], None]
+"""Takes checked values by name; and the names of those that are no live parameters."""
 
 
-def declare(node: Node, section: str) -> dict[str, Any]:
+def declare(node: Node, section: str, take: Take, carried: Mapping[str, Collection[str]]) -> dict[str, Any]:
     """Declare the parameters of a node and return their values by name, "rig" among them.
 
-    The node was created with automatically_declare_parameters_from_overrides; what it was given replaces the defaults.
-    The dictionary follows later changes of the parameters that may change. Raises UserError where a parameter is
-    unknown, of the wrong type or out of range.
+    The node was created with automatically_declare_parameters_from_overrides; what it was given replaces the defaults,
+    and what is another node's is left to that one, so that a file may be for all. take: see Take. carried: full names
+    of the topics that the node has, by entity. Raises UserError where a parameter is unknown, of the wrong type, out of
+    range, or against a rule with another one.
     """
     given = {
         name: parameter.value
         for name, parameter in node.get_parameters_by_prefix("").items()
         if not name.startswith(OF_ROS)
     }
+    for name in [name for name in given if name.startswith(OF_QUALITY)]:
+        check_override(name, given.pop(name), carried)
     for name in given:
         node.undeclare_parameter(name)
     rig = given["rig"] = RIG.checked(given.get("rig", RIG.default)) or default()
     known = {"rig": RIG, **parameters(rig, section)}
-    for name in given:
+    others = {name for names in declarations().values() for name in names} - known.keys()
+    for name in given.keys() - others:
         if name not in known:
             raise UserError(f"unknown parameter {name}: known are {', '.join(known)}")
     values = {name: item.checked(given.get(name, item.default)) for name, item in known.items()}
+    check_rules(known, values)
     for name, item in known.items():
         node.declare_parameter(name, values[name], _descriptor(item), ignore_override=True)
-    node.add_on_set_parameters_callback(lambda changes: _change(known, values, changes))
+    node.add_on_set_parameters_callback(partial(_change, known, values, take))
     return values
 
 
-def _change(known: Mapping[str, Parameter], values: dict[str, Any], changes: list[RosParameter]) -> SetParametersResult:
-    """Check all, then apply all. The others are read-only, which rclpy sees to."""
+def _change(
+    known: Mapping[str, Parameter], values: Mapping[str, Any], take: Take, changes: list[RosParameter]
+) -> SetParametersResult:
+    """Check all, then take all."""
     try:
-        checked = {change.name: known[change.name].checked(change.value) for change in changes if change.name in known}
+        given = {change.name: known[change.name].checked(change.value) for change in changes if change.name in known}
+        check_rules(known, {**values, **given})
+        if given:
+            take(given, [name for name in given if not known[name].live])
     except UserError as error:
         return SetParametersResult(successful=False, reason=str(error))
-    values.update(checked)
     return SetParametersResult(successful=True)
 
 
 def _descriptor(item: Parameter) -> ParameterDescriptor:
     unit = f" [{item.unit}]" if item.unit else ""
-    limits = f"each within [{item.low:g}, {item.high:g}]" if item.each else ""
-    choices = f"one of {', '.join(item.choices)}" if item.choices else ""
+    said = [f"each within [{item.low:g}, {item.high:g}]"] if item.each else []
+    said += [f"one of {', '.join(item.choices)}"] if item.choices else []
+    said += [f"more than {item.above}"] if item.above else []
+    said += [] if item.live else ["read when the node is configured"]
     descriptor = ParameterDescriptor(
-        description=f"{item.description}{unit}", additional_constraints=limits or choices, read_only=not item.live
+        description=f"{item.description}{unit}", additional_constraints="; ".join(said), read_only=item is RIG
     )
+    descriptor.dynamic_typing = bool(item.each)  # one number stands for all
     if item.each or not math.isfinite(item.low):
         return descriptor  # ROS has no range for lists
     if item.kind is float:

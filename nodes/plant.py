@@ -6,15 +6,16 @@ import math
 import sys
 from collections.abc import Sequence
 from functools import partial
+from random import Random
 from time import perf_counter
-from typing import Any
 
-from hybrid_sysid_ros.nodes.base import RigNode, announce, run
+from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.cdr import JointWriter
 from hybrid_sysid_ros.nodes.diagnostics import WARN, Task
 from hybrid_sysid_ros.nodes.drive import Answers, Drive
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints
+from hybrid_sysid_ros.nodes.process import announce, run
 from hybrid_sysid_ros.nodes.timeline import Timeline
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.rigs.joints import FILTERED
@@ -24,6 +25,8 @@ LOCKSTEP_START = SECOND  # stamp of the first measurement: 0 means "no time yet"
 EARLY = 0.1  # periods that a timer may be early; late ones never reach into the next period
 START_DELAY = 0.5  # s from all being there to the start: they may have yet to hear of one another
 READER_PATIENCE = 0.5  # s, with further readers where there is a loop
+FAULTS = ("bias", "sensor_out", "brake", "command_delay")
+"""Parameters that make the rig worse than it is."""
 ANSWER_TIMEOUT = 5.0  # s, after which an unanswered measurement is published again
 
 
@@ -34,32 +37,60 @@ class PlantNode(RigNode):
     a measurement acts from that measurement's stamp on, and the next one follows at once.
     """
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__("plant", **options)
+    NAME = "plant"
+    PUBLISHES = ("joint_states",)
+    HEARS = ("joint_command",)
+
+    def configure(self) -> None:
         settings, rig = self.settings, self.rig
         self.steps = rig.steps(1.0 / settings["rate"], f"parameter rate is {settings['rate']:g} Hz: its period")
         self.lockstep: bool = settings["lockstep"]
         self.plant = Plant(rig, seed=settings["seed"], bias=settings["bias"])
         self.plant.advance([actuator.rest for actuator in rig.actuators])  # compiles
-        self.plant = Plant(rig, seed=settings["seed"], bias=settings["bias"])
-        self.timeout = math.inf if self.lockstep else settings["command_timeout"]
-        self.drive = Drive(rig.actuators, timeout=self.timeout)
-        self.answers = Answers(start=LOCKSTEP_START, period=round(self.steps * rig.step * SECOND))
-        self.timeline = Timeline(self.now)
-        self.lateness = Timing()
-        self.rejected = self.overruns = self.repeated = self.stops = self.direct = 0
-        self.started = False
-        self.alone = perf_counter()  # when somebody was missing last without whom there is no loop [s]
         layout = Layout(rig, rig.system)
         self.low_passed = [k for k, sensor in enumerate(rig.sensors) if sensor.low_pass]
         filtered = [layout.outputs[k].ending(f"_{FILTERED}") for k in self.low_passed]
         self.writer = JointWriter(Slots([*layout.outputs, *layout.inputs, *filtered]), self.signature)
         self.inputs = Slots(layout.inputs)
         self.rest = [actuator.rest for actuator in rig.actuators]
+        self.lateness = Timing()
+        self.rejected = self.overruns = self.repeated = self.stops = self.direct = 0
+        self.begin()
+
+    def begin(self) -> None:
+        """Put the rig where it is at first, its time at 0."""
+        self.plant = Plant(self.rig, seed=self.settings["seed"], bias=self.settings["bias"])
+        self.chance = Random(self.settings["seed"])
+        self.answers = Answers(start=LOCKSTEP_START, period=round(self.steps * self.rig.step * SECOND))
+        self.rested()
+        self.started = False
+
+    def rested(self) -> None:
+        """Put the inputs to rest, whatever was to come."""
+        timeout = math.inf if self.lockstep else self.settings["command_timeout"]
+        self.drive = Drive(self.rig.actuators, timeout=timeout)
+
+    def activate(self) -> None:
+        """Wait for a loop, and let the rig go from where it is."""
+        self.timeline = Timeline(self.now)
+        self.alone = perf_counter()  # when somebody was missing last without whom there is no loop [s]
         self.measurements = self.open("joint_states")
         self.entry = self.border("joint_command")
         self.commands = self.listen(self.entry, "joint_command", self.on_command)
-        self.when(self.is_matched, self.settle)
+        self.when(self.is_matched, self.wait)
+        self.offer("reset", partial(self.soon, self.again))
+
+    def again(self) -> None:
+        """Let the rig go anew, from where it is at first."""
+        self._leave()
+        self.begin()
+        self.activate()
+        self.active = True
+
+    def deactivate(self) -> None:
+        """Stop the rig's time, its inputs at rest."""
+        self.rested()
+        self.started = False
 
     def is_matched(self) -> bool:
         """Whether those are there that the plant waits for; in real time, a controller and some readers for
@@ -74,7 +105,7 @@ class PlantNode(RigNode):
             return False
         return found >= readers or (not self.lockstep and now - self.alone > READER_PATIENCE)
 
-    def settle(self) -> None:
+    def wait(self) -> None:
         """Let the rig go when those that are there have had time to see it, too, or a bag would begin later than it."""
         matched = perf_counter()
         self.when(lambda: perf_counter() - matched >= START_DELAY, self.start)
@@ -83,13 +114,16 @@ class PlantNode(RigNode):
         """Let the rig go."""
         self.started = True
         announce("started")
-        self.timeline.begin(self.now())
+        self.timeline.begin(self.now() - round(self.plant.time * SECOND))
         if self.lockstep:
             self.every(ANSWER_TIMEOUT / 5, self.ask_again)
         else:
             self.answers.start = self.timeline.start
             self.every(self.answers.period / SECOND, self.tick)
-        self.measure(0, self.drive.at(0.0))
+        if self.answers.latest < 0:
+            self.measure(0, self.drive.at(0.0))
+        elif self.lockstep:
+            self.publish()
 
     def tick(self) -> None:
         """In real time: integrate up to now and publish the measurement that is due, and those that were missed."""
@@ -99,10 +133,15 @@ class PlantNode(RigNode):
         number = int(elapsed / period + EARLY)
         self.overruns += max(number - self.answers.latest - 1, 0)
         self.lateness.add(max(elapsed - number * period, 0.0))
-        self.plant.bias[:] = self.settings["bias"]
+        self.disturb()
         self.drive.timeout = self.settings["command_timeout"]
         while self.answers.latest < number and not self.finished.done():
             self.measure(self.answers.latest + 1, self.integrate(self.steps))
+
+    def disturb(self) -> None:
+        """Let those faults be in force that the parameters say."""
+        self.plant.bias[:] = self.settings["bias"]
+        self.plant.brake[:] = self.settings["brake"]
 
     @property
     def time(self) -> float:
@@ -123,7 +162,10 @@ class PlantNode(RigNode):
         self.answers.measured(number, self.time)
         measurement = self.plant.measure()
         filtered = measurement.filtered[self.low_passed].tolist()
-        values = [*measurement.outputs.tolist(), *applied, *filtered]
+        lost = [self.chance.random() < share if share else False for share in self.settings["sensor_out"]]
+        outputs = [math.nan if out else value for value, out in zip(measurement.outputs.tolist(), lost, strict=True)]
+        filtered = [math.nan if lost[k] else value for k, value in zip(self.low_passed, filtered, strict=True)]
+        values = [*outputs, *applied, *filtered]
         self.measurement = self.writer.pack(self.answers.stamp(number), values)
         self.publish()
         if 0.0 < self.settings["duration"] <= self.plant.time:
@@ -152,9 +194,9 @@ class PlantNode(RigNode):
                 return
             self.direct += 1
         self.entry.believe(joints.source)
-        self.drive.command(inputs, self.plant.time if self.lockstep else time)
+        self.drive.command(inputs, (self.plant.time if self.lockstep else time) + self.settings["command_delay"])
         if self.lockstep and self.answers.answered == self.answers.latest:
-            self.plant.bias[:] = self.settings["bias"]
+            self.disturb()
             self.measure(self.answers.latest + 1, self.integrate(self.steps))
 
     def is_direct(self, stamp: int, time: float) -> bool:
@@ -178,7 +220,7 @@ class PlantNode(RigNode):
 
     def health(self) -> Sequence[Task]:
         answers, drive = self.answers, self.drive
-        if not self.started:
+        if answers.latest < 0:
             waiting = "waiting for a controller on joint_command and readers of joint_states"
             return [Task(name="loop", level=WARN, message=waiting)]
         troubles = {
@@ -204,6 +246,7 @@ class PlantNode(RigNode):
             "saturated_commands": drive.saturated,
             "overruns": self.overruns,
             "repeated_measurements": self.repeated,
+            **{fault: self.settings[fault] for fault in FAULTS},
             **answers.delay.report("delay"),
             **self.lateness.report("timer_lateness"),
         }

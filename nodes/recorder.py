@@ -5,30 +5,46 @@ from __future__ import annotations
 import os
 import sys
 import time
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from importlib import import_module
+from operator import attrgetter
 from threading import Event, Thread
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.qos import QoSProfile
 
-from hybrid_sysid_ros.bags import Recording
+from hybrid_sysid_ros.bags import Quality, Recording, Split, collected
 from hybrid_sysid_ros.nodes import topics
-from hybrid_sysid_ros.nodes.base import RigNode, run
+from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
-from hybrid_sysid_ros.nodes.listener import Listener
+from hybrid_sysid_ros.nodes.inquiry import Inquiry
+from hybrid_sysid_ros.nodes.process import run
+from hybrid_sysid_ros.runtime.belongings import folders, parameter_file
 from hybrid_sysid_ros.support.errors import UserError
 
 DEPTH = 10_000  # messages that wait for the recorder: it comes after the loop
 NICENESS = 10  # of the process
 SEARCH_PERIOD = 0.5  # s
-FLUSH_PERIOD = 0.5  # s, between two times that all is on the disk
+FLUSH_PERIOD = 0.25  # s, between two times that all is on the disk which came before the last one
 QUEUE_BYTES = 1 << 26  # of messages that wait for the disk; what is over is lost
-SLOW = 0.3  # s, that the disk takes for one block, from which on it is called slow
+SLOW = 0.2  # s, that the disk takes for one block, from which on it is called slow
 PATIENCE = 10.0  # s, with the disk at the end
+ASKED = ("plant", "reference", "estimator", "controller")  # nodes whose parameters the bag keeps
+
+
+class Entry(NamedTuple):
+    """A message that waits for the disk."""
+
+    logged: int
+    """When it came [ns]."""
+    published: int
+    """When it was sent, as the middleware says [ns]."""
+    topic: str
+    type: str
+    data: bytes
 
 
 class RecorderNode(RigNode):
@@ -38,48 +54,75 @@ class RecorderNode(RigNode):
     its name, and is on the disk but for the last second. When the disk fails later on, the loop is not left without
     its experiment: what comes waits in memory until the disk answers again, and what finds no room there is lost. At
     the end the bag is closed as well as may be, and the node ends with an error if something is missing in it.
+
+    Messages of several topics come a little out of order. They lie in the bag in the order in which the middleware got
+    them: what has come since the last block waits for the next one. What the nodes of the loop have read, parameters
+    and the folders that these name, is kept in the bag with them.
     """
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__("recorder", **options)
-        path, wanted = self.settings["path"], self.settings["topics"].split()
-        if not path:
+    NAME = "recorder"
+    HEARS = topics.RECORDED
+
+    def configure(self) -> None:
+        if not self.settings["path"]:
             raise UserError("parameter path is empty: give the folder of the bag to write, as -p path:=FOLDER")
+
+    def activate(self) -> None:
+        path, wanted = self.settings["path"], self.settings["topics"].split()
         self.received: dict[str, int] = {}
-        self.waiting: deque[tuple[str, str, int, bytes]] = deque()
+        self.waiting: deque[Entry] = deque()
+        self.held: list[Entry] = []
+        """In the order in which they came; others may still come before them."""
+        self.qualities: dict[str, list[Quality]] = {}
+        """How each topic was offered when its first message came."""
+        self.belongings: deque[tuple[str, bytes]] = deque()
+        """What the bag is still to keep beside the messages."""
         self.ended = Event()
         self.queued = self.unqueued = 0  # bytes; each is counted by one thread
         self.lost = 0  # to a queue that is full
         self.busy_since = 0.0  # s, when the disk got what it has not answered yet
         self.trouble: Exception | None = None
         self.searched: set[str] = set()
-        known = {self.resolve_topic_name(self.full_name(topic)): topic for topic in topics.TYPES}
-        for name in [self.resolve_topic_name(self.full_name(topic)) for topic in wanted] or list(known):
+        known = {self.resolve_topic_name(topic): topic for topic in topics.TYPES}
+        for name in [self.resolve_topic_name(topic) for topic in wanted or topics.RECORDED]:
             if name in known:
                 topic = known[name]
-                self.take(name, topics.TYPES[topic], topics.profile(topic, depth=DEPTH))
+                self.record(name, topics.TYPES[topic], topics.profile(topic, depth=DEPTH))
             else:
                 self.searched.add(name)
         if self.searched:
             self.every(SEARCH_PERIOD, self.search)
-        self.recording = Recording(path, replace=self.settings["overwrite"])
-        self.thread = Thread(target=self.write, daemon=True)  # a disk that never answers keeps nobody
-        self.thread.start()
+        self.inquiry = Inquiry(self, ASKED, self.learn)
+        split = Split(size=self.settings["split_bytes"], seconds=self.settings["split_seconds"])
+        self.recording = Recording(path, replace=self.settings["overwrite"], split=split)
+        self.writer = Thread(target=self.write, daemon=True)  # a disk that never answers keeps nobody
+        self.writer.start()
 
-    def take(self, name: str, message_type: Any, quality: QoSProfile) -> None:
+    def record(self, name: str, message_type: Any, quality: QoSProfile) -> None:
         """Record a topic from now on."""
         self.received[name] = 0
         kind = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
-        Listener(self, message_type, name, quality, partial(self.keep, name, kind), soon=self.soon)
+        self.hear(message_type, name, quality, partial(self.keep, name, kind))
 
     def keep(self, name: str, kind: str, data: bytes, information: Mapping[str, int]) -> None:
         """Put a message of a topic into the queue, if there is room."""
         self.received[name] += 1
+        if name not in self.qualities:
+            self.qualities[name] = topics.qualities_of(self.get_publishers_info_by_topic(name))
         if self.queued - self.unqueued + len(data) > QUEUE_BYTES:
             self.lost += 1
             return
         self.queued += len(data)
-        self.waiting.append((name, kind, information["received_timestamp"] or time.time_ns(), data))
+        logged = information["received_timestamp"] or time.time_ns()
+        self.waiting.append(Entry(logged, information["source_timestamp"], name, kind, data))
+
+    def learn(self, name: str, values: Mapping[str, Any]) -> None:
+        """Keep what a node has read."""
+        self.belongings.extend(parameter_file(name, values).items())
+        try:
+            self.belongings.extend(collected(folders(name, values)).items())
+        except UserError as error:
+            self.get_logger().warning(f"the bag does not keep all that the {name} has read: {error}")
 
     def search(self) -> None:
         """Take the topics that have a publisher by now, of whatever type, with the publisher's quality."""
@@ -88,17 +131,15 @@ class RecorderNode(RigNode):
             if not publishers:
                 continue
             self.searched.discard(name)
-            package, _, kind = publishers[0].topic_type.rpartition("/")
-            try:
-                message_type = getattr(import_module(package.replace("/", ".")), kind)
-            except (ImportError, AttributeError):
+            message_type = topics.type_of(publishers[0].topic_type)
+            if message_type is None:
                 self.get_logger().error(
                     f"topic {name} is not recorded: no type {publishers[0].topic_type} is installed"
                 )
                 continue
             offered = publishers[0].qos_profile
             quality = QoSProfile(depth=DEPTH, reliability=offered.reliability, durability=offered.durability)
-            self.take(name, message_type, quality)
+            self.record(name, message_type, quality)
 
     def write(self) -> None:
         """Write what waits, again and again, until the end; runs in a thread of its own."""
@@ -116,10 +157,7 @@ class RecorderNode(RigNode):
         self.busy_since = time.monotonic()
         try:
             if self.trouble is None or last:
-                for _ in range(len(self.waiting)):
-                    entry = self.waiting.popleft()
-                    self.unqueued += len(entry[-1])
-                    self.recording.write_raw(*entry)
+                self.write_due(last=last)
             self.recording.flush()
             self.trouble = None
         except OSError as error:
@@ -129,13 +167,32 @@ class RecorderNode(RigNode):
         self.busy_since = 0.0
         return not last
 
-    def close(self) -> None:
+    def write_due(self, *, last: bool) -> None:
+        """Write what has come before the last block, and whatever belongs before that; at last all."""
+        newest = max((entry.logged for entry in self.held), default=0)
+        for _ in range(len(self.waiting)):
+            self.held.append(self.waiting.popleft())
+        self.held.sort(key=attrgetter("logged"))
+        due = len(self.held) if last else bisect_right(self.held, newest, key=attrgetter("logged"))
+        written = 0
+        try:
+            for entry in self.held[:due]:
+                self.recording.offer(entry.topic, entry.type, self.qualities[entry.topic])
+                self.recording.write_raw(entry.topic, entry.type, entry.logged, entry.data, published=entry.published)
+                written += 1
+        finally:
+            self.unqueued += sum(len(entry.data) for entry in self.held[:written])
+            del self.held[:written]
+        while self.belongings and self.recording.kept:
+            self.recording.attach(*self.belongings.popleft(), time.time_ns())
+
+    def deactivate(self) -> None:
         """Write the rest and end the bag. Raises UserError where it could not be written."""
+        self.inquiry.close()
         self.ended.set()
-        self.thread.join(PATIENCE)
-        if self.thread.is_alive():
+        self.writer.join(PATIENCE)
+        if self.writer.is_alive():
             self.trouble = TimeoutError(f"the disk does not answer for {PATIENCE:g} s")
-        super().close()
         if self.trouble is not None:
             raise UserError(self.ending()) from self.trouble
         self.get_logger().info(f"{self.recording.path}: {self.recording.kept} messages")
@@ -150,13 +207,17 @@ class RecorderNode(RigNode):
         bag, words = self.recording, self.failing()
         lost = sum(self.received.values()) - bag.kept
         words += f": {bag.kept} messages are kept, {lost} lost"
-        words += "" if bag.whole or not bag.kept else "; read it with --recover"
         return words if bag.old is None else f"{words}; the bag before is {bag.old}"
 
     def health(self) -> Sequence[Task]:
         received, path = sum(self.received.values()), self.recording.path
         lost = received - self.recording.kept if self.trouble is not None and self.ended.is_set() else self.lost
-        values = {"messages": received, "kept": self.recording.kept, "lost": lost, "waiting": len(self.waiting)}
+        values = {
+            "messages": received,
+            "kept": self.recording.kept,
+            "lost": lost,
+            "waiting": len(self.waiting) + len(self.held),
+        }
         task = self.judged(
             "recorder", {f"messages lost, {path} is too slow": self.lost}, received, **values, **self.received
         )

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from hybrid_sysid_ros.nodes.base import RigNode, announce, run
+from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.border import Order
 from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
 from hybrid_sysid_ros.nodes.diagnostics import Task
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints
+from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory
+from hybrid_sysid_ros.nodes.preview import Preview
+from hybrid_sysid_ros.nodes.process import announce, run
 from hybrid_sysid_ros.nodes.timeline import Timeline
 from hybrid_sysid_ros.rigs.excitation import Reference, constant, multisine, random_steps, sine
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import defaults
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 KINDS = ("constant", "steps", "sine", "multisine")
@@ -26,6 +30,7 @@ LONGEST = 3600.0  # s of steps that are drawn; the last one is held
 LOWEST = 0.05  # Hz, of the multisine
 MULTISINE_PERIOD = 20.0  # s
 LINES = 20  # of the multisine
+CHOOSING = {"kind", "amplitude", "frequency", "hold", "seed"}  # parameters that a reference is made of
 
 
 def signal_of(kind: str, settings: Mapping[str, Any], rig: Rig) -> Reference:
@@ -57,18 +62,50 @@ def _signal(kind: str, settings: Mapping[str, Any], output: int, amplitude: floa
     return multisine(seed, amplitude=amplitude, low=LOWEST, high=frequency, lines=LINES, period=MULTISINE_PERIOD)
 
 
+class Choice:
+    """What the parameters ask for."""
+
+    def __init__(self, settings: Mapping[str, Any], rig: Rig) -> None:
+        """Raises UserError where there is no such kind, or it has no room."""
+        self.kind: str = settings["kind"] or rig.reference
+        self.signal = signal_of(self.kind, settings, rig)
+        schedule = rig.references.get(self.kind)
+        own = schedule.duration if schedule else 0.0
+        self.duration = round((settings["duration"] or own) * SECOND)
+        """[ns]; 0: no end."""
+
+
+class SetPoint:
+    """What somebody asks for by the topic set_point; the last point is held."""
+
+    kind = "set_point"
+    duration = 0
+
+    def __init__(self, preview: Preview, zero: int, scales: Array) -> None:
+        """zero: stamp of the reference's time 0 [ns]; scales: SI per shown unit (outputs,)."""
+        self.preview, self.zero, self.scales = preview, zero, scales
+
+    def signal(self, seconds: ArrayLike) -> Array:
+        """As of any reference: the outputs as they are shown."""
+        times = self.zero + np.round(np.asarray(seconds) * SECOND).astype(np.int64)
+        return self.preview.at(times) / self.scales
+
+
 class ReferenceNode(RigNode):
-    """Publishes previews of the outputs that the rig's controller tracks.
+    """Publishes previews of the outputs that the rig's controller tracks: of a reference by its kind, or, from when one
+    comes, of a set-point, a trajectory of the same joints, until a kind is set. Such a one begins when it comes, where
+    it has no stamp; so there is one publisher of references, whoever asks.
 
     Time 0 of the reference is the stamp of the first measurement that the node sees. Message i begins at i publish
     periods, so that all points of all messages lie on one grid.
     """
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__("reference", **options)
+    NAME = "reference"
+    PUBLISHES = ("reference",)
+    HEARS = ("joint_states", "set_point")
+
+    def configure(self) -> None:
         settings = self.settings
-        self.kind: str = settings["kind"] or self.rig.reference
-        self.signal = signal_of(self.kind, settings, self.rig)
         self.spacing = round(settings["point_spacing"] * SECOND)
         self.period = round(settings["publish_period"] * SECOND)
         if self.period % self.spacing:
@@ -76,29 +113,44 @@ class ReferenceNode(RigNode):
                 f"parameter publish_period is {settings['publish_period']:g} s: "
                 f"it must be a multiple of point_spacing, {settings['point_spacing']:g} s"
             )
-        if settings["preview_seconds"] <= settings["publish_period"]:
-            raise UserError(
-                f"parameter preview_seconds is {settings['preview_seconds']:g} s: "
-                f"it must be more than publish_period, {settings['publish_period']:g} s"
-            )
-        schedule = self.rig.references.get(self.kind)
-        own = schedule.duration if schedule else 0.0
-        self.duration = round((settings["duration"] or own) * SECOND)
+        self.choose(Choice(settings, self.rig))
         self.offsets = np.arange(round(settings["preview_seconds"] * SECOND) // self.spacing + 1) * self.spacing
         layout = Layout(self.rig, self.rig.system)
         self.tracked = np.flatnonzero(defaults(self.rig, "controller")["output_weight"])
         self.scales = np.array([display.scale for display in self.rig.display])
+        self.outputs = Slots(layout.outputs)
         slots = Slots([layout.outputs[k] for k in self.tracked])
         self.writer, self.preview = TrajectoryWriter(slots, self.offsets.tolist(), self.signature), b""
-        self.zero = 0
-        self.timeline = Timeline(self.now)
-        self.sent = 0
-        self.previews = self.open("reference")
         self.measured = Slots([*layout.outputs, *layout.inputs])
+
+    def choose(self, choice: Choice) -> None:
+        """Begin anew with a reference."""
+        self.choice: Choice | SetPoint = choice
+        self.zero = self.sent = 0
+
+    def prepare(self, settings: Mapping[str, Any], names: frozenset[str]) -> Callable[[], object]:
+        if not names & CHOOSING:
+            return super().prepare(settings, names)
+        choice = Choice(settings, self.rig)
+
+        def begin() -> None:
+            now = self.zero + self.timeline.elapsed() if self.active and self.zero else 0
+            self.choose(choice)
+            if now and not self.settings["lockstep"]:
+                self.begin(now)
+
+        return begin
+
+    def activate(self) -> None:
+        self.zero = self.sent = 0
+        self.timeline = Timeline(self.now)
+        self.previews = self.open("reference")
         self.entry = self.border("joint_states")
         self.measurements = self.listen(self.entry, "joint_states", self.on_measurement)
-        if not settings["lockstep"]:
-            self.every(settings["publish_period"], self.tick)
+        self.wishes = self.border("set_point")
+        self.listen(self.wishes, "set_point", self.on_set_point)
+        if not self.settings["lockstep"]:
+            self.every(self.settings["publish_period"], self.tick)
 
     def on_measurement(self, joints: Joints) -> None:
         """Begin with the first measurement; in lockstep follow their stamps."""
@@ -110,12 +162,28 @@ class ReferenceNode(RigNode):
             return
         stamp = self.entry.stamp
         if not self.zero:
-            self.zero = stamp
-            self.timeline.begin(stamp)
+            self.begin(stamp)
             announce("begun")
         if order is Order.AGAIN:  # nobody answered it: maybe for want of a reference
             self.previews.publish(self.preview)
         self.advance(stamp - self.zero)
+
+    def on_set_point(self, message: Trajectory) -> None:
+        """Follow it from now on, and say so at once."""
+        if not self.zero or not self.wishes.hears(message.source):
+            return
+        elapsed = self.entry.stamp - self.zero if self.settings["lockstep"] else self.timeline.elapsed()
+        tracked = np.isin(np.arange(len(self.scales)), self.tracked)
+        preview = Preview.of(message, self.wishes, self.outputs, tracked, self.zero + elapsed)
+        if preview is not None:
+            self.wishes.believe(message.source)
+            self.choice = SetPoint(preview, self.zero, self.scales)
+            self.publish(elapsed // self.spacing * self.spacing)
+
+    def begin(self, stamp: int) -> None:
+        """Let time 0 be the one of a stamp [ns]."""
+        self.zero = stamp
+        self.timeline.begin(stamp)
 
     def tick(self) -> None:
         """In real time go on with it, and let the stamps follow the clock."""
@@ -128,7 +196,7 @@ class ReferenceNode(RigNode):
 
     def advance(self, elapsed: int) -> None:
         """Publish if a message is due so long after the start [ns]; end when the reference has ended."""
-        if self.duration and elapsed >= self.duration:
+        if self.choice.duration and elapsed >= self.choice.duration and not self.settings["stay"]:
             self.finish()
             return
         due = elapsed // self.period + 1
@@ -138,19 +206,20 @@ class ReferenceNode(RigNode):
 
     def publish(self, start: int) -> None:
         """Publish the preview that begins `start` after time 0 [ns]."""
-        seconds = np.minimum(start + self.offsets, self.duration or np.inf) / SECOND
-        values = (self.scales * self.signal(seconds))[:, self.tracked]
+        seconds = np.minimum(start + self.offsets, self.choice.duration or np.inf) / SECOND
+        values = (self.scales * self.choice.signal(seconds))[:, self.tracked]
         self.preview = self.writer.pack(self.zero + start, values.tolist())
         self.previews.publish(self.preview)
 
     def close(self) -> None:
         """Tell that it is over."""
-        if self.duration and self.sent * self.period >= self.duration:
-            self.get_logger().info(f"done after {self.duration / SECOND:g} s")
+        ending = self.configured and not self.settings["stay"]
+        if ending and self.choice.duration and self.sent * self.period >= self.choice.duration:
+            self.get_logger().info(f"done after {self.choice.duration / SECOND:g} s")
         super().close()
 
     def health(self) -> Sequence[Task]:
-        values = {"kind": self.kind, "messages": self.sent, "seconds": self.sent * self.period / SECOND}
+        values = {"kind": self.choice.kind, "messages": self.sent, "seconds": self.sent * self.period / SECOND}
         begun = "done" if self.finished.done() else "running"
         return [Task(name="reference", message=begun if self.zero else "waiting for a measurement", values=values)]
 

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
+from hybrid_sysid_ros.bags import Quality
 from hybrid_sysid_ros.runtime.parameters import DECLARATIONS
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import read_mapping, section
@@ -20,12 +23,46 @@ from hybrid_sysid_ros.support.structured import read_mapping, section
 TYPES: Mapping[str, Any] = {
     "joint_states": JointState,
     "joint_command": JointState,
+    "effort_command": Float64MultiArray,
     "state_estimate": JointState,
     "state_covariance": Float64MultiArray,
     "reference": JointTrajectory,
+    "set_point": JointTrajectory,
     "predicted_trajectory": JointTrajectory,
     "/diagnostics": DiagnosticArray,
 }
+RECORDED = tuple(topic for topic in TYPES if topic != "effort_command")  # has the numbers of joint_command
+
+OVERRIDDEN: Mapping[str, tuple[str, ...]] = {
+    "reliability": ("reliable", "best_effort"),
+    "durability": ("volatile", "transient_local"),
+    "depth": (),
+}
+"""What a user may say of a topic's quality by the parameters qos_overrides.TOPIC.ENTITY.POLICY."""
+OVERRIDES = QoSOverridingOptions([QoSPolicyKind[name.upper()] for name in OVERRIDDEN])
+LONGEST = 100_000  # messages that a topic may keep
+ENTITIES = ("publisher", "subscription")
+
+
+def check_override(name: str, value: Any, carried: Mapping[str, Collection[str]]) -> None:
+    """Raise UserError where a parameter qos_overrides.TOPIC.ENTITY.POLICY says what can't be.
+
+    carried: full names of the topics that the node has, by entity.
+    """
+    topic, entity, policy = (*name.removeprefix("qos_overrides.").rsplit(".", 2), "", "")[:3]
+    if entity not in ENTITIES or policy not in OVERRIDDEN:
+        raise UserError(
+            f"parameter {name}: needs the form qos_overrides.TOPIC.{'|'.join(ENTITIES)}.{'|'.join(OVERRIDDEN)}"
+        )
+    if topic not in carried[entity]:
+        known = ", ".join(sorted(carried[entity])) or "none"
+        raise UserError(f"parameter {name}: the node has no {entity} of {topic}: it has {known}")
+    if policy == "depth":
+        if type(value) is not int or not 1 <= value <= LONGEST:
+            raise UserError(f"parameter {name} is {value!r}: it needs a whole number within 1 and {LONGEST}")
+        return
+    if value not in OVERRIDDEN[policy]:
+        raise UserError(f"parameter {name} is {value!r}: choose one of {', '.join(OVERRIDDEN[policy])}")
 
 
 @cache
@@ -54,3 +91,35 @@ def profile(topic: str, *, depth: int | None = None) -> QoSProfile:
         raise UserError(f"{DECLARATIONS}: no class in section qos has the topic {topic}: add it to one")
     settings = qualities()[topic]
     return QoSProfile(**{**settings, "depth": depth or settings["depth"]})
+
+
+def qualities_of(publishers: Iterable[Any]) -> list[Quality]:
+    """How publishers, as rclpy tells of them, offer a topic."""
+    profiles = [publisher.qos_profile for publisher in publishers]
+    return [
+        Quality(
+            reliability=profile.reliability.name.lower(),
+            durability=profile.durability.name.lower(),
+            history=profile.history.name.lower(),
+            depth=profile.depth,
+        )
+        for profile in profiles
+    ]
+
+
+def profile_of(qualities: Sequence[Quality]) -> QoSProfile:
+    """How to offer a topic again that was offered so; as ROS does of itself where publishers differed, or unknown."""
+    chosen = qualities[0] if len(set(qualities)) == 1 else Quality()
+    policies = {"reliability": ReliabilityPolicy, "durability": DurabilityPolicy}
+    told = {name: policy.__members__.get(getattr(chosen, name).upper()) for name, policy in policies.items()}
+    known = {name: policy for name, policy in told.items() if policy is not None}
+    return QoSProfile(**{"depth": max(chosen.depth, Quality.depth), **known})
+
+
+def type_of(name: str) -> Any | None:
+    """The class of a message type, such as sensor_msgs/msg/JointState; None where it is not installed."""
+    package, _, kind = name.rpartition("/")
+    try:
+        return getattr(import_module(package.replace("/", ".")), kind)
+    except (ImportError, AttributeError):
+        return None

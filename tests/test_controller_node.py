@@ -23,6 +23,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 
 from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hybrid_sysid_ros.nodes.border import Reason
@@ -132,17 +133,17 @@ def test_what_stands_in_for_a_plan_becomes_zero(bench: Bench, model_folder: Path
     assert wheel.command(0.0) == pytest.approx(4.0)
 
     def none(state: Any, disturbance: Any, previous: Any, preview: Any) -> Plan:
-        return held(previous, wheel.controller.problem, Status.FAILED)
+        return held(previous, wheel.controller.pilot.problem, Status.FAILED)
 
-    parts = {"prepare": lambda elapsed: None, "horizon": wheel.controller.controller.horizon, "period": 0.02}
-    wheel.controller.controller = SimpleNamespace(control=none, **parts)
+    parts = {"prepare": lambda elapsed: None, "horizon": wheel.controller.pilot.controller.horizon, "period": 0.02}
+    wheel.controller.pilot.controller = SimpleNamespace(control=none, **parts)
     commands = [wheel.command(0.0) for _ in range(50)]
     assert commands[:39] == [pytest.approx(4.0)] * 39  # .2 s at 200 Hz
     assert commands[41:] == [0.0] * 9
 
 
 def test_the_last_command_is_a_zero(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
-    wheel = Wheel(bench, model_folder, policy_folder, stale_after=5.0)
+    wheel = Wheel(bench, model_folder, policy_folder, stale_after=5.0, zero_after=10.0)
     wheel.stamp = wheel.controller.now() - SECOND // 10
     assert wheel.command(VOLT) == pytest.approx(1.0)
     wheel.controller.close()
@@ -159,7 +160,7 @@ def test_a_reference_ends_before_the_travel_does(wheel: Wheel) -> None:
 
 
 def test_a_reference_without_a_stamp_begins_now(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
-    wheel = Wheel(bench, model_folder, policy_folder, stale_after=5.0)
+    wheel = Wheel(bench, model_folder, policy_folder, stale_after=5.0, zero_after=10.0)
     wheel.stamp = 0
     wheel.refer([VOLT] * 3)
     bench.until(lambda: wheel.controller.preview)
@@ -168,7 +169,7 @@ def test_a_reference_without_a_stamp_begins_now(bench: Bench, model_folder: Path
 
 def test_simulated_time_that_stands_or_jumps_back(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
     clock = bench.probe.create_publisher(Clock, "/clock", 10)
-    wheel = Wheel(bench, model_folder, policy_folder, use_sim_time=True, stale_after=5.0, zero_after=0.1)
+    wheel = Wheel(bench, model_folder, policy_folder, use_sim_time=True, stale_after=0.09, zero_after=0.1)
     bench.until(clock.get_subscription_count)
     wheel.estimate(VOLT)  # no clock has shown its time yet
     bench.until(lambda: wheel.controller.entry.dropped[Reason.AHEAD] == 1)
@@ -200,14 +201,14 @@ def test_a_reference_that_makes_no_sense_is_rejected(wheel: Wheel) -> None:
 def test_in_real_time_the_beam_is_held_where_it_is_until_a_reference_comes(
     bench: Bench, model_folder: Path, policy_folder: Path
 ) -> None:
-    wheel = Wheel(bench, model_folder, policy_folder, stale_after=10.0, zero_after=10.0)
+    wheel = Wheel(bench, model_folder, policy_folder, stale_after=9.0, zero_after=10.0)
     wheel.stamp = wheel.controller.now()
     assert wheel.command(VOLT) == pytest.approx(1.0)
     assert wheel.controller.layers["no reference"] == 1
 
 
 def test_an_estimate_that_is_too_old_is_not_acted_upon(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
-    wheel = Wheel(bench, model_folder, policy_folder, stale_after=0.001, zero_after=0.2)
+    wheel = Wheel(bench, model_folder, policy_folder, stale_after=0.03, zero_after=0.2)
     wheel.stamp = wheel.controller.now() - SECOND // 10
     assert wheel.command(VOLT) == 0.0
     assert wheel.controller.layers == {"zeroed": 1}
@@ -217,7 +218,7 @@ def test_an_estimate_that_is_too_old_is_not_acted_upon(bench: Bench, model_folde
 
 
 def test_when_estimates_stop_the_controller_sends_a_zero(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
-    wheel = Wheel(bench, model_folder, policy_folder, stale_after=5.0, zero_after=0.1)
+    wheel = Wheel(bench, model_folder, policy_folder, stale_after=0.9, zero_after=1.0)
     wheel.stamp = wheel.controller.now()
     wheel.command(VOLT)
     bench.until(lambda: wheel.commands[-1].effort[0] == 0.0)
@@ -231,7 +232,7 @@ def test_the_exact_mpc_answers_and_shows_its_plan(bench: Bench, model_folder: Pa
     wheel.refer([VOLT] * 3)
     assert 1.0 < wheel.command(0.0) <= 10.0
     bench.until(lambda: plans)
-    assert len(plans[0].points) == wheel.controller.controller.horizon
+    assert len(plans[0].points) == wheel.controller.pilot.controller.horizon
     assert plans[0].points[-1].positions[0] == pytest.approx(VOLT, rel=0.1)
 
 
@@ -323,3 +324,16 @@ def test_a_certificate_must_be_the_policy_s_own_and_may_be_required(
     with pytest.raises(UserError, match="was altered") as told:
         bench.start(ControllerNode, **given)
     assert "\n" not in str(told.value)
+
+
+def test_bare_numbers_are_there_for_who_reads_them(bench: Bench, model_folder: Path, policy_folder: Path) -> None:
+    """As a forward_command_controller takes them: an array in the order of the inputs."""
+    wheel = Wheel(bench, model_folder, policy_folder)
+    numbers = bench.listen("effort_command", Float64MultiArray)
+    bench.until(lambda: wheel.controller.numbered)
+    wheel.stamp = wheel.controller.now()
+    wheel.refer([VOLT] * 9)
+    bench.until(lambda: wheel.controller.preview)
+    wheel.stamp = wheel.controller.now()
+    answer = wheel.command(0.0, step=0)
+    assert list(bench.until(lambda: [item for item in numbers if item.data[0] == answer])[0].data) == [answer]

@@ -154,7 +154,7 @@ def test_a_structure_with_states_of_its_own_drives_the_beam(
         given = {"model": str(tmp_path / "model"), "latency": 0.0}
         bench.start(ReferenceNode, lockstep=True, kind="constant", preview_seconds=2.0)
         bench.start(EstimatorNode, **given, lockstep=True, rate=rate)
-        problem = {"period": 0.05, "substeps": 1 if rate < 200.0 else 10}
+        problem = {"period": 0.05, "substeps": 1 if rate < 200.0 else 10, "stale_after": 0.1}
         bench.start(ControllerNode, **given, **problem, lockstep=True, policy="exact")
         bench.start(PlantNode, lockstep=True, wait_for_readers=3, rate=rate)
         compiled = compiled_functions()
@@ -207,11 +207,11 @@ def test_numbers_stand_where_their_names_say() -> None:
     assert (found[1], slots.named) == (6.0, 1)
 
 
-def test_a_rig_given_by_its_path_names_topics_and_nodes(domain: int, carts: Path) -> None:
+def test_a_rig_is_given_by_its_path(domain: int, carts: Path) -> None:
     bench = Bench(domain)
     try:
         node = bench.add(ReferenceNode(context=bench.context, parameter_overrides=[_path(carts)]))
-        assert node.previews.topic_name == f"/{rigs.load(carts).namespace}/reference"
+        assert node.rig.name == rigs.load(carts).name
         assert list(node.settings["amplitude"]) == [1.0, 1.0]
     finally:
         bench.close()

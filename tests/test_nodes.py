@@ -113,7 +113,8 @@ def test_parameters_are_described_with_range_and_unit(bench: Bench) -> None:
     assert list(node.get_parameter("amplitude").value) == [3.0]  # one number stands for all outputs
     described = node.describe_parameter("amplitude")
     assert described.description.endswith("[V]")
-    assert described.read_only
+    assert described.additional_constraints == "each within [-1e+09, 1e+09]"
+    assert "configured" in node.describe_parameter("preview_seconds").additional_constraints
     assert node.describe_parameter("hold").floating_point_range[0].to_value == 1000.0
 
 
@@ -122,8 +123,8 @@ def test_a_change_is_refused_with_a_reason_or_applied(bench: Bench) -> None:
     for name, value, reason in (
         ("bias", [2e9], "within"),
         ("bias", [0.1, 0.2], "one for each input"),
-        ("bias", "much", "Wrong"),
-        ("rate", 100.0, "read-only"),
+        ("bias", "much", "needs a number"),
+        ("rate", 100.0, "read when the node is configured"),
     ):
         result = node.set_parameters([Parameter(name, value=value)])[0]
         assert not result.successful
@@ -133,11 +134,15 @@ def test_a_change_is_refused_with_a_reason_or_applied(bench: Bench) -> None:
     assert node.settings["bias"] == [0.2]
 
 
-def test_without_a_namespace_topics_are_in_that_of_the_rig(bench: Bench) -> None:
-    node = bench.add(ReferenceNode(context=bench.context))
-    assert node.previews.topic_name == "/cam_beam/reference"
-    other = bench.add(ReferenceNode(context=bench.context, namespace="left"))
-    assert other.previews.topic_name == "/left/reference"
+def test_topics_are_relative_names(bench: Bench) -> None:
+    remapped = ["--ros-args", "-r", "reference:=/wish", "-r", "__node:=dreamer"]
+    for options, name in (
+        ({}, "/reference"),
+        ({"namespace": "left"}, "/left/reference"),
+        ({"cli_args": remapped}, "/wish"),
+    ):
+        node = bench.add(ReferenceNode(context=bench.context, **options))
+        assert node.previews.topic_name == name
 
 
 # Timing

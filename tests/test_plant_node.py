@@ -182,6 +182,30 @@ def test_a_command_drives_from_the_moment_it_comes() -> None:
     assert (drive.saturated, drive.timeouts) == (1, 1)
 
 
+def test_commands_stay_in_their_order_when_a_delay_goes() -> None:
+    drive = Drive([Actuator(low=-10.0, high=10.0)], timeout=1.0)
+    drive.command([1.0], 0.10)  # late by .1
+    drive.command([2.0], 0.01)
+    assert [drive.at(time) for time in (0.05, 0.1)] == [[0.0], [2.0]]
+
+
+def test_a_sensor_that_is_out_shows_no_number_and_the_rest_goes_on(bench: Bench) -> None:
+    drill = Drill(bench, lockstep=True, sensor_out=[1.0])
+    assert all(math.isnan(position) for position in drill.measurements[0].position)
+    drill.answer(2.5)
+    assert drill.following().effort[0] == 2.5
+    assert drill.plant.health()[0].values["sensor_out"] == [1.0]
+
+
+def test_late_commands_act_later_by_as_much(bench: Bench) -> None:
+    drill = Drill(bench, lockstep=True, command_delay=0.02)  # four periods
+    applied = []
+    for _ in range(8):
+        drill.answer(5.0)
+        applied.append(drill.following().effort[0])
+    assert applied == [0.0] * 4 + [5.0] * 4
+
+
 def test_a_measurement_without_a_command_before_the_next_one_is_missed() -> None:
     answers = Answers(start=SECOND, period=5_000_000)
     for number in range(3):

@@ -45,7 +45,7 @@ def refused(path, *words, **options):
 
 def rewritten(bag, change, *, counted=True):
     """The bag's records as `change` makes them, in a file of its own beside it."""
-    found = change(records.split((bag / "run.mcap").read_bytes()))
+    found = change(records.split((bag / "run_0.mcap").read_bytes()))
     path = bag.parent / "other.mcap"
     path.write_bytes(records.file_of(records.counted(found) if counted else found))
     return path
@@ -75,11 +75,11 @@ def highest():
 
 
 def test_messages_that_a_bag_says_it_has_and_has_not_are_counted(bag, caplog):
-    found = records.split((bag / "run.mcap").read_bytes())
+    found = records.split((bag / "run_0.mcap").read_bytes())
     last = [at for at, (code, _) in enumerate(found) if code == CHUNK][-1]
     lost = sum(code == MESSAGE for code, _ in records.inside(found[last][1])[1])
     found[last] = (0x80, found[last][1])  # a record that readers skip
-    (bag / "run.mcap").write_bytes(records.file_of(found))
+    (bag / "run_0.mcap").write_bytes(records.file_of(found))
     chunks = sum(code == CHUNK for code, _ in found)
     refused(bag, f"{chunks} chunks", f"{chunks + 1}", "--recover")
     with caplog.at_level(logging.WARNING):
@@ -95,7 +95,7 @@ def test_a_topic_under_another_name_is_noticed(bag):
             for code, content in found
         ]
 
-    whole = records.split((bag / "run.mcap").read_bytes())
+    whole = records.split((bag / "run_0.mcap").read_bytes())
     changed = [
         (
             code,
@@ -103,12 +103,12 @@ def test_a_topic_under_another_name_is_noticed(bag):
         )
         for code, content in whole
     ]
-    (bag / "run.mcap").write_bytes(records.file_of(changed))
+    (bag / "run_0.mcap").write_bytes(records.file_of(changed))
     refused(bag, TOPIC, "40000", "0 messages")
 
 
 def test_a_topic_that_the_summary_calls_otherwise_is_noticed(bag):
-    found = records.split((bag / "run.mcap").read_bytes())
+    found = records.split((bag / "run_0.mcap").read_bytes())
     at = max(at for at, (code, content) in enumerate(found) if code == CHANNEL and b"/cam_beam/reference" in content)
     found[at] = (CHANNEL, found[at][1].replace(b"/cam_beam/reference", b"/cam_beam/referencf"))
     (bag.parent / "other.mcap").write_bytes(records.file_of(found))
@@ -116,7 +116,7 @@ def test_a_topic_that_the_summary_calls_otherwise_is_noticed(bag):
 
 
 def test_a_bag_without_statistics_or_repeated_channels_is_read_as_it_is(bag):
-    found = records.split((bag / "run.mcap").read_bytes())
+    found = records.split((bag / "run_0.mcap").read_bytes())
     for left_out in ((STATISTICS,), (SCHEMA, CHANNEL), (STATISTICS, SCHEMA, CHANNEL)):
         path = bag.parent / "other.mcap"
         path.write_bytes(records.file_of([record for record in found if record[0] not in left_out]))
@@ -135,7 +135,7 @@ def test_metadata_and_file_must_agree(bag):
 
 
 def test_an_altered_definition_is_noticed(bag):
-    file = bag / "run.mcap"
+    file = bag / "run_0.mcap"
     found = records.split(file.read_bytes())
     at = next(at for at, (code, content) in enumerate(found) if code == SCHEMA and b"float64[] position" in content)
     content = found[at][1].replace(b"float64[] position\nfloat64[] velocity", b"float64[] velocity\nfloat64[] position")
@@ -145,10 +145,10 @@ def test_an_altered_definition_is_noticed(bag):
     refused(bag, TOPIC)
 
 
-@pytest.mark.parametrize("compressed", [True, False])
-def test_no_changed_byte_of_our_own_bags_goes_unnoticed(tmp_path, compressed):
-    bag = bags.write(tmp_path / "run", [states(300)], compressed=compressed)
-    expected, file = bags.read(bag, SIGNALS), bag / "run.mcap"
+@pytest.mark.parametrize("compression", ["zstd", ""])
+def test_no_changed_byte_of_our_own_bags_goes_unnoticed(tmp_path, compression):
+    bag = bags.write(tmp_path / "run", [states(300)], compression=compression)
+    expected, file = bags.read(bag, SIGNALS), bag / "run_0.mcap"
     content = file.read_bytes()
     for place in range(0, len(content), 61):
         file.write_bytes(content[:place] + bytes([content[place] ^ 0x10]) + content[place + 1 :])

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.bags import recording
+from hybrid_sysid_ros.bags import durable
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -95,12 +95,12 @@ class Disk:
                 publisher.publish(joint(SECOND + k * 5_000_000, position=[0.0], effort=[0.0]))
             bench.until(lambda: self.recorder.received["/cam_beam/joint_states"] == end)
 
-        def full(descriptor: int, data: bytes) -> int:
+        def full(descriptor: int, data: bytes, place: int) -> int:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
         say(0, 50)
         bench.until(lambda: self.recorder.recording.kept == 50)
-        monkeypatch.setattr(recording.os, "write", full)
+        monkeypatch.setattr(durable.os, "pwrite", full)
         say(50, 80)
         bench.until(lambda: tasks(heard) and tasks(heard)[-1].level == DiagnosticStatus.ERROR)
         assert "No space left on device" in tasks(heard)[-1].message
@@ -118,9 +118,9 @@ def test_a_full_disk_keeps_the_bag(bench: Bench, tmp_path: Path, monkeypatch: An
 
 
 def test_a_disk_that_has_room_again_gets_what_has_waited(bench: Bench, tmp_path: Path, monkeypatch: Any) -> None:
-    real = os.write
+    real = os.pwrite
     recorder = Disk(bench, tmp_path / "bag", monkeypatch).recorder
-    monkeypatch.setattr(recording.os, "write", real)
+    monkeypatch.setattr(durable.os, "pwrite", real)
     bench.until(lambda: recorder.recording.kept == 80)
     assert recorder.trouble is None
     recorder.close()
@@ -155,7 +155,7 @@ def test_a_slow_disk_holds_nobody_up(bench: Bench, tmp_path: Path, monkeypatch: 
         answer.wait()
         real(descriptor)
 
-    monkeypatch.setattr(recording.os, "fsync", slow)
+    monkeypatch.setattr(durable.os, "fsync", slow)
     monkeypatch.setattr(room, "SLOW", 0.1)
     try:
         publisher.publish(message)

@@ -216,7 +216,7 @@ def killed_run(stage: Stage) -> None:
     environment = {**os.environ, "ROS_DOMAIN_ID": str(stage.domain + 1)}
     run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment)
     try:
-        _wait(lambda: _size(bag / f"{bag.name}.mcap") > RECORDED or run.poll() is not None, 2.0 * PATIENCE)
+        _wait(lambda: _size(bag / f"{bag.name}_0.mcap") > RECORDED or run.poll() is not None, 2.0 * PATIENCE)
         time.sleep(LASTING)
         nodes = [int(pid) for pid in os.listdir("/proc") if pid.isdigit() and _status(int(pid))[1] == str(run.pid)]
         run.send_signal(signal.SIGKILL)

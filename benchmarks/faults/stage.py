@@ -33,12 +33,13 @@ from sensor_msgs.msg import JointState
 from benchmarks.faults import disk
 from benchmarks.faults.disk import TROUBLE
 from hybrid_sysid_ros.nodes import middleware, topics
-from hybrid_sysid_ros.nodes.base import SWITCH_INTERVAL
 from hybrid_sysid_ros.nodes.border import Border
 from hybrid_sysid_ros.nodes.messages import set_nanoseconds
+from hybrid_sysid_ros.nodes.process import SWITCH_INTERVAL
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import TRAINED, shipped
-from hybrid_sysid_ros.runtime.session import Session, permitted_priority
+from hybrid_sysid_ros.runtime.processes import permitted_priority
+from hybrid_sysid_ros.runtime.session import Session
 from hybrid_sysid_ros.support.errors import UserError
 
 Fault = Callable[["Stage"], None]

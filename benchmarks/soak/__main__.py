@@ -1,9 +1,10 @@
-"""Half an hour of the loop: python -m benchmarks.soak [--minutes M] [--busy N].
+"""Half an hour of the loop: python -m benchmarks.soak [--minutes M] [--busy N] [--composed].
 
 Plant, estimator, controller (supervised), reference and recorder as processes of their own, at 200 Hz and at real-time
 priority where that is permitted, as ``hybrid-sysid run --bag`` starts them; alone, or beside N processes that do
-nothing but count. Asked: memory, file descriptors, threads, shared memory and delays that do not grow, delays below
-4 ms in 99 %, and no command missed beyond what a bare sleeper would have missed.
+nothing but count; or, composed, all but the recorder in one process. Asked: memory, file descriptors, threads, shared
+memory and delays that do not grow, delays below 4 ms in 99 %, and no command missed beyond what a bare sleeper would
+have missed.
 
 A command is missed where it has not come to the plant by its next measurement (``missed_commands``). The sleeper is a
 process of the loop's priority that sleeps to absolute deadlines at the loop's rate, at the same time on the same
@@ -40,7 +41,7 @@ from benchmarks.picture import Panel, draw
 from benchmarks.soak.trend import excess, too_late, trend
 from benchmarks.soak.watch import Watch
 from hybrid_sysid_ros.commands.terminal import print_table, status
-from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.runtime import processes, session
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.progress import progress_bars
 
@@ -116,9 +117,9 @@ def _number(text: str) -> float:
         return np.nan
 
 
-def measure(minutes: float, others: int) -> tuple[dict[str, Any], bool]:
+def measure(minutes: float, others: int, *, composed: bool) -> tuple[dict[str, Any], bool]:
     """Run the loop; what was seen, and whether it was interrupted."""
-    priority, seconds = session.permitted_priority(), 60.0 * minutes
+    priority, seconds = processes.permitted_priority(), 60.0 * minutes
     watch = Watch(period=SAMPLING)
     with tempfile.TemporaryDirectory() as place:
         bag = Path(place) / "bag"
@@ -136,6 +137,7 @@ def measure(minutes: float, others: int) -> tuple[dict[str, Any], bool]:
                 bag=bag,
                 domain=DOMAIN,
                 priority=priority,
+                composed=composed,
                 tell=status.print,
                 progress=progress,
             )
@@ -146,6 +148,7 @@ def measure(minutes: float, others: int) -> tuple[dict[str, Any], bool]:
     return found(outcome.diagnostics, watch, reports, late) | {
         "priority": priority,
         "busy": others,
+        "composed": composed,
     }, outcome.interrupted
 
 
@@ -272,18 +275,19 @@ def main() -> int:
     )
     parser.add_argument("--minutes", type=float, default=MINUTES)
     parser.add_argument("--busy", type=int, default=0, metavar="N", help="processes that do nothing but count")
+    parser.add_argument("--composed", action="store_true", help="all but the recorder in one process")
     options = parser.parse_args()
     if not 0.2 <= options.minutes <= 50.0:
         raise UserError(f"--minutes {options.minutes:g}: it must be within 0.2 and 50")
     machine = result.machine()
-    seen, interrupted = measure(options.minutes, options.busy)
+    seen, interrupted = measure(options.minutes, options.busy, composed=options.composed)
     print_table(table(seen))
     if interrupted:
         print("interrupted: not written")
         return 130
     path = result.RESULTS / f"{NAME}.json"
     before = json.loads(path.read_text(encoding="utf-8"))["results"] if path.exists() else {}
-    kind = "busy" if options.busy else "plain"
+    kind = f"{'composed ' if options.composed else ''}{'busy' if options.busy else 'plain'}"
     print(f"written to {result.write(NAME, {**before, kind: {**seen, 'machine': machine}}, on=machine)}")
     if kind == "plain" and len(seen["minutes"]["missed_commands"]) > 2:
         print(picture(seen))

@@ -6,20 +6,27 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from hybrid_sysid_ros.bags.attachments import attached, collected, laid_out
     from hybrid_sysid_ros.bags.bag import METADATA, Topic, markers, name_of, topics
+    from hybrid_sysid_ros.bags.quality import Quality
     from hybrid_sysid_ros.bags.reading import read
     from hybrid_sysid_ros.bags.recording import Recording
     from hybrid_sysid_ros.bags.series import Series, joint_states, joint_trajectories, repeated
-    from hybrid_sysid_ros.bags.writing import BagWriter, write
+    from hybrid_sysid_ros.bags.writing import BagWriter, Split, write
 
 __all__ = [
     "METADATA",
     "BagWriter",
+    "Quality",
     "Recording",
     "Series",
+    "Split",
     "Topic",
+    "attached",
+    "collected",
     "joint_states",
     "joint_trajectories",
+    "laid_out",
     "markers",
     "name_of",
     "read",
@@ -31,7 +38,9 @@ __all__ = [
 _FILES = {
     **dict.fromkeys(("METADATA", "Topic", "markers", "name_of", "topics"), "bag"),
     **dict.fromkeys(("Series", "joint_states", "joint_trajectories", "repeated"), "series"),
-    **dict.fromkeys(("BagWriter", "write"), "writing"),
+    **dict.fromkeys(("BagWriter", "Split", "write"), "writing"),
+    "Quality": "quality",
+    **dict.fromkeys(("attached", "collected", "laid_out"), "attachments"),
     "read": "reading",
     "Recording": "recording",
 }

@@ -6,7 +6,9 @@ import logging
 import struct
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import repeat
+from operator import itemgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,6 +19,7 @@ from hybrid_sysid_ros.bags import mcap, metadata, part
 from hybrid_sysid_ros.bags.definitions import types_of
 from hybrid_sysid_ros.bags.layout import Types
 from hybrid_sysid_ros.bags.mcap import LONGEST_MESSAGE, MAGIC, Batch, DamagedError, McapFile, Schema
+from hybrid_sysid_ros.bags.quality import Quality
 from hybrid_sysid_ros.support.errors import UserError
 
 logger = logging.getLogger(__name__)
@@ -67,6 +70,8 @@ class Bag:
     topics: dict[str, Topic]
     schemas: dict[str, Schema]
     source: Source
+    qualities: dict[str, list[Quality]] = field(default_factory=dict)
+    """How publishers offered the topics, as far as the bag says it."""
 
     @property
     def listing(self) -> str:
@@ -84,7 +89,7 @@ class Bag:
         pending: dict[str, Batch] = {}
         size: dict[str, int] = {}
         first: dict[str, int] = {}
-        with _in_a_clear_line(self.path):
+        with clear_line(self.path):
             for batches in self.source(wanted) if wanted else ():
                 for name, batch in batches.items():
                     held = pending.setdefault(name, Batch())
@@ -100,6 +105,24 @@ class Bag:
                         size[name] = 0
             for name, held in pending.items():
                 yield self._block(name, held, first)
+
+    def messages(self, wanted: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
+        """Topic, time of logging [ns] and data of each message of the topics in `wanted`, one after the other in the
+        order of logging, but where the file is out of order by more than one chunk.
+
+        Raises:
+            UserError: the bag is damaged.
+        """
+        waiting: list[tuple[int, str, bytes]] = []
+        with clear_line(self.path):
+            for batches in self.source(wanted) if wanted else ():
+                count = len(waiting)
+                for name, batch in batches.items():
+                    waiting += zip(batch.logged, repeat(name), batch.data, strict=False)
+                waiting.sort(key=itemgetter(0))
+                yield from ((name, logged, data) for logged, name, data in waiting[:count])
+                del waiting[:count]
+            yield from ((name, logged, data) for logged, name, data in waiting)
 
     def whole(self, wanted: Collection[str]) -> dict[str, Messages]:
         """All messages of the topics in `wanted` that the bag has, for bags that are small beside the memory.
@@ -137,7 +160,7 @@ def opened(path: Path | str, *, recover: bool = False) -> Iterator[Bag]:
     path = Path(path)
     with ExitStack() as stack:
         try:
-            with _in_a_clear_line(path):
+            with clear_line(path):
                 bag = _whole(path, stack)
                 if recover:
                     for _ in bag.source(bag.topics):
@@ -151,7 +174,8 @@ def opened(path: Path | str, *, recover: bool = False) -> Iterator[Bag]:
 
 def markers(path: Path | str) -> tuple[str, ...]:
     """Files of which one shows that a folder is a bag, whole or cut: what may be replaced by another one."""
-    return METADATA, f"{Path(path).resolve().name}.mcap"
+    name = Path(path).resolve().name
+    return METADATA, f"{name}_0.mcap", f"{name}.mcap"
 
 
 def name_of(path: Path | str) -> str:
@@ -174,7 +198,7 @@ def _whole(path: Path, stack: ExitStack) -> Bag:
     """An undamaged bag. A folder whose metadata.yaml was lost is read as its MCAP files."""
     _check_ends(path)
     told = metadata.load(path) if path.is_dir() and (path / METADATA).exists() else None
-    files = list(told.files) if told else _storage_files(path)
+    files = list(told.files) if told else storage_files(path)
     if told and told.packing == "file":
         folder = Path(stack.enter_context(TemporaryDirectory()))
         files = [part.unpacked(file, folder / f"{number}_{file.stem}") for number, file in enumerate(files)]
@@ -194,7 +218,8 @@ def _whole(path: Path, stack: ExitStack) -> Bag:
             for batches in part.batches(file, said, wanted):
                 yield from part.without_packing(batches) if packed else (batches,)
 
-    return Bag(path=path, topics=_topics(schemas, counts), schemas=schemas, source=source)
+    qualities = told.qualities if told else {}
+    return Bag(path=path, topics=_topics(schemas, counts), schemas=schemas, source=source, qualities=qualities)
 
 
 def _check_alike(told: metadata.Metadata, schemas: dict[str, Schema], counts: dict[str, int]) -> None:
@@ -213,7 +238,7 @@ def _topics(schemas: dict[str, Schema], counts: dict[str, int]) -> dict[str, Top
 
 def _cut(path: Path) -> Bag:
     """What is left of a damaged bag."""
-    files = _storage_files(path)
+    files = storage_files(path)
     schemas, counts = dict[str, Schema](), dict[str, int]()
     ends: list[int] = []
     said = 0
@@ -239,7 +264,7 @@ def _cut(path: Path) -> Bag:
     )
 
 
-def _storage_files(path: Path) -> list[Path]:
+def storage_files(path: Path) -> list[Path]:
     """Files that hold a bag's messages, in the order in which they were written."""
     if path.is_dir():
         files = [file for file in path.iterdir() if file.suffix in STORAGE and file.is_file()]
@@ -256,7 +281,7 @@ def _check_ends(path: Path) -> None:
     """
     if not path.exists():
         raise UserError(f"{path}: no such file or folder")
-    files = _storage_files(path)
+    files = storage_files(path)
     packed = (path / METADATA).exists() and any({*STORAGE}.intersection(file.suffixes) for file in path.iterdir())
     if path.is_dir() and not (files or packed):
         there = "is no bag: " if any(path.iterdir()) else "is an empty folder: "
@@ -284,7 +309,7 @@ def _check_ends(path: Path) -> None:
 
 
 @contextmanager
-def _in_a_clear_line(path: Path) -> Iterator[None]:
+def clear_line(path: Path) -> Iterator[None]:
     """Turn what the libraries raise into a UserError."""
     try:
         yield
@@ -297,7 +322,7 @@ def _in_a_clear_line(path: Path) -> Iterator[None]:
 
 
 def _refusal(path: Path, damage: str) -> UserError:
-    if not any(file.suffix == ".mcap" for file in _storage_files(path)):
+    if not any(file.suffix == ".mcap" for file in storage_files(path)):
         return UserError(f"{path}: {damage}: only MCAP files can be recovered")
     return DamagedBagError(f"{path}: {damage}: read the part before it with --recover")
 

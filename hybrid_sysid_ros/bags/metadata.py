@@ -1,12 +1,19 @@
-"""Metadata: what metadata.yaml says of a bag's folder."""
+"""Metadata: what metadata.yaml says of a bag's folder, read and written."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
+import yaml
+
 from hybrid_sysid_ros.bags.mcap import DamagedError
+from hybrid_sysid_ros.bags.quality import Quality
+from hybrid_sysid_ros.bags.storage import DISTRIBUTION, Extent, Offer
 from hybrid_sysid_ros.support import yaml_text
 
 FILE = "metadata.yaml"  # what makes a folder a bag
@@ -16,14 +23,15 @@ PACKINGS = ("", "none", "file", "message")
 
 @dataclass(frozen=True, kw_only=True)
 class Metadata:
-    """files: of the folder, in their order. packing: "", "file" or "message": what zstd packed. types, counts: of each
-    topic, its messages' type and number.
+    """files: of the folder, in their order. packing: "", "file" or "message": what zstd packed. types, counts,
+    qualities: of each topic, its messages' type and number, and how its publishers offered them, as far as it is known.
     """
 
     files: tuple[Path, ...]
     packing: str
     types: dict[str, str]
     counts: dict[str, int]
+    qualities: dict[str, list[Quality]]
 
 
 def load(folder: Path) -> Metadata:
@@ -52,11 +60,72 @@ def _of(content: dict[str, Any], folder: Path) -> Metadata:
     packing = str(content.get("compression_mode") or "").lower()
     if packing not in PACKINGS or (packing[:1] in "fm" and packing and content.get("compression_format") != "zstd"):
         raise DamagedError(f"compression {packing} by {content.get('compression_format')} can't be read, only zstd")
-    types, counts = dict[str, str](), dict[str, int]()
+    types, counts, qualities = dict[str, str](), dict[str, int](), dict[str, list[Quality]]()
     for told in content["topics_with_message_count"]:
         topic = told["topic_metadata"]
         if topic["serialization_format"] != "cdr":
             raise DamagedError(f"topic {topic['name']} is in {topic['serialization_format']}, not in CDR")
         types[str(topic["name"])] = str(topic["type"])
         counts[str(topic["name"])] = counts.get(str(topic["name"]), 0) + int(told["message_count"])
-    return Metadata(files=files, packing="" if packing == "none" else packing, types=types, counts=counts)
+        qualities.setdefault(str(topic["name"]), []).extend(_qualities(topic.get("offered_qos_profiles")))
+    packing = "" if packing == "none" else packing
+    return Metadata(files=files, packing=packing, types=types, counts=counts, qualities=qualities)
+
+
+def _qualities(told: Any) -> list[Quality]:
+    """The profiles of a topic; none where they are unreadable, for no measurement depends on them."""
+    with suppress(KeyError, TypeError, ValueError, AttributeError, yaml_text.TextError):
+        profiles = yaml_text.parsed(told) if isinstance(told, str) else told
+        return [Quality.of(profile) for profile in profiles or ()]
+    return []
+
+
+def text(files: Sequence[Extent], offers: Sequence[Offer], notes: Mapping[str, str]) -> str:
+    """What rosbag2 of ROS 2 Jazzy writes of a bag's files and topics; notes: custom_data."""
+    return _dumped({"rosbag2_bagfile_information": _told(files, offers, notes)})
+
+
+def inner_text(file: Extent, offers: Sequence[Offer], notes: Mapping[str, str]) -> str:
+    """What it writes into a file of it."""
+    return _dumped(_told([file], offers, notes))
+
+
+def _told(files: Sequence[Extent], offers: Sequence[Offer], notes: Mapping[str, str]) -> dict[str, Any]:
+    counts = sum((file.counts for file in files), Counter[str]())
+    held = [file for file in files if file.counts]
+    first, last = min((file.first for file in held), default=0), max((file.last for file in held), default=0)
+    return {
+        "version": NEWEST,
+        "storage_identifier": "mcap",
+        **_times(first, last),
+        "message_count": counts.total(),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": offer.topic,
+                    "type": offer.type,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": offer.profiles,
+                    "type_description_hash": offer.hash,
+                },
+                "message_count": counts[offer.topic],
+            }
+            for offer in offers
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [
+            {"path": file.name, **_times(file.first, file.last), "message_count": file.counts.total()} for file in files
+        ],
+        "custom_data": dict(notes) or None,
+        "ros_distro": DISTRIBUTION,
+    }
+
+
+def _times(first: int, last: int) -> dict[str, Any]:
+    return {"duration": {"nanoseconds": last - first}, "starting_time": {"nanoseconds_since_epoch": first}}
+
+
+def _dumped(content: dict[str, Any]) -> str:
+    return str(yaml.dump(content, Dumper=yaml_text.Dumper, sort_keys=False, allow_unicode=True))

@@ -1,29 +1,38 @@
-"""Writing: rosbag2 folders of ROS 2 Jazzy's default kind (metadata.yaml and one MCAP file), without ROS."""
+"""Writing: rosbag2 folders of ROS 2 Jazzy's default kind (metadata.yaml and MCAP files), without ROS."""
 
 from __future__ import annotations
 
-import sys
-import zlib
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
-from rosbags.interfaces import Connection
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.rosbag2.storage_mcap import McapWriter
 
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
-
-from hybrid_sysid_ros.bags.bag import markers
-from hybrid_sysid_ros.bags.mcap import CHECKSUM_PLACE
-from hybrid_sysid_ros.bags.series import Series, jazzy_types
+from hybrid_sysid_ros.bags import metadata
+from hybrid_sysid_ros.bags.bag import METADATA, markers
+from hybrid_sysid_ros.bags.quality import Quality
+from hybrid_sysid_ros.bags.series import SECOND, Series, jazzy_types
+from hybrid_sysid_ros.bags.storage import Compression, Extent, Offer, Storage
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import written_folder
+
+
+@dataclass(frozen=True, kw_only=True)
+class Split:
+    """Where a bag goes on in a next file: from so many bytes on the disk, or seconds of log time, on; 0: never."""
+
+    size: int = 0
+    seconds: float = 0.0
+
+    def is_due(self, file: Storage, logged: int) -> bool:
+        """Whether a message that was logged then [ns] belongs into the next one."""
+        if not file.counts:
+            return False
+        long = 0.0 < self.seconds * SECOND <= logged - file.first
+        return long or 0 < self.size <= file.stream.tell()
 
 
 class BagWriter:
@@ -32,9 +41,10 @@ class BagWriter:
     It grows in a temporary folder beside `path`, which takes its place when the context ends well: a bag is whole or
     not there. What cannot be had again is written by a :class:`Recording`.
 
-    compressed: pack the chunks of the MCAP file with zstd, which every MCAP reader unpacks.
+    compression: what packs the chunks of the MCAP files: zstd or lz4, which every MCAP reader unpacks; "": nothing.
     replace: replace a bag that exists there.
     notes: text by key for the metadata (custom_data), such as where the data came from.
+    split: where it goes on in a next file.
 
     Raises UserError when the place cannot be written or is taken.
     """
@@ -43,106 +53,124 @@ class BagWriter:
         self,
         path: Path | str,
         *,
-        compressed: bool = True,
+        compression: Compression = "zstd",
         replace: bool = False,
         notes: Mapping[str, str] | None = None,
+        split: Split | None = None,
     ) -> None:
         self.path = Path(path)
         self.messages = 0
-        self._compressed = compressed
+        self._compression = compression
         self._replace = replace
         self._notes = dict(notes or {})
+        self._split = split or Split()
         self._stack = ExitStack()
-        self._connections: dict[str, Connection] = {}
+        self._offers: dict[str, Offer] = {}
+        self._files: list[Storage] = []
+        self._folder = self.path
 
     def __enter__(self) -> BagWriter:
         with ExitStack() as stack:
             place = written_folder(self.path, marker=markers(self.path), replace=self._replace)
-            folder = stack.enter_context(place)
-            folder.rmdir()  # the writer makes it
-            stack.push(self._begin(folder))
+            self._folder = stack.enter_context(place)
+            stack.push(self._end)
+            self._next_file()
             self._stack = stack.pop_all()
         return self
-
-    def _begin(self, folder: Path) -> Writer:
-        """Make the folder and begin to write in it."""
-        self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-        if self._compressed:
-            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        for key, text in self._notes.items():
-            self._writer.set_custom_data(key, text)
-        self._writer.open()
-        self._storage.__class__ = _CheckedWriter
-        if self._compressed:
-            self._storage.compressor = _packed
-        return self._writer
-
-    @property
-    def _storage(self) -> McapWriter:
-        assert isinstance(self._writer.storage, McapWriter)
-        return self._writer.storage
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.__exit__(kind, error, trace)
 
-    def write_raw(self, topic: str, message_type: str, stamp: int, data: bytes | memoryview) -> None:
-        """Write one serialised message (CDR, as a raw subscription of rclpy gives it).
+    def _end(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        try:
+            if kind is None:
+                self._finish_file()
+                self._describe()
+        finally:
+            for file in self._files:
+                file.stream.close()
 
-        stamp: time of logging [ns].
+    def offer(self, topic: str, message_type: str, qualities: Sequence[Quality] = ()) -> Offer:
+        """Say how a topic is offered, before its first message is written.
 
         Raises:
             UserError: ROS 2 Jazzy has no such message type, or the topic had another type before.
         """
-        connection = self._connections.get(topic)
-        if connection is None or connection.msgtype != message_type:
-            connection = self._connection(topic, message_type)
-        self._writer.write(connection, stamp, data)
+        package, _, name = message_type.rpartition("/")
+        full = message_type if package.endswith("/msg") else f"{package}/msg/{name}"
+        known = self._offers.get(topic)
+        if known is None:
+            if full not in jazzy_types().fielddefs:
+                raise UserError(f"{self.path}: topic {topic}: message type {message_type!r} is not one of ROS 2 Jazzy")
+            known = self._offers[topic] = Offer(topic=topic, type=full, qualities=tuple(qualities))
+        if known.type != full:
+            raise UserError(f"{self.path}: topic {topic} has type {known.type}, not {full} as well")
+        return known
+
+    def write_raw(
+        self, topic: str, message_type: str, stamp: int, data: bytes | memoryview, *, published: int = 0
+    ) -> None:
+        """Write one serialised message (CDR, as a raw subscription of rclpy gives it).
+
+        stamp: time of logging [ns]. published: when it was sent, as far as that is known [ns]; 0: when it was logged.
+
+        Raises:
+            UserError: see :meth:`offer`.
+        """
+        offer = self._offers.get(topic)
+        if offer is None or offer.type != message_type:
+            offer = self.offer(topic, message_type)
+        if self._split.is_due(self._files[-1], stamp):
+            self._next_file()
+        self._files[-1].write(offer, stamp, published or stamp, data)
         self.messages += 1
+
+    def attach(self, name: str, data: bytes, logged: int) -> None:
+        """Keep a file beside the messages, and the time [ns] at which it was read; see :mod:`.attachments`."""
+        self._files[-1].attach(name, data, logged)
 
     def flush(self) -> None:
         """End a chunk of the file here."""
-        if self._storage.chunk.msgs:
-            self._storage.close_chunk()
+        self._files[-1].flush()
 
-    def _connection(self, topic: str, message_type: str) -> Connection:
-        package, _, name = message_type.rpartition("/")
-        full = message_type if package.endswith("/msg") else f"{package}/msg/{name}"
-        if topic in self._connections:
-            if self._connections[topic].msgtype == full:
-                return self._connections[topic]
-            raise UserError(
-                f"{self.path}: topic {topic} has type {self._connections[topic].msgtype}, not {full} as well"
-            )
-        if full not in jazzy_types().fielddefs:
-            raise UserError(f"{self.path}: topic {topic}: message type {message_type!r} is not one of ROS 2 Jazzy")
-        self._connections[topic] = self._writer.add_connection(topic, full, typestore=jazzy_types())
-        return self._connections[topic]
+    def _next_file(self) -> None:
+        """Begin the next file, and end the one before."""
+        name = f"{self.path.resolve().name}_{len(self._files)}.mcap"
+        stream = self._opened(self._folder / name)
+        if self._files:
+            self._finish_file()
+        self._files.append(Storage(name, stream, compression=self._compression))
 
+    def _finish_file(self) -> None:
+        offers = tuple(self._offers.values())
+        self._files[-1].finish(lambda file: metadata.inner_text(file, offers, self._notes))
 
-class _CheckedWriter(McapWriter):
-    """Gives each chunk its checksum, which rosbags leaves out."""
+    def _opened(self, path: Path) -> Any:
+        """A new file, to write into."""
+        return path.open("xb")
 
-    def close_chunk(self) -> None:
-        checksum, start = zlib.crc32(self.chunk.bio.getbuffer()), self.bio.tell()
-        super().close_chunk()
-        end = self.bio.tell()
-        self.bio.seek(start + CHECKSUM_PLACE)
-        self.bio.write(checksum.to_bytes(4, "little"))
-        self.bio.seek(end)
+    def _describe(self) -> None:
+        """Write metadata.yaml, beside its place, then rename."""
+        partial = self._folder / f"{METADATA}.tmp"
+        content = metadata.text(self._extents(), tuple(self._offers.values()), self._notes)
+        self._put(partial, content.encode())
+        partial.replace(self._folder / METADATA)
 
+    def _put(self, path: Path, data: bytes) -> None:
+        path.write_bytes(data)
 
-def _packed(chunk: bytes) -> bytes:
-    """Pack a chunk with zstd and a checksum, so that no reader takes damaged bytes for measurements."""
-    return zstd.compress(chunk, options={zstd.CompressionParameter.checksum_flag: 1})
+    def _extents(self) -> list[Extent]:
+        """What the files hold."""
+        return [file.extent for file in self._files]
 
 
 def write(
     path: Path | str,
     topics: Sequence[Series],
     *,
-    compressed: bool = True,
+    compression: Compression = "zstd",
     replace: bool = False,
     notes: Mapping[str, str] | None = None,
 ) -> Path:
@@ -151,7 +179,7 @@ def write(
     Raises:
         UserError: the place cannot be written, or holds something that may not be replaced.
     """
-    with BagWriter(path, compressed=compressed, replace=replace, notes=notes) as writer:
+    with BagWriter(path, compression=compression, replace=replace, notes=notes) as writer:
         stamps = np.concatenate([one.stamps for one in topics])
         owner = np.repeat(np.arange(len(topics)), [len(one.stamps) for one in topics])
         following = [one.messages() for one in topics]

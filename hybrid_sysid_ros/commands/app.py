@@ -12,7 +12,12 @@ COMMANDS = [
     LateCommand("ensemble", f"{HERE}.ensemble", "Score several models together on bags."),
     LateCommand("search", f"{HERE}.search", "Search the options of a structure."),
     LateCommand("friction", f"{HERE}.friction", "Draw a law of friction, or list them."),
-    LateCommand("run", f"{HERE}.run", "Run plant, estimator, controller and reference as ROS 2 processes."),
+    LateCommand("run", f"{HERE}.run", "Run plant, estimator, controller and reference as ROS 2 nodes."),
+    LateCommand("play", f"{HERE}.play", "Publish the messages of a bag again."),
+    LateCommand("replay", f"{HERE}.replay", "Let estimator and controller answer a recorded loop again."),
+    LateCommand("parameters", f"{HERE}.parameters", "Write the ROS parameter file of a rig's nodes."),
+    LateCommand("check", f"{HERE}.check", "Check the installation in a quarter of a minute."),
+    LateCommand("view", f"{HERE}.view", "Show a running rig on a page of this computer."),
     LateCommand("demo", f"{HERE}.demo", "From bags to a controlled rig: identify, run the loop, report."),
 ]
 POLICY_COMMANDS = [
@@ -26,6 +31,7 @@ MODEL_COMMANDS = [
 RIG_COMMANDS = [
     LateCommand("new", f"{HERE}.rig_new", "Write a small rig to begin with."),
     LateCommand("check", f"{HERE}.rig_check", "Check a rig and show its step response."),
+    LateCommand("layouts", f"{HERE}.rig_layouts", "Write a rig's URDF, and layouts for Foxglove and PlotJuggler."),
     LateCommand("list", f"{HERE}.rig_list", "List the rigs that are known by name."),
 ]
 

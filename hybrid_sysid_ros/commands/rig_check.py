@@ -12,10 +12,12 @@ from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import console, end, print_table
 from hybrid_sysid_ros.rigs.check import check, step_responses
+from hybrid_sysid_ros.rigs.drawing import Drawing
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.parameters import declarations, defaults
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.view.requests import Offer
 
 BLOCKS = "▁▂▃▄▅▆▇█"
 SAMPLES = 24
@@ -81,6 +83,8 @@ def _values(rig: Rig) -> Iterator[str]:
         ("nodes", lambda: configuration.mpc_problem(controller, rig)),
         ("nodes", lambda: configuration.estimator_tuning(estimator, rig)),
         ("policy_training", lambda: configuration.spread_of(rig)),
+        ("drawing", lambda: Drawing(rig)),
+        ("faults", lambda: Offer.of(rig, ())),
         ("demo", lambda: _demo(rig)),
     ]
     for section, make in made:

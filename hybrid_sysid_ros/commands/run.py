@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import PORT, Overwrite, Port, RigName, console, print_table, status
 from hybrid_sysid_ros.runtime import session
 from hybrid_sysid_ros.support.errors import Interrupted
 from hybrid_sysid_ros.support.progress import progress_bars
@@ -27,9 +27,13 @@ def command(
     ] = "",
     bag: Annotated[Path | None, typer.Option(help="Record into this bag.")] = None,
     overwrite: Overwrite = False,
+    view: Annotated[bool, typer.Option("--view", help="Show the run on a page, and go on until Ctrl-C.")] = False,
+    port: Port = PORT,
     lockstep: Annotated[bool, typer.Option("--lockstep", help="As fast as the nodes answer, repeatable.")] = False,
+    composed: Annotated[bool, typer.Option("--composed", help="All in one process, but the recorder.")] = False,
+    domain: Annotated[int | None, typer.Option(help="ROS domain; that of ROS_DOMAIN_ID by default.")] = None,
 ) -> None:
-    """Run plant, estimator, controller and reference as ROS 2 processes."""
+    """Run plant, estimator, controller and reference as ROS 2 nodes."""
     with progress_bars(status) as update:
 
         def progress(seconds: float, expected: float) -> None:
@@ -47,7 +51,10 @@ def command(
             reference=reference,
             bag=bag,
             overwrite=overwrite,
+            view=port if view else None,
             lockstep=lockstep,
+            composed=composed,
+            domain=domain,
             tell=status.print,
             progress=progress,
         )

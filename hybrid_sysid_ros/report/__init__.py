@@ -1,6 +1,7 @@
 """Reports: one HTML page about a model and the loop it runs in, which needs no network to be read."""
 
 from hybrid_sysid_ros.report.rendering import check_available, write
+from hybrid_sysid_ros.report.replay_page import write_replay
 from hybrid_sysid_ros.report.sections import (
     ClosedLoopSection,
     FreeRun,
@@ -21,4 +22,5 @@ __all__ = [
     "identification_section",
     "provenance",
     "write",
+    "write_replay",
 ]

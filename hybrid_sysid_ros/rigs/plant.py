@@ -45,6 +45,8 @@ class Plant:
         self.rig = rig
         self.step = rig.step
         self.bias = np.broadcast_to(np.asarray(bias, dtype=float), len(rig.actuators)).copy()
+        self.brake = np.zeros(len(rig.system.states))
+        """By how much a brake slows each state (states,) [its unit/s]: what is slower than that stands."""
         self.noisy = noisy
         system, random = rig.system, np.random.default_rng(seed)
         functions = compiled(system)
@@ -102,7 +104,8 @@ class Plant:
         self._disturb()
         for channel in self._channels:
             channel.advance()
-        for channel, value in zip(self._channels, self._move(steps=1), strict=True):
+        outputs = self._braked() if self.brake.any() else self._move(steps=1)
+        for channel, value in zip(self._channels, outputs, strict=True):
             channel.see(value)
         self._ticks += 1
         self._read()
@@ -115,6 +118,19 @@ class Plant:
         )  # fmt: skip
         found: list[float] = self._outputs.tolist()
         return found
+
+    def _braked(self) -> list[float]:
+        """One step with the brake behind it, which never turns a velocity round: what stood and would stand goes
+        nowhere.
+        """
+        before = self.state.copy()
+        self._move(steps=1)
+        most = self.brake * self.step
+        self.state -= np.clip(self.state, -most, most)
+        for position, velocity in enumerate(self._velocities):
+            if velocity >= 0 and most[velocity] and not (before[velocity] or self.state[velocity]):
+                self.state[position] = before[position]
+        return self._move(steps=0)
 
     def _act(self) -> None:
         """What acts on the system now, behind the delays."""

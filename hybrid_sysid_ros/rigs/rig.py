@@ -24,10 +24,13 @@ from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, re
 SECTIONS = (
     "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
     "policy_training", "policy_certificate", "demo", "travel", "disturbances",
+    "drawing", "faults",
 )  # fmt: skip
 BEYOND = 1e9
 """No state, input or output of a rig is that large, whatever its unit."""
 
+MARGIN = 0.02
+"""Of the travel, at each end, that no reference reaches."""
 LONGEST_NAME = 100  # characters
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
 
@@ -127,6 +130,13 @@ class Rig:
             if item.name in names:
                 found[:, index] = self.travel[:, names.index(item.name)]
         return found
+
+    @property
+    def reach(self) -> NDArray[np.float64]:
+        """Lowest and highest value of each output that a reference may ask for (2, outputs), inside of its travel."""
+        low, high = self.travel_of_outputs
+        margin = np.where(np.isfinite(high - low), MARGIN * (high - low), 0.0)
+        return np.array([low + margin, high - margin])
 
     @property
     def bias(self) -> tuple[float, ...]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.control import Problem
@@ -12,12 +11,14 @@ from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.parameters import Parameter, defaults, parameters
+from hybrid_sysid_ros.runtime.parameters import Parameter, check_rules, defaults, parameters
+from hybrid_sysid_ros.runtime.shipped import TRAINED, shipped
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers
 
 __all__ = [
-    "CAMERA", "Parameter", "defaults", "estimator_tuning", "mpc_problem", "parameters", "shipped", "spread_of",
+    "CAMERA", "TRAINED", "Parameter", "check_rules", "defaults", "estimator_tuning", "mpc_problem", "parameters",
+    "shipped", "spread_of",
 ]  # fmt: skip
 
 CAMERA = "camera"
@@ -26,19 +27,6 @@ OWN_NOISE = 0.05
 """Process noise of a state without a unit that a model has beside the rig's [1/sqrt(s)]."""
 NONE = 1e9
 """A bound of a state from which on it is none."""
-OPTIONS = {"model": "--model", "policy": "--policy-path"}
-"""Of commands, by which another folder than the shipped one is given."""
-TRAINED = Path(__file__).parents[1] / "trained"
-
-
-def shipped(rig: str, kind: str) -> Path:
-    """Folder of what comes trained with the package for a rig; kind: model or policy. Raises UserError where nothing
-    does.
-    """
-    folder = TRAINED / rig / kind
-    if not folder.is_dir():
-        raise UserError(f"no {kind} comes with the package for the rig {rig} ({folder}): give {OPTIONS[kind]}")
-    return folder
 
 
 def in_si(values: Sequence[float], rig: Rig) -> tuple[float, ...]:

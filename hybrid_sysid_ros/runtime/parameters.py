@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -32,6 +33,8 @@ class Parameter:
     high: float = math.inf
     choices: tuple[str, ...] = ()
     live: bool = False
+    above: str = ""
+    """Another parameter of the node, than which it must be larger."""
     each: str = ""
     """input, output or state: a list with a number for each of the rig's; "": one value."""
     count: int = 0
@@ -49,6 +52,17 @@ class Parameter:
     def kind(self) -> type:
         """bool, int, float or str; of a list that of its entries."""
         return float if self.each else type(self.default)
+
+    @property
+    def said(self) -> str:
+        """What there is to say of it in a line."""
+        words = [f"{self.description}{f' [{self.unit}]' if self.unit else ''}"]
+        words += [f"one for each {self.each}"] if self.each else []
+        words += [f"within [{self.low:g}, {self.high:g}]"] if math.isfinite(self.low) else []
+        words += [f"one of {', '.join(self.choices)}"] if self.choices else []
+        words += [f"more than {self.above}"] if self.above else []
+        words += ["live"] if self.live else []
+        return "; ".join(words)
 
     def checked(self, value: Any) -> Any:
         """Return the value as the parameter's kind (an integer does for a number); a list at its full length. Raises
@@ -100,12 +114,52 @@ def parameters(rig: Rig | str, node: str) -> dict[str, Parameter]:
                 found[name] = replace(found[name], default=found[name].checked(values[name]))
             except UserError as error:
                 raise UserError(f"{where}: nodes.{node}: {error}") from error
+    for name, item in found.items():
+        if item.above and item.above not in found:
+            raise UserError(f"{DECLARATIONS}: nodes.{node}.{name}: above is {item.above}, which the node does not have")
+    try:
+        check_rules(found, {name: item.default for name, item in found.items()})
+    except UserError as error:
+        raise UserError(f"{where}: nodes.{node}: {error}") from error
     return found
+
+
+def check_rules(known: Mapping[str, Parameter], values: Mapping[str, Any]) -> None:
+    """Raise UserError where values (by name) are against a rule that two parameters share."""
+    for name, item in known.items():
+        if item.above and not values[name] > values[item.above]:
+            raise UserError(
+                f"parameter {name} is {_with_unit(item, values)}: it must be more than {item.above}, "
+                f"{_with_unit(known[item.above], values)}"
+            )
+
+
+def _with_unit(item: Parameter, values: Mapping[str, Any]) -> str:
+    return f"{values[item.name]:g} {item.unit}".rstrip()
 
 
 def defaults(rig: Rig | str, node: str) -> dict[str, Any]:
     """Value of each parameter of a node that nobody sets. Raises UserError: see parameters()."""
     return {name: parameter.default for name, parameter in parameters(rig, node).items()}
+
+
+def parameter_file(rig: Rig | str) -> str:
+    """A ROS parameter file of all nodes of a rig, with the values that it has where nobody says otherwise, for
+    ``--params-file``. Raises UserError: see parameters().
+    """
+    rig = rig if isinstance(rig, Rig) else load(rig)
+    lines = [
+        f"# The nodes of {rig.name}: ros2 run hybrid_sysid_ros controller --ros-args --params-file THIS_FILE",
+        "# What is live may be set while a node runs; the others are read when it is configured.",
+        "/**:",
+        "  ros__parameters:",
+        f"    rig: {json.dumps(rig.source)}",
+    ]
+    for node in declarations():
+        lines += [f"/**/{node}:", "  ros__parameters:"]
+        for name, item in parameters(rig, node).items():
+            lines += [f"    # {item.said}", f"    {name}: {json.dumps(item.default)}"]
+    return "\n".join(lines) + "\n"
 
 
 @lru_cache(maxsize=1)

@@ -7,7 +7,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -19,9 +18,10 @@ from queue import Empty, Queue
 from types import TracebackType
 from typing import Any
 
-from hybrid_sysid_ros.bags import METADATA, markers
+from hybrid_sysid_ros.bags import markers
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.runtime import configuration, processes
+from hybrid_sysid_ros.runtime.processes import COMPOSED
 from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
@@ -29,9 +29,9 @@ from hybrid_sysid_ros.support.files import check_folder
 READY_TIMEOUT = 300.0  # s, until a node has imported and compiled everything
 START_TIMEOUT = 30.0  # s, until the loop is complete
 STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # s
-STOP_ORDER = (("plant", "reference"), ("estimator", "controller"), ("recorder",))
+STOP_ORDER = (("plant", "reference", COMPOSED), ("estimator", "controller"), ("recorder", "replay", "view"))
+LOOP = ("plant", "estimator", "controller", "reference")
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a session
-REAL_TIME_PRIORITY = 10  # of the loop's processes: above every ordinary one, below what a system keeps for itself
 TICK = 0.25  # s, between two calls of progress
 
 Tell = Callable[[str], None]
@@ -57,9 +57,10 @@ class Child:
 
     node: str
     process: subprocess.Popen[str]
+    needed: bool = True
+    """Whether a run can't go on without it, once it is ready."""
     listeners: list[threading.Thread] = field(default_factory=list)
     words: set[str] = field(default_factory=set)
-    diagnostics: dict[str, Any] = field(default_factory=dict)
     complaint: str = ""
 
 
@@ -82,9 +83,11 @@ class Session:
             raise UserError(f"ROS domain {domain}: it must be within 0 and 232")
         self.rig = rigs.load(rig).source
         self.children: dict[str, Child] = {}
+        self.diagnostics: dict[str, dict[str, Any]] = {}
         self._tell = tell
         self._namespace = rigs.load(rig).namespace
-        self._environment = _environment(domain)
+        self._environment = {**processes.environment(domain), interruption.TETHER: "1"}
+        self._place = tempfile.TemporaryDirectory(prefix="hybrid_sysid_")
         self._lines: Queue[tuple[Child, str, str]] = Queue()
         self._stopped = False
 
@@ -96,25 +99,19 @@ class Session:
     ) -> None:
         if not self._stopped:
             self.stop()
+        self._place.cleanup()
 
     def command(self, node: str, values: Mapping[str, Any]) -> list[str]:
-        """Command that starts a node with these parameters; the others have their defaults. Raises UserError where a
-        parameter is unknown or not allowed.
-        """
-        known = configuration.parameters(self.rig, node)
-        command = [sys.executable, "-m", f"hybrid_sysid_ros.nodes.{node}", "--ros-args"]
-        command += ["-r", f"__ns:=/{self._namespace}", "-p", f"rig:={json.dumps(self.rig)}"]
-        for name, value in values.items():
-            if name not in known:
-                raise UserError(f"{node}: unknown parameter {name}: known are {', '.join(known)}")
-            try:
-                command += ["-p", f"{name}:={json.dumps(known[name].checked(value))}"]
-            except UserError as error:
-                raise UserError(f"{node}: {error}") from error
-        return command
+        """Command that starts a node in the rig's namespace; see :func:`.processes.command`."""
+        return processes.command(node, values, rig=self.rig, namespace=self._namespace)
 
-    def start(self, node: str, command: Sequence[str]) -> None:
-        """Start a node's process."""
+    def composed(self, values: Mapping[str, Mapping[str, Any]]) -> list[str]:
+        """Command that starts nodes in one process; see :func:`.processes.composed`."""
+        file = Path(self._place.name) / "parameters.yaml"
+        return processes.composed(values, file, rig=self.rig, namespace=self._namespace)
+
+    def start(self, node: str, command: Sequence[str], *, needed: bool = True) -> None:
+        """Start a node's process; needed: whether the session ends when it does, also once it was ready."""
         process = subprocess.Popen(
             command,
             stdin=subprocess.PIPE,  # which ends with this process, however that does
@@ -126,7 +123,7 @@ class Session:
             start_new_session=True,  # Ctrl-C comes here, and they are stopped in their order
         )
         self._stopped = False
-        child = self.children[node] = Child(node=node, process=process)
+        child = self.children[node] = Child(node=node, process=process, needed=needed)
         for stream in ("stdout", "stderr"):
             child.listeners.append(threading.Thread(target=self._listen, args=(child, stream), daemon=True))
             child.listeners[-1].start()
@@ -138,10 +135,15 @@ class Session:
         end = time.monotonic() + timeout
         while waiting := [node for node in nodes if word not in self.children[node].words]:
             self._hear(TICK)
-            for child in self.children.values():
+            for child in list(self.children.values()):
                 self._check(child)
             if time.monotonic() > end:
                 raise UserError(f"{', '.join(waiting)} not {word} after {timeout:g} s: is the machine overloaded?")
+
+    @property
+    def url(self) -> str:
+        """Where the page of the node view is, once that is ready."""
+        return next((word for word in self.children["view"].words if word.startswith("http://")), "")
 
     def wait_for_end(self, nodes: Sequence[str], progress: Callable[[float], None]) -> None:
         """Wait until one of these nodes has ended well; `progress` gets the seconds waited. Raises UserError where a
@@ -151,7 +153,7 @@ class Session:
         while True:
             self._hear(TICK)
             progress(time.monotonic() - begin)
-            for child in self.children.values():
+            for child in list(self.children.values()):
                 if child.node in nodes and child.process.poll() == 0:
                     return
                 self._check(child)
@@ -175,7 +177,9 @@ class Session:
             if child.process.stdin is not None:
                 child.process.stdin.close()
         self._stopped = True
-        return {child.node: child.diagnostics for child in self.children.values()}
+        return {
+            node: self.diagnostics.get(node, {}) for node in (*self.children, *self.diagnostics) if node != COMPOSED
+        }
 
     def check_end(self) -> None:
         """Raise UserError for a node that told of a failure, as a recorder that could not write, or did not end."""
@@ -185,9 +189,15 @@ class Session:
                 raise self._failure(child)
 
     def _check(self, child: Child) -> None:
-        if child.process.poll() is not None:
-            self._hear_last(child)
+        if child.process.poll() is None:
+            return
+        self._hear_last(child)
+        if child.needed or "ready" not in child.words:
             raise self._failure(child)
+        self._tell(f"{self._failure(child)}; the others go on")
+        if child.process.stdin is not None:
+            child.process.stdin.close()
+        del self.children[child.node]
 
     def _failure(self, child: Child) -> UserError:
         status = child.process.poll()
@@ -218,8 +228,9 @@ class Session:
 
     def _take(self, child: Child, stream: str, line: str) -> None:
         if stream == "stdout" and line.startswith("{"):
-            with suppress(ValueError):  # cut short, where the node was killed
-                child.diagnostics.update(json.loads(line))
+            with suppress(ValueError, KeyError):  # cut short, where the node was killed
+                said = json.loads(line)
+                self.diagnostics[said.pop("node")] = said
         elif stream == "stdout":
             child.words.add(line)
         elif line:
@@ -241,8 +252,10 @@ def run(
     reference: str = "",
     bag: Path | str | None = None,
     overwrite: bool = False,
+    view: int | None = None,
     domain: int | None = None,
     priority: int | None = None,
+    composed: bool = False,
     parameters: Mapping[str, Mapping[str, Any]] | None = None,
     tell: Tell = print,
     progress: Progress = lambda seconds, duration: None,
@@ -251,10 +264,11 @@ def run(
 
     rig: name or path, the default one by default. rate: of measurements [Hz], the rig's by default. reference: a kind,
     or one of the rig's by name, its first by default. duration: of the reference [s]; 0: its own, or until Ctrl-C.
-    lockstep: as fast as the nodes are, in simulated time. bag: folder to record all topics into. priority: of plant,
-    estimator and controller as real-time processes; None: a modest one where the system permits it. parameters: more of
-    them, by node and name. tell: gets lines for the user. progress: gets the seconds since the start, and how many
-    there will be (0: unknown).
+    lockstep: as fast as the nodes are, in simulated time. bag: folder to record all topics into. view: port of a page
+    that shows the run (0: any); it then goes on when a reference of the rig's own has ended. priority: of plant,
+    estimator and controller as real-time processes; None: a modest one where the system permits it. composed: those of
+    the loop in one process. parameters: more of them, by node and name. tell: gets lines for the user.
+    progress: gets the seconds since the start, and how many there will be (0: unknown).
 
     Raises UserError without ROS, and where a parameter is wrong, the bag can't be written, or a node could not start or
     ended too early.
@@ -272,7 +286,10 @@ def run(
         "plant": {"rate": rate, **lock, "wait_for_readers": 2 if bag is None else 3},
     }
     values |= {} if bag is None else {"recorder": {"path": str(bag), "overwrite": overwrite}}
-    chosen = permitted_priority() if priority is None and not lockstep else priority or 0
+    if view is not None:
+        values["reference"]["stay"] = not duration
+        values["view"] = {"port": view}
+    chosen = processes.permitted_priority() if priority is None and not lockstep else priority or 0
     for node in ("plant", "estimator", "controller"):
         values[node]["priority"] = chosen
     for node, more in (parameters or {}).items():
@@ -285,12 +302,17 @@ def run(
     interrupted = False
     with _interruptible(), _naming(bag), Session(described.source, domain=domain, tell=tell) as session:
         try:
-            commands = {node: session.command(node, given) for node, given in values.items()}
-            for node, command in commands.items():
-                session.start(node, command)
-            session.wait_for("ready", list(values), READY_TIMEOUT)
-            session.wait_for("started", ["plant"], START_TIMEOUT)
-            session.wait_for_end(["reference", "plant"], lambda seconds: progress(seconds, expected))
+            together = {node: values.pop(node) for node in LOOP} if composed else {}
+            commands = {COMPOSED: session.composed(together)} if composed else {}
+            commands |= {node: session.command(node, given) for node, given in values.items()}
+            for child, command in commands.items():
+                session.start(child, command, needed=child != "view")
+            session.wait_for("ready", list(commands), READY_TIMEOUT)
+            if view is not None:
+                tell(f"live view: {session.url}")
+            session.wait_for("started", [COMPOSED if composed else "plant"], START_TIMEOUT)
+            ending = [COMPOSED] if composed else ["reference", "plant"]
+            session.wait_for_end(ending, lambda seconds: progress(seconds, expected))
         except KeyboardInterrupt:
             interrupted = True
         diagnostics = session.stop()
@@ -298,29 +320,18 @@ def run(
     return Outcome(diagnostics=diagnostics, interrupted=interrupted, bag=None if bag is None else Path(bag))
 
 
-def permitted_priority() -> int:
-    """REAL_TIME_PRIORITY where this process may have one (as root, or by `ulimit -r`), else 0."""
-    try:
-        before = os.sched_getscheduler(0)
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
-        os.sched_setscheduler(0, before, os.sched_param(0))
-    except (OSError, AttributeError):  # not permitted, or no Linux
-        return 0
-    return REAL_TIME_PRIORITY
-
-
-def _environment(domain: int | None) -> dict[str, str]:
-    """Environment of the nodes. What the user has set stays."""
-    environment = dict(os.environ)
-    if domain is not None:
-        environment["ROS_DOMAIN_ID"] = str(domain)
-    environment[interruption.TETHER] = "1"
-    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # a loop's matrices are too small for more
-        environment.setdefault(name, "1")
-    if "HOME" not in environment:
-        environment.setdefault("ROS_LOG_DIR", str(Path(tempfile.gettempdir()) / "ros_log"))
-    return environment
+def view(*, rig: str, port: int, show: Callable[[str], None], domain: int | None = None, tell: Tell = print) -> None:
+    """Show a rig that others run on a page, until an interrupt. show: gets the page's address. Raises UserError without
+    ROS, where the port is taken, and where the view ended early.
+    """
+    with _interruptible(), Session(rig, domain=domain, tell=tell) as session:
+        with suppress(KeyboardInterrupt):
+            session.start("view", session.command("view", {"port": port}))
+            session.wait_for("ready", ["view"], READY_TIMEOUT)
+            show(session.url)
+            session.wait_for_end(["view"], lambda seconds: None)
+        session.stop()
+        session.check_end()
 
 
 @contextmanager
@@ -334,8 +345,7 @@ def _naming(bag: Path | str | None) -> Iterator[None]:
     except UserError as error:
         if _number(bag) in (None, before) or str(bag) in str(error):
             raise
-        how = "" if (Path(bag) / METADATA).exists() else ": read it with --recover"
-        raise UserError(f"{error}; what was recorded is in {bag}{how}") from error
+        raise UserError(f"{error}; what was recorded is in {bag}") from error
 
 
 def _number(path: Path | str) -> int | None:

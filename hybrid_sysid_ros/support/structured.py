@@ -59,7 +59,7 @@ def section(content: Mapping[str, Any], key: str, where: str, *, needed: bool = 
 
 
 def built(kind: type[T], value: Any, where: str) -> T:
-    """A dataclass from a mapping of its fields: numbers, text, truth values, and dataclasses again.
+    """A dataclass from a mapping of its fields: numbers, text, truth values, dataclasses again, and lists of these.
 
     Raises:
         UserError: a key is unknown, missing or of the wrong kind, or the dataclass itself refuses.
@@ -104,6 +104,10 @@ def _checked(hint: Any, value: Any, where: str) -> Any:
     wanted = next(choice for choice in choices if choice is not NoneType)
     if dataclasses.is_dataclass(wanted) and isinstance(wanted, type):
         return built(wanted, value, where)
+    if get_origin(wanted) is tuple:
+        if not isinstance(value, list | tuple):
+            raise UserError(f"{where} is {value!r}: it needs a list")
+        return tuple(_checked(get_args(wanted)[0], item, f"{where}[{k}]") for k, item in enumerate(value))
     if wanted is float and type(value) is int:
         return float(value)
     if wanted in KINDS and type(value) is not wanted:

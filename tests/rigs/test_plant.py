@@ -167,3 +167,26 @@ def test_the_simulated_rig_stops_at_the_end_of_its_travel():
     for _ in range(10):
         plant.advance(0.0)
     assert plant.stopped == before
+
+
+def test_a_brake_slows_down_and_holds_until_it_is_overcome(slider):
+    """A block of friction 2 under a push u and a brake b [m/s^2]: v' = u - 2 - b, and it stands while u < 2 + b."""
+    plant = Plant(rig_of(slider, limit=20.0), seed=0)
+    for _ in range(500):
+        plant.advance([6.0])
+    assert plant.state[1] == pytest.approx(0.5 * 4.0, rel=1e-6)
+    plant.brake[1] = 7.0
+    for _ in range(400):
+        plant.advance([6.0])
+    assert plant.state[1] == pytest.approx(2.0 - 0.4 * 3.0, rel=1e-6)
+    for _ in range(400):
+        plant.advance([6.0])
+    stood = plant.state.copy()
+    assert stood[1] == 0.0
+    for _ in range(1000):
+        plant.advance([8.9])
+    np.testing.assert_array_equal(plant.state, stood)
+    for _ in range(1000):
+        plant.advance([10.0])
+    assert plant.state[1] == pytest.approx(1.0, rel=1e-6)
+    assert plant.measure().outputs[0] == plant.state[0]

@@ -1,0 +1,93 @@
+"""The pages of the reference, made of the code while the site is built (mkdocs-gen-files)."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator
+from typing import Any
+
+import mkdocs_gen_files
+import typer
+
+from hybrid_sysid_ros.commands.app import COMMANDS, MODEL_COMMANDS, POLICY_COMMANDS, RIG_COMMANDS
+from hybrid_sysid_ros.nodes import topics
+from hybrid_sysid_ros.nodes.base import RigNode
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.runtime.parameters import declarations, parameters
+
+LIBRARY = ("core", "rigs", "bags", "models", "identification", "estimation", "control", "runtime")
+
+
+def page(name: str, lines: Iterator[str]) -> None:
+    """Write a page of the reference."""
+    with mkdocs_gen_files.open(f"reference/{name}.md", "w") as file:
+        file.write("\n".join(lines) + "\n")
+
+
+def commands() -> Iterator[str]:
+    """Every command with its help, as it prints it."""
+    yield "# Commands\n"
+    groups = (("", COMMANDS), ("model ", MODEL_COMMANDS), ("policy ", POLICY_COMMANDS), ("rig ", RIG_COMMANDS))
+    for group, known in groups:
+        for item in known:
+            app = typer.Typer(add_completion=False, rich_markup_mode=None)
+            app.command(item.name)(importlib.import_module(item.module).command)
+            made: Any = typer.main.get_command(app)
+            called = f"hybrid-sysid {group}{item.name}"
+            context = made.context_class(made, info_name=called, terminal_width=110, max_content_width=110)
+            yield f"## {called}\n\n```text\n{made.get_help(context)}\n```\n"
+
+
+def every_parameter() -> Iterator[str]:
+    """Every parameter of every node, as msgs_config declares it."""
+    example = rigs.load(rigs.default())
+    yield (
+        "# Parameters\n\nOf every node, with the values of the rig "
+        + example.name
+        + ". What is live may be set while it runs.\n"
+    )
+    for node in declarations():
+        yield f"\n## {node}\n\n| parameter | default | what it is |\n|---|---|---|"
+        for name, item in parameters(example, node).items():
+            yield f"| `{name}` | `{item.default!r}` | {item.said.replace('|', '/')} |"
+
+
+def every_topic() -> Iterator[str]:
+    """Every topic, who publishes and hears it, and how it is carried."""
+    nodes = {node: _class_of(node) for node in declarations()}
+    yield "# Topics and services\n\nRelative names, but `/diagnostics`.\n"
+    yield "| topic | type | published by | heard by | reliability | durability | depth |\n|---|---|---|---|---|---|---|"
+    for name, kind in topics.TYPES.items():
+        quality = topics.qualities()[name]
+        by = ", ".join(node for node, made in nodes.items() if name in made.PUBLISHES) or "all"
+        to = ", ".join(node for node, made in nodes.items() if name in made.HEARS and node != "recorder") or "tools"
+        package, message = kind.__module__.split(".")[0], kind.__name__
+        words = (quality["reliability"].name.lower(), quality["durability"].name.lower(), str(quality["depth"]))
+        yield f"| `{name}` | `{package}/{message}` | {by} | {to} | {' | '.join(words)} |"
+    yield "\n[What is in them, and the services](../loop.md)."
+
+
+def _class_of(node: str) -> type[RigNode]:
+    module = importlib.import_module(f"hybrid_sysid_ros.nodes.{node}")
+    return next(
+        item
+        for item in vars(module).values()
+        if isinstance(item, type) and issubclass(item, RigNode) and node == item.NAME
+    )
+
+
+def library() -> Iterator[str]:
+    """The public packages: what their __init__ offers."""
+    yield "# Library\n"
+    for package in LIBRARY:
+        name = f"hybrid_sysid_ros.{package}"
+        module = importlib.import_module(name)
+        yield f"\n# `{name}`\n\n{' '.join((module.__doc__ or '').split())}\n"
+        for item in getattr(module, "__all__", ()):
+            yield f"\n::: {name}.{item}\n"
+
+
+page("commands", commands())
+page("parameters", every_parameter())
+page("topics", every_topic())
+page("library", library())

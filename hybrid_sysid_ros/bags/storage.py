@@ -1,0 +1,121 @@
+"""Storage: one file of a bag, written by the mcap library as rosbag2's plugin does (mcap.dev/spec/registry, ros2)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import yaml
+from mcap.data_stream import RecordBuilder
+from mcap.records import DataEnd, Footer
+from mcap.writer import CompressionType, Writer
+
+from hybrid_sysid_ros.bags.mcap import MAGIC
+from hybrid_sysid_ros.bags.quality import Quality
+from hybrid_sysid_ros.bags.series import jazzy_types
+
+CHUNK = 1 << 20  # bytes of messages that are packed together, where nobody flushes before
+DISTRIBUTION = "jazzy"
+Compression = Literal["zstd", "lz4", ""]
+"""What packs chunks; "": nothing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Offer:
+    """A topic as its publishers offer it: its message type, of ROS 2 Jazzy, and the quality of service of each."""
+
+    topic: str
+    type: str
+    qualities: Sequence[Quality] = ()
+
+    @cached_property
+    def definition(self) -> str:
+        """The message type's text with all types that it is made of."""
+        text, _ = jazzy_types().generate_msgdef(self.type, ros_version=2)
+        return text
+
+    @cached_property
+    def hash(self) -> str:
+        """The message type's hash (REP 2016)."""
+        return jazzy_types().hash_rihs01(self.type)
+
+    @property
+    def profiles(self) -> list[dict[str, Any]]:
+        """The qualities in rosbag2's words."""
+        return [quality.told for quality in self.qualities]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extent:
+    """What a file holds: messages by topic, the times at which the first and the last were logged [ns]."""
+
+    name: str
+    counts: Counter[str]
+    first: int
+    last: int
+
+
+class Storage:
+    """An MCAP file on its way, named by its place in the bag's folder."""
+
+    def __init__(self, name: str, stream: Any, *, compression: Compression) -> None:
+        """stream: to write into, with write(), flush() and tell(). compression: of the chunks."""
+        self.name = name
+        self.counts: Counter[str] = Counter()
+        self.first = self.last = 0
+        self.stream = stream
+        self._writer = Writer(stream, chunk_size=CHUNK, compression=CompressionType[compression.upper() or "NONE"])
+        self._writer.start(profile="ros2")
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+
+    @property
+    def extent(self) -> Extent:
+        """What it holds by now."""
+        return Extent(name=self.name, counts=self.counts.copy(), first=self.first, last=self.last)
+
+    def write(self, offer: Offer, logged: int, published: int, data: bytes | memoryview) -> None:
+        """Write one serialised message (CDR) with the times at which it was logged and published [ns]."""
+        channel = self._channels.get(offer.topic)
+        if channel is None:
+            channel = self._channel(offer)
+        self._writer.add_message(channel, log_time=logged, data=data, publish_time=published)  # type: ignore[arg-type]
+        self.first = min(self.first, logged) if self.counts else logged
+        self.last = max(self.last, logged)
+        self.counts[offer.topic] += 1
+
+    def attach(self, name: str, data: bytes, logged: int) -> None:
+        """Write a file that belongs to the bag, and the time [ns] at which it was read."""
+        self._writer.add_attachment(create_time=0, log_time=logged, name=name, media_type="", data=data)
+
+    def flush(self) -> None:
+        """End a chunk of the file here."""
+        self._writer.flush()
+
+    def finish(self, metadata: Callable[[Extent], str]) -> None:
+        """Write the end: what metadata.yaml says of this file, and the index of its chunks."""
+        self.flush()
+        told = {"ROS_DISTRO": DISTRIBUTION, "serialized_metadata": metadata(self.extent)}
+        self._writer.add_metadata("rosbag2", told)
+        self._writer.finish()
+
+    def _channel(self, offer: Offer) -> int:
+        if offer.type not in self._schemas:
+            text = offer.definition.encode()
+            self._schemas[offer.type] = self._writer.register_schema(offer.type, "ros2msg", text)
+        profiles = yaml.safe_dump(offer.profiles, sort_keys=False).strip() if offer.qualities else ""
+        told = {"offered_qos_profiles": profiles, "topic_type_hash": offer.hash}
+        number = self._writer.register_channel(offer.topic, "cdr", self._schemas[offer.type], told)
+        self._channels[offer.topic] = number
+        return number
+
+
+def provisional_end() -> bytes:
+    """What makes a file whole that has no index: the shortest end that the specification permits."""
+    builder = RecordBuilder()
+    DataEnd(data_section_crc=0).write(builder)
+    Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(builder)
+    return bytes(builder.end()) + MAGIC

@@ -1,0 +1,133 @@
+"""hybrid-sysid check: whether what is installed works, in a quarter of a minute."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import re
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from hybrid_sysid_ros import identification, models
+from hybrid_sysid_ros.bags import read
+from hybrid_sysid_ros.commands.terminal import RigName, end, print_table, status
+from hybrid_sysid_ros.control.policy import policy as policies
+from hybrid_sysid_ros.rigs import check as rig_check
+from hybrid_sysid_ros.rigs import experiments
+from hybrid_sysid_ros.rigs.rig import Rig, load
+from hybrid_sysid_ros.runtime import processes, session
+from hybrid_sysid_ros.runtime.configuration import shipped
+from hybrid_sysid_ros.support.errors import UserError
+
+PACKAGE = "hybrid_sysid_ros"
+NAME = re.compile(r"[\w.-]+")
+"""Of a package, at the begin of a requirement."""
+SECONDS = 5.0
+"""Of the simulated experiment."""
+LOOP_SECONDS = 2.0
+SEED = 1
+LEAST = 0.5
+"""Share of the variance of the simulated rig's outputs that its shipped model explains in free run."""
+
+
+class Checks:
+    """What is checked, each by a method that says what it saw or raises UserError."""
+
+    def __init__(self, rig: Rig, place: Path) -> None:
+        self.rig, self.place = rig, place
+        self.all: dict[str, Callable[[], str]] = {
+            "packages": self.packages,
+            "rig": self.equations,
+            "bag": self.bag,
+            "model": self.model,
+            "policy": self.policy,
+            "ROS 2 loop": self.loop,
+            "real-time priority": self.priority,
+        }
+
+    def packages(self) -> str:
+        """Every dependency that needs no extra is there."""
+        required = [item for item in importlib.metadata.requires(PACKAGE) or [] if "extra ==" not in item]
+        names = [found.group() for item in required if (found := NAME.match(item))]
+        missing: list[str] = []
+        for name in names:
+            try:
+                importlib.metadata.version(name)
+            except importlib.metadata.PackageNotFoundError:
+                missing.append(name)
+        if missing:
+            raise UserError(f"not installed: {', '.join(missing)}: pip install {' '.join(missing)}")
+        own = importlib.metadata.version(PACKAGE)
+        return f"Python {platform.python_version()}, {PACKAGE} {own}, {len(names)} packages"
+
+    def equations(self) -> str:
+        """The rig's file and equations make sense."""
+        problems = rig_check.check(self.rig).problems
+        if problems:
+            raise UserError(problems[0])
+        return str(self.rig.folder)
+
+    def bag(self) -> str:
+        """An experiment is simulated, written and read back."""
+        kind = next(iter(self.rig.experiments.excitations))
+        rate = 1.0 / self.rig.step / max(round(0.005 / self.rig.step), 1)
+        path = experiments.simulate(self.rig, kind, self.place / "bag", seed=SEED, duration=SECONDS, rate=rate)
+        record = read(path, self.rig.signals)
+        return f"{kind}: {len(record.time)} samples in {record.duration:g} s"
+
+    def model(self) -> str:
+        """The shipped model runs free over it."""
+        model = models.load(shipped(self.rig.name, "model"), rig=self.rig.source)
+        record = read(self.place / "bag", self.rig.signals)
+        score = identification.evaluate(model, record).r2
+        if not np.all(np.asarray(score) > LEAST):
+            raise UserError(f"free run of the shipped model over a simulated record: R2 {score}, {LEAST:g} at least")
+        return f"{model.structure}: R2 {score:.3f} in free run"
+
+    def policy(self) -> str:
+        """The shipped policy fits the model and is certified."""
+        model = models.load(shipped(self.rig.name, "model"), rig=self.rig.source)
+        network = policies.load(shipped(self.rig.name, "policy"), model=model)
+        if network.certificate is None:
+            raise UserError("the shipped policy has no certificate")
+        return f"certified, mu {network.certificate.mu('supervised'):.4f}"
+
+    def loop(self) -> str:
+        """Plant, estimator, controller and reference answer one another, in lockstep."""
+        outcome = session.run(
+            rig=self.rig.source, lockstep=True, duration=LOOP_SECONDS, composed=True, tell=status.print
+        )
+        plant = outcome.diagnostics["plant"]
+        if not plant["commands"] or plant["rejected_commands"]:
+            raise UserError(f"{plant['commands']} commands, {plant['rejected_commands']} of them rejected")
+        return f"{plant['commands']} commands, none rejected"
+
+    def priority(self) -> str:
+        """A loop may go before other processes."""
+        return (
+            f"{processes.permitted_priority()}"
+            if processes.permitted_priority()
+            else "not permitted: `ulimit -r` raises it"
+        )
+
+
+def command(rig: RigName = "") -> None:
+    """Check the installation: packages, rig, bags, model, policy and the ROS 2 loop, each PASS or FAIL."""
+    table, failed = Table("check", "", "seconds", "what was seen"), list[str]()
+    with tempfile.TemporaryDirectory() as place:
+        checks = Checks(load(rig), Path(place))
+        for name, check in checks.all.items():
+            begin = time.perf_counter()
+            try:
+                word, seen = "PASS", check()
+            except UserError as error:
+                word, seen = "FAIL", str(error)
+                failed.append(f"{name}: {error}")
+            table.add_row(name, word, f"{time.perf_counter() - begin:.1f}", seen)
+    print_table(table)
+    end(failed)

@@ -1,0 +1,27 @@
+"""hybrid-sysid parameters: the parameter file of a rig's nodes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hybrid_sysid_ros.commands.terminal import RigName, console
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.runtime.parameters import parameter_file
+from hybrid_sysid_ros.support.files import written_file
+
+
+def command(
+    rig: RigName = "",
+    out: Annotated[Path | None, typer.Option(help="File to write; printed by default.")] = None,
+) -> None:
+    """Write a ROS parameter file with every parameter of every node of a rig, for `--params-file`."""
+    text = parameter_file(rig or rigs.default())
+    if out is None:
+        print(text, end="")
+        return
+    with written_file(out) as partial:
+        partial.write_text(text, encoding="utf-8")
+    console.print(str(out))

@@ -1,0 +1,36 @@
+"""hybrid-sysid play: the messages of a bag again."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hybrid_sysid_ros.commands.terminal import Recover
+from hybrid_sysid_ros.runtime import processes, session
+
+
+def command(
+    bag: Annotated[Path, typer.Argument(help="Bag to play.")],
+    rate: Annotated[float, typer.Option(help="How many times as fast as it was recorded.")] = 1.0,
+    start: Annotated[float, typer.Option(help="Seconds of the bag to leave out at its beginning.", min=0.0)] = 0.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
+    clock: Annotated[bool, typer.Option("--clock", help="Publish the time of the bag on /clock.")] = False,
+    topics: Annotated[str, typer.Option(help="Names of topics to play, with spaces between; all of the bag.")] = "",
+    pause: Annotated[
+        bool, typer.Option("--pause", help="Wait for the space key, or step with the right arrow.")
+    ] = False,
+    recover: Recover = False,
+) -> None:
+    """Publish the messages of a bag again, as they are, with the quality of service that was offered.
+
+    In a terminal the space key pauses and goes on, the right arrow publishes one message more, Ctrl-C ends.
+    """
+    session.check_ros()
+    values = {"bag": str(bag), "rate": rate, "start": start, "loop": loop, "clock": clock, "topics": topics}
+    words = processes.command("player", {**values, "pause": pause, "recover": recover})
+    sys.stdout.flush()
+    os.execve(words[0], words, processes.environment())  # from here on this process is the player's

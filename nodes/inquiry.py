@@ -1,0 +1,58 @@
+"""Inquiry: what parameters the nodes of a rig have, asked of themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any
+
+from rcl_interfaces.srv import GetParameters
+from rclpy.client import Client
+from rclpy.parameter import parameter_value_to_python
+from rclpy.task import Future
+
+from hybrid_sysid_ros.nodes.base import RigNode
+from hybrid_sysid_ros.runtime.parameters import parameters
+
+PERIOD = 0.25  # s, between two looks who is there
+
+Heard = Callable[[str, dict[str, Any]], None]
+
+
+class Inquiry:
+    """Asks each of some nodes once, as soon as it is there, for all that nodes.yaml declares of it and for its rig."""
+
+    def __init__(self, node: RigNode, names: Iterable[str], heard: Heard) -> None:
+        """names: of nodes in the namespace of `node`. heard: gets the name and parameters of each that answers."""
+        self._node, self._heard = node, heard
+        self._wanted = {name: ["rig", *parameters(node.rig, name)] for name in names}
+        self._silent = {name: self._client(name) for name in self._wanted}
+        self._asked: set[str] = set()
+        self._timer = node.every(PERIOD, self.look)
+
+    def look(self) -> None:
+        """Ask who is there."""
+        for name, client in self._silent.items():
+            if name not in self._asked and client.service_is_ready():
+                self._asked.add(name)
+                answer = client.call_async(GetParameters.Request(names=self._wanted[name]))
+                answer.add_done_callback(partial(self._answered, name))
+
+    def _client(self, name: str) -> Client:
+        return self._node.create_client(GetParameters, f"{name}/get_parameters")
+
+    def close(self) -> None:
+        """Ask nobody any more."""
+        for client in self._silent.values():
+            self._node.destroy_client(client)
+        self._silent.clear()
+
+    def _answered(self, name: str, answer: Future) -> None:
+        values = answer.result().values
+        if len(values) < len(self._wanted[name]):  # it has not declared them yet: ask again
+            self._asked.discard(name)
+            return
+        self._node.soon(partial(self._node.destroy_client, self._silent.pop(name)))
+        if not self._silent:
+            self._timer.cancel()
+        self._heard(name, dict(zip(self._wanted[name], map(parameter_value_to_python, values), strict=True)))

@@ -1,0 +1,248 @@
+"""Process: how nodes run: one loop, another thread for what may take its time, and a clean end."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import resource
+import signal
+import socket
+import sys
+from collections.abc import Callable, Sequence
+from threading import Thread, get_ident
+from time import sleep
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from hybrid_sysid_ros.nodes import middleware
+from hybrid_sysid_ros.support import interruption
+from hybrid_sysid_ros.support.errors import UserError
+
+if TYPE_CHECKING:
+    from hybrid_sysid_ros.nodes.base import RigNode
+
+SERVICE_PERIOD = 2e-3  # s, at least between two answers to parameter services, however many are asked
+SWITCH_INTERVAL = 2e-4  # s, that another thread may keep the loop from going on
+PATIENCE = 2.0  # s, of an interrupt with a node that starts
+LOCK_CURRENT, LOCK_FUTURE, LOCK_ON_FAULT = 1, 2, 4  # of mlockall, on Linux
+
+
+def announce(word: str) -> None:
+    """Tell whoever started this process how far it is, in a line on its standard output."""
+    print(word, flush=True)
+
+
+def run(make: Callable[[], RigNode | Sequence[RigNode]], *, together: bool = False) -> int:
+    """Run a node, or several in one loop, until one is finished or SIGINT or SIGTERM comes, once or more often; return
+    the exit status.
+
+    together: messages between them go by an exchange, and the middleware leaves them alone.
+
+    0: ended as it should; 2: a parameter, file or argument is wrong, told in one line.
+    """
+    ending = Interruption()
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    gc.freeze()  # what was imported stays: no collection looks at it again
+    if os.environ.get(interruption.TETHER):
+        Thread(target=_end_with_starter, daemon=True).start()
+    try:
+        middleware.prepare(together=together)
+        try:
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        except RuntimeError as error:  # what rclpy raises for arguments and parameter files that make no sense
+            raise UserError(" ".join(str(error).split())) from error
+        made = make()
+        _serve(made if isinstance(made, Sequence) else [made], ending)
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr, flush=True)
+        return 2
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        rclpy.try_shutdown()
+    return 0
+
+
+def _end_with_starter() -> None:
+    """End when the standard input does: whoever started this process is gone, however that went."""
+    while os.read(0, 1024):  # not through sys.stdin, whose lock a thread may hold when Python ends
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+class Loop(SingleThreadedExecutor):
+    """All of some nodes but what goes on aside."""
+
+    def __init__(self, nodes: Sequence[RigNode]) -> None:
+        super().__init__()
+        self._aside = frozenset(node.aside for node in nodes)
+        self._exchange = nodes[0].exchange
+        for node in nodes:
+            self.add_node(node)
+
+    def can_execute(self, entity: Any) -> bool:
+        return entity.callback_group not in self._aside and super().can_execute(entity)
+
+    def turn(self) -> None:
+        """Wait for something to do and do it, with all that follows in this process."""
+        self.spin_once()
+        if self._exchange is not None and self._exchange.deliver():
+            self.wake()
+
+
+class Services(SingleThreadedExecutor):
+    """Nodes' services, parameters above all, and their diagnostics, in a thread of their own: no storm of questions and
+    no report holds the loop up.
+
+    So are the events of their publishers, which would cost the loop more than its messages, at each of them.
+    """
+
+    def __init__(self, nodes: Sequence[RigNode]) -> None:
+        super().__init__()
+        self._nodes_aside = list(nodes)
+        self._aside = frozenset(node.aside for node in nodes)
+
+    def get_nodes(self) -> list[Node]:
+        return list(self._nodes_aside)  # not added: a node has one executor, the loop's
+
+    def can_execute(self, entity: Any) -> bool:
+        return entity.callback_group in self._aside and super().can_execute(entity)
+
+    def serve(self) -> None:
+        """Answer, one after the other, until the context or this executor ends."""
+        try:
+            while self.context.ok() and not ended(self._nodes_aside):
+                self.spin_once(timeout_sec=0.1)
+                sleep(SERVICE_PERIOD)
+        except (ExternalShutdownException, ShutdownException):
+            return
+
+
+def ended(nodes: Sequence[RigNode]) -> bool:
+    """Whether one of the nodes has nothing more to do: without it the others wait for ever."""
+    return any(node.finished.done() for node in nodes)
+
+
+def _serve(nodes: Sequence[RigNode], ending: Interruption) -> None:
+    executor, services = Loop(nodes), Services(nodes)
+    server = Thread(target=services.serve, daemon=True)
+    for node in nodes:
+        node.thread = get_ident()
+        Thread(target=node.watch_sources, daemon=True).start()
+    server.start()
+    _prioritise(nodes)
+    gc.collect()
+    gc.freeze()  # what is there stays: collections in the loop look at nothing but what it makes
+    ending.then(nodes[0].finish)
+    announce("ready")
+    try:
+        # Not spin_until_future_complete, by which the future keeps a function of every turn: 260 bytes each.
+        while executor.context.ok() and not ended(nodes):
+            executor.turn()
+    finally:
+        try:
+            for node in nodes:
+                node.thread = None
+            _close(nodes)
+        finally:  # a thread that is left behind would end the process by SIGABRT
+            for node in nodes:
+                node.finish()
+            server.join()
+            services.shutdown()
+            executor.shutdown()
+            for node in nodes:
+                node.destroy_node()
+
+
+def _close(nodes: Sequence[RigNode]) -> None:
+    """Close all nodes, whatever one of them has to complain about. Raises the first UserError."""
+    troubles: list[UserError] = []
+    for node in nodes:
+        try:
+            node.close()
+        except UserError as error:
+            troubles.append(error)
+    if troubles:
+        raise troubles[0]
+
+
+def _prioritise(nodes: Sequence[RigNode]) -> None:
+    """Let all threads of this process go before those of others and keep what they have touched in memory, if a node
+    has a priority and may.
+    """
+    priority = max(node.settings.get("priority", 0) for node in nodes)
+    if not priority:
+        return
+    logger = nodes[0].get_logger()
+    try:
+        for thread in os.listdir("/proc/self/task"):
+            os.sched_setscheduler(int(thread), os.SCHED_FIFO, os.sched_param(priority))
+    except (OSError, AttributeError) as error:  # not permitted, or no Linux
+        logger.warning(f"no real-time priority ({error}): the limit for the user is `ulimit -r`")
+    try:
+        _keep_in_memory()
+    except (OSError, AttributeError) as error:
+        logger.warning(f"memory may be paged out ({error}): the limit for the user is `ulimit -l`")
+
+
+def _keep_in_memory() -> None:
+    """Keep every page of this process in memory from when it is first touched on: code that runs twice a second would
+    be read from the disk again, which the loop waits for, where the system takes pages back that rest. Raises OSError
+    where that is not permitted.
+    """
+    library = ctypes.CDLL(None, use_errno=True)
+    if library.mlockall(LOCK_CURRENT | LOCK_FUTURE | LOCK_ON_FAULT):
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
+
+
+def peak_memory() -> float:
+    """Largest resident memory of this process so far [MB]. The kernel counts it in 1024 bytes."""
+    try:
+        with open("/proc/self/status", encoding="ascii") as status:
+            # Not ru_maxrss, which a process inherits from the one that started it.
+            return next(float(line.split()[1]) for line in status if line.startswith("VmHWM")) * 1.024e-3
+    except (OSError, StopIteration):  # no Linux
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1e-6 if sys.platform == "darwin" else 1.024e-3)
+
+
+class Interruption:
+    """SIGINT and SIGTERM, however often they come: a call of an action, as soon as there is one.
+
+    A start that takes long, as it does where code is compiled, ends by KeyboardInterrupt after PATIENCE; a short one is
+    not cut, for a recorder has a bag and a thread to close.
+
+    Python runs its handlers between two of its own instructions, which may be long after the signal for a thread that
+    waits in the middleware. So the signals' numbers also come through a socket, to a thread that waits for them.
+    """
+
+    def __init__(self) -> None:
+        self._noted = False
+        self._ours, self._theirs = socket.socketpair()
+        self._theirs.setblocking(False)
+        signal.set_wakeup_fd(self._theirs.fileno(), warn_on_full_buffer=False)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._note)
+        interruption.repeat_unheard()
+
+    def then(self, action: Callable[[], object]) -> None:
+        """Call `action`, from another thread, at the first signal, or now if it came before; others do nothing."""
+
+        def wait() -> None:
+            self._ours.recv(1)
+            action()
+
+        self._noted = True
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        Thread(target=wait, daemon=True).start()
+
+    def _note(self, number: int, frame: object) -> None:
+        if not self._noted:
+            self._noted = True
+            signal.setitimer(signal.ITIMER_REAL, PATIENCE)

@@ -1,0 +1,64 @@
+"""What the pages say can be typed, and leads somewhere."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from hybrid_sysid_ros.commands.app import COMMANDS, MODEL_COMMANDS, POLICY_COMMANDS, RIG_COMMANDS
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+GROUPS = {"": COMMANDS, "model": MODEL_COMMANDS, "policy": POLICY_COMMANDS, "rig": RIG_COMMANDS}
+
+
+def _lines() -> Iterator[tuple[str, str]]:
+    """Every command line of ours in a block of code, with its page."""
+    for page in PAGES:
+        for line in page.read_text(encoding="utf-8").replace("\\\n", " ").splitlines():
+            if line.startswith("    hybrid-sysid ") and "..." not in line and "[" not in line:
+                yield page.name, line.strip()
+
+
+LINES = sorted(set(_lines()))
+
+
+def _parse(words: list[str]) -> None:
+    group = words.pop(0) if words[0] in GROUPS else ""
+    known = {item.name: item for item in GROUPS[group]}
+    assert words[0] in known, f"no command {group} {words[0]}"
+    app = typer.Typer(add_completion=False)
+    app.command()(importlib.import_module(known[words[0]].module).command)
+    made: Any = typer.main.get_command(app)
+    made.make_parser(made.context_class(made)).parse_args(args=words[1:])
+
+
+@pytest.mark.parametrize(("page", "line"), LINES, ids=[f"{page}-{k}" for k, (page, _) in enumerate(LINES)])
+def test_a_command_line_has_options_that_there_are(page: str, line: str) -> None:
+    _parse(shlex.split(line, comments=True)[1:])
+
+
+def test_every_command_is_told_of_somewhere() -> None:
+    told = " ".join(page.read_text(encoding="utf-8") for page in PAGES)
+    for group, known in GROUPS.items():
+        for item in known:
+            assert f"hybrid-sysid {group} {item.name}".replace("  ", " ") in told
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_leads_to_a_file_and_its_heading(page: Path) -> None:
+    text = re.sub(r"^    .*$", "", page.read_text(encoding="utf-8"), flags=re.M)
+    for target in re.findall(r"\]\(([^)#:]*)(?:#([\w-]+))?\)", text):
+        path, heading = (page.parent / target[0]) if target[0] else page, target[1]
+        assert path.exists(), f"{page.name} links to {target[0]}"
+        if heading:
+            titles = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.M)
+            slugs = [re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles]
+            assert heading in slugs, f"{page.name} links to {target[0]}#{heading}"
