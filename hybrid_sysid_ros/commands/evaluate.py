@@ -61,9 +61,6 @@ def command(
     chosen = Part.parse(part)
     records = terminal.read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling)
     scores, ahead = _scored(loaded, records, chosen, described, drawn=report is not None)
-    loops, skipped = _loops(loaded, records, chosen, described)
-    for reason in skipped.values():
-        status.print(f"no closed loop: {reason}")
     low, high = described.limits
     shared: dict[str, Any] = {"sampling": loaded.sampling, "spans": high - low, "seconds": adapted}
     runs = {
@@ -71,6 +68,9 @@ def command(
         for record in (records if adapted else ())
     }
     biases = {name: run.content(loaded.system) for name, run in runs.items()}
+    loops, skipped = _loops(loaded, records, chosen, described)
+    for reason in skipped.values():
+        status.print(f"no closed loop: {reason}")
     if report is not None:
         section = reports.identification_section(loaded, [(record, chosen) for record in records], runs)
         reports.write(report, section, None, reports.provenance(loaded, " ".join(sys.argv)))
