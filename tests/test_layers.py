@@ -22,7 +22,7 @@ LAYERS = [  # from the bottom up; a room (folder of the package) imports from th
     {"estimation", "identification"},
     {"control"},
     {"runtime"},
-    {"report"},
+    {"report", "view"},
     {"commands", "nodes"},
     {"__main__"},
 ]
