@@ -86,6 +86,7 @@ class ViewNode(RigNode):
             "measured": 1 + outputs + inputs,
             "estimate": 1 + outputs + inputs + len(joints),
             "command": 1 + inputs + 1,
+            "asked": 1 + len(self.tracked),
         }
         rate = defaults(rig, "plant")["rate"]
         self.tables = Tables(columns, capacity=round(settings["seconds"] * rate))
@@ -94,6 +95,10 @@ class ViewNode(RigNode):
         self.begun, self.spent = monotonic(), process_time()
         self.published: dict[int, int] = {}
         """Of the last measurements: when they were published, by their stamps [ns]."""
+        self.preview = np.empty((0, 1 + len(self.tracked)))
+        """The newest reference, as it is shown."""
+        self.epoch = -1
+        """Of the tables, when it came."""
         self.statuses: set[str] = set()
         """Names of the tasks that diagnostics have told of."""
         self.collectors = {topic: Collector(self, TYPES[topic], topic) for topic in self.HEARS}
@@ -165,9 +170,11 @@ class ViewNode(RigNode):
             self._estimate(joints)
         for joints, published in self._joints("joint_command"):
             self._command(joints, published)
-        self._trajectory("reference", "reference", self.referred, self.scales[self.tracked])
-        ones = np.ones(len(self.rig.actuators))
-        self._trajectory("predicted_trajectory", "prediction", self.measured, np.concatenate([self.scales, ones]))
+        for message in self._trajectories("reference"):
+            self._refer(self._rows(message, self.referred, self.scales[self.tracked]))
+        for message in self._trajectories("predicted_trajectory")[-1:]:
+            scales = np.concatenate([self.scales, np.ones(len(self.rig.actuators))])
+            self.tables.replace("prediction", self._rows(message, self.measured, scales))
         for data, _ in self.collectors["/diagnostics"].fetch():
             message = self.borders["/diagnostics"].unpack(data)
             if message is not None:
@@ -217,17 +224,23 @@ class ViewNode(RigNode):
         if joints.stamp:
             self.tables.tables["command"].add([self.tables.time(joints.stamp), *values, delay])
 
-    def _trajectory(self, topic: str, name: str, slots: Slots, scales: Array) -> None:
-        """The newest of trajectories, as it is shown."""
-        border, newest = self.borders[topic], None
+    def _trajectories(self, topic: str) -> Sequence[Trajectory]:
+        """What has come of trajectories, of the one publisher that is heard."""
+        border, found = self.borders[topic], []
         for data, _ in self.collectors[topic].fetch():
             message = border.unpack(data)
-            if message is not None and border.hears(message.source):
+            if message is not None and border.hears(message.source) and len(message.times):
                 border.believe(message.source)
-                newest = message
-        if newest is None or not len(newest.times):
-            return
-        self.tables.replace(name, self._rows(newest, slots, scales))
+                found.append(message)
+        return found
+
+    def _refer(self, rows: Array) -> None:
+        """A new preview (points, 1 + tracked): what the one before asked for until then is past."""
+        if self.epoch == self.tables.epoch:
+            for row in self.preview[self.preview[:, 0] < rows[0, 0]]:
+                self.tables.tables["asked"].add(row)
+        self.preview, self.epoch = rows, self.tables.epoch
+        self.tables.replace("reference", rows)
 
     def _rows(self, message: Trajectory, slots: Slots, scales: Array) -> Array:
         """Of each point its time and its numbers, as they are shown (points, 1 + slots)."""

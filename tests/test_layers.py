@@ -38,10 +38,12 @@ KEPT_IN = {  # heavy libraries, and the files that may import them
     "distributed": re.compile(r"support/cluster\.py"),
     "onnx": re.compile(r"control/export/onnx_graph\.py"),
     "plotly": re.compile(r"report/.*"),
+    "websockets": re.compile(r"view/server\.py"),
     "jinja2": re.compile(r"report/.*"),
 }
 AT_THE_TOP = re.compile(
     r"core/casadi_form\.py|control/(mpc/interior_point|policy/(network|training))\.py|report/(charts|\w*figures)\.py"
+    r"|view/server\.py"
 )
 """Files that import one of them at once, and are themselves imported late; all others import it where they use it."""
 

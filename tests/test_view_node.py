@@ -149,6 +149,10 @@ def test_a_page_gets_previews_plans_and_diagnostics(bench: Bench, view: ViewNode
     reports.publish(DiagnosticArray(status=[status, other]))
     seen.until(lambda it: {"reference", "prediction"} <= it.latest.keys() and it.news)
     np.testing.assert_allclose(seen.latest["reference"], [[0.0, 0.0], [0.1, 1.0], [0.2, 2.0]], atol=1e-9)
+    set_nanoseconds(message.header.stamp, START + SECOND * 15 // 100)
+    references.publish(message)
+    seen.until(lambda it: "asked" in it.rows)
+    np.testing.assert_allclose(seen.table("asked"), [[0.0, 0.0], [0.1, 1.0]], atol=1e-9)  # until the next one begins
     np.testing.assert_allclose(
         seen.latest["prediction"], [[0.0, 0.0, 0.0], [0.1, 1.0, 0.5], [0.2, 2.0, 1.0]], atol=1e-9
     )

@@ -39,7 +39,7 @@ class Desk:
     def __post_init__(self) -> None:
         self.offered = Offer.of(self.rig, ("constant", "sine"))
         self.drawing = Drawing(self.rig)
-        self.tables = Tables({"measured": 3, "estimate": 4, "command": 3}, capacity=4000)
+        self.tables = Tables({"measured": 3, "estimate": 4, "command": 3, "asked": 2}, capacity=4000)
         self.began, self.k = time.monotonic() - 10.0, 0
         self.collect()
 
@@ -67,6 +67,7 @@ class Desk:
             self.tables.tables["measured"].add([now, y, 4.0])
             self.tables.tables["estimate"].add([now, y + 1.0, 0.0, self.angle])
             self.tables.tables["command"].add([now, 4.0, 0.9])
+            self.tables.tables["asked"].add([now, 5.0])
             self.k += 1
         times = now + np.arange(101) * PERIOD
         self.tables.replace("reference", np.column_stack([times, np.full(101, 5.0)]))

@@ -16,7 +16,7 @@ const OTHER = "stale"; // colour of other layers
 let rig = null, socket = null, asked = 0;
 let tables = {}, latest = {}, charts = [], drawing = null;
 let statuses = new Map(), shares = [], counted = null;
-let epoch = -1, reference = { times: [], values: [] };
+let epoch = -1;
 const pictures = [];
 
 // Time: the window of the charts ends AHEAD behind the newest measurement. While a curve is drawn it stands still.
@@ -71,6 +71,7 @@ function greet(greeting) {
     measured: new Rows(1 + outputs + inputs, capacity),
     estimate: new Rows(1 + outputs + inputs + rig.joints.length, capacity),
     command: new Rows(1 + inputs + 1, capacity),
+    asked: new Rows(1 + rig.outputs.filter((o) => o.tracked).length, capacity),
   };
   begin(-1);
   statuses = new Map();
@@ -97,7 +98,6 @@ function take(buffer) {
   for (const [name, rows, columns] of head.tables) tables[name].append(numbers(rows, columns), rows);
   for (const [name, rows, columns] of head.latest) {
     latest[name] = columnsOf(numbers(rows, columns), rows, columns);
-    if (name === "reference") follow(latest[name]);
   }
   for (const status of Object.values(head.news)) learn(status);
   requestAnimationFrame(picture);
@@ -107,7 +107,6 @@ function begin(number) {
   epoch = number;
   for (const table of Object.values(tables)) table.clear();
   latest = {};
-  reference = { times: [], values: rig.outputs.filter((o) => o.tracked).map(() => []) };
   shares = [];
   counted = null;
 }
@@ -116,15 +115,6 @@ function columnsOf(numbers, rows, columns) {
   const found = Array.from({ length: columns }, () => new Float64Array(rows));
   for (let k = 0; k < rows * columns; k++) found[k % columns][Math.floor(k / columns)] = numbers[k];
   return found;
-}
-
-// What was asked of the outputs: the newest reference counts from its beginning on.
-function follow([times, ...values]) {
-  let keep = reference.times.length;
-  while (keep && reference.times[keep - 1] >= times[0]) keep -= 1;
-  const drop = Math.max(0, keep - 20000);
-  reference.times = reference.times.slice(drop, keep).concat(Array.from(times));
-  reference.values = reference.values.map((old, k) => old.slice(drop, keep).concat(Array.from(values[k])));
 }
 
 function learn(status) {
@@ -210,13 +200,17 @@ function buildCharts() {
   charts.push(layers);
 }
 
+// What an output was asked for, and will be: what is past of the previews, and the newest one.
 function referred(index) {
-  const [begin, end] = clock.window(), { times, values } = reference;
-  let first = times.length;
-  while (first > 0 && times[first - 1] >= begin) first -= 1;
-  let last = times.length;
-  while (last > first && times[last - 1] > end) last -= 1;
-  return [times.slice(Math.max(first - 1, 0), last), values[index].slice(Math.max(first - 1, 0), last)];
+  const past = tables.asked.since(clock.window()[0]), ahead = latest.reference;
+  return ahead ? [joined(past[0], ahead[0]), joined(past[1 + index], ahead[1 + index])] : [[], []];
+}
+
+function joined(one, other) {
+  const both = new Float64Array(one.length + other.length);
+  both.set(one);
+  both.set(other, one.length);
+  return both;
 }
 
 // A curve that is drawn right of now, with a mouse, a pen or a finger; it begins when it is let go.
@@ -277,7 +271,7 @@ function followCurve(curve, output, index) {
 // The reference of now, within what may be asked for.
 function presentReference() {
   return rig.outputs.filter((o) => o.tracked).map((output, k) => {
-    const value = at(reference.times, reference.values[k] ?? [], clock.now);
+    const value = at(...referred(k), clock.now);
     return Math.min(Math.max(Number.isFinite(value) ? value : 0, output.low), output.high);
   });
 }
