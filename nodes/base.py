@@ -44,7 +44,7 @@ class RigNode(ManagedNode):
         Raises UserError when a parameter is not as msgs_config says, and what is in the way of autostart.
         """
         super().__init__(self.NAME, automatically_declare_parameters_from_overrides=True, **options)
-        self.settings = parameters.declare(self, self.NAME, self.accept, self.carried(), self.told)
+        self.settings = parameters.declare(self, self.NAME, self.accept, self.carried(), self.words_of)
         self.rig = rigs.load(self.settings["rig"])
         self.borders: dict[str, Border] = {}
         self.sources: Mapping[str, Source] = {}

@@ -130,7 +130,7 @@ class ControllerNode(RigNode):
         if not self.lockstep:
             self.every(WATCH_PERIOD, self.watch)
 
-    def offered(self) -> Mapping[str, Callable[[], object]]:
+    def own_services(self) -> Mapping[str, Callable[[], object]]:
         modes = {"enable": Mode.DRIVE, "hold": Mode.HOLD, "stop": Mode.STOP}
         return {**{name: partial(self.turn_to, mode) for name, mode in modes.items()}, "reset": self.forget}
 

@@ -98,7 +98,7 @@ class EstimatorNode(RigNode):
         measurements = self.listen(self.entry, "joint_states", self.on_measurement)
         self.when(lambda: measurements.publishers() > 0, self.advertise)
 
-    def offered(self) -> Mapping[str, Callable[[], object]]:
+    def own_services(self) -> Mapping[str, Callable[[], object]]:
         return {"reset": self.forget}
 
     def advertise(self) -> None:

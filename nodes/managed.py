@@ -67,7 +67,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         LifecycleNodeMixin.__init__(self, callback_group=self.patient)
         change = self._service_change_state
         change.callback = partial(_changed, change.callback)
-        for service, action in self.offered().items():
+        for service, action in self.own_services().items():
             self._serve(service, action)
 
     def bring_up(self) -> None:
@@ -159,9 +159,9 @@ class ManagedNode(LifecycleNodeMixin, Node):
             self.in_loop(action)
         except Exception as error:
             known = isinstance(error, UserError | OSError)
-            self.failure = error if isinstance(error, UserError) or not known else UserError(self.told(error))
+            self.failure = error if isinstance(error, UserError) or not known else UserError(self.words_of(error))
             if self.thread is not None:
-                self.get_logger().error(self.told(error))
+                self.get_logger().error(self.words_of(error))
             return TransitionCallbackReturn.FAILURE if known else TransitionCallbackReturn.ERROR
         self.failure = None
         return TransitionCallbackReturn.SUCCESS
@@ -213,7 +213,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         """As a manager calls it."""
         return "active" if self.active else "inactive" if self.configured else "unconfigured"
 
-    def told(self, error: Exception) -> str:
+    def words_of(self, error: Exception) -> str:
         """An error in a line; one that nobody has foreseen is logged with where it comes from."""
         if isinstance(error, UserError):
             return str(error)
@@ -242,7 +242,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self._listeners.append(listener := Listener(self, kind, topic, quality, callback, soon=self.soon))
         return listener
 
-    def offered(self) -> Mapping[str, Callable[[], object]]:
+    def own_services(self) -> Mapping[str, Callable[[], object]]:
         """What the node's own services, ~/NAME, do in the loop while it is active."""
         return {}
 
@@ -257,7 +257,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
                 self.in_loop(action)
                 response.success = True
             except Exception as error:
-                response.message = self.told(error)
+                response.message = self.words_of(error)
             return response
 
         self.create_service(Trigger, f"~/{name}", answer)

@@ -79,7 +79,7 @@ class PlantNode(RigNode):
         self.commands = self.listen(self.entry, "joint_command", self.on_command)
         self.when(self.is_matched, self.wait)
 
-    def offered(self) -> Mapping[str, Callable[[], object]]:
+    def own_services(self) -> Mapping[str, Callable[[], object]]:
         return {"reset": partial(self.soon, self.again)}
 
     def again(self) -> None:
