@@ -44,7 +44,7 @@ class RigNode(ManagedNode):
         Raises UserError when a parameter is not as msgs_config says, and what is in the way of autostart.
         """
         super().__init__(self.NAME, automatically_declare_parameters_from_overrides=True, **options)
-        self.settings = parameters.declare(self, self.NAME, self.accept, self.carried())
+        self.settings = parameters.declare(self, self.NAME, self.accept, self.carried(), self.words_of)
         self.rig = rigs.load(self.settings["rig"])
         self.borders: dict[str, Border] = {}
         self.sources: Mapping[str, Source] = {}
@@ -182,10 +182,9 @@ class RigNode(ManagedNode):
 
     def idle(self) -> Task:
         """What there is to say of a node that is not active."""
-        state = "inactive" if self.configured else "unconfigured"
         if self.failure is None:
-            return Task(name="loop", level=WARN, message=state)
-        return Task(name="loop", level=ERROR, message=f"{state}: {self.failure}")
+            return Task(name="loop", level=WARN, message=self.state)
+        return Task(name="loop", level=ERROR, message=f"{self.state}: {self.failure}")
 
     def report(self) -> dict[str, object]:
         """Publish the diagnostics; return their values by key. Beside the loop, which it would hold up by 1 ms."""

@@ -369,3 +369,4 @@ def test_laws_of_friction_are_listed_and_drawn(command, tmp_path):
     refused(command("friction", "stribeck", "--set", "static"), "NAME=VALUE")
     refused(command("friction", "stribeck", "--set", "static=2", "--set", "static=3"), "static is given 2 times")
     refused(command("friction", "sticky"), "sticky")
+    refused(command("friction", "sticky", "--set"), "--set", "argument")

@@ -116,6 +116,15 @@ def test_another_driver_answers_otherwise(command: Any, loop: Path, tmp_path: Pa
     assert largest(numbers, "joint_command") > COMMANDS
 
 
+def test_another_model_is_driven_by_the_exact_mpc(command: Any, loop: Path, model_folder: Path, tmp_path: Path) -> None:
+    """The recorded network was trained for the recorded model."""
+    status, out, error = command("replay", loop, "--model", model_folder, "--out", tmp_path / "out")
+    assert status == 0, error
+    assert "policy exact" in out
+    numbers = json.loads((tmp_path / "out" / "replay.json").read_text())
+    assert largest(numbers, "state_estimate") > ESTIMATES
+
+
 def test_what_a_replay_needs_is_named(command: Any, loop: Path, tmp_path: Path) -> None:
     bag = bags.write(tmp_path / "run", [states(20)])
     for arguments, words in (

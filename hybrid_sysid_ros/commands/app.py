@@ -11,6 +11,7 @@ COMMANDS = [
     LateCommand("evaluate", f"{HERE}.evaluate", "Score a model on bags by free run and closed loop."),
     LateCommand("ensemble", f"{HERE}.ensemble", "Score several models together on bags."),
     LateCommand("search", f"{HERE}.search", "Search the options of a structure."),
+    LateCommand("trim", f"{HERE}.trim", "Find an equilibrium of a rig and the modes about it."),
     LateCommand("friction", f"{HERE}.friction", "Draw a law of friction, or list them."),
     LateCommand("run", f"{HERE}.run", "Run plant, estimator, controller and reference as ROS 2 nodes."),
     LateCommand("play", f"{HERE}.play", "Publish the messages of a bag again."),

@@ -4,19 +4,29 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.table import Table
 
 from hybrid_sysid_ros import report as reports
+from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part, evaluate
+from hybrid_sysid_ros.identification.identify import experiment_of
+from hybrid_sysid_ros.identification.shooting import windows_of
 from hybrid_sysid_ros.identification.validation.input_bias import adapt
+from hybrid_sysid_ros.identification.validation.refollowing import follow_again
 from hybrid_sysid_ros.identification.validation.resimulation import resimulations
+from hybrid_sysid_ros.identification.validation.unstable import Prediction, UnstableError, predictions
+from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_file
 
 
@@ -50,13 +60,7 @@ def command(
     described = load_rig(loaded.rig)
     chosen = Part.parse(part)
     records = terminal.read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling)
-    scores = {record.name: evaluate(loaded, record, part=chosen).content for record in records}
-    again, skipped = resimulations(
-        loaded.system, [(record, chosen) for record in records], described, sampling=loaded.sampling
-    )
-    loops = {name: item.output.content for name, item in again.items()}
-    for reason in skipped.values():
-        status.print(f"no closed loop: {reason}")
+    scores, ahead = _scored(loaded, records, chosen, described, drawn=report is not None)
     low, high = described.limits
     shared: dict[str, Any] = {"sampling": loaded.sampling, "spans": high - low, "seconds": adapted}
     runs = {
@@ -64,16 +68,87 @@ def command(
         for record in (records if adapted else ())
     }
     biases = {name: run.content(loaded.system) for name, run in runs.items()}
+    loops, skipped = _loops(loaded, records, chosen, described)
+    for reason in skipped.values():
+        status.print(f"no closed loop: {reason}")
     if report is not None:
         section = reports.identification_section(loaded, [(record, chosen) for record in records], runs)
         reports.write(report, section, None, reports.provenance(loaded, " ".join(sys.argv)))
         status.print(str(report))
     if as_json:
-        content = {name: {**values, "closed_loop": loops.get(name)} for name, values in scores.items()}
+        content: dict[str, dict[str, Any]] = {
+            record.name: {
+                **scores.get(record.name, {}),
+                **({"ahead": [_row(item) for item in ahead[record.name]]} if record.name in ahead else {}),
+                "closed_loop": loops.get(record.name),
+            }
+            for record in records
+        }
         for name, values in biases.items():
             content[name]["adapted"] = values
         console.print_json(json.dumps({"model": str(model), "part": part, "records": content}))
     else:
-        print_table(terminal.score_table(scores, described, "free run", loops))
+        if scores:
+            print_table(terminal.score_table(scores, described, "free run", loops))
+        if ahead:
+            print_table(_ahead_table(ahead, described))
+            followed = {name: loops[name] for name in ahead if name in loops}
+            if followed:
+                print_table(terminal.score_table(followed, described, "closed loop, from the commands alone"))
         if biases:
             print_table(terminal.bias_table(biases, described, adapted))
+
+
+def _scored(
+    model: Model, records: Sequence[Record], part: Part, rig: Rig, *, drawn: bool
+) -> tuple[dict[str, dict[str, Any]], dict[str, list[Prediction]]]:
+    """By record the scores of the free run, or where that says nothing the errors some seconds ahead."""
+    scores: dict[str, dict[str, Any]] = {}
+    ahead: dict[str, list[Prediction]] = {}
+    windows = windows_of(rig)
+    for record in records:
+        try:
+            scores[record.name] = evaluate(model, record, part=part).content
+        except UnstableError as error:
+            if drawn:
+                raise UserError(f"{error}; --report draws free runs: leave it out") from error
+            if windows is None:
+                told = f"for that say what holds the rig, experiments.stabiliser in {rig.file}"
+                raise UserError(f"{error}: {told}") from error
+            status.print(f"no free run: {error}")
+            ahead[record.name] = predictions(model.system, experiment_of(model, record, part=part), windows)
+    return scores, ahead
+
+
+def _loops(
+    model: Model, records: Sequence[Record], part: Part, rig: Rig
+) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
+    """By record the scores of the experiment done again in closed loop, and the reasons for those that are not."""
+    given: dict[str, Any] = {"sampling": model.sampling}
+    if rig.experiments.feedback is None:
+        again, skipped = resimulations(model.system, [(record, part) for record in records], rig, **given)
+        return {name: item.output.content for name, item in again.items()}, skipped
+    found, skipped = {}, {}
+    for record in records:
+        try:
+            found[record.name] = follow_again(model.system, record, rig, **given, part=part).scores.content
+        except UserError as error:
+            skipped[record.name] = str(error)
+    return found, skipped
+
+
+def _row(item: Prediction) -> dict[str, Any]:
+    return {"seconds": item.seconds, "closed": item.closed, "beginnings": item.count, **item.scores.content}
+
+
+def _ahead_table(ahead: Mapping[str, Sequence[Prediction]], rig: Rig) -> Table:
+    """Errors some seconds ahead, of each output in the unit in which it is shown."""
+    headings = (f"{item.name} [{display.unit}]" for item, display in zip(rig.system.outputs, rig.display, strict=True))
+    table = Table("record", "ahead", "", *headings, title="RMSE ahead, from states that the two seconds before tell")
+    for record, rows in ahead.items():
+        for row in rows:
+            held = "closed by the stabiliser" if row.closed else "open"
+            each = (row.scores.outputs or {rig.system.outputs[0].name: row.scores}).values()
+            errors = (f"{float(display.shown(one.rmse)):.4g}" for one, display in zip(each, rig.display, strict=True))
+            table.add_row(record, f"{row.seconds:g} s", held, *errors)
+    return table

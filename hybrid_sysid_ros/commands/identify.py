@@ -12,6 +12,7 @@ from rich.table import Table
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part, identify
+from hybrid_sysid_ros.identification.grouping import Group
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
 from hybrid_sysid_ros.identification.validation.leftovers import Leftovers, before_and_after
@@ -65,14 +66,13 @@ def command(
     print_table(parameter_table(model))
     for doubt in doubts(model):
         console.print(f"doubt: {doubt}")
+    for group in model.fit.get("groups", ()):
+        console.print(f"known together: {Group(**group)}")
     for name, scores in model.scores.items():
         if not scores["r2"] > 0.0:
-            console.print(
-                f"doubt: over {name}, which it was fitted to, its free run is worse than a constant: no model"
-            )
-    print_table(
-        terminal.score_table({name: dict(scores) for name, scores in model.scores.items()}, described, "training")
-    )
+            console.print(f"doubt: over {name}, which it was fitted to, its run is worse than a constant: no model")
+    title = "training" if described.experiments.stabiliser is None else "training, closed by the stabiliser"
+    print_table(terminal.score_table({name: dict(scores) for name, scores in model.scores.items()}, described, title))
     if isinstance(model.system, ResidualHybrid):
         used = [experiment_of(model, record, part=Part.parse(part)) for record in records]
         print_table(leftovers_table([row for item in used for row in before_and_after(model.system, item)]))

@@ -54,10 +54,10 @@ class Commands(TyperGroup):
 def _usage(error: typer.BadParameter) -> str:
     """What is wrong with the arguments, in one line; the help where there are none."""
     told, context = error.format_message(), error.ctx
-    if context is None or told == context.get_help():
+    if context is not None and told == context.get_help():
         return told
     line = " ".join(told.split()).rstrip(".")
-    return f"error: {line[0].lower()}{line[1:]}: see {context.command_path} --help"
+    return f"error: {line[0].lower()}{line[1:]}{f': see {context.command_path} --help' if context else ''}"
 
 
 def run_program(program: Commands) -> None:

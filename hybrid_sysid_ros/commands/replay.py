@@ -50,7 +50,7 @@ def command(
         if plan.lockstep
         else "recorded in real time, so that references and ages differ a little"
     )
-    told = f"{bags.name_of(bag)}, {kind}; parameters: {plan.source}; {replaying.told_changes(changes)}."
+    told = f"{bags.name_of(bag)}, {kind}; parameters: {plan.source}; {replaying.told_changes(plan.changes)}."
     console.print(told)
     for table in tables(comparison):
         print_table(table)

@@ -101,7 +101,7 @@ def score_table(
             rmse = f"{float(shown.shown(own['rmse'])):.3f}{f' {shown.unit}' if several else ''}"
             cells = [record, *([name] if several else []), f"{own['r2']:.4f}", rmse, f"{own['fit_percent']:.1f}"]
             if loops:
-                loop = loops.get(record)
+                loop = loops[record].get("outputs", {}).get(name, loops[record]) if record in loops else None
                 cells += [f"{loop['r2']:.4f}", f"{float(shown.shown(loop['rmse'])):.3f}"] if loop else ["", ""]
             table.add_row(*cells)
     return table

@@ -45,9 +45,24 @@ def delayed(inputs: Any, delays: Any, first: int, k: int, u: Any) -> None:
         u[j] = (1.0 - part) * inputs[late, j] + part * inputs[later, j]
 
 
+@inner
+def fed_back(feedback: Any, x: Any, u: Any) -> None:
+    """Take from the inputs u (inputs,) what a law feeds back of the states x (states,), in place: u - F x."""
+    for j in range(feedback.shape[0]):
+        for i in range(feedback.shape[1]):
+            u[j] -= feedback[j, i] * x[i]
+
+
 @kernel
 def _rollouts(
-    model: Dynamics, starts: Starts, x0: Array, inputs: Array, every: int, states: Array, outputs: Array
+    model: Dynamics,
+    starts: Starts,
+    x0: Array,
+    inputs: Array,
+    feedback: Array,
+    every: int,
+    states: Array,
+    outputs: Array,
 ) -> None:
     """States (samples, states) and outputs (samples, outputs) of all rollouts."""
     step, output, p, w, h, delays = model
@@ -61,30 +76,41 @@ def _rollouts(
             if sample > 0:
                 for _ in range(every):
                     delayed(inputs, delays, first, k, u)
+                    fed_back(feedback, x, u)
                     call_value(step, x, u, p, w, h, 0.0, following)
                     x, following = following, x
                     k += 1
             for i in range(x.shape[0]):
                 states[row + sample, i] = x[i]
             delayed(inputs, delays, first, k, u)
+            fed_back(feedback, x, u)
             call_value(output, x, u, p, w, h, 0.0, y)
             for i in range(y.shape[0]):
                 outputs[row + sample, i] = y[i]
 
 
 def rollouts(
-    system: System, starts: Starts, x0: Array, inputs: Array, *, step: float, every: int = 1
+    system: System,
+    starts: Starts,
+    x0: Array,
+    inputs: Array,
+    *,
+    step: float,
+    every: int = 1,
+    feedback: Array | None = None,
 ) -> tuple[Array, Array]:
     """Free runs without re-initialisation: states (samples, states) and outputs (samples, outputs) of all.
 
     starts: see :data:`Starts`. x0 (windows, states). inputs (steps, inputs): mean of each input over each ``step`` [s].
-    A sample comes every ``every`` steps, the first one is x0. Raises ValueError for arrays of other sizes.
+    A sample comes every ``every`` steps, the first one is x0. feedback F (inputs, states): u - F x acts over a step in
+    place of u, x as the step begins, so that runs of an unstable system stay near a record. Raises ValueError for
+    arrays of other sizes.
     """
     _fitting(system, x0, inputs)
     functions, total = compiled(system), int((starts[:, 2] + starts[:, 3]).max())
     states, outputs = np.empty((total, len(system.states))), np.empty((total, len(system.outputs)))
     model = dynamics(functions.step, functions.output, system, step)
-    _rollouts(model, starts, x0, inputs, every, states, outputs)
+    _rollouts(model, starts, x0, inputs, _gains(system, feedback), every, states, outputs)
     return states, outputs
 
 
@@ -94,6 +120,16 @@ def simulate(system: System, initial_state: Array, inputs: Array, *, step: float
     x0 = np.ascontiguousarray(initial_state, dtype=float)[None]
     states, _ = rollouts(system, starts, x0, np.ascontiguousarray(inputs, dtype=float), step=step, every=every)
     return states
+
+
+def _gains(system: System, feedback: Array | None) -> Array:
+    """A feedback (inputs, states) as compiled loops take it: without rows where there is none."""
+    n, m = len(system.states), len(system.inputs)
+    if feedback is None:
+        return np.zeros((0, n))
+    if feedback.shape != (m, n):
+        raise ValueError(f"{type(system).__name__}: a feedback of {feedback.shape}: it needs {m} rows and {n} columns")
+    return np.ascontiguousarray(feedback, dtype=float)
 
 
 def _fitting(system: System, x0: Array, inputs: Array) -> None:
@@ -195,12 +231,22 @@ class Sensitivities:
         return len(self._learnt) + len(self.states)
 
     def rollouts(
-        self, system: System, starts: Starts, x0: Array, inputs: Array, *, step: float, every: int, out: Array
+        self,
+        system: System,
+        starts: Starts,
+        x0: Array,
+        inputs: Array,
+        *,
+        step: float,
+        every: int,
+        out: Array,
+        feedback: Array | None = None,
     ) -> None:
         """Derivatives into ``out`` (samples, outputs, columns); see :func:`rollouts`."""
         _fitting(system, x0, inputs)
-        columns = self._learnt, self._begun, self._delayed
-        _tangents(dynamics(self._step, self._output, system, step), starts, x0, inputs, columns, every, self._wide, out)
+        columns, gains = (self._learnt, self._begun, self._delayed), _gains(system, feedback)
+        model = dynamics(self._step, self._output, system, step)
+        _tangents(model, starts, x0, inputs, gains, columns, every, self._wide, out)
 
 
 @kernel
@@ -209,6 +255,7 @@ def _tangents(
     starts: Starts,
     x0: Array,
     inputs: Array,
+    feedback: Array,
     columns: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
     every: int,
     wide: int,
@@ -235,6 +282,7 @@ def _tangents(
                 if sample == 0 and repeat < every:
                     continue
                 delayed(inputs, delays, first, k, u)
+                fed_back(feedback, x, u)
                 for j in range(m):
                     if delayed_by[j] >= 0:
                         whole = int(delays[j])
@@ -243,13 +291,24 @@ def _tangents(
                         change[j] = (inputs[before, j] - inputs[late, j]) / h
                 if repeat < every:
                     call_slopes(step, x, u, p, w, h, 0.0, following, slopes)
+                    _close(slopes, feedback, n)
                     _chain(slopes, tangent, learnt, delayed_by, change, moved)
                     x, following = following, x
                     tangent, moved = moved, tangent
                     k += 1
                 else:
                     call_slopes(output, x, u, p, w, h, 0.0, y, by_output)
+                    _close(by_output, feedback, n)
                     _chain(by_output, tangent, learnt, delayed_by, change, out[row + sample])
+
+
+@inner
+def _close(slopes: Any, feedback: Any, n: int) -> None:
+    """Slopes by the n states where the inputs depend on them, in place: slopes_x - slopes_u F."""
+    for j in range(feedback.shape[0]):
+        for i in range(slopes.shape[0]):
+            for a in range(n):
+                slopes[i, a] -= slopes[i, n + j] * feedback[j, a]
 
 
 @inner

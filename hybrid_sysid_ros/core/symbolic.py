@@ -53,17 +53,23 @@ def symbolic_values(system: System, values: Callable[[Sequence[Any], Sequence[An
     return casadi.Function("values", [x, u], [found], ["x", "u"], ["values"])
 
 
+def symbolic_rates(system: System) -> casadi.Function:
+    """The law as a CasADi function (x, u) -> (rates, slopes): rates of the declared states, friction of contacts left
+    out, and their slopes (states, states + inputs). Of a system that is a map from sample to sample the next states.
+    """
+    traced = trace.law_of(system, weights=casadi.SX(casadi.DM(system.weights)))
+    given = casadi.vertcat(traced.x, traced.u)
+    parts = [traced.result, casadi.jacobian(traced.result, given)]
+    rates, slopes = casadi.substitute(parts, [traced.p], [casadi.SX(casadi.DM(system.values))])
+    return casadi.Function("rates", [traced.x, traced.u], [rates, slopes], ["x", "u"], ["rates", "slopes"])
+
+
 def linearised(system: System, x: Array, u: Array) -> tuple[Array, Array]:
     """The rates' derivatives (states, states) and (states, inputs) of a law at x (states,) and u (inputs,), viscous
     friction included, dry one left out; where it has none they are zero.
     """
-    traced = trace.law_of(system)
-    given = casadi.vertcat(traced.x, traced.u)
-    slopes = casadi.Function("slopes", [given, traced.p], [casadi.jacobian(traced.result, given)], {"allow_free": True})
     n = len(system.declared_states)
-    if traced.calls:
-        return np.zeros((n, n)), np.zeros((n, len(u)))
-    full = np.nan_to_num(np.array(slopes(np.concatenate([x, u]), system.values)), posinf=0.0, neginf=0.0)
+    full = np.nan_to_num(np.array(symbolic_rates(system)(x, u)[1]), posinf=0.0, neginf=0.0)
     a, b = full[:, :n], full[:, len(system.states) :]
     names = [item.name for item in system.declared_states]
     motion = system.motion()

@@ -45,6 +45,8 @@ class System:
     """How the law becomes a step."""
     delays: ClassVar[Mapping[str, str | float]] = {}
     """Delay of an input [s]: a number, or the name of the parameter that has it."""
+    operating_point: ClassVar[Mapping[str, float]] = {}
+    """What states and inputs that are deviations are counted from, by name; 0 where nothing is told."""
     doubtful_terms: ClassVar[tuple[str, ...]] = ()
     """Terms that fits leave out unless asked for: records hardly tell them from others."""
 

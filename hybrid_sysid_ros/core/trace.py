@@ -45,15 +45,17 @@ def step_of(system: System, *, smooth: bool = False, weights: casadi.SX | None =
     return _traced(system, "the step", advance, weights)
 
 
-def law_of(system: System, *, smooth: bool = False) -> Trace:
-    """The rates of the states, for steppers that call the law several times. smooth: corners with a width rounded."""
+def law_of(system: System, *, smooth: bool = False, weights: casadi.SX | None = None) -> Trace:
+    """The rates of the states, for steppers that call the law several times. smooth: corners with a width rounded.
+    weights: see :class:`~.blocks.Calls`.
+    """
     count = len(system.declared_states)
 
     def law(bound: System, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
         with rounded(smooth):
             return bound.motion().rates(x[:count], u)
 
-    return _traced(system, "law(x, u)", law, None)
+    return _traced(system, "law(x, u)", law, weights)
 
 
 def output_of(system: System, *, weights: casadi.SX | None = None) -> Trace:

@@ -17,6 +17,7 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.covariance import covariances
 from hybrid_sysid_ros.identification.experiment import Experiment, check_range
 from hybrid_sysid_ros.identification.problem import Map, Problem
+from hybrid_sysid_ros.identification.shooting import Shooting, Windows
 from hybrid_sysid_ros.support import threads
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -44,8 +45,8 @@ class Fit:
     """The free parameters, physical ones first, then weights."""
     covariance: Array
     """Of them, (free, free), in their units."""
-    spreads: Array
-    """Their deviations by the cost alone, (free,): what another fit is anchored with."""
+    by_cost: Array
+    """The same by the curvature of the cost alone, as if errors were independent of deviation one."""
     nuisances: Mapping[str, Array]
     """What was added to initial states, (records,) by the state's name, see :class:`~.problem.Problem`."""
     relative_error: float
@@ -55,6 +56,13 @@ class Fit:
     """Simulations of all records, with or without derivatives."""
     biases: Mapping[str, Array] = field(default_factory=dict)
     """Constant bias of an input in each record, (records,) by the input's name, where they were fitted."""
+    chi_squared: float | None = None
+    """Mean squared error in the sensors' noise; None where the fit was not over :class:`~.shooting.Windows`."""
+
+    @property
+    def spreads(self) -> Array:
+        """Deviations of the free parameters by the cost alone, (free,): what another fit is anchored with."""
+        return np.asarray(np.sqrt(np.clip(np.diag(self.by_cost), 0.0, None)))
 
 
 def fit(
@@ -69,6 +77,7 @@ def fit(
     seed: int = 0,
     tolerance: float | None = None,
     iterations: int = ITERATIONS,
+    windows: Windows | None = None,
     progress: Progress | None = None,
 ) -> Fit:
     """Fit the free parameters and weights of a system to several experiments at once.
@@ -77,7 +86,8 @@ def fit(
     physics can't explain is left to a network. ridge, hold: see
     :class:`~hybrid_sysid_ros.identification.problem.Problem`. starts: points where the first stage begins, all but the
     first random by ``seed``; the best one goes on. tolerance, iterations: of each stage, by default FINE in the last
-    one of a physical structure and COARSE elsewhere, and ITERATIONS. Trust-region least squares with bounds; the
+    one of a physical structure and COARSE elsewhere, and ITERATIONS. windows: of an unstable rig, instead of stages,
+    see :class:`~.shooting.Shooting`. Trust-region least squares with bounds; the
     Jacobian is exact and simulated in parallel threads.
 
     Raises UserError for records without excitation or beyond the system's range, and where every simulation
@@ -85,9 +95,13 @@ def fit(
     """
     system = _ranged(system, experiments)
     centres, spreads = (None, None) if anchor is None else _anchors(system, anchor)
-    problem = Problem(system, experiments, centres=centres, spreads=spreads, ridge=ridge, hold=hold)
-    problem.residuals(STAGES[0])(problem.start)  # compile outside the measured time
-    problem.jacobian(STAGES[0], map)(problem.start)
+    options: dict[str, Any] = {"centres": centres, "spreads": spreads, "ridge": ridge, "hold": hold}
+    problem = Problem(system, experiments, **options)
+    if windows is not None:
+        problem = Shooting(system, experiments, windows, **options)
+        stages = problem.stages
+    problem.residuals(stages[0])(problem.start)  # compile outside the measured time
+    problem.jacobian(stages[0], map)(problem.start)
     problem.evaluations = 0
     began = time.perf_counter()
     points = problem.starts(starts, seed)
@@ -113,11 +127,12 @@ def fit(
         system=problem.with_point(solution.x),
         names=problem.names,
         covariance=robust[shared, shared] * units,
-        spreads=np.sqrt(np.clip(np.diag(inverse)[shared], 0.0, None)) * problem.scales,
+        by_cost=inverse[shared, shared] * units,
         nuisances=problem.named_nuisances(solution.x),
         relative_error=relative,
         seconds=time.perf_counter() - began,
         evaluations=problem.evaluations,
+        chi_squared=problem.chi_squared(solution.fun) if isinstance(problem, Shooting) else None,
     )
 
 

@@ -96,7 +96,7 @@ def train(
         system=best,
         names=(),
         covariance=np.zeros((0, 0)),
-        spreads=np.zeros(0),
+        by_cost=np.zeros((0, 0)),
         nuisances={},
         relative_error=least,
         seconds=time.perf_counter() - began,

@@ -10,14 +10,19 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.experiment import Experiment, check_range, prepare
 from hybrid_sysid_ros.identification.fitting import Fit, Progress
+from hybrid_sysid_ros.identification.grouping import groups
 from hybrid_sysid_ros.identification.part import Part, parts_of
 from hybrid_sysid_ros.identification.recipes import Recipe
+from hybrid_sysid_ros.identification.shooting import check_sampling
 from hybrid_sysid_ros.identification.validation.scores import Scores, score_free_run
+from hybrid_sysid_ros.identification.validation.unstable import check_free_run, stabilised_run
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.options import Options
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.validity import check_valid
 from hybrid_sysid_ros.support.errors import UserError
 
 
@@ -40,6 +45,8 @@ def identify(
     """
     if not records:
         raise UserError("identification: no record to fit")
+    if rig.experiments.stabiliser is not None:
+        check_sampling(sampling, f"identification of {rig.name}")
     recipe = Recipe(
         rig=rig, structure=structure, sampling=sampling, options=options or {}, seed=seed, progress=progress
     )
@@ -49,6 +56,7 @@ def identify(
     for record in used:
         check_record(record, rig, sampling)
     fitted, holds = recipe.fit(used)
+    told = groups(fitted)
     experiments = [prepare(record, fitted.system, holds) for record in used]
     columns = [
         *zip(rig.system.states, np.concatenate([prepare(r, rig.system, holds).states for r in used]).T, strict=True),
@@ -67,7 +75,7 @@ def identify(
             {"name": r.name, "source": Path(r.source).name, "sha256": r.digest, "part": [p.start, p.stop]}
             for r, p in zip(records, parts, strict=True)
         ),
-        scores={item.name: score_free_run(fitted.system, item).content for item in experiments},
+        scores={item.name: _training_scores(fitted.system, item, rig).content for item in experiments},
         fit={
             "options": chosen,
             "relative_error": fitted.relative_error,
@@ -75,8 +83,19 @@ def identify(
             "evaluations": fitted.evaluations,
             "seed": seed,
             **_told_biases(fitted, [record.name for record in records]),
+            **({} if fitted.chi_squared is None else {"chi_squared": fitted.chi_squared}),
+            **({"groups": [group.content for group in told]} if told else {}),
         },
     )
+
+
+def _training_scores(system: System, experiment: Experiment, rig: Rig) -> Scores:
+    """Of the strict free run; of an unstable rig of one run that its stabiliser closes."""
+    stabiliser = rig.experiments.stabiliser
+    if stabiliser is None:
+        return score_free_run(system, experiment)
+    names = [item.name for item in system.outputs]
+    return Scores.of(names, experiment.outputs, stabilised_run(system, experiment, stabiliser))
 
 
 def _told_biases(fitted: Fit, records: Sequence[str]) -> dict[str, Any]:
@@ -96,15 +115,20 @@ def check_record(record: Record, rig: Rig, sampling: Sampling) -> None:
                 f"{record.name}: output {variable.name} is constant, so it can't be scored; leave the record out"
             )
     samples = replace(sampling, step=sampling.period)  # the scored ones; the step is the structure's own matter
-    check_range(prepare(record, rig.system, samples), rig.system)
+    prepared = prepare(record, rig.system, samples)
+    check_range(prepared, rig.system)
+    check_valid(rig, prepared.states, record.name)
 
 
 def evaluate(model: Model, record: Record, *, part: Part = Part()) -> Scores:
     """Strict free run of a model on (a part of) a record, scored on the raw output.
 
-    Raises UserError where the record does not fit the model's sampling.
+    Raises UserError where the record does not fit the model's sampling, and UnstableError where an open free run says
+    nothing.
     """
-    return score_free_run(model.system, experiment_of(model, record, part=part))
+    experiment = experiment_of(model, record, part=part)
+    check_free_run(model.system, experiment)
+    return score_free_run(model.system, experiment)
 
 
 def experiment_of(model: Model, record: Record, *, part: Part = Part()) -> Experiment:

@@ -142,6 +142,15 @@ class Problem:
         weights = np.sqrt(self.ridge) * point[physical : self.shared]
         return np.concatenate([(values - self.centres) / self.spreads, weights, point[self.shared :]])
 
+    @property
+    def prior_slopes(self) -> Array:
+        """Derivatives of the prior rows, (point, point)."""
+        found = np.ones(len(self.start))
+        physical = len(self.free)
+        found[:physical] = self.scales[:physical] / self.spreads
+        found[physical : self.shared] = np.sqrt(self.ridge)
+        return np.diag(found)
+
     def carry(self, point: Array, horizon: int | None) -> None:
         """Take states that records do not show, where rollouts begin within one, from a simulation at a point."""
         if not len(self.hidden) or horizon is None:
@@ -257,11 +266,7 @@ class Problem:
                     part = slice(edges[record], edges[record + 1])
                     place = self.shared + kind * records + record
                     result[part.start * count : part.stop * count, place] = change[part].ravel()
-            priors = np.ones(len(at))
-            physical = len(self.free)
-            priors[:physical] = self.scales[:physical] / self.spreads
-            priors[physical : self.shared] = np.sqrt(self.ridge)
-            result[rows + np.arange(len(at)), np.arange(len(at))] = priors
+            result[rows:] = self.prior_slopes
             return result
 
         return evaluate

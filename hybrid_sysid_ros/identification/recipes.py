@@ -15,6 +15,7 @@ from hybrid_sysid_ros.identification.fitting import STAGES, Fit, Progress, fit
 from hybrid_sysid_ros.identification.gradient_training import train
 from hybrid_sysid_ros.identification.residual import Leftover, beginning, check_forgets
 from hybrid_sysid_ros.identification.selection.term_selection import select_terms
+from hybrid_sysid_ros.identification.shooting import windows_of
 from hybrid_sysid_ros.identification.starting import begun, magnitudes
 from hybrid_sysid_ros.models import Sampling, build
 from hybrid_sysid_ros.models.hybrid import Hybrid
@@ -81,6 +82,7 @@ class Recipe:
             gray,
             system=averaged_hybrid(hybrids),
             relative_error=float(np.mean([member.relative_error for member in members])),
+            chi_squared=None if gray.chi_squared is None else float(np.mean([m.chi_squared for m in members])),
             seconds=gray.seconds + sum(member.seconds for member in members),
             evaluations=gray.evaluations + sum(member.evaluations for member in members),
         )
@@ -134,6 +136,9 @@ class Recipe:
         systems, neutral = self._built(structure, records, options, seed)
         if start is not None:
             systems = [replace(item, physics=start.system) for item in systems if isinstance(item, Hybrid)]
+        windows = windows_of(self.rig)
+        if windows is not None and options.get("input_bias"):
+            raise UserError(f"input_bias: {self.rig.name} is unstable, and windows tell no bias: leave it out")
         fits, reasons = [], []
         for plain in systems:
             system = self._biased(plain, options)
@@ -147,6 +152,7 @@ class Recipe:
                     hold=(*neutral, *hold),
                     starts=int(options.get("starts", 1)) if start is None else 1,
                     seed=seed,
+                    windows=windows,
                     progress=self.progress,
                 )
                 fits.append(_unbiased(found))

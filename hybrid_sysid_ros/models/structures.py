@@ -129,9 +129,9 @@ def structure_of(name: str, boxes: Boxes | None = None) -> tuple[Structure, str]
     kind, _, box = name.partition("_")
     if box in known and kind in ("hybrid", "residual"):
         return replace(TABLE[kind], physics=known[box].physics), box
+    names = ", ".join(dict.fromkeys((*TABLE, *(boxes or {}))))
     raise UserError(
-        f"structure {name!r} is unknown; choose one of {', '.join((*TABLE, *(boxes or {})))}, or hybrid_NAME or "
-        "residual_NAME of a gray box"
+        f"structure {name!r} is unknown; choose one of {names}, or hybrid_NAME or residual_NAME of a gray box"
     )
 
 

@@ -15,6 +15,8 @@ from hybrid_sysid_ros.support.files import written_file
 Array = NDArray[np.float64]
 
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM, GAP = 230, 170, 52, 34, 40, 14
+LEAST = 0.1
+"""Of what is shown upwards, as part of its largest value: what hardly changes is shown as that."""
 LINE, SECOND, GRID, TEXT = "#1f4e79", "#8b95a1", "#e1e5ea", "#2b3440"
 
 
@@ -50,8 +52,9 @@ def _plot(plot: Plot, left: int) -> list[str]:
     lines = [(np.log10(x) if plot.logarithmic else x, y) for x, y in plot.lines]
     low, high = (edge([edge(x) for x, _ in lines]) for edge in (np.min, np.max))
     bottom, top = (edge([edge(y) for _, y in lines]) for edge in (np.min, np.max))
-    margin = 0.06 * max(float(top - bottom), 1e-9)
-    bottom, top = bottom - margin, top + margin
+    middle, largest = 0.5 * (top + bottom), max(abs(float(top)), abs(float(bottom)))
+    half = 0.56 * max(float(top - bottom), LEAST * largest, 1e-9)
+    bottom, top = middle - half, middle + half
 
     def across(x: Array) -> Array:
         return left + WIDTH * (x - low) / max(float(high - low), 1e-12)
@@ -69,8 +72,8 @@ def _plot(plot: Plot, left: int) -> list[str]:
         shown = 10.0**tick if plot.logarithmic else tick
         parts.append(f'<path d="M{x:.1f} {TOP}v{HEIGHT}" stroke="{GRID}"/>')
         parts.append(f'<text x="{x:.1f}" y="{TOP + HEIGHT + 13}" text-anchor="middle">{shown:.3g}</text>')
-    middle = left + WIDTH / 2
-    parts.append(f'<text x="{middle}" y="{TOP + HEIGHT + 29}" text-anchor="middle">{escape(plot.across)}</text>')
+    centre = left + WIDTH / 2
+    parts.append(f'<text x="{centre}" y="{TOP + HEIGHT + 29}" text-anchor="middle">{escape(plot.across)}</text>')
     side, half = left - 40, TOP + HEIGHT / 2
     parts.append(
         f'<text x="{side}" y="{half}" text-anchor="middle" transform="rotate(-90 {side} {half})">'

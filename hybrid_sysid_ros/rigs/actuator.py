@@ -15,11 +15,15 @@ class Actuator:
 
     low: float
     high: float
+    rate: float = math.inf
+    """Fastest change [unit/s]."""
     quantiser: Quantiser | None = None
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
             raise UserError(f"low is {self.low:g}, high {self.high:g}: two numbers are needed, low below high")
+        if not self.rate > 0.0:
+            raise UserError(f"rate is {self.rate:g}: it must be above 0")
 
     @property
     def rest(self) -> float:
@@ -34,3 +38,8 @@ class Actuator:
         if self.quantiser is not None:
             value = min(max(self.quantiser.read(value), self.low), self.high)
         return value
+
+    def reached(self, value: float, before: float, seconds: float) -> float:
+        """What acts of a command ``seconds`` after ``before`` did: within the limits, and no faster than it can."""
+        value, most = self.bounded(value), self.rate * seconds
+        return min(max(value, before - most), before + most)

@@ -12,6 +12,7 @@ from hybrid_sysid_ros.core import Sensitivities, System, rollouts, sloped, stepp
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.rigs.experiments import driven, excitation
+from hybrid_sysid_ros.rigs.feedback import Feedback
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import LowPassFilter
@@ -109,6 +110,8 @@ def _values(rig: Rig) -> Iterator[str]:
             yield f"{rig.file}: nodes.plant.bias: {value:g} {item.unit} is more than the range of {item.name}"
     for name, chosen in rig.experiments.excitations.items():
         for index, signal in chosen.items():
+            if index >= len(rig.actuators):
+                continue  # a command of an output
             item, actuator = rig.system.inputs[index], rig.actuators[index]
             told = "" if index in rig.experiments.loops else signal.beyond(actuator.low, actuator.high)
             if told:
@@ -150,6 +153,8 @@ def _experiment(rig: Rig) -> tuple[Array, Array]:
         levels = np.random.default_rng(0).uniform(0.0, 1.0, (8, len(rig.actuators))).repeat(-(-steps // 8), axis=0)
         low, high = rig.limits
         wanted = low + (high - low) * levels
+        if rig.experiments.feedback is not None:  # with commands of 0
+            wanted = np.column_stack([wanted, np.zeros((len(wanted), len(rig.experiments.feedback.followed)))])
         for index, loop in rig.experiments.loops.items():
             wanted[:, index] *= rig.sensors[loop.output].scale
     plant = Plant(rig, seed=0, noisy=False)
@@ -162,26 +167,52 @@ def _experiment(rig: Rig) -> tuple[Array, Array]:
 
 
 def _growing(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
-    """The fastest mode that grows at rest, under the loops of the experiments: a pole of the linearised rig, stick-slip
-    rounded over the speeds of the experiment, outside the unit circle. What integrates has one on it.
+    """The fastest mode that grows at rest, under the loops or the feedback of the experiments: a pole of the linearised
+    rig, stick-slip rounded over the speeds of the experiment, outside the unit circle. What integrates has one on it.
     """
-    names, loops = [item.name for item in rig.system.states], rig.experiments.loops
+    names = [item.name for item in rig.system.states]
     rounding = max((magnitudes[names.index(contact.on)] for contact in rig.system.contacts), default=1.0)
-    late = (rig.system.input_delays[index] + rig.sensors[loop.output].delay for index, loop in loops.items())
-    every = 1 + int(max(late, default=0.0) / (STEPS_LATE * rig.step))
-    matrix = _under_loops(rig, float(rounding), every)
+    matrix, seconds, driver = _under_drivers(rig, float(rounding))
     # Of A - 1: where a state integrates there are zeros to the last bit, which a chain of them needs.
     values, vectors = np.linalg.eig(matrix - np.eye(len(matrix)))
-    growth = np.log(np.maximum(np.abs(1.0 + values), 1e-300)) / (every * rig.step)
+    growth = np.log(np.maximum(np.abs(1.0 + values), 1e-300)) / seconds
     fastest = int(np.argmax(growth))
     if growth[fastest] > GROWTH:
         share = np.abs(vectors[: len(names), fastest]) / magnitudes
         grown = " and ".join(name for name, part in zip(names, share, strict=True) if part > 0.3 * np.max(share))
         told = f"unstable at the origin in {grown}, by e in {1 / growth[fastest]:.3g} s"
-        if loops:
-            yield f"{rig.file}: experiments.loops: with them {told}; change their gain or integral"
+        if driver:
+            yield f"{rig.file}: experiments.{driver}: with them {told}; change their gains"
         else:
             yield f"{where}: {told}; give the experiments in {rig.file.name} a loop that holds it"
+
+
+def _under_drivers(rig: Rig, rounding: float) -> tuple[Array, float, str]:
+    """The linearised rig under what drives it, how many seconds that is of, and the section that says so."""
+    feedback, loops = rig.experiments.feedback, rig.experiments.loops
+    if feedback is not None:
+        every = rig.steps(feedback.period, f"{rig.file}: experiments.feedback.period")
+        return _under_feedback(rig, feedback, rounding, every), feedback.period, "feedback"
+    late = (rig.system.input_delays[index] + rig.sensors[loop.output].delay for index, loop in loops.items())
+    every = 1 + int(max(late, default=0.0) / (STEPS_LATE * rig.step))
+    return _under_loops(rig, rounding, every), every * rig.step, "loops" if loops else ""
+
+
+def _slopes(rig: Rig, rounding: float) -> tuple[Array, Array]:
+    """[A, B] of a step and [C, D] of the outputs at rest."""
+    rest = np.zeros(len(rig.system.states)), np.zeros(len(rig.system.inputs))
+    found = [sloped(rig.system, *rest, step=rig.step, smoothing=rounding, output=output)[1] for output in (False, True)]
+    step, output = (np.nan_to_num(slopes, posinf=0.0, neginf=0.0) for slopes in found)  # a root's is infinite at rest
+    return step, output
+
+
+def _under_feedback(rig: Rig, feedback: Feedback, rounding: float, every: int) -> Array:
+    """A period at rest of states and integrals, (states + inputs, states + inputs); delays and low-passes left out."""
+    step, output = _slopes(rig, rounding)
+    n, m = len(step), len(rig.actuators)
+    held, seen = _held(step, every), output[:, :n]
+    gains, following = feedback.gains @ seen, feedback.period * feedback.integral @ seen[list(feedback.followed)]
+    return np.block([[held[:, :n] - held[:, n:] @ gains, -held[:, n:]], [following, np.eye(m)]])
 
 
 def _under_loops(rig: Rig, rounding: float, every: int) -> Array:
@@ -190,9 +221,7 @@ def _under_loops(rig: Rig, rounding: float, every: int) -> Array:
     delay counts as its loop's: it may as well be the input's.
     """
     system, m, h = rig.system, len(rig.system.inputs), every * rig.step
-    rest = np.zeros(len(system.states)), np.zeros(m)
-    found = [sloped(system, *rest, step=rig.step, smoothing=rounding, output=output)[1] for output in (False, True)]
-    step, output = (np.nan_to_num(slopes, posinf=0.0, neginf=0.0) for slopes in found)  # a root's is infinite at rest
+    step, output = _slopes(rig, rounding)
     step, loops, sizes = _held(step, every), [], [len(step)]
     for index, loop in rig.experiments.loops.items():
         sensor, low_pass = rig.sensors[loop.output], np.zeros((0, 1))

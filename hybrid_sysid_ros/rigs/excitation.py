@@ -19,9 +19,9 @@ Reference = Callable[[ArrayLike], Array]
 """q(t): seconds in, any shape; values of the same shape out, in the unit of the amplitude."""
 
 
-def constant(*, level: float) -> Reference:
-    """One level."""
-    return lambda t: np.full(np.shape(t), float(level))
+def constant(*, level: float, begin: float = 0.0) -> Reference:
+    """One level, from ``begin`` [s] on; 0 before."""
+    return lambda t: np.where(np.asarray(t, dtype=float) >= begin, float(level), 0.0)
 
 
 def sine(*, amplitude: float, frequency: float) -> Reference:
@@ -51,6 +51,40 @@ def random_steps(seed: int, *, amplitude: float, hold: float, duration: float) -
     def reference(t: ArrayLike) -> Array:
         index = np.floor(np.asarray(t, dtype=float) / hold).astype(int)
         return np.asarray(levels[np.clip(index, 0, len(levels) - 1)])
+
+    return reference
+
+
+def random_levels(
+    seed: int, *, amplitude: float, shortest: float, longest: float, most: float, duration: float, begin: float = 0.0
+) -> Reference:
+    """Levels within +-amplitude, each held for a random time from shortest to longest [s], none further than ``most``
+    from the one before; 0 before ``begin`` [s]. The last one is held after the duration [s].
+
+    Raises UserError where longest is below shortest.
+    """
+    if shortest > longest:
+        raise UserError(f"random_levels: shortest, {shortest:g} s, is above longest, {longest:g} s")
+    random = np.random.default_rng(seed)
+    times, levels = [begin], [0.0]
+    while times[-1] < duration:
+        low, high = max(levels[-1] - most, -amplitude), min(levels[-1] + most, amplitude)
+        levels.append(random.uniform(low, high))
+        times.append(times[-1] + random.uniform(shortest, longest))
+
+    def reference(t: ArrayLike) -> Array:
+        index = np.searchsorted(times, np.asarray(t, dtype=float), side="right")
+        return np.asarray(np.array(levels)[np.minimum(index, len(levels) - 1)])
+
+    return reference
+
+
+def pulse_train(*, amplitude: float, every: float, width: float, begin: float = 0.0) -> Reference:
+    """Pulses of one height and width [s], one every so many seconds, the first at ``begin`` [s]."""
+
+    def reference(t: ArrayLike) -> Array:
+        since = np.asarray(t, dtype=float) - begin
+        return np.where((since >= 0.0) & (np.mod(since, every) < width), amplitude, 0.0)
 
     return reference
 
@@ -107,10 +141,25 @@ def pulses(
 
 KINDS: Mapping[str, Callable[..., Reference]] = {
     function.__name__: function
-    for function in (constant, sine, multisine, random_steps, hashed_steps, swept_sine, pulses)
+    for function in (
+        constant,
+        sine,
+        multisine,
+        random_steps,
+        random_levels,
+        hashed_steps,
+        swept_sine,
+        pulses,
+        pulse_train,
+    )
 }
-LEAST = {"hold": 1e-9, "period": 1e-9, "lines": 1, "shortest": 1e-9, "longest": 1e-9, "apart": 1e-9, "rise": 1e-9}
+LEAST = {
+    **dict.fromkeys(("hold", "period", "shortest", "longest", "apart", "rise", "most", "every", "width"), 1e-9),
+    "lines": 1,
+}
 """Values that a kind's numbers must have."""
+ONE_SIDED = ("constant", "pulses", "pulse_train")
+"""Kinds that go from 0 to one level."""
 GIVEN = ("seed", "duration", "period")
 """Of a kind's numbers, what whoever asks for the signal gives: the period of a multisine is its duration by default."""
 
@@ -145,7 +194,7 @@ class Excitation:
         """What an input of these limits can't do, as words; of one to one side of 0 what is beyond 0 does not count."""
         name = "level" if "level" in self.numbers else "amplitude"
         value, most = self.numbers[name], (min if low < 0.0 < high else max)(-low, high)
-        within = low <= value <= high if name == "level" else abs(value) <= most
+        within = low <= value <= high if self.kind in ONE_SIDED else abs(value) <= most
         return "" if within else f"{name} {value:g}"
 
     @property

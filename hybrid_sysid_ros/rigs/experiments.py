@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags import Series, joint_states, joint_trajectories, markers, write
+from hybrid_sysid_ros.rigs.feedback import Follower
 from hybrid_sysid_ros.rigs.plant import Measurement, Plant
 from hybrid_sysid_ros.rigs.rig import BEYOND, Rig
 from hybrid_sysid_ros.support.errors import UserError
@@ -25,27 +26,40 @@ SEEDS = 7919
 
 
 def excitation(rig: Rig, name: str, *, seed: int, duration: float, times: Array) -> Array:
-    """The signals (times, inputs) of one of a rig's experiments: the input itself, or the reference of its loop [SI].
+    """The signals of one of a rig's experiments [SI]: of each input itself, or of the reference of its loop; of a rig
+    with a feedback what is added to each input, and behind these the commands, (times, inputs + followed).
 
     Raises UserError for an experiment that the rig has not.
     """
     known = rig.experiments.excitations
     if name not in known:
         raise UserError(f"experiment {name!r} is unknown to {rig.file}; choose one of {', '.join(known) or 'none'}")
-    signals = np.zeros((len(times), len(rig.actuators)))
+    feedback = rig.experiments.feedback
+    followed = feedback.followed if feedback else ()
+    signals = np.zeros((len(times), len(rig.actuators) + len(followed)))
     for index, chosen in known[name].items():
         signals[:, index] = chosen.signal(seed=seed + SEEDS * index, duration=duration)(times)
     for index, loop in rig.experiments.loops.items():
         signals[:, index] *= rig.sensors[loop.output].scale
+    for column, output in enumerate(followed, start=len(rig.actuators)):
+        signals[:, column] *= rig.sensors[output].scale
     return signals
 
 
 def driven(plant: Plant, wanted: Array) -> Iterator[Array]:
-    """Drive a plant through an experiment: the inputs (inputs,) of each step, when it is done.
+    """Drive a plant through an experiment: the inputs (inputs,) that act in each step, when it is done.
 
-    wanted (steps, inputs): the reference of the :class:`~.rig.Loop` [SI] where an input has one, else the input itself.
-    Inputs are within the actuators' limits; an integral part stands still beyond them.
+    wanted (steps, signals): as :func:`excitation` gives it. Inputs are within the actuators' limits; an integral part
+    stands still beyond them.
     """
+    commanded = _followed(plant, wanted) if plant.rig.experiments.feedback else _looped(plant, wanted)
+    for inputs in commanded:
+        plant.advance(inputs)
+        yield np.array(plant.applied)
+
+
+def _looped(plant: Plant, wanted: Array) -> Iterator[Array]:
+    """Commands (inputs,) of each step, where each input has a loop of its own, or none."""
     rig = plant.rig
     integrals = np.zeros(len(rig.actuators))
     for row in wanted:
@@ -58,7 +72,19 @@ def driven(plant: Plant, wanted: Array) -> Iterator[Array]:
                 if actuator.low <= value <= actuator.high:  # else it would wind up
                     integrals[index] += loop.gain * loop.integral * error * rig.step
             inputs[index] = actuator.bounded(value)
-        plant.advance(inputs)
+        yield inputs
+
+
+def _followed(plant: Plant, wanted: Array) -> Iterator[Array]:
+    """Commands (inputs,) of each step under the rig's feedback, which hold over its period."""
+    rig, count = plant.rig, len(plant.rig.actuators)
+    feedback = rig.experiments.feedback
+    assert feedback is not None
+    every = rig.steps(feedback.period, f"{rig.file}: experiments.feedback.period")
+    follower, inputs = Follower(feedback, rig.limits), np.zeros(count)
+    for k, row in enumerate(wanted):
+        if k % every == 0:
+            inputs = follower.answer(plant.measure().filtered, row[count:], row[:count])
         yield inputs
 
 
@@ -94,7 +120,7 @@ def simulate(
         if not np.all(np.abs(np.append(plant.state, shown[-1].outputs)) < BEYOND):
             raise UserError(
                 f"experiment {kind}: the simulated {rig.name} grows beyond all numbers, or its output is none, at "
-                f"{plant.time:.3g} s; hold it by a loop (experiments.loops in {rig.file})"
+                f"{plant.time:.3g} s; hold it by experiments.loops, or experiments.feedback, in {rig.file}"
             )
     stamps = START + np.round(np.arange(samples) / rate * 1e9).astype(np.int64)
     told = ", ".join(f"{value:g} {item.unit}" for value, item in zip(rig.bias, rig.system.inputs, strict=True))
@@ -102,7 +128,7 @@ def simulate(
     if rig.disturbances and not disturbed:
         made_by += ", undisturbed"
     series = [_measurements(rig, stamps, shown, np.array(applied))]
-    if rig.experiments.loops:
+    if rig.experiments.loops or rig.experiments.feedback:
         series.append(_references(rig, stamps, wanted[::every]))
     return write(out, series, replace=overwrite, notes={"made_by": made_by})
 
@@ -126,14 +152,15 @@ def _measurements(rig: Rig, stamps: NDArray[np.int64], shown: list[Measurement],
 
 
 def _references(rig: Rig, stamps: NDArray[np.int64], wanted: Array) -> Series:
-    """The references of the loops, one point a message."""
-    places = {
-        index: rig.joints.place(rig.system.outputs[loop.output].name) for index, loop in rig.experiments.loops.items()
-    }
+    """What the loops or the feedback follow, one point a message."""
+    columns = {index: loop.output for index, loop in rig.experiments.loops.items()}
+    if rig.experiments.feedback:
+        columns = dict(enumerate(rig.experiments.feedback.followed, start=len(rig.actuators)))
+    places = {column: rig.joints.place(rig.system.outputs[output].name) for column, output in columns.items()}
     names = list(dict.fromkeys(joint for joint, _ in places.values()))
     fields = {f: np.full((len(stamps), 1, len(names)), np.nan) for f in dict.fromkeys(f for _, f in places.values())}
-    for index, (joint, field) in places.items():
-        fields[field][:, 0, names.index(joint)] = wanted[:, index]
+    for column, (joint, field) in places.items():
+        fields[field][:, 0, names.index(joint)] = wanted[:, column]
     plural = {"position": "positions", "velocity": "velocities"}
     given: dict[str, Any] = {plural[field]: values for field, values in fields.items()}
     return joint_trajectories(f"/{rig.namespace}/reference", stamps, names, times=[0.0], **given)

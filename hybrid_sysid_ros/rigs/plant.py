@@ -92,6 +92,11 @@ class Plant:
             self._parameters[names.index(name)] = value
 
     @property
+    def applied(self) -> list[float]:
+        """What the actuators make of the last commands (inputs,), before delays and bias."""
+        return [past[0] for past in self._past]
+
+    @property
     def time(self) -> float:
         return self._ticks * self.rig.step
 
@@ -99,7 +104,7 @@ class Plant:
         """One step under commanded inputs (inputs,), bounded by the actuators; NaN counts as rest."""
         values = [inputs] if isinstance(inputs, float) else np.atleast_1d(np.asarray(inputs, dtype=float)).tolist()
         for actuator, past, value in zip(self.rig.actuators, self._past, values, strict=True):
-            past.appendleft(actuator.bounded(value))
+            past.appendleft(actuator.reached(value, past[0], self.step))
         self._act()
         self._disturb()
         for channel in self._channels:

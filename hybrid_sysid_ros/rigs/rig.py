@@ -15,16 +15,17 @@ from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.core import System, Variable
 from hybrid_sysid_ros.rigs import folder as folders
 from hybrid_sysid_ros.rigs.actuator import Actuator
+from hybrid_sysid_ros.rigs.drivers import Experiments, experiments_of, index_of
 from hybrid_sysid_ros.rigs.excitation import Excitation, Schedule, Segment
 from hybrid_sysid_ros.rigs.joints import Joints
+from hybrid_sysid_ros.rigs.modes import NamedMode, modes_of
 from hybrid_sysid_ros.rigs.sensor import Display, Sensor
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_endless, refuse_unknown, section
 
 SECTIONS = (
     "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
-    "policy_training", "policy_certificate", "demo", "travel", "disturbances",
-    "drawing", "faults",
+    "policy_training", "policy_certificate", "demo", "travel", "disturbances", "drawing", "faults", "modes", "validity",
 )  # fmt: skip
 BEYOND = 1e9
 """No state, input or output of a rig is that large, whatever its unit."""
@@ -33,29 +34,6 @@ MARGIN = 0.02
 """Of the travel, at each end, that no reference reaches."""
 LONGEST_NAME = 100  # characters
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Loop:
-    """A controller that drives an input in experiments: u = gain (e + integral of e * rate), e = reference - output,
-    the output behind its sensor's low-pass where it has one.
-    """
-
-    output: int
-    gain: float
-    """[unit of the input per shown unit of the output]"""
-    integral: float = 0.0
-    """Rate of the integral part [1/s]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Experiments:
-    """How a rig is driven through its experiments."""
-
-    loops: Mapping[int, Loop] = field(default_factory=dict)
-    """By input: its controller. An input without one is excited itself."""
-    excitations: Mapping[str, Mapping[int, Excitation]] = field(default_factory=dict)
-    """By name: the signal of each input, or of the reference of its loop."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,6 +65,10 @@ class Rig:
     """All of rig.yaml."""
     disturbances: Mapping[int, Excitation] = field(default_factory=dict)
     """By state: the signal that moves it while the rig is simulated, which no model knows."""
+    validity: NDArray[np.float64] | None = None
+    """Lowest and highest value of each state where its equations mean something (2, states)."""
+    modes: Mapping[str, NamedMode] = field(default_factory=dict)
+    """By name: the modes in which it moves about an equilibrium."""
 
     def __reduce__(self) -> Any:
         """To another process a rig goes by its source: that runs its Python there, too."""
@@ -224,12 +206,14 @@ def _read(found: folders.RigFolder) -> Rig:
         step=_above_zero(content, "step", where),
         sensors=sensors,
         actuators=actuators,
-        travel=_travel(section(content, "travel", where), system, f"{where}: travel"),
+        travel=_ranges(section(content, "travel", where), system, f"{where}: travel"),
+        validity=_ranges(section(content, "validity", where), system, f"{where}: validity"),
         disturbances=_disturbances(section(content, "disturbances", where), system, f"{where}: disturbances"),
         joints=joints,
         namespace=namespace,
         signals=signals.ordered(system.inputs, system.outputs),
-        experiments=_experiments(section(content, "experiments", where), system, f"{where}: experiments"),
+        experiments=experiments_of(section(content, "experiments", where), system, f"{where}: experiments"),
+        modes=modes_of(section(content, "modes", where), system, f"{where}: modes"),
         references=_references(section(content, "references", where), system, f"{where}: references"),
         content=content,
     )
@@ -288,11 +272,11 @@ def _actuators(told: Mapping[str, Any], system: System, where: str) -> tuple[Act
     return tuple(built(Actuator, told[item.name], f"{where}.{item.name}") for item in system.inputs)
 
 
-def _travel(told: Mapping[str, Any], system: System, where: str) -> NDArray[np.float64]:
+def _ranges(told: Mapping[str, Any], system: System, where: str) -> NDArray[np.float64]:
     """Lowest and highest value of each state."""
     found = np.tile([[-np.inf], [np.inf]], len(system.states))
     for name, value in told.items():
-        index = _index(name, system.declared_states, where, "state")
+        index = index_of(name, system.declared_states, where, "state")
         low, high = numbers(value, f"{where}.{name}", count=2)
         if not low < high:
             raise UserError(f"{where}.{name} goes from {low:g} to {high:g}: the lowest value must come first")
@@ -307,7 +291,7 @@ def _disturbances(told: Mapping[str, Any], system: System, where: str) -> dict[i
         signal = Excitation.of(value, f"{where}.{name}")
         if not signal.endless:
             raise UserError(f"{where}.{name}: a {signal.kind} comes to an end: take another kind, or give it a period")
-        found[_index(name, system.declared_states, where, "state")] = signal
+        found[index_of(name, system.declared_states, where, "state")] = signal
     return found
 
 
@@ -316,32 +300,6 @@ def _above_zero(content: Mapping[str, Any], key: str, where: str) -> float:
     if not value > 0:
         raise UserError(f"{where}: {key} is {value:g}: it needs more than 0")
     return value
-
-
-def _index(name: object, variables: tuple[Variable, ...], where: str, what: str) -> int:
-    names = [item.name for item in variables]
-    if name not in names:
-        raise UserError(f"{where}: {name!r} is no {what}; known are {', '.join(names)}")
-    return names.index(str(name))
-
-
-def _experiments(content: Mapping[str, Any], system: System, where: str) -> Experiments:
-    refuse_unknown(content, ("loops", "excitations"), where)
-    loops = {}
-    for name, value in section(content, "loops", where).items():
-        here = f"{where}: loops.{name}"
-        told = dict(value) if isinstance(value, dict) else {}
-        output = _index(told.get("output", system.outputs[0].name), system.outputs, here, "output")
-        loops[_index(name, system.inputs, here, "input")] = built(Loop, {**told, "output": output}, here)
-    excitations: dict[str, dict[int, Excitation]] = {}
-    for name, value in section(content, "excitations", where).items():
-        here = f"{where}: excitations.{name}"
-        if isinstance(value, dict) and "kind" not in value:
-            chosen = {_index(key, system.inputs, here, "input"): item for key, item in value.items()}
-        else:
-            chosen = dict.fromkeys(range(len(system.inputs)), value)
-        excitations[name] = {index: Excitation.of(item, here) for index, item in chosen.items()}
-    return Experiments(loops=loops, excitations=excitations)
 
 
 def _references(content: Mapping[str, Any], system: System, where: str) -> dict[str, Schedule]:
@@ -353,7 +311,7 @@ def _references(content: Mapping[str, Any], system: System, where: str) -> dict[
         for label, value in section(told, "segments", here, needed=True).items():
             at = f"{here}.segments.{label}"
             numbers_of = dict(value) if isinstance(value, dict) else {}
-            output = _index(numbers_of.pop("output", system.outputs[0].name), system.outputs, at, "output")
+            output = index_of(numbers_of.pop("output", system.outputs[0].name), system.outputs, at, "output")
             start = numbers(numbers_of.pop("start", 0.0), f"{at}.start", count=1)[0]
             stop = numbers(numbers_of.pop("stop", None), f"{at}.stop", count=1)[0]
             if not 0 <= start < stop:

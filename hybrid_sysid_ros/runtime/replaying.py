@@ -29,6 +29,16 @@ NEEDED = ("joint_states", "reference", "state_estimate", "joint_command")
 
 
 @dataclass(frozen=True, kw_only=True)
+class Changes:
+    """What is other than it was recorded; empty: as it was."""
+
+    rig: str = ""
+    model: str = ""
+    policy: str = ""
+    policy_path: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Plan:
     """What is replayed: parameters of estimator and controller, and where they come from."""
 
@@ -39,24 +49,19 @@ class Plan:
     controller: Mapping[str, Any]
     source: str
     """Of the parameters, in words."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Changes:
-    """What is other than it was recorded; empty: as it was."""
-
-    rig: str = ""
-    model: str = ""
-    policy: str = ""
-    policy_path: str = ""
+    changes: Changes
+    """What is other than it was recorded."""
 
 
 def plan_of(bag: Path, changes: Changes, scratch: Path, *, recover: bool = False) -> Plan:
     """What to replay of a bag, by what it says of itself; of a bag that says nothing, by the rig's defaults.
 
+    Another model without another policy is driven by the exact MPC: a network is of the model that it was trained for.
     scratch: a folder for the models and policies that are in the bag. Raises UserError where a topic is missing, what
     the bag says of itself is unreadable, or the rig is not there.
     """
+    if changes.model and not changes.policy and not changes.policy_path:
+        changes = dataclasses.replace(changes, policy="exact")
     found = attached(bag)
     told = {node: belongings.parameters(found, node) for node in ("estimator", "controller")}
     rig = rigs.load(changes.rig or told["estimator"].get("rig") or rigs.default())
@@ -77,7 +82,7 @@ def plan_of(bag: Path, changes: Changes, scratch: Path, *, recover: bool = False
     if not lockstep:
         values["controller"]["time_limit"] = 0.0
     source = "as the bag says" if told["estimator"] else "the rig's defaults: the bag does not say what they were"
-    return Plan(rig=rig, lockstep=lockstep, **values, source=source)
+    return Plan(rig=rig, lockstep=lockstep, **values, source=source, changes=changes)
 
 
 def _known(rig: Rig, node: str, told: Mapping[str, Any]) -> dict[str, Any]:

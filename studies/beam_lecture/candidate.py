@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, astuple, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.selection.cross_validation import Validation, cross_validate
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.models.model import versions
+from hybrid_sysid_ros.models.options import Options
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Store
@@ -34,6 +35,8 @@ class Task:
     rig: Rig
     sampling: Sampling
     seeds: Sequence[int]
+    options: Options = field(default_factory=dict)
+    """Of the structure."""
 
     @property
     def parts(self) -> Sequence[Part]:
@@ -46,6 +49,7 @@ class Task:
         return [
             self.structure,
             self.rig.source,
+            sorted(self.options.items()),
             [int(seed) for seed in self.seeds],
             list(astuple(self.sampling)),
             [[record.fingerprint, *astuple(part)] for record, part in zip(self.training, self.parts, strict=True)],
@@ -82,7 +86,7 @@ def work(task: Task) -> Candidate:
     """One structure through all of its task."""
     began = time.perf_counter()
     try:
-        shared: dict[str, Any] = {"sampling": task.sampling, "part": task.part}
+        shared: dict[str, Any] = {"sampling": task.sampling, "part": task.part, "options": task.options}
         models = [identify(task.training, task.rig, task.structure, seed=seed, **shared) for seed in task.seeds]
         r2 = [{record.name: evaluate(model, record, part=part).r2 for record, part in task.tests} for model in models]
         held: dict[str, Any] = {"seed": task.seeds[0], "alike": task.alike}

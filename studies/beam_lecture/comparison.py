@@ -11,6 +11,7 @@ import numpy as np
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.models.options import Options
 from hybrid_sysid_ros.models.structures import structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support import parallel
@@ -60,6 +61,7 @@ def compare(
     sampling: Sampling,
     part: Part | Sequence[Part] = Part(),
     alike: bool = False,
+    options: Options | None = None,
     seeds: Sequence[int] = (0, 1, 2),
     jobs: int = 0,
     store: Store[Candidate] | None = None,
@@ -68,11 +70,11 @@ def compare(
     """Fit structures with several seeds, score them on the tests, cross-validate them on the training data, and choose.
 
     part: of all training records, or of each. alike: of the blocks that are held out, see
-    :func:`~hybrid_sysid_ros.identification.selection.cross_validation.cross_validate`. jobs: processes, 0 for one a
-    processor. told: gets each candidate as it is done. store: keeps finished candidates, and has those of an earlier
-    run. A structure that can't be fitted, or whose process is killed again and again, is a candidate with an error; the
-    others go on. The choice is the one-standard-error rule of Breiman et al. (1984):
-    RULE, which the tests never enter.
+    :func:`~hybrid_sysid_ros.identification.selection.cross_validation.cross_validate`. options: of all
+    structures. jobs: processes, 0 for one a processor. told: gets each candidate as it is done. store: keeps finished
+    candidates, and has those of an earlier run. A structure that can't be fitted, or whose process is killed again and
+    again, is a candidate with an error; the others go on. The choice is the one-standard-error rule of Breiman et al.
+    (1984): RULE, which the tests never enter.
     """
     began = time.perf_counter()
     bare = {id(record): replace(record, channels={}) for record in (*training, *(item for item, _ in tests))}
@@ -85,6 +87,7 @@ def compare(
             tests=[(bare[id(record)], chosen) for record, chosen in tests],
             rig=rig,
             sampling=sampling,
+            options=options or {},
             seeds=seeds if _seeded(structure, rig) else seeds[:1],
         )
         for structure in structures

@@ -15,7 +15,8 @@ from rich.table import Table
 from hybrid_sysid_ros import report
 from hybrid_sysid_ros.commands.terminal import InputHandling, Period, Step, console, print_table, sampling_of, status
 from hybrid_sysid_ros.models import STRUCTURES
-from hybrid_sysid_ros.models.structures import structure_of
+from hybrid_sysid_ros.models.options import complete, parse
+from hybrid_sysid_ros.models.structures import options_of
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import beside, check_file, check_folder, written_file
@@ -42,6 +43,9 @@ def command(
     structure: Annotated[
         list[str] | None, typer.Option("--structure", help="Only these structures; several may be given.")
     ] = None,
+    option: Annotated[
+        list[str] | None, typer.Option("--option", help="NAME=VALUE of all these structures, such as starts=4.")
+    ] = None,
     seeds: Annotated[int, typer.Option(help="Seeds of each learned structure.", min=1, max=20)] = 3,
     as_json: Annotated[Path | None, typer.Option("--json", help="Write the results as JSON.")] = None,
     page: Annotated[Path | None, typer.Option("--report", help="Write an HTML page with the plots.")] = None,
@@ -67,8 +71,9 @@ def command(
     # The rig's further gray boxes are of the third protocol: the tables of the first two stay what they were.
     known = [*STRUCTURES, *rig.structures]
     chosen = structure or (known if number == 3 else list(STRUCTURES))
+    options = parse(option or [])
     for name in chosen:
-        structure_of(name, rig.structures)
+        complete(options, options_of(name, rig.system, rig.structures), name)
     sampling = sampling_of(step, period, input_handling)
     protocol = lecture.arrange(lecture.read_folder(folder, slow=number == 3), number)
     structures = list(dict.fromkeys(chosen))
@@ -92,6 +97,7 @@ def command(
                 sampling=sampling,
                 part=protocol.parts,
                 alike=protocol.alike,
+                options=options,
                 seeds=range(seeds),
                 jobs=jobs,
                 store=store,

@@ -83,14 +83,17 @@ def judged(model: Model, record: Record) -> dict[str, Any]:
 
 
 def observed(record: Record) -> dict[str, Any]:
-    """The observer, identified and chosen on the first half: R2 of the bit's speed and stuck samples in either."""
-    learnt, kept = (part.of(record, SAMPLING) for part in (LEARNT, KEPT))
+    """The observer, identified and chosen on the first half: R2 of the bit's speed and stuck samples in either. It runs
+    from the record's beginning on, as one on a rig does: in the midst of stick-slip it needs 5 s to find the twist.
+    """
+    learnt = LEARNT.of(record, SAMPLING)
     system, balance = observer.identified(learnt)
     found: dict[str, Any] = {"balance": asdict(balance), "parameters": system.named, "choice": asdict(Choice())}
-    for name, part in (("first", learnt), ("second", kept)):
-        measured, speed = Choice().estimated(system, observer.aligned(part, balance.delay))
-        scores = score(measured, speed)
-        told = stops.found(np.abs(measured) < STUCK, np.abs(speed) < Choice().told)
+    measured, speed = Choice().estimated(system, observer.aligned(record, balance.delay))
+    cut = round(learnt.duration / observer.PERIOD) + 1
+    for name, half in (("first", slice(cut)), ("second", slice(cut, None))):
+        scores = score(measured[half], speed[half])
+        told = stops.found(np.abs(measured[half]) < STUCK, np.abs(speed[half]) < Choice().told)
         found[name] = {"r2": scores.r2, "rmse": scores.rmse, "stuck": told}
     return found
 

@@ -13,9 +13,10 @@ from hybrid_sysid_ros.core import Dry, System, bounded
 from hybrid_sysid_ros.core.mathematics import log, sqrt
 from hybrid_sysid_ros.rigs.actuator import Actuator
 from hybrid_sysid_ros.rigs.check import check, step_responses
+from hybrid_sysid_ros.rigs.drivers import Experiments, Loop
 from hybrid_sysid_ros.rigs.excitation import Excitation
 from hybrid_sysid_ros.rigs.experiments import simulate
-from hybrid_sysid_ros.rigs.rig import Experiments, Loop, default, load
+from hybrid_sysid_ros.rigs.rig import default, load
 from hybrid_sysid_ros.rigs.sensor import LowPass, Sensor
 from hybrid_sysid_ros.support.errors import UserError
 from tests.command_line import refused

@@ -9,8 +9,9 @@ import numpy as np
 from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.core import RungeKutta, System, bounded
 from hybrid_sysid_ros.rigs.actuator import Actuator
+from hybrid_sysid_ros.rigs.drivers import Experiments
 from hybrid_sysid_ros.rigs.joints import Joints
-from hybrid_sysid_ros.rigs.rig import Experiments, Rig
+from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import Sensor
 
 

@@ -1,0 +1,228 @@
+"""Fits of a rig that is unstable: windows whose initial states are free, open at first, then held by a stabiliser."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core import Sensitivities, System, rollouts
+from hybrid_sysid_ros.core.symbolic import linearised
+from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.problem import Map, Problem, Residuals
+from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+Starts = NDArray[np.int64]
+
+GROWTHS = (1.4, 3.6)
+"""Length of the open windows, first short ones, by how often an error grows by e in them: to 4 and 36 times itself."""
+GAUSS_NEWTON, STILL = 8, 1e-6
+"""Most steps of the initial states, and the share of a residual's change from which on they stand."""
+SLOWEST = 0.05
+"""[1/s], below which growth does not count: windows would be as long as records."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Windows:
+    """How an unstable rig is identified, and judged."""
+
+    noise: Array
+    """Of each output's sensor, rms in SI, (outputs,)."""
+    stabiliser: Array
+    """K (inputs, outputs) of u = v - K y, which holds the rig, SI."""
+    closed: float = 0.0
+    """Length of the last windows, which the stabiliser closes [s]; 0: there are none."""
+
+
+def windows_of(rig: Rig) -> Windows | None:
+    """How a rig is identified that says what holds it (experiments.stabiliser); None where it needs nothing."""
+    stabiliser = rig.experiments.stabiliser
+    if stabiliser is None:
+        return None
+    noise = np.array([sensor.noise * abs(sensor.scale) for sensor in rig.sensors])
+    return Windows(noise=noise, stabiliser=stabiliser, closed=rig.experiments.closed_windows)
+
+
+def fastest_growth(system: System) -> float:
+    """How fast the fastest mode grows where states and inputs are zero [1/s]; 0 where none does."""
+    if system.sampling_time:
+        return 0.0
+    transition, _ = linearised(system, np.zeros(len(system.states)), np.zeros(len(system.inputs)))
+    return float(max(np.max(np.linalg.eigvals(transition).real, initial=0.0), 0.0))
+
+
+def feedback_of(system: System, stabiliser: Array) -> Array:
+    """K (inputs, outputs) as gains of the states, (inputs, states).
+
+    Raises UserError where an output that is fed back is no state.
+    """
+    names, found = [item.name for item in system.states], np.zeros((len(system.inputs), len(system.states)))
+    for column, item in enumerate(system.outputs):
+        if np.any(stabiliser[:, column]):
+            if item.name not in names:
+                raise UserError(f"stabiliser: {item.name} is fed back, but it is no state of {type(system).__name__}")
+            found[:, names.index(item.name)] = stabiliser[:, column]
+    return found
+
+
+def check_sampling(sampling: Sampling, name: str) -> None:
+    """Raise UserError where a stabiliser, which acts at each step, has no outputs there."""
+    if sampling.every != 1:
+        raise UserError(
+            f"{name}: a stabiliser acts at each step of {sampling.step:g} s, but the outputs are scored every "
+            f"{sampling.period:g} s: give a period as long as the step, that of the record's samples"
+        )
+
+
+def held_inputs(experiment: Experiment, stabiliser: Array) -> Array:
+    """V = u + K y of a record, (steps, inputs), with which u = v - K y of a simulation is closed by the stabiliser.
+
+    Raises UserError where outputs are not there at each step.
+    """
+    check_sampling(experiment.sampling, experiment.name)
+    return np.asarray(experiment.inputs + experiment.outputs[:-1] @ stabiliser.T)
+
+
+def settled(
+    system: System,
+    starts: Starts,
+    states: Array,
+    inputs: Array,
+    outputs: Array,
+    *,
+    free: Sequence[int],
+    noise: Array,
+    step: float,
+    every: int,
+    feedback: Array | None = None,
+) -> Array:
+    """Initial states (windows, states) that meet the outputs (rows, outputs) of each window best in least squares, by
+    Gauss-Newton from given ones; ``free`` states move, in all windows at once.
+    """
+    sensitivities = Sensitivities(system, parameters=(), states=list(free))
+    given: dict[str, Any] = {"step": step, "every": every, "feedback": feedback}
+    slopes = np.empty((len(outputs), outputs.shape[1], sensitivities.count))
+    first = sensitivities.count - len(free)
+    best, costs = states.copy(), np.full(len(starts), np.inf)
+    trial = states.copy()
+    for _ in range(GAUSS_NEWTON):
+        _, found = rollouts(system, starts, trial, inputs, **given)
+        errors = np.nan_to_num(np.clip((outputs - found) / noise, -1e6, 1e6), nan=1e6)
+        sums = np.add.reduceat(np.sum(errors**2, axis=1), starts[:, 3])
+        better = sums < costs
+        gained = np.where(better, np.minimum(costs, 1e300) - sums, 0.0)
+        best[better] = trial[better]
+        moved = better & (gained > STILL * sums)
+        costs = np.minimum(costs, sums)
+        if not moved.any():
+            break
+        sensitivities.rollouts(system, starts, best, inputs, **given, out=slopes)
+        trial = best.copy()
+        for window in np.flatnonzero(moved):
+            rows = slice(starts[window, 3], starts[window, 3] + starts[window, 2])
+            matrix = (slopes[rows, :, first:] / noise[:, None]).reshape(-1, len(free))
+            if np.isfinite(matrix).all():
+                trial[window, free] += np.linalg.lstsq(matrix, errors[rows].ravel(), rcond=1e-10)[0]
+    return best
+
+
+class Shooting(Problem):
+    """The residuals of one system on several experiments, over windows whose initial states are free.
+
+        free parameters, weights
+
+    The initial states of each window are no part of the point: at every point they are those that meet the window best,
+    and the derivatives are those that are left then (variable projection, Golub & Pereyra 1973, SIAM J. Numer. Anal.
+    10(2), as Kaufman 1975 simplified it; what multiple shooting, Bock 1983, eliminates as a Schur complement). Errors
+    count in the noise of their sensors. Windows longer than the open ones are closed by the stabiliser.
+    """
+
+    def __init__(self, system: System, experiments: Sequence[Experiment], windows: Windows, **options: Any) -> None:
+        """options: of :class:`~.problem.Problem`."""
+        super().__init__(system, experiments, **options)
+        self.moved_states, self.nuisance_units = [], np.zeros(0)
+        self._shown = sorted(set(range(len(system.declared_states))) - set(self.hidden))
+        self._noise = np.where(windows.noise > 0.0, windows.noise, 1e-3 * self.deviation)
+        self._stabiliser = windows.stabiliser
+        growth = max(fastest_growth(system), SLOWEST)
+        period = self.sampling.period
+        lengths = [max(round(rate / growth / period), 2) for rate in GROWTHS]
+        self._open = lengths[-1]
+        self.stages: tuple[int | None, ...] = (*lengths, *([round(windows.closed / period)] if windows.closed else []))
+        """Samples of the windows of each stage."""
+        self._begun: dict[int | None, Array] = {}
+
+    def carry(self, point: Array, horizon: int | None) -> None:
+        super().carry(point, horizon)
+        self._begun.clear()
+
+    def relative_error(self, rows: Array) -> float:
+        errors = rows[: len(rows) - len(self.priors(self.start))].reshape(-1, len(self._noise))
+        return float(np.sqrt(np.mean((errors * self._noise / self.deviation) ** 2)))
+
+    def chi_squared(self, rows: Array) -> float:
+        """Mean squared error among residual rows, in the noise of the sensors: 1 is all that noise leaves."""
+        return float(np.mean(rows[: len(rows) - len(self.priors(self.start))] ** 2))
+
+    def weight(self, outputs: Array) -> Array:
+        return np.asarray(1.0 / self._noise)
+
+    def _setting(self, horizon: int | None) -> tuple[Starts, Array, Array, Array, dict[str, Any]]:
+        """Windows: starts, states that the record shows there, outputs, inputs; and how they are simulated."""
+        starts, states, outputs, _ = self.windows(horizon)
+        given: dict[str, Any] = {"step": self.sampling.step, "every": self.sampling.every}
+        if horizon is not None and horizon <= self._open:
+            return starts, states, outputs, self.inputs, given
+        given["feedback"] = feedback_of(self.system, self._stabiliser)
+        held = np.concatenate([held_inputs(item, self._stabiliser) for item in self.experiments])
+        return starts, states, outputs, held, given
+
+    def residuals(self, horizon: int | None) -> Residuals:
+        """Errors of all windows in the noise, followed by the priors."""
+        starts, states, outputs, inputs, given = self._setting(horizon)
+
+        def evaluate(point: Array) -> Array:
+            system = self.with_point(point)
+            begun = self._begun.get(horizon, states)
+            begun = settled(system, starts, begun, inputs, outputs, free=self._shown, noise=self._noise, **given)
+            self._begun[horizon] = begun
+            _, found = rollouts(system, starts, begun, inputs, **given)
+            self.evaluations += 1
+            errors = np.nan_to_num(np.clip((found - outputs) / self._noise, -1e6, 1e6), nan=1e6)
+            return np.concatenate([errors.ravel(), self.priors(point)])
+
+        return evaluate
+
+    def jacobian(self, horizon: int | None, run: Map) -> Residuals:
+        """Derivatives (rows, point) with the initial states following."""
+        starts, states, outputs, inputs, given = self._setting(horizon)
+        sensitivities = Sensitivities(self.system, parameters=self.free, states=self._shown)
+        count = outputs.shape[1]
+
+        def evaluate(at: Array) -> Array:
+            system = self.with_point(at)
+            begun = settled(
+                system, starts, self._begun.get(horizon, states), inputs, outputs,
+                free=self._shown, noise=self._noise, **given,
+            )  # fmt: skip
+            slopes = np.empty((len(outputs), count, sensitivities.count))
+            sensitivities.rollouts(system, starts, begun, inputs, **given, out=slopes)
+            self.evaluations += 1
+            slopes = np.nan_to_num(np.clip(slopes / self._noise[:, None], -1e6, 1e6))
+            result = np.zeros((outputs.size + len(at), len(at)))
+            for first, last in pairwise([*starts[:, 3], len(outputs)]):
+                own = slopes[first:last].reshape(-1, sensitivities.count)
+                shared, by_start = own[:, : self.shared] * self.scales, own[:, self.shared :]
+                basis = np.linalg.qr(by_start)[0]
+                result[first * count : last * count] = shared - basis @ (basis.T @ shared)
+            result[outputs.size :] = self.prior_slopes
+            return result
+
+        return evaluate

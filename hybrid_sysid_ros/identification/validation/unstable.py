@@ -1,0 +1,136 @@
+"""What is said of a model of an unstable rig, whose open free run says nothing: predictions from estimated states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core import System, rollouts
+from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.shooting import Windows, fastest_growth, feedback_of, held_inputs, settled
+from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, free_run_states, initial_state
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+
+MOST_GROWTH = 1e6
+"""Of an error of the initial state over a free run, from which on nothing is left of what was told of the beginning."""
+PAST, APART = 2.0, 0.5
+"""Seconds of a record that tell the state from which a prediction begins, and from one beginning to the next."""
+AHEAD = ((1.0, False), (5.0, False), (20.0, True))
+"""Horizons [s] of predictions, and whether the stabiliser closes them."""
+
+
+class UnstableError(UserError):
+    """A free run that says nothing."""
+
+
+def check_free_run(system: System, experiment: Experiment) -> None:
+    """Raise UnstableError for a system whose free run over an experiment says nothing: one that is linearly unstable at
+    rest, so that an error of the beginning grows a million times, and whose run has left the record.
+    """
+    rate, seconds = fastest_growth(system), experiment.sampling.period * (experiment.samples - 1)
+    if rate * seconds <= np.log(MOST_GROWTH):
+        return
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares = np.mean((free_run(system, experiment) - experiment.outputs) ** 2, axis=0)
+    if np.all(squares < np.var(experiment.outputs, axis=0)):
+        return  # what grows is bounded by something that is not linear, and the run follows
+    raise UnstableError(
+        f"{experiment.name}: an open free run over {seconds:.0f} s says nothing of an unstable system: an error of its "
+        f"beginning grows by e in {1.0 / rate:.3g} s; it is judged some seconds ahead, and in closed loop"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prediction:
+    """Errors some time ahead."""
+
+    seconds: float
+    closed: bool
+    """Whether the stabiliser held the simulation."""
+    count: int
+    """Beginnings."""
+    scores: Scores
+    """Of the outputs there; R2 by the variance of the record's output."""
+
+
+def predictions(
+    system: System, experiment: Experiment, windows: Windows, *, ahead: Sequence[tuple[float, bool]] = AHEAD
+) -> list[Prediction]:
+    """Errors of simulations so many seconds ahead, open or closed by the stabiliser, where the record is long enough.
+
+    Each begins in the state that meets the PAST seconds before best, and knows nothing after that but the inputs; where
+    it is closed, the noise of the outputs that the rig's inputs answered. A beginning comes every APART seconds.
+
+    Raises UserError for a stabiliser that does not fit the record's sampling.
+    """
+    sampling, n = experiment.sampling, len(system.declared_states)
+    past, stride = round(PAST / sampling.period), max(round(APART / sampling.period), 1)
+    hidden = [*system.hidden, *range(n, len(system.states))]
+    free = [k for k in range(n) if k not in hidden]
+    carried = np.nan_to_num(free_run_states(system, experiment)[0][:, hidden])
+    initial = experiment.states.copy()
+    initial[:, hidden] = carried
+    noise = np.where(windows.noise > 0.0, windows.noise, 1e-3 * np.std(experiment.outputs, axis=0))
+    given: dict[str, Any] = {"step": sampling.step, "every": sampling.every}
+    found = []
+    for seconds, closed in ahead:
+        length = round(seconds / sampling.period)
+        begins = np.arange(0, experiment.samples - past - length, stride)
+        if not len(begins):
+            continue
+        starts = np.array([[0, b * sampling.every, past + 1, k * (past + 1)] for k, b in enumerate(begins)])
+        seen = np.concatenate([experiment.outputs[b : b + past + 1] for b in begins])
+        first = settled(
+            system, starts, np.ascontiguousarray(initial[begins]), experiment.inputs, seen,
+            free=free, noise=noise, **given,
+        )  # fmt: skip
+        states, _ = rollouts(system, starts, first, experiment.inputs, **given)
+        from_here = np.ascontiguousarray(states[starts[:, 3] + past])
+        then = np.array([[0, (b + past) * sampling.every, length + 1, k * (length + 1)] for k, b in enumerate(begins)])
+        inputs, options = experiment.inputs, dict(given)
+        if closed:
+            inputs = held_inputs(experiment, windows.stabiliser)
+            options["feedback"] = feedback_of(system, windows.stabiliser)
+        _, outputs = rollouts(system, then, from_here, inputs, **options)
+        simulated, measured = outputs[then[:, 3] + length], experiment.outputs[begins + past + length]
+        found.append(
+            Prediction(
+                seconds=seconds,
+                closed=closed,
+                count=len(begins),
+                scores=_scores(system, experiment, measured, simulated),
+            )
+        )
+    return found
+
+
+def _scores(system: System, experiment: Experiment, measured: Array, simulated: Array) -> Scores:
+    """By the deviations of the whole record."""
+    deviation = np.std(experiment.outputs, axis=0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        rmse = np.nan_to_num(np.sqrt(np.mean((simulated - measured) ** 2, axis=0)), nan=np.inf)
+        ratio = rmse / deviation
+        each = {
+            item.name: Scores(r2=float(1.0 - share**2), rmse=float(error), fit_percent=float(100.0 * (1.0 - share)))
+            for item, error, share in zip(system.outputs, rmse, ratio, strict=True)
+        }
+    if len(each) == 1:
+        return next(iter(each.values()))
+    r2, fit = (float(np.mean([getattr(item, key) for item in each.values()])) for key in ("r2", "fit_percent"))
+    return Scores(r2=r2, rmse=float("nan"), fit_percent=fit, outputs=each)
+
+
+def stabilised_run(system: System, experiment: Experiment, stabiliser: Array) -> Array:
+    """Outputs (samples, outputs) of one run from one initial state over the whole record, closed by the stabiliser."""
+    sampling = experiment.sampling
+    starts = np.array([[0, 0, experiment.samples, 0]])
+    first = initial_state(system, experiment)[None]
+    inputs, feedback = held_inputs(experiment, stabiliser), feedback_of(system, stabiliser)
+    _, outputs = rollouts(system, starts, first, inputs, step=sampling.step, every=sampling.every, feedback=feedback)
+    return outputs

@@ -1,0 +1,88 @@
+"""Drivers: what moves the inputs of a rig through its experiments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core import System, Variable
+from hybrid_sysid_ros.rigs.excitation import Excitation
+from hybrid_sysid_ros.rigs.feedback import Feedback, table
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.structured import built, numbers, refuse_unknown, section
+
+
+@dataclass(frozen=True, kw_only=True)
+class Loop:
+    """A controller that drives an input in experiments: u = gain (e + integral of e * rate), e = reference - output,
+    the output behind its sensor's low-pass where it has one.
+    """
+
+    output: int
+    gain: float
+    """[unit of the input per shown unit of the output]"""
+    integral: float = 0.0
+    """Rate of the integral part [1/s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiments:
+    """How a rig is driven through its experiments."""
+
+    loops: Mapping[int, Loop] = field(default_factory=dict)
+    """By input: its controller. An input without one is excited itself."""
+    feedback: Feedback | None = None
+    """Instead of loops: one law of all inputs, which follows commands. Excitations are added to its inputs."""
+    stabiliser: NDArray[np.float64] | None = None
+    """(inputs, outputs), SI: u = v - K y holds a rig that is unstable, in identification and validation."""
+    closed_windows: float = 0.0
+    """Length of the last windows of an identification, which the stabiliser closes [s]; 0: there are none."""
+    excitations: Mapping[str, Mapping[int, Excitation]] = field(default_factory=dict)
+    """By name: the signal of each input, or of the reference of its loop; those behind the inputs are the commands of
+    the outputs that a feedback follows.
+    """
+
+
+def experiments_of(content: Mapping[str, Any], system: System, where: str) -> Experiments:
+    """From a section of rig.yaml. Raises UserError for what is wrong in it."""
+    refuse_unknown(content, ("loops", "feedback", "stabiliser", "closed_windows", "excitations"), where)
+    if "loops" in content and "feedback" in content:
+        raise UserError(f"{where}: loops and feedback both drive the inputs: leave one out")
+    loops = {}
+    for name, value in section(content, "loops", where).items():
+        here = f"{where}: loops.{name}"
+        told = dict(value) if isinstance(value, dict) else {}
+        output = index_of(told.get("output", system.outputs[0].name), system.outputs, here, "output")
+        loops[index_of(name, system.inputs, here, "input")] = built(Loop, {**told, "output": output}, here)
+    feedback, driven = None, tuple(system.inputs)
+    if "feedback" in content:
+        feedback = Feedback.of(section(content, "feedback", where), system, f"{where}: feedback")
+        driven += tuple(system.outputs[index] for index in feedback.followed)
+    excitations: dict[str, dict[int, Excitation]] = {}
+    for name, value in section(content, "excitations", where).items():
+        here = f"{where}: excitations.{name}"
+        if isinstance(value, dict) and "kind" not in value:
+            chosen = {index_of(key, driven, here, "input"): item for key, item in value.items()}
+        else:
+            chosen = dict.fromkeys(range(len(system.inputs)), value)
+        excitations[name] = {index: Excitation.of(item, here) for index, item in chosen.items()}
+    held = "stabiliser" in content
+    return Experiments(
+        loops=loops,
+        feedback=feedback,
+        stabiliser=table(content, "stabiliser", (system.inputs, system.outputs), where) if held else None,
+        closed_windows=numbers(content.get("closed_windows", 0.0), f"{where}: closed_windows", count=1)[0],
+        excitations=excitations,
+    )
+
+
+def index_of(name: object, variables: tuple[Variable, ...], where: str, what: str) -> int:
+    """Where a variable stands among others. Raises UserError where it is none of them."""
+    names = [item.name for item in variables]
+    if name not in names:
+        raise UserError(f"{where}: {name!r} is no {what}; known are {', '.join(names)}")
+    return names.index(str(name))

@@ -1,0 +1,233 @@
+"""Identification of an unstable system under a loop: free initial states, what is refused, and what stands instead."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded, rollouts, simulate, stepped
+from hybrid_sysid_ros.core.mathematics import sin
+from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.fitting import Fit, fit
+from hybrid_sysid_ros.identification.grouping import groups
+from hybrid_sysid_ros.identification.shooting import Shooting, Windows, fastest_growth, feedback_of
+from hybrid_sysid_ros.identification.validation.unstable import (
+    UnstableError,
+    check_free_run,
+    predictions,
+    stabilised_run,
+)
+from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.support.errors import UserError
+
+STEP, NOISE = 0.02, np.array([0.002, 0.01])
+GAINS = np.array([[40.0, 8.0]])
+"""Of a loop that holds the pendulum."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Upright(System):
+    """J q'' = w sin q + g u: a pendulum on its head, whose inertia, weight and gain count only by their ratios."""
+
+    states = ("angle [rad]", "rate [rad/s]")
+    inputs = ("torque [N m]",)
+    outputs = ("angle", "rate")
+    stepper = RungeKutta()
+
+    inertia: float = bounded(0.5, 0.3, 0.8, spread=0.05, unit="kg m^2")
+    weight: float = bounded(2.0, 1.0, 4.0, spread=0.3, unit="N m")
+    gain: float = bounded(0.25, 0.1, 0.5, spread=0.03, unit="1")
+
+    def law(self, x, u):
+        return x[1], (self.weight * sin(x[0]) + self.gain * u[0]) / self.inertia
+
+
+PLANT = Upright(inertia=0.53, weight=2.3, gain=0.24)
+WINDOWS = Windows(noise=NOISE, stabiliser=GAINS)
+SAMPLING = Sampling(step=STEP, period=STEP)
+
+
+def flown(seed: int, *, seconds: float = 40.0, system: System = PLANT, noise: float = 1.0) -> Experiment:
+    """The pendulum under its loop, moved by a random torque."""
+    random = np.random.default_rng(seed)
+    count = round(seconds / STEP)
+    pushed = np.repeat(random.uniform(-6.0, 6.0, count // 20 + 1), 20)[:count]
+    x, states, inputs = np.zeros(2), [np.zeros(2)], []
+    disturbed = noise * NOISE * random.standard_normal((count + 1, 2))
+    for k in range(count):
+        u = pushed[k : k + 1] - GAINS @ (x + disturbed[k])
+        x = stepped(system, x, u, step=STEP)
+        states.append(x)
+        inputs.append(u)
+    outputs = np.array(states) + disturbed
+    return Experiment(name="flown", sampling=SAMPLING, inputs=np.array(inputs), outputs=outputs, states=outputs.copy())
+
+
+@pytest.fixture(scope="module")
+def record() -> Experiment:
+    return flown(1)
+
+
+def loop_of(inputs, first, feedback):
+    """The same run in plain Python, (samples, states)."""
+    x, found = first.copy(), [first.copy()]
+    for u in inputs:
+        x = stepped(PLANT, x, u - feedback @ x, step=STEP)
+        found.append(x)
+    return np.array(found)
+
+
+def test_a_run_with_a_feedback_is_the_loop_and_its_slopes_are_those_of_differences():
+    random = np.random.default_rng(0)
+    inputs, first = random.normal(size=(60, 1)), np.array([0.1, -0.2])
+    starts = np.array([[0, 0, 61, 0]])
+    given: dict[str, Any] = {"step": STEP, "every": 1, "feedback": GAINS}
+    states, _ = rollouts(PLANT, starts, first[None], inputs, **given)
+    np.testing.assert_allclose(states, loop_of(inputs, first, GAINS), atol=1e-12)
+    sensitivities = Sensitivities(PLANT)
+    slopes = np.empty((61, 2, sensitivities.count))
+    sensitivities.rollouts(PLANT, starts, first[None], inputs, **given, out=slopes)
+    nudge = 1e-6
+    for k in range(5):
+        values, begin = PLANT.values, first.copy()
+        if k < 3:
+            values[k] += nudge
+        else:
+            begin[k - 3] += nudge
+        other, _ = rollouts(PLANT.with_values(values), starts, begin[None], inputs, **given)
+        np.testing.assert_allclose(slopes[:, :, k], (other - states) / nudge, atol=2e-4)
+    with pytest.raises(ValueError, match="it needs 1 rows and 2 columns"):
+        rollouts(PLANT, starts, first[None], inputs, step=STEP, feedback=np.zeros((2, 2)))
+
+
+def test_windows_grow_as_the_fastest_mode_does(record):
+    assert fastest_growth(PLANT) == pytest.approx(np.sqrt(2.3 / 0.53))
+    problem = Shooting(Upright(), [record], WINDOWS)
+    assert problem.stages == tuple(round(rate / 2.0 / STEP) for rate in (1.4, 3.6))
+    closed = Shooting(Upright(), [record], replace(WINDOWS, closed=10.0))
+    assert closed.stages[-1] == 500
+
+
+@pytest.mark.parametrize("closed", [0.0, 5.0])
+def test_derivatives_are_those_of_a_fit_of_all_initial_states(record, closed):
+    """The gradient of the sum of squares over parameters alone, by differences."""
+    problem = Shooting(Upright(), [record], replace(WINDOWS, closed=closed))
+    horizon = problem.stages[-1]
+    residuals, jacobian = problem.residuals(horizon), problem.jacobian(horizon, map)
+    at = problem.start
+    gradient = jacobian(at).T @ residuals(at)
+    for k in range(len(at)):
+        ahead, behind = at.copy(), at.copy()
+        ahead[k] += 1e-4
+        behind[k] -= 1e-4
+        change = 0.5 * (np.sum(residuals(ahead) ** 2) - np.sum(residuals(behind) ** 2)) / 2e-4
+        assert gradient[k] == pytest.approx(change, rel=2e-3)
+
+
+@pytest.mark.parametrize("closed", [0.0, 5.0])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_fit_finds_what_the_data_tell_with_its_error(seed, closed):
+    """Weight and gain per inertia, within three standard errors of less than .5 %; chi squared is that of the noise."""
+    found = fit(Upright(), [flown(seed)], windows=replace(WINDOWS, closed=closed))
+    values = found.system.named
+    for name in ("weight", "gain"):
+        ratio, truth = values[name] / values["inertia"], PLANT.named[name] / PLANT.inertia
+        powers = np.array([{"inertia": -1.0, name: 1.0}.get(item, 0.0) / values[item] for item in found.names])
+        error = np.sqrt(powers @ found.covariance @ powers)
+        assert error < 5e-3
+        assert abs(ratio / truth - 1.0) < 3.0 * error
+    assert found.chi_squared == pytest.approx(1.0, abs=0.15)
+    assert [group.exponents for group in groups(found)] == [
+        {"inertia": 1.0, "gain": -1.0},
+        {"weight": 1.0, "gain": -1.0},
+    ]
+
+
+def test_groups_are_the_products_that_a_covariance_leaves(record):
+    """Three parameters known within 3 %, S r / m within .02 %: only that product is determined."""
+
+    @dataclass(frozen=True, kw_only=True)
+    class Wing(Upright):
+        inertia: float = bounded(2.0, 0.1, 10.0, spread=0.06, unit="kg")
+        weight: float = bounded(5.0, 0.1, 10.0, spread=0.15, unit="m^2")
+        gain: float = bounded(7.0, 0.1, 10.0, spread=0.21, unit="kg/m^3")
+
+    system = Wing()
+    spreads, values = np.array([item.spread for item in system.parameters]), system.values
+    row = np.array([-1.0, 1.0, 1.0]) / values
+    information = np.diag(1.0 / spreads**2) + np.outer(row, row) / 2e-4**2
+    covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
+    found = Fit(
+        system=system, names=tuple(item.name for item in system.parameters), covariance=4.0 * covariance,
+        by_cost=covariance, nuisances={}, relative_error=0.0, seconds=0.0, evaluations=0,
+    )  # fmt: skip
+    (group,) = groups(found)
+    assert group.exponents == {"inertia": -1.0, "weight": 1.0, "gain": 1.0}
+    assert group.value == pytest.approx(5.0 * 7.0 / 2.0)
+    assert group.relative_error == pytest.approx(4e-4, rel=1e-3)  # by the robust covariance
+    assert str(group) == "weight gain / inertia = 17.5 (standard error 0.04 %)"
+    assert groups(replace(found, by_cost=np.diag((0.01 * spreads) ** 2))) == []
+    assert groups(replace(found, by_cost=np.diag(spreads**2))) == []
+
+
+def test_an_open_free_run_is_refused_with_the_reason(record):
+    with pytest.raises(UnstableError, match=r"open free run over 40 s says nothing .* by e in 0\.48 s"):
+        check_free_run(PLANT, record)
+    hanging = Upright(weight=1.0)
+    short = replace(record, inputs=record.inputs[:20], outputs=record.outputs[:21], states=record.states[:21])
+    check_free_run(hanging, short)  # .4 s: a nudge does not grow yet
+
+
+def test_what_grows_into_a_bounded_motion_that_follows_the_record_is_not_refused():
+    """Van der Pol's oscillator is linearly unstable at rest, and its limit cycle is not."""
+
+    @dataclass(frozen=True, kw_only=True)
+    class Oscillator(Upright):
+        def law(self, x, u):
+            return x[1], self.weight * (1.0 - x[0] ** 2) * x[1] - x[0] + self.gain * u[0]
+
+    system, inputs = Oscillator(), np.sin(0.3 * np.arange(2000))[:, None]
+    states = simulate(system, np.array([1.0, 0.0]), inputs, step=STEP)
+    record = Experiment(name="o", sampling=SAMPLING, inputs=inputs, outputs=states, states=states.copy())
+    assert fastest_growth(system) * 40.0 > np.log(1e6)
+    check_free_run(system, record)
+
+
+def test_predictions_of_the_plant_itself_err_by_what_the_noise_tells():
+    """Without noise not at all; with it at one second by the error of the state that two seconds of readings leave."""
+    exact = predictions(PLANT, flown(4, noise=0.0), WINDOWS)
+    assert [(item.seconds, item.closed) for item in exact] == [(1.0, False), (5.0, False), (20.0, True)]
+    for item in exact:
+        for score in item.scores.outputs.values():
+            assert score.rmse < (1e-7 if item.seconds < 5.0 or item.closed else 1e-4)
+    noisy, *_ = predictions(PLANT, flown(4), WINDOWS)
+    angle = noisy.scores.outputs["angle"].rmse
+    assert NOISE[0] < angle < 3.0 * NOISE[0]
+    wrong, *_ = predictions(replace(PLANT, weight=2.0), flown(4, noise=0.0), WINDOWS)
+    assert wrong.scores.outputs["angle"].rmse > 100.0 * exact[0].scores.outputs["angle"].rmse
+
+
+def test_a_run_that_the_stabiliser_closes_is_the_record_s_own(record):
+    clean = flown(5, noise=0.0)
+    np.testing.assert_allclose(stabilised_run(PLANT, clean, GAINS), clean.outputs, atol=1e-9)
+    open_run = simulate(PLANT, clean.states[0] + 1e-9, clean.inputs, step=STEP)
+    assert np.max(np.abs(open_run - clean.outputs)) > 0.1
+
+
+def test_what_a_stabiliser_needs_is_told(record):
+    coarse = replace(record, sampling=Sampling(step=STEP, period=2.0 * STEP))
+    with pytest.raises(UserError, match="give a period as long as the step"):
+        stabilised_run(PLANT, coarse, GAINS)
+
+    @dataclass(frozen=True, kw_only=True)
+    class Tip(Upright):
+        outputs = ("angle", "tip [m]")
+
+        def output(self, x, u):
+            return x[0], sin(x[0])
+
+    with pytest.raises(UserError, match="tip is fed back, but it is no state"):
+        feedback_of(Tip(), GAINS)
