@@ -11,6 +11,7 @@ from time import monotonic_ns, sleep, time_ns
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import QoSProfile
 
 from hybrid_sysid_ros.nodes import parameters, topics
 from hybrid_sysid_ros.nodes.border import Border, Reason
@@ -23,6 +24,7 @@ from hybrid_sysid_ros.nodes.source import Source
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
 
+LOCKSTEP_DEPTH = 10_000  # messages that are kept for readers that are slower
 REPORT_PERIOD = 0.4  # s: what takes half a second to be heard of is still told within one
 
 
@@ -61,6 +63,10 @@ class RigNode(ManagedNode):
 
     def cleanup(self) -> None:
         self.sources = {}
+
+    def quality(self, topic: str) -> QoSProfile:
+        """In lockstep the loop runs as fast as it can, and a recorder that comes after it must miss nothing."""
+        return topics.profile(topic, depth=LOCKSTEP_DEPTH if self.settings.get("lockstep") else None)
 
     def carried(self) -> dict[str, set[str]]:
         """Full names of the node's topics, by entity."""

@@ -228,8 +228,12 @@ class ManagedNode(LifecycleNodeMixin, Node):
 
     def publication(self, topic: str) -> Publisher:
         """Publisher of a topic, for as long as the node is there."""
-        quality, overrides = topics.profile(topic), topics.OVERRIDES
+        quality, overrides = self.quality(topic), topics.OVERRIDES
         return self.create_publisher(topics.TYPES[topic], topic, quality, qos_overriding_options=overrides)
+
+    def quality(self, topic: str) -> QoSProfile:
+        """How a topic is offered."""
+        return topics.profile(topic)
 
     def open(self, topic: str) -> Publisher:
         """Publisher of a topic, as long as the node is active."""
