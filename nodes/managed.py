@@ -70,6 +70,11 @@ class ManagedNode(LifecycleNodeMixin, Node):
         for service, action in self.own_services().items():
             self._serve(service, action)
 
+    def destroy_node(self) -> None:
+        """Destroy all that the middleware has of the node, its states too, which rclpy leaves to the collector."""
+        super().destroy_node()
+        self._state_machine.destroy_when_not_in_use()
+
     def bring_up(self) -> None:
         """Be active at once, without a manager. Raises what stands in the way."""
         for change in (self.trigger_configure, self.trigger_activate):

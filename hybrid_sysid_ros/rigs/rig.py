@@ -207,7 +207,9 @@ def _read(found: folders.RigFolder) -> Rig:
         sensors=sensors,
         actuators=actuators,
         travel=_ranges(section(content, "travel", where), system, f"{where}: travel"),
-        validity=_ranges(section(content, "validity", where), system, f"{where}: validity"),
+        validity=_ranges(content["validity"], system, f"{where}: validity")
+        if section(content, "validity", where)
+        else None,
         disturbances=_disturbances(section(content, "disturbances", where), system, f"{where}: disturbances"),
         joints=joints,
         namespace=namespace,

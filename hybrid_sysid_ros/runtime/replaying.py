@@ -73,6 +73,8 @@ def plan_of(bag: Path, changes: Changes, scratch: Path, *, recover: bool = False
             if any(key.startswith(f"{node}/{kind}/") for key in found):
                 parameters_of[name] = str(laid_out(found, scratch, below=f"{node}/{kind}"))
         parameters_of |= {name: value for name, value in given.items() if value and name in parameters(rig, node)}
+        if changes.policy == "exact" and not changes.policy_path:  # the recorded network is of no use, or does not fit
+            parameters_of.pop("policy_path", None)
         parameters_of |= {"rig": rig.source, "lockstep": lockstep, "autostart": True}
         if not lockstep:  # the bag's time is the nodes', which has no hurry
             parameters_of |= {"use_sim_time": True, "silence": 0.0}
