@@ -90,16 +90,22 @@ def heard(domain: int, topic: str) -> Iterator[Any]:
     from rclpy.executors import SingleThreadedExecutor
     from trajectory_msgs.msg import JointTrajectory
 
+    from hybrid_sysid_ros.nodes.border import Border
+
     context = rclpy.context.Context()
     rclpy.init(context=context, domain_id=domain)
     node = rclpy.create_node("witness", context=context)
     found: list[tuple[float, float]] = []
 
-    def note(message: JointTrajectory) -> None:
-        point = message.points[-1]
-        found.append((time.perf_counter(), (point.positions or point.velocities)[0]))
+    border = Border(JointTrajectory, steady=time.monotonic_ns)
 
-    node.create_subscription(JointTrajectory, topic, note, 10)
+    def note(data: bytes) -> None:
+        came, message = time.perf_counter(), border.unpack(data)  # which takes ROS's own Python some milliseconds
+        if message is not None:
+            positions, velocities, _ = message.lists
+            found.append((came, float((positions or velocities)[0][-1])))
+
+    node.create_subscription(JointTrajectory, topic, note, 10, raw=True)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     ending = threading.Event()

@@ -1,4 +1,4 @@
-"""Timing of the whole loop: plant, estimator, controller and reference as processes, in real time, with the policy.
+"""Timing of the whole loop: plant, estimator, controller and reference, each a process or all in one.
 
 The delay runs from the moment a measurement is published to the moment its command has come back to the plant's code;
 a command is missed when it has not come by the next measurement.
@@ -20,6 +20,7 @@ from hybrid_sysid_ros.runtime import processes, session
 NAME = "loop_timing"
 RATE = 200.0  # Hz, what the rig runs at
 OTHERS = (100.0, 500.0, 1000.0)  # Hz, for information
+COMPOSED = (200.0, 500.0)  # Hz, all in one process
 NODES = ("plant", "estimator", "controller")
 
 
@@ -31,6 +32,7 @@ def measure(rate: float, seconds: float, **options: Any) -> dict[str, Any]:
     plant = outcome.diagnostics["plant"]
     return {
         "rate_hz": rate,
+        "composed": options.get("composed", False),
         "seconds": seconds,
         "measurements": plant["measurements"],
         "missed_commands": plant["missed_commands"],
@@ -61,12 +63,23 @@ def floor(rate: float, seconds: float, priority: int) -> dict[str, float]:
 
 def table(runs: list[dict[str, Any]]) -> Table:
     """A row for each rate."""
-    columns = ("rate", "time", "missed", "plant late", "delay p50", "p99", "max", *(f"{node} memory" for node in NODES))
-    shown = Table(*columns, title="three processes and the reference")
+    columns = (
+        "rate",
+        "processes",
+        "time",
+        "missed",
+        "plant late",
+        "delay p50",
+        "p99",
+        "max",
+        *(f"{node} memory" for node in NODES),
+    )
+    shown = Table(*columns, title="plant, estimator, controller and reference")
     for run in runs:
         delay = run["delay_ms"]
         shown.add_row(
             f"{run['rate_hz']:g} Hz",
+            "one" if run["composed"] else "four",
             f"{run['seconds']:g} s",
             f"{run['missed_commands']} of {run['measurements']}",
             str(run["overruns"]),
@@ -91,10 +104,13 @@ def main() -> int:
     for rate in (RATE, *OTHERS):
         seconds = options.seconds if rate == RATE else options.seconds / 4
         runs.append(measure(rate, seconds, **given))
+    for rate in COMPOSED:
+        runs.append(measure(rate, options.seconds / 2, composed=True, **given))
     idle = floor(RATE, options.seconds, priority)
+    sleeping = {rate: floor(rate, options.seconds / 4, priority) for rate in COMPOSED}
     print_table(table(runs))
     print(f"a process that only sleeps wakes late by {idle['p50']:.2f} / {idle['p99']:.2f} / {idle['max']:.2f} ms")
-    results = {"priority": priority, "runs": runs, "sleeper_lateness_ms": idle}
+    results = {"priority": priority, "runs": runs, "sleeper_lateness_ms": idle, "sleepers_ms": sleeping}
     print(f"written to {result.write(NAME, results, on=on)}")
     return 0
 

@@ -11,6 +11,7 @@ from time import monotonic_ns, sleep, time_ns
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import QoSProfile
 
 from hybrid_sysid_ros.nodes import parameters, topics
 from hybrid_sysid_ros.nodes.border import Border, Reason
@@ -23,6 +24,7 @@ from hybrid_sysid_ros.nodes.source import Source
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
 
+LOCKSTEP_DEPTH = 10_000  # messages that are kept for readers that are slower
 REPORT_PERIOD = 0.4  # s: what takes half a second to be heard of is still told within one
 
 
@@ -44,7 +46,7 @@ class RigNode(ManagedNode):
         Raises UserError when a parameter is not as msgs_config says, and what is in the way of autostart.
         """
         super().__init__(self.NAME, automatically_declare_parameters_from_overrides=True, **options)
-        self.settings = parameters.declare(self, self.NAME, self.accept, self.carried())
+        self.settings = parameters.declare(self, self.NAME, self.accept, self.carried(), self.words_of)
         self.rig = rigs.load(self.settings["rig"])
         self.borders: dict[str, Border] = {}
         self.sources: Mapping[str, Source] = {}
@@ -61,6 +63,10 @@ class RigNode(ManagedNode):
 
     def cleanup(self) -> None:
         self.sources = {}
+
+    def quality(self, topic: str) -> QoSProfile:
+        """In lockstep the loop runs as fast as it can, and a recorder that comes after it must miss nothing."""
+        return topics.profile(topic, depth=LOCKSTEP_DEPTH if self.settings.get("lockstep") else None)
 
     def carried(self) -> dict[str, set[str]]:
         """Full names of the node's topics, by entity."""
@@ -182,10 +188,9 @@ class RigNode(ManagedNode):
 
     def idle(self) -> Task:
         """What there is to say of a node that is not active."""
-        state = "inactive" if self.configured else "unconfigured"
         if self.failure is None:
-            return Task(name="loop", level=WARN, message=state)
-        return Task(name="loop", level=ERROR, message=f"{state}: {self.failure}")
+            return Task(name="loop", level=WARN, message=self.state)
+        return Task(name="loop", level=ERROR, message=f"{self.state}: {self.failure}")
 
     def report(self) -> dict[str, object]:
         """Publish the diagnostics; return their values by key. Beside the loop, which it would hold up by 1 ms."""

@@ -129,10 +129,10 @@ class ControllerNode(RigNode):
         self.when(expected, self.advertise)
         if not self.lockstep:
             self.every(WATCH_PERIOD, self.watch)
-        self.offer("enable", partial(self.turn_to, Mode.DRIVE))
-        self.offer("hold", partial(self.turn_to, Mode.HOLD))
-        self.offer("stop", partial(self.turn_to, Mode.STOP))
-        self.offer("reset", self.forget)
+
+    def own_services(self) -> Mapping[str, Callable[[], object]]:
+        modes = {"enable": Mode.DRIVE, "hold": Mode.HOLD, "stop": Mode.STOP}
+        return {**{name: partial(self.turn_to, mode) for name, mode in modes.items()}, "reset": self.forget}
 
     def forget(self) -> None:
         """Begin a new experiment."""

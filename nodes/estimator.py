@@ -97,7 +97,9 @@ class EstimatorNode(RigNode):
         self.entry = self.border("joint_states")
         measurements = self.listen(self.entry, "joint_states", self.on_measurement)
         self.when(lambda: measurements.publishers() > 0, self.advertise)
-        self.offer("reset", self.forget)
+
+    def own_services(self) -> Mapping[str, Callable[[], object]]:
+        return {"reset": self.forget}
 
     def advertise(self) -> None:
         """Open the topic of the estimates."""

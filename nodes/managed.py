@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future as Answer
 from functools import cached_property, partial
 from threading import get_ident
+from traceback import format_exception
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -17,7 +18,6 @@ from rclpy.lifecycle.node import LifecycleNodeMixin
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
-from rclpy.service import Service
 from rclpy.task import Future
 from rclpy.timer import Timer
 from std_srvs.srv import Trigger
@@ -29,6 +29,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 LOOK_PERIOD = 0.02  # s, between two looks whether a peer is there
 RCLError = rclpy_implementation.RCLError
+LONGEST = 2000  # characters of an error
 PATIENCE = 60.0  # s, with a loop that is asked to do something
 
 
@@ -62,11 +63,12 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self._opened: list[Publisher] = []
         self._listeners: list[Listener] = []
         self._ticking: list[Timer] = []
-        self._offered: list[Service] = []
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        LifecycleNodeMixin.__init__(self, callback_group=self.aside)
+        LifecycleNodeMixin.__init__(self, callback_group=self.patient)
         change = self._service_change_state
         change.callback = partial(_changed, change.callback)
+        for service, action in self.own_services().items():
+            self._serve(service, action)
 
     def bring_up(self) -> None:
         """Be active at once, without a manager. Raises what stands in the way."""
@@ -156,10 +158,10 @@ class ManagedNode(LifecycleNodeMixin, Node):
         try:
             self.in_loop(action)
         except Exception as error:
-            self.failure = error
+            known = isinstance(error, UserError | OSError)
+            self.failure = error if isinstance(error, UserError) or not known else UserError(self.words_of(error))
             if self.thread is not None:
-                self.get_logger().error(str(error))
-            known = isinstance(error, UserError)
+                self.get_logger().error(self.words_of(error))
             return TransitionCallbackReturn.FAILURE if known else TransitionCallbackReturn.ERROR
         self.failure = None
         return TransitionCallbackReturn.SUCCESS
@@ -187,9 +189,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
             self.destroy_publisher(publisher)
         for timer in self._ticking:
             self.destroy_timer(timer)
-        for service in self._offered:
-            self.destroy_service(service)
-        for closed in (self._listeners, self._opened, self._ticking, self._offered):
+        for closed in (self._listeners, self._opened, self._ticking):
             closed.clear()
 
     @cached_property
@@ -197,8 +197,30 @@ class ManagedNode(LifecycleNodeMixin, Node):
         """What goes on in another thread than the loop's: see :class:`process.Services`."""
         return MutuallyExclusiveCallbackGroup()
 
-    def create_service(self, *arguments: Any, **options: Any) -> Any:
-        return super().create_service(*arguments, **{"callback_group": self.aside, **options})
+    @cached_property
+    def patient(self) -> MutuallyExclusiveCallbackGroup:
+        """What may take long, as parameters and states do where something is loaded and compiled: in a third thread, so
+        that a stop does not wait for it.
+        """
+        return MutuallyExclusiveCallbackGroup()
+
+    def create_service(self, kind: Any, *arguments: Any, **options: Any) -> Any:
+        group = self.aside if kind is Trigger else self.patient
+        return super().create_service(kind, *arguments, **{"callback_group": group, **options})
+
+    @property
+    def state(self) -> str:
+        """As a manager calls it."""
+        return "active" if self.active else "inactive" if self.configured else "unconfigured"
+
+    def words_of(self, error: Exception) -> str:
+        """An error in a line; one that nobody has foreseen is logged with where it comes from."""
+        if isinstance(error, UserError):
+            return str(error)
+        if isinstance(error, OSError):
+            return " ".join(str(error).split())[:LONGEST]
+        self.get_logger().error("".join(format_exception(error)))
+        return f"{type(error).__name__}: {error}"[:LONGEST]
 
     def create_publisher(self, *arguments: Any, **options: Any) -> Any:
         """Its group is that of what the middleware tells of it, of readers that ask for another quality above all."""
@@ -206,8 +228,12 @@ class ManagedNode(LifecycleNodeMixin, Node):
 
     def publication(self, topic: str) -> Publisher:
         """Publisher of a topic, for as long as the node is there."""
-        quality, overrides = topics.profile(topic), topics.OVERRIDES
+        quality, overrides = self.quality(topic), topics.OVERRIDES
         return self.create_publisher(topics.TYPES[topic], topic, quality, qos_overriding_options=overrides)
+
+    def quality(self, topic: str) -> QoSProfile:
+        """How a topic is offered."""
+        return topics.profile(topic)
 
     def open(self, topic: str) -> Publisher:
         """Publisher of a topic, as long as the node is active."""
@@ -220,18 +246,25 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self._listeners.append(listener := Listener(self, kind, topic, quality, callback, soon=self.soon))
         return listener
 
-    def offer(self, name: str, action: Callable[[], object]) -> None:
-        """Service of the node's own, without arguments, that does something in the loop, as long as it is active."""
+    def own_services(self) -> Mapping[str, Callable[[], object]]:
+        """What the node's own services, ~/NAME, do in the loop while it is active."""
+        return {}
+
+    def _serve(self, name: str, action: Callable[[], object]) -> None:
+        """A service for as long as the node is there: one that goes while it answers would answer nobody."""
 
         def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            if not self.active:
+                response.message = f"the node is {self.state}: its part of the loop is at rest"
+                return response
             try:
                 self.in_loop(action)
                 response.success = True
-            except UserError as error:
-                response.message = str(error)
+            except Exception as error:
+                response.message = self.words_of(error)
             return response
 
-        self._offered.append(self.create_service(Trigger, f"~/{name}", answer))
+        self.create_service(Trigger, f"~/{name}", answer)
 
     def every(self, period: float, callback: Callable[[], object]) -> Timer:
         """Timer on the steady clock, as long as the node is active; period [s]."""

@@ -23,13 +23,16 @@ Take = Callable[[Mapping[str, Any], Sequence[str]], None]
 """Takes checked values by name; and the names of those that are no live parameters."""
 
 
-def declare(node: Node, section: str, take: Take, carried: Mapping[str, Collection[str]]) -> dict[str, Any]:
+def declare(
+    node: Node, section: str, take: Take, carried: Mapping[str, Collection[str]], told: Callable[[Exception], str]
+) -> dict[str, Any]:
     """Declare the parameters of a node and return their values by name, "rig" among them.
 
     The node was created with automatically_declare_parameters_from_overrides; what it was given replaces the defaults,
     and what is another node's is left to that one, so that a file may be for all. take: see Take. carried: full names
-    of the topics that the node has, by entity. Raises UserError where a parameter is unknown, of the wrong type, out of
-    range, or against a rule with another one.
+    of the topics that the node has, by entity. told: an error in a line.
+
+    Raises UserError where a parameter is unknown, of the wrong type, out of range, or against a rule with another one.
     """
     given = {
         name: parameter.value
@@ -50,12 +53,16 @@ def declare(node: Node, section: str, take: Take, carried: Mapping[str, Collecti
     check_rules(known, values)
     for name, item in known.items():
         node.declare_parameter(name, values[name], _descriptor(item), ignore_override=True)
-    node.add_on_set_parameters_callback(partial(_change, known, values, take))
+    node.add_on_set_parameters_callback(partial(_change, known, values, take, told))
     return values
 
 
 def _change(
-    known: Mapping[str, Parameter], values: Mapping[str, Any], take: Take, changes: list[RosParameter]
+    known: Mapping[str, Parameter],
+    values: Mapping[str, Any],
+    take: Take,
+    told: Callable[[Exception], str],
+    changes: list[RosParameter],
 ) -> SetParametersResult:
     """Check all, then take all."""
     try:
@@ -63,8 +70,8 @@ def _change(
         check_rules(known, {**values, **given})
         if given:
             take(given, [name for name in given if not known[name].live])
-    except UserError as error:
-        return SetParametersResult(successful=False, reason=str(error))
+    except Exception as error:  # whatever it is, the node goes on with what it has
+        return SetParametersResult(successful=False, reason=told(error))
     return SetParametersResult(successful=True)
 
 

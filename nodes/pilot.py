@@ -72,6 +72,8 @@ class Pilot:
         self.problem = asked = mpc_problem(settings, self.rig, model.system)
         interior = settings["solver"] == "ipopt"
         if settings["policy"] == "exact":
+            if settings["policy_path"]:  # whoever turns to it later should not find then that it does not fit
+                policy.load(Path(settings["policy_path"]), model=model)
             return self._reference_solver(model, asked) if interior else self._exact(model, asked)
         if interior:
             raise UserError(f"parameter solver is ipopt, policy {settings['policy']}: ipopt works alone, policy:=exact")

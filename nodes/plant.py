@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from random import Random
 from time import perf_counter
@@ -78,7 +78,9 @@ class PlantNode(RigNode):
         self.entry = self.border("joint_command")
         self.commands = self.listen(self.entry, "joint_command", self.on_command)
         self.when(self.is_matched, self.wait)
-        self.offer("reset", partial(self.soon, self.again))
+
+    def own_services(self) -> Mapping[str, Callable[[], object]]:
+        return {"reset": partial(self.soon, self.again)}
 
     def again(self) -> None:
         """Let the rig go anew, from where it is at first."""

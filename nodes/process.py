@@ -12,9 +12,11 @@ import sys
 from collections.abc import Callable, Sequence
 from threading import Thread, get_ident
 from time import sleep
+from traceback import format_exception
 from typing import TYPE_CHECKING, Any
 
 import rclpy
+from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 SERVICE_PERIOD = 2e-3  # s, at least between two answers to parameter services, however many are asked
 SWITCH_INTERVAL = 2e-4  # s, that another thread may keep the loop from going on
 PATIENCE = 2.0  # s, of an interrupt with a node that starts
+LAST_PATIENCE = 10.0  # s, with threads at the end
 LOCK_CURRENT, LOCK_FUTURE, LOCK_ON_FAULT = 1, 2, 4  # of mlockall, on Linux
 
 
@@ -81,7 +84,7 @@ class Loop(SingleThreadedExecutor):
 
     def __init__(self, nodes: Sequence[RigNode]) -> None:
         super().__init__()
-        self._aside = frozenset(node.aside for node in nodes)
+        self._aside = frozenset(group for node in nodes for group in (node.aside, node.patient))
         self._exchange = nodes[0].exchange
         for node in nodes:
             self.add_node(node)
@@ -97,16 +100,16 @@ class Loop(SingleThreadedExecutor):
 
 
 class Services(SingleThreadedExecutor):
-    """Nodes' services, parameters above all, and their diagnostics, in a thread of their own: no storm of questions and
-    no report holds the loop up.
+    """What nodes do beside the loop, by groups, each in a thread of its own: no storm of questions and no report holds
+    the loop up, and nothing that takes long a stop.
 
     So are the events of their publishers, which would cost the loop more than its messages, at each of them.
     """
 
-    def __init__(self, nodes: Sequence[RigNode]) -> None:
+    def __init__(self, nodes: Sequence[RigNode], groups: Sequence[CallbackGroup]) -> None:
         super().__init__()
         self._nodes_aside = list(nodes)
-        self._aside = frozenset(node.aside for node in nodes)
+        self._aside = frozenset(groups)
 
     def get_nodes(self) -> list[Node]:
         return list(self._nodes_aside)  # not added: a node has one executor, the loop's
@@ -115,13 +118,17 @@ class Services(SingleThreadedExecutor):
         return entity.callback_group in self._aside and super().can_execute(entity)
 
     def serve(self) -> None:
-        """Answer, one after the other, until the context or this executor ends."""
-        try:
-            while self.context.ok() and not ended(self._nodes_aside):
+        """Answer, one after the other, until the context or this executor ends; what goes wrong is logged, and the next
+        one answered.
+        """
+        while self.context.ok() and not ended(self._nodes_aside):
+            try:
                 self.spin_once(timeout_sec=0.1)
-                sleep(SERVICE_PERIOD)
-        except (ExternalShutdownException, ShutdownException):
-            return
+            except (ExternalShutdownException, ShutdownException):
+                return
+            except Exception as error:
+                self._nodes_aside[0].get_logger().error("".join(format_exception(error)))
+            sleep(SERVICE_PERIOD)
 
 
 def ended(nodes: Sequence[RigNode]) -> bool:
@@ -130,12 +137,14 @@ def ended(nodes: Sequence[RigNode]) -> bool:
 
 
 def _serve(nodes: Sequence[RigNode], ending: Interruption) -> None:
-    executor, services = Loop(nodes), Services(nodes)
-    server = Thread(target=services.serve, daemon=True)
+    executor = Loop(nodes)
+    services = [Services(nodes, [node.aside for node in nodes]), Services(nodes, [node.patient for node in nodes])]
+    servers = [Thread(target=item.serve, daemon=True) for item in services]
     for node in nodes:
         node.thread = get_ident()
         Thread(target=node.watch_sources, daemon=True).start()
-    server.start()
+    for server in servers:
+        server.start()
     _prioritise(nodes)
     gc.collect()
     gc.freeze()  # what is there stays: collections in the loop look at nothing but what it makes
@@ -153,8 +162,10 @@ def _serve(nodes: Sequence[RigNode], ending: Interruption) -> None:
         finally:  # a thread that is left behind would end the process by SIGABRT
             for node in nodes:
                 node.finish()
-            server.join()
-            services.shutdown()
+            for server, item in zip(servers, services, strict=True):
+                server.join(LAST_PATIENCE)  # one that compiles is not waited for any longer
+                if not server.is_alive():
+                    item.shutdown()
             executor.shutdown()
             for node in nodes:
                 node.destroy_node()

@@ -176,9 +176,9 @@ class ViewNode(RigNode):
             scales = np.concatenate([self.scales, np.ones(len(self.rig.actuators))])
             self.tables.replace("prediction", self._rows(message, self.measured, scales))
         for data, _ in self.collectors["/diagnostics"].fetch():
-            message = self.borders["/diagnostics"].unpack(data)
-            if message is not None:
-                self._diagnose(message)
+            said = self.borders["/diagnostics"].unpack(data)
+            if said is not None:
+                self._diagnose(said)
 
     def _joints(self, topic: str) -> Sequence[tuple[Joints, int]]:
         """What has come of joints, of the one publisher that is heard, and when it was published."""

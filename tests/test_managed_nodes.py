@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -211,7 +214,7 @@ def test_weights_change_while_the_loop_runs(bench: Bench, model_folder: Path) ->
     """A change of the input that costs more is smaller, and that of a controller which had that price at first."""
 
     def first(**parameters: Any) -> tuple[Wheel, float]:
-        wheel = Wheel(bench, model_folder, Path(), policy="exact", lockstep=True, **parameters)
+        wheel = Wheel(bench, model_folder, Path(), policy="exact", policy_path="", lockstep=True, **parameters)
         wheel.refer([VOLT] * 9)
         return wheel, wheel.command(0.0)
 
@@ -277,3 +280,69 @@ def test_nodes_are_composed_of_their_names(bench: Bench, domain: int) -> None:
             node.destroy_node()
     finally:
         rclpy.try_shutdown()
+
+
+def test_what_nobody_has_foreseen_is_refused_and_the_services_go_on(
+    wheel: Wheel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wheel.refer([VOLT] * 9)
+    assert wheel.command(0.0) == pytest.approx(4.0)
+    assert "too long" in set_parameter(wheel.bench, "controller", "model", 300 * "x")
+    monkeypatch.setattr(wheel.controller, "pilot_of", lambda settings: 1 / 0)
+    assert "ZeroDivisionError" in set_parameter(wheel.bench, "controller", "policy", "exact")
+    assert wheel.command(VOLT) == pytest.approx(1.0)
+    assert ask(wheel.bench, Trigger, "controller/stop", Trigger.Request()).success
+
+
+SLOW = """
+import sys, time
+from hybrid_sysid_ros.nodes import controller, process
+
+def make():
+    node = controller.ControllerNode()
+    node.pilot_of = lambda settings: time.sleep(60.0)
+    return node
+
+sys.exit(process.run(make))
+"""
+
+
+def test_a_stop_does_not_wait_for_what_is_being_loaded(domain: int, model_folder: Path, policy_folder: Path) -> None:
+    """A model on a disk that does not answer."""
+    given = [f"model:={model_folder}", f"policy_path:={policy_folder}", "policy:=network"]
+    words = [word for item in given for word in ("-p", item)]
+    process = subprocess.Popen(
+        [sys.executable, "-c", SLOW, "--ros-args", "-r", "__ns:=/cam_beam", *words],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+    )
+    bench = Bench(domain)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        client = bench.probe.create_client(SetParameters, "controller/set_parameters")
+        bench.until(client.service_is_ready)
+        other = Parameter("model", value=str(model_folder)).to_parameter_msg()
+        loading = client.call_async(SetParameters.Request(parameters=[other]))
+        for _ in range(3):
+            assert ask(bench, Trigger, "controller/stop", Trigger.Request()).success
+        assert not loading.done()
+    finally:
+        process.kill()
+        process.communicate()
+        bench.close()
+
+
+def test_a_node_that_is_not_active_says_so(bench: Bench) -> None:
+    bench.start(PlantNode, autostart=False)
+    answer = ask(bench, Trigger, "plant/reset", Trigger.Request())
+    assert (answer.success, answer.message) == (False, "the node is unconfigured: its part of the loop is at rest")
+
+
+def test_the_rig_is_put_back_again_and_again(bench: Bench) -> None:
+    node = bench.start(PlantNode, wait_for_readers=0)
+    for _ in range(5):
+        before = node.plant
+        assert ask(bench, Trigger, "plant/reset", Trigger.Request()).success
+        bench.until(lambda before=before: node.plant is not before and node.started)  # type: ignore[misc]

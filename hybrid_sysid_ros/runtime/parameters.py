@@ -151,6 +151,7 @@ def parameter_file(rig: Rig | str) -> str:
     lines = [
         f"# The nodes of {rig.name}: ros2 run hybrid_sysid_ros controller --ros-args --params-file THIS_FILE",
         "# What is live may be set while a node runs; the others are read when it is configured.",
+        "# A line in a node's own section goes before -p and before /**: delete those that you give otherwise.",
         "/**:",
         "  ros__parameters:",
         f"    rig: {json.dumps(rig.source)}",
