@@ -272,7 +272,8 @@ def test_another_unit_changes_the_numbers_and_nothing_else():
         assess(of(factor * simulated), of(factor * live), Discrepancy(mean=0.5, spread=0.1)) for factor in (1.0, 10.0)
     )
     assert ten.joint.mean[1].low == pytest.approx(10 * one.joint.mean[1].low)
-    assert ten.joint.circular_error and one.joint.circular_error
+    assert ten.joint.circular_error
+    assert one.joint.circular_error
     assert ten.joint.circular_error.high == pytest.approx(10 * one.joint.circular_error.high)
     assert ten.joint.correlation[0, 1].low == pytest.approx(one.joint.correlation[0, 1].low)
     assert (ten.conflict.mean, ten.conflict.spread) == pytest.approx((one.conflict.mean, one.conflict.spread))
