@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,8 @@ def test_the_page_shows_every_number_and_needs_no_network(accuracy, folder: Path
     for word in ("systematic error of x [m]", "circular error probable", "p-value", "live.csv --mean-off 0.5"):
         assert word in page
     assert page.count('class="plotly-graph-div"') == 3
+    places = re.findall(r' id="([^"]*)"', page.rpartition("</head>")[2])
+    assert len(places) == len({*places})
     assert "src=" not in page.split("</script>")[-1]
 
 

@@ -37,6 +37,7 @@ def impacts(found: Accuracy) -> go.Figure:
         x, y = centre[0] + circle.value * np.cos(turn), centre[1] + circle.value * np.sin(turn)
         dotted = {"color": MODEL, "dash": "dot"}
         figure.add_trace(go.Scatter(x=x, y=y, mode="lines", name="circular error probable", line=dotted))
+        figure.update_xaxes(constrain="domain")
         figure.update_yaxes(scaleanchor="x")
     labels = [f"{name} [{unit or '1'}]" for name, unit in zip(found.live.names, found.live.units, strict=True)]
     figure.update_xaxes(title=labels[0])
@@ -47,7 +48,7 @@ def impacts(found: Accuracy) -> go.Figure:
 
 def sequence(found: Accuracy, coordinate: int) -> go.Figure:
     """Widths of the intervals of a coordinate's mean and spread, as the shots came and as they are predicted."""
-    figure = panels(heights=[0.5, 0.5], height=420)
+    figure = panels(heights=[0.5, 0.5], height=460)
     shots, level = found.live.values, found.level
     nothing = NormalInverseWishart.reference(shots.shape[1])
     first = max(FEWEST, shots.shape[1] + 1)
@@ -61,9 +62,9 @@ def sequence(found: Accuracy, coordinate: int) -> go.Figure:
             ahead = [width(posterior, coordinate, int(more), level, 0.5) for more in further]
             line(figure, row, len(shots) + further.astype(float), np.array(ahead), f"{name}, predicted", colour,
                  width=0.7, legend=row == 1)  # fmt: skip
-        figure.update_yaxes(rangemode="tozero", row=row, col=1)
+        figure.update_yaxes(type="log", row=row, col=1)
     unit = found.live.units[coordinate]
-    for row, name in enumerate(("mean", "standard deviation"), 1):
+    for row, name in enumerate(("mean", "spread"), 1):
         figure.update_yaxes(title=f"width, {name}{f' [{unit}]' if unit else ''}", row=row, col=1, secondary_y=False)
     figure.update_yaxes(visible=False, secondary_y=True)
     figure.update_xaxes(title="live shots", row=2, col=1)
