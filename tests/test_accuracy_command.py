@@ -89,6 +89,17 @@ def test_coordinates_go_by_their_names(accuracy, folder: Path):
     assert json.loads(answers[0])["joint"] == json.loads(answers[1])["joint"]
 
 
+def test_nothing_need_be_believed_of_the_simulated_mean(accuracy, folder: Path):
+    """Each interval of a mean is then about as the live shots tell it: only their spread is better known."""
+    for off in ("inf", "1e200"):
+        status, out, _ = accuracy("simulated.csv", "live.csv", "--mean-off", off, "--spread-off", "0.1", "--json")
+        assert status == 0
+        told = json.loads(out)
+        assert told["simulation_counts_as"]["mean"] == 0.0
+        assert told["joint"]["mean"]["x"]["value"] == pytest.approx(told["live_only"]["mean"]["x"]["value"])
+        assert told["conflict"]["p_mean"] is None
+
+
 @pytest.mark.parametrize(
     ("factor", "offset", "words"),
     [(1.0, 5.0, ("live mean contradicts", "look for the cause")), (1000.0, 0.0, ("live spread", "the same units"))],
@@ -156,6 +167,7 @@ def test_pickled_shots_are_refused(accuracy, folder: Path):
     ("options", "words"),
     [
         (("--mean-off", "-1", "--spread-off", "0.1"), ("discrepancy of the mean",)),
+        (("--mean-off", "1", "--spread-off", "800"), ("discrepancy of the spread",)),
         ((*DECLARED, "--level", "90"), ("between 0 and 1",)),
         ((*DECLARED, "--until", "q=1"), ("known are x, y",)),
         ((*DECLARED, "--until", "x=0"), ("NAME=WIDTH",)),

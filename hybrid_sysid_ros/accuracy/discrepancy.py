@@ -14,6 +14,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 DRAWS = 20_000
 """Of the statistic under agreement: a p-value of .05 is then known to .0015."""
+WIDEST = 5.0
+"""Logarithm of a factor between spreads that is none any more, 150."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,9 +32,9 @@ class Discrepancy:
     def __post_init__(self) -> None:
         if not self.mean >= 0.0:
             raise UserError(f"a discrepancy of the mean of {self.mean:g}: it needs 0 or more standard deviations")
-        if not 0.0 <= self.spread < math.inf:
+        if not 0.0 <= self.spread <= WIDEST:
             raise UserError(
-                f"a discrepancy of the spread of {self.spread:g}: it needs a finite number from 0 on; "
+                f"a discrepancy of the spread of {self.spread:g}: it needs a number from 0 to {WIDEST:g}; "
                 "where nothing is believed of a simulation, take what the live shots say alone"
             )
 
@@ -44,7 +46,7 @@ class Discrepancy:
         degrees = 1.0 / (1.0 / simulated.degrees + 2.0 * self.spread**2)
         return NormalInverseWishart(
             centre=simulated.centre,
-            strength=1.0 / (1.0 / simulated.strength + self.mean**2),
+            strength=1.0 / (1.0 / simulated.strength + self.mean * self.mean),
             scale=simulated.scale * degrees / simulated.degrees,
             degrees=degrees,
         )

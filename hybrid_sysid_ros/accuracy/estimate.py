@@ -18,6 +18,8 @@ DRAWS = 20_000
 """Of the covariance, for what has no closed form."""
 FEWEST = 3
 """Live shots: two have no spread to speak of."""
+MOST = 20
+"""Coordinates."""
 CONTRADICTED = 0.05
 """p-value below which live shots contradict what was declared of their simulation."""
 UNIT_LIKE = 20.0
@@ -123,6 +125,8 @@ def assess(simulated: Shots, live: Shots, discrepancy: Discrepancy, *, level: fl
     """
     live = live.as_those_of(simulated)
     d = len(live.names)
+    if d > MOST:
+        raise UserError(f"{live.name}: has {d} coordinates, more than {MOST}: take those that matter")
     least = max(FEWEST, d + 1)
     for shots in (simulated, live):
         if len(shots.values) < least:

@@ -17,8 +17,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 LARGEST = 1 << 28
 """Bytes of a file."""
-LONGEST = 1e100
-"""Largest number; its square is one too."""
+LONGEST = 1e60
+"""Largest number; the product of two variances is one too."""
 SUFFIXES = (".csv", ".txt", ".npz", ".json")
 HEADING = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(\[(?P<unit>[^\[\]]*)\])?\s*")
 DEPENDENT = 1e-10

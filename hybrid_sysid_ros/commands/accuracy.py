@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
+import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -53,7 +55,7 @@ def command(
     strata: Annotated[
         Path | None, typer.Option(help="CSV with the columns share and success: conditions, and guesses of success.")
     ] = None,
-    strata_shots: Annotated[int, typer.Option(help="Live shots to share out among the strata.", min=1)] = 100,
+    strata_shots: Annotated[int, typer.Option(help="Live shots to share out among them.", min=1, max=10**6)] = 100,
     unit: Annotated[str, typer.Option(help="Of coordinates whose heading states none.")] = "",
     page: Annotated[Path | None, typer.Option("--report", help="Write a page with plots (.html).")] = None,
     seed: Seed = 0,
@@ -75,7 +77,7 @@ def command(
     told = _content(found, wanted, conditions, strata_shots)
     if page is not None:
         hashes = {"simulated shots": sha256(simulated), "live shots": sha256(live)}
-        source = report.Provenance(command=_line(simulated, live, found, seed), hashes=hashes)
+        source = report.Provenance(command=shlex.join(["hybrid-sysid", *sys.argv[1:]]), hashes=hashes)
         report.write_accuracy(page, found, source)
     if as_json:
         console.print_json(json.dumps(told))
@@ -121,13 +123,6 @@ def _cure(found: Accuracy) -> str:
     if found.looks_like_a_unit:
         return "check that both files have the same units"
     return "look for the cause, or take what the live shots say alone; what they show is no reason to declare more"
-
-
-def _line(simulated: Path, live: Path, found: Accuracy, seed: int) -> str:
-    return (
-        f"hybrid-sysid accuracy {simulated} {live} --mean-off {found.discrepancy.mean:g} "
-        f"--spread-off {found.discrepancy.spread:g} --level {found.level:g} --seed {seed}"
-    )
 
 
 def _content(found: Accuracy, wanted: list[dict[str, Any]], strata: Strata | None, shots: int) -> dict[str, Any]:
