@@ -15,7 +15,7 @@ from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.parameters import declarations, parameters
 
-LIBRARY = ("core", "rigs", "bags", "models", "identification", "estimation", "control", "runtime")
+LIBRARY = ("core", "rigs", "bags", "models", "identification", "estimation", "control", "accuracy", "runtime")
 
 
 def page(name: str, lines: Iterator[str]) -> None:

@@ -16,7 +16,7 @@ FOLDER = Path(__file__).parents[1] / PACKAGE
 LAYERS = [  # from the bottom up; a room (folder of the package) imports from the rooms of lower layers
     {"__init__"},
     {"support"},
-    {"bags", "core"},
+    {"accuracy", "bags", "core"},
     {"rigs"},
     {"models"},
     {"estimation", "identification"},

@@ -12,6 +12,7 @@ COMMANDS = [
     LateCommand("ensemble", f"{HERE}.ensemble", "Score several models together on bags."),
     LateCommand("search", f"{HERE}.search", "Search the options of a structure."),
     LateCommand("trim", f"{HERE}.trim", "Find an equilibrium of a rig and the modes about it."),
+    LateCommand("accuracy", f"{HERE}.accuracy", "Tell the accuracy from simulated and live shots."),
     LateCommand("friction", f"{HERE}.friction", "Draw a law of friction, or list them."),
     LateCommand("run", f"{HERE}.run", "Run plant, estimator, controller and reference as ROS 2 nodes."),
     LateCommand("play", f"{HERE}.play", "Publish the messages of a bag again."),

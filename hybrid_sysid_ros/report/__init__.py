@@ -1,5 +1,6 @@
-"""Reports: one HTML page about a model and the loop it runs in, which needs no network to be read."""
+"""Reports: an HTML page about a model and its loop, a replay or an accuracy, which needs no network to be read."""
 
+from hybrid_sysid_ros.report.accuracy_page import accuracy_rows, write_accuracy
 from hybrid_sysid_ros.report.rendering import check_available, write
 from hybrid_sysid_ros.report.replay_page import write_replay
 from hybrid_sysid_ros.report.sections import (
@@ -17,10 +18,12 @@ __all__ = [
     "FreeRun",
     "IdentificationSection",
     "Provenance",
+    "accuracy_rows",
     "check_available",
     "closed_loop_section",
     "identification_section",
     "provenance",
     "write",
+    "write_accuracy",
     "write_replay",
 ]
