@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import sys
 from importlib import import_module
 from pathlib import Path
 
+SECOND_TRY = "HYBRID_SYSID_SECOND_TRY"
+"""Variable that tells a Python that another one has tried before."""
+
 
 def main() -> int:
-    """Start the node that the executable is named after; 2 where this Python lacks something that it needs."""
+    """Start the node that the executable is named after; 2 where no Python at hand has what it needs.
+
+    colcon --symlink-install writes its own Python into executables, which may lack what only pip has: then the Python in
+    front, of an environment that is active, takes over.
+    """
     name = Path(sys.argv[0]).stem.removeprefix("hybrid-sysid-")
+    module = f"hybrid_sysid_ros.nodes.{name}"
     try:
-        module = import_module(f"hybrid_sysid_ros.nodes.{name}")
+        return int(import_module(module).main())
     except ModuleNotFoundError as error:
+        other = shutil.which("python3")
+        if other and Path(other).parent != Path(sys.executable).parent and not os.environ.get(SECOND_TRY):
+            os.environ[SECOND_TRY] = "1"
+            os.execv(other, [other, "-m", module, *sys.argv[1:]])
         print(
             f"error: {sys.executable} has no module {error.name}: activate the environment that hybrid_sysid_ros's "
             "dependencies were installed into, or install them for this Python (docs/install.md)",
             file=sys.stderr,
         )
         return 2
-    return int(module.main())
 
 
 if __name__ == "__main__":
