@@ -15,8 +15,8 @@ SECOND_TRY = "HYBRID_SYSID_SECOND_TRY"
 def main() -> int:
     """Start the node that the executable is named after; 2 where no Python at hand has what it needs.
 
-    colcon --symlink-install writes its own Python into executables, which may lack what only pip has: then the Python in
-    front, of an environment that is active, takes over.
+    colcon --symlink-install writes its own Python into executables, which may lack what only pip has: then the Python
+    in front, of an environment that is active, takes over.
     """
     name = Path(sys.argv[0]).stem.removeprefix("hybrid-sysid-")
     module = f"hybrid_sysid_ros.nodes.{name}"
