@@ -321,12 +321,23 @@ def test_a_stop_does_not_wait_for_what_is_being_loaded(domain: int, model_folder
     try:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
+        stop = bench.probe.create_client(Trigger, "controller/stop")
         client = bench.probe.create_client(SetParameters, "controller/set_parameters")
-        bench.until(client.service_is_ready)
+        bench.until(lambda: stop.service_is_ready() and client.service_is_ready())
+        asked: list[Any] = []
+
+        def answered() -> bool:
+            """Between processes the way back of the first answers may not be there yet."""
+            asked.append(stop.call_async(Trigger.Request()))
+            return any(call.done() for call in asked)
+
+        bench.until(answered)
         other = Parameter("model", value=str(model_folder)).to_parameter_msg()
         loading = client.call_async(SetParameters.Request(parameters=[other]))
         for _ in range(3):
-            assert ask(bench, Trigger, "controller/stop", Trigger.Request()).success
+            call = stop.call_async(Trigger.Request())
+            bench.until(call.done)
+            assert call.result().success
         assert not loading.done()
     finally:
         process.kill()
