@@ -2,45 +2,37 @@
 
 from __future__ import annotations
 
-import sys
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
-from benchmarks import result
+from rich.table import Table
+
+from benchmarks import parts, result
 from benchmarks.flexible_joint import identification, steps
-from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.support.errors import UserError
-
-RIG = "flexible_joint"
-PARTS = ("identification", "steps", "processes")
 
 
-def main() -> int:
-    """Run the parts that are named, or all; print their tables and write their results."""
-    named = sys.argv[1:] or PARTS
-    for part in named:
-        if part not in PARTS:
-            raise UserError(f"no part {part}: known are {', '.join(PARTS)}")
-    rig = load(RIG)
-    for part in named:
-        machine = result.machine()
-        found: dict[str, Any]
-        if part == "identification":
-            found = identification.measured(rig)
-            shown = identification.tables(found)
-        elif part == "steps":
-            found = steps.measured(rig, load_model(configuration.shipped(RIG, "model")))
-            shown = [steps.table(found["loops"])]
-        else:
-            found = {name: steps.processes(rig, policy=name) for name in ("exact", "supervised")}
-            shown = [steps.table(found)]
-        for table in shown:
-            print_table(table)
-        print(result.write(f"{RIG}_{part}", found, on=machine))
-    return 0
+def _identification(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = identification.measured(rig)
+    return found, identification.tables(found)
 
+
+def _steps(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = steps.measured(rig, load_model(configuration.shipped(rig.name, "model")))
+    return found, [steps.table(found["loops"])]
+
+
+def _processes(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = {name: steps.processes(rig, policy=name) for name in ("exact", "supervised")}
+    return found, [steps.table(found)]
+
+
+main = partial(
+    parts.run, "flexible_joint", {"identification": _identification, "steps": _steps, "processes": _processes}
+)
 
 if __name__ == "__main__":
     result.run(main)

@@ -2,40 +2,28 @@
 
 from __future__ import annotations
 
-import sys
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
-from benchmarks import result
+from rich.table import Table
+
+from benchmarks import parts, result
 from benchmarks.winged_cone import autopilot, identification
-from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.rigs.rig import load
-from hybrid_sysid_ros.support.errors import UserError
-
-RIG = "winged_cone"
-PARTS = ("autopilot", "identification")
+from hybrid_sysid_ros.rigs.rig import Rig
 
 
-def main() -> int:
-    """Run the parts that are named, or both; print their tables and write their results."""
-    named = sys.argv[1:] or PARTS
-    for part in named:
-        if part not in PARTS:
-            raise UserError(f"no part {part}: known are {', '.join(PARTS)}")
-    rig = load(RIG)
-    for part in named:
-        machine = result.machine()
-        found: dict[str, Any]
-        if part == "autopilot":
-            found = autopilot.measured(rig)
-            shown = [autopilot.table(found)]
-        else:
-            found = identification.measured(rig)
-            shown = identification.tables(found)
-        for table in shown:
-            print_table(table)
-        print(result.write(f"{RIG}_{part}", found, on=machine))
-    return 0
+def _autopilot(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = autopilot.measured(rig)
+    return found, [autopilot.table(found)]
 
+
+def _identification(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = identification.measured(rig)
+    return found, identification.tables(found)
+
+
+main = partial(parts.run, "winged_cone", {"autopilot": _autopilot, "identification": _identification})
 
 if __name__ == "__main__":
     result.run(main)
