@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
 
 from hybrid_sysid_ros.nodes import parameters, topics
-from hybrid_sysid_ros.nodes.border import Border, Reason
+from hybrid_sysid_ros.nodes.border import LARGEST, Border, Reason
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Task, Troubles
 from hybrid_sysid_ros.nodes.listener import Listener
 from hybrid_sysid_ros.nodes.managed import ManagedNode
@@ -115,6 +115,7 @@ class RigNode(ManagedNode):
             ahead=settings["stamp_ahead"] * SECOND,
             behind=settings["stamp_behind"] * SECOND,
             silence=settings["silence"] * SECOND if timed else 0.0,
+            largest=topics.LARGEST.get(topic, LARGEST),
         )
         return border
 

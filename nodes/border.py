@@ -71,8 +71,11 @@ class Border:
         ahead: float = math.inf,
         behind: float = math.inf,
         silence: float = 0.0,
+        largest: int = LARGEST,
     ) -> None:
-        """kind: of the messages. clock: that of the stamps [ns]; None: none. steady: for silences [ns]."""
+        """kind: of the messages. largest: bytes of one. clock: that of the stamps [ns]; None: none. steady: for
+        silences [ns].
+        """
         self.dropped: Counter[Reason] = Counter()
         self.stamp = 0
         """The newest believed one [ns], 0 before the first."""
@@ -81,6 +84,7 @@ class Border:
         self.source: str | None = None
         """frame_id of who is heard."""
         self._kind = kind
+        self._largest = largest
         self._clock = clock
         self._steady = steady
         self._ahead, self._behind, self._silence = ahead, behind, silence
@@ -98,7 +102,7 @@ class Border:
         form = self._forms.get(len(data))  # most messages are like one before
         if form is not None and (said := form.unpack(data)) is not None:
             return said
-        if len(data) > LARGEST:
+        if len(data) > self._largest:
             self.drop(Reason.TOO_LARGE)
             return None
         try:

@@ -42,13 +42,14 @@ class EstimatorNode(RigNode):
     and lags, have entries of their own names and NAME_ahead, their values as position; so have outputs that are no
     motion of a joint, and the followed parameters: they travel with the estimate that they belong to, and a controller
     that adapts answers the same in every run in lockstep. state_estimate is advertised once there is a measurement to
-    expect, so that who sees it knows that measurements come this far. A joint_states of NAME_camera alone is of a
-    second sensor of the first output: it corrects the estimate at its own stamp and is not answered.
+    expect, so that who sees it knows that measurements come this far. camera/joint_states has NAME_camera, a further
+    sensor of the first output: it corrects the estimate at its own stamp and is not answered, but where a measurement
+    waits for a first number to begin with.
     """
 
     NAME = "estimator"
     PUBLISHES = ("state_estimate", "state_covariance")
-    HEARS = ("joint_states",)
+    HEARS = ("joint_states", "camera/joint_states")
 
     def configure(self) -> None:
         self.use(self.observer_of(self.settings))
@@ -69,7 +70,9 @@ class EstimatorNode(RigNode):
     def forget(self) -> None:
         """Begin a new experiment."""
         self.observer.begin()
-        self.stamp = self.shown = self.usable = 0
+        self.stamp = self.shown = self.usable = self.zero = 0
+        self.waiting: tuple[list[float], int] | None = None
+        """A measurement that waits for a first number."""
         self.recent: deque[Measured] = deque(maxlen=round(REPEATED * self.settings["rate"]))
 
     def prepare(self, settings: Mapping[str, Any], names: frozenset[str]) -> Callable[[], object]:
@@ -95,6 +98,9 @@ class EstimatorNode(RigNode):
         self.estimates: Publisher | None = None
         self.covariances = self.open("state_covariance")
         self.entry = self.border("joint_states")
+        if self.observer.tuning.channels:
+            self.frames = self.border("camera/joint_states")
+            self.listen(self.frames, "camera/joint_states", self.on_camera)
         measurements = self.listen(self.entry, "joint_states", self.on_measurement)
         self.when(lambda: measurements.publishers() > 0, self.advertise)
 
@@ -108,11 +114,6 @@ class EstimatorNode(RigNode):
     def on_measurement(self, joints: Joints) -> None:
         """Answer a measurement."""
         began = perf_counter()
-        if joints.names == self.observer.camera.names:
-            frame = self.entry.read(joints, self.observer.camera)
-            if frame is not None and self.entry.is_near(joints.stamp):
-                self.on_camera(joints.stamp, frame[0])
-            return
         given = self.entry.read(joints, self.observer.measured)
         if given is not None and (order := self.entry.admit(joints)) is not None:
             self.answer(given, joints.stamp, order, began)
@@ -125,11 +126,10 @@ class EstimatorNode(RigNode):
             return
         if order is Order.RESTART:
             self.observer.filter.reset()
-            self.stamp = self.shown = self.usable = 0
+            self.stamp = self.shown = self.usable = self.zero = 0
             self.restarts += 1
-        if not self.stamp:
-            self.zero = stamp
-        elif 0 < stamp - self.stamp < SOON * SECOND / self.settings["rate"]:
+        self.zero = self.zero or stamp
+        if self.stamp and 0 < stamp - self.stamp < SOON * SECOND / self.settings["rate"]:
             self.too_soon += 1
         for k, still in enumerate(self.still):
             if self.noisy[k] and still.sees(given[k]):
@@ -142,8 +142,10 @@ class EstimatorNode(RigNode):
             estimate = self.observer.update((stamp - self.zero) / SECOND)
         except UserError as error:  # nothing to hold on to yet
             self.unusable += 1
+            self.waiting = given, stamp
             self.get_logger().warning(str(error), once=True)
             return
+        self.waiting = None
         if order is Order.LATE:
             return  # the answer to a newer one is out
         self.stamp = stamp
@@ -155,14 +157,24 @@ class EstimatorNode(RigNode):
         self.execution.add(taken)
         self.afterwards(estimate)
 
-    def on_camera(self, stamp: int, reading: float) -> None:
-        """Use a measurement of the second sensor, in its place by its stamp."""
+    def on_camera(self, joints: Joints) -> None:
+        """Use a frame of a camera, in its place by its stamp."""
+        began, found, stamp = perf_counter(), self.frames.read(joints, self.observer.camera), joints.stamp
+        if found is None or not self.frames.is_near(stamp) or not self.frames.hears(joints.source):
+            return
+        self.frames.believe(joints.source)
+        self.zero = self.zero or stamp
         try:
-            self.observer.filter.correct((stamp - self.zero) / SECOND if self.stamp else 0.0, reading, CAMERA)
-            self.seen += 1
-        except UserError as error:  # no such sensor in the parameters, or nothing to correct yet
+            self.observer.filter.correct((stamp - self.zero) / SECOND, found[0], CAMERA)
+        except UserError as error:  # nothing to correct yet
             self.unusable += 1
             self.get_logger().warning(str(error), once=True)
+            return
+        self.seen += 1
+        if math.isfinite(found[0]):
+            self.usable = max(stamp, self.usable)
+        if self.waiting is not None:
+            self.answer(*self.waiting, Order.NEW, began)
 
     def publish(self) -> None:
         """Publish the newest estimate."""
@@ -188,6 +200,7 @@ class EstimatorNode(RigNode):
             "times that time began anew": self.restarts,
             "measurements before the first one of use": self.unusable,
             **{f"measurements {reason}": count for reason, count in self.dropped("joint_states").items()},
+            **{f"frames {reason}": count for reason, count in self._dropped_frames().items()},
         }
         values = {
             "updates": counters.updates,
@@ -204,6 +217,10 @@ class EstimatorNode(RigNode):
         if not self.stamp and judged.level == OK:
             judged = replace(judged, message="waiting for measurements")
         return [judged, self.sensor(), self.believed()]
+
+    def _dropped_frames(self) -> dict[str, int]:
+        """Frames of a camera that were not believed, by reason."""
+        return self.dropped("camera/joint_states") if "camera/joint_states" in self.borders else {}
 
     def sensor(self) -> Task:
         """What is to be said of the readings."""

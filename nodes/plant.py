@@ -15,6 +15,7 @@ from hybrid_sysid_ros.nodes.diagnostics import WARN, Task
 from hybrid_sysid_ros.nodes.drive import Answers, Drive
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints
+from hybrid_sysid_ros.nodes.motion import Motion
 from hybrid_sysid_ros.nodes.process import announce, run
 from hybrid_sysid_ros.nodes.timeline import Timeline
 from hybrid_sysid_ros.nodes.timing import Timing
@@ -38,8 +39,8 @@ class PlantNode(RigNode):
     """
 
     NAME = "plant"
-    PUBLISHES = ("joint_states",)
-    HEARS = ("joint_command",)
+    PUBLISHES = ("joint_states", "motion")
+    HEARS = ("joint_command", "camera/joint_states")
 
     def configure(self) -> None:
         settings, rig = self.settings, self.rig
@@ -61,6 +62,7 @@ class PlantNode(RigNode):
         """Put the rig where it is at first, its time at 0."""
         self.plant = Plant(self.rig, seed=self.settings["seed"], bias=self.settings["bias"])
         self.chance = Random(self.settings["seed"])
+        self.motion = Motion(self.rig, self.steps, self.signature)
         self.answers = Answers(start=LOCKSTEP_START, period=round(self.steps * self.rig.step * SECOND))
         self.rested()
         self.started = False
@@ -75,8 +77,13 @@ class PlantNode(RigNode):
         self.timeline = Timeline(self.now)
         self.alone = perf_counter()  # when somebody was missing last without whom there is no loop [s]
         self.measurements = self.open("joint_states")
+        self.motions = self.open("motion")
         self.entry = self.border("joint_command")
         self.commands = self.listen(self.entry, "joint_command", self.on_command)
+        self.frame = -1
+        """Stamp of the newest frame that was read [ns]."""
+        if self.lockstep and self.settings["camera_rate"]:
+            self.listen(self.border("camera/joint_states"), "camera/joint_states", self.on_frame)
         self.when(self.is_matched, self.wait)
 
     def own_services(self) -> Mapping[str, Callable[[], object]]:
@@ -155,6 +162,7 @@ class PlantNode(RigNode):
         total = [0.0] * len(self.inputs)
         for _ in range(steps):
             self.plant.advance(self.drive.at(self.plant.time))
+            self.motion.see(self.plant)
             total = [one + other for one, other in zip(total, self.plant.applied, strict=True)]
         return [value / steps for value in total]
 
@@ -167,7 +175,11 @@ class PlantNode(RigNode):
         outputs = [math.nan if out else value for value, out in zip(measurement.outputs.tolist(), lost, strict=True)]
         filtered = [math.nan if lost[k] else value for k, value in zip(self.low_passed, filtered, strict=True)]
         values = [*outputs, *applied, *filtered]
-        self.measurement = self.writer.pack(self.answers.stamp(number), values)
+        stamp = self.answers.stamp(number)
+        motion = self.motion.told(stamp)
+        if self.motions.get_subscription_count():
+            self.motions.publish(motion)
+        self.measurement = self.writer.pack(stamp, values)
         self.publish()
         if 0.0 < self.settings["duration"] <= self.plant.time:
             self.finish()
@@ -196,9 +208,35 @@ class PlantNode(RigNode):
             self.direct += 1
         self.entry.believe(joints.source)
         self.drive.command(inputs, (self.plant.time if self.lockstep else time) + self.settings["command_delay"])
-        if self.lockstep and self.answers.answered == self.answers.latest:
-            self.disturb()
-            self.measure(self.answers.latest + 1, self.integrate(self.steps))
+        self.go_on()
+
+    def go_on(self) -> None:
+        """In lockstep: to the next measurement, if this one is answered and all frames that are due are read."""
+        if not self.lockstep or self.answers.answered != self.answers.latest:
+            return
+        following = self.answers.latest + 1
+        if self.settings["camera_rate"] and self.frame < self.due(self.answers.stamp(following)):
+            return
+        self.disturb()
+        self.measure(following, self.integrate(self.steps))
+
+    def due(self, stamp: int) -> int:
+        """Stamp of the newest frame that must have been read by then [ns], less half a period, as a frame's reading may
+        be stamped by another row than its middle.
+        """
+        period = SECOND / self.settings["camera_rate"]
+        newest = stamp - round(self.settings["camera_latency"] * SECOND)
+        return (
+            round(LOCKSTEP_START + ((newest - LOCKSTEP_START) // period - 0.5) * period)
+            if newest >= LOCKSTEP_START
+            else -1
+        )
+
+    def on_frame(self, joints: Joints) -> None:
+        """Note that a frame was read."""
+        self.frame = max(self.frame, joints.stamp)
+        if self.started:
+            self.go_on()
 
     def is_direct(self, stamp: int, time: float) -> bool:
         """Whether a command that answers no measurement counts: one of a person or of another driver, stamped with the

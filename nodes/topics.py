@@ -11,7 +11,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import CameraInfo, CompressedImage, JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
@@ -29,9 +29,17 @@ TYPES: Mapping[str, Any] = {
     "reference": JointTrajectory,
     "set_point": JointTrajectory,
     "predicted_trajectory": JointTrajectory,
+    "motion": JointTrajectory,
+    "camera/joint_states": JointState,
+    "camera/image_raw/compressed": CompressedImage,
+    "camera/camera_info": CameraInfo,
     "/diagnostics": DiagnosticArray,
 }
-RECORDED = tuple(topic for topic in TYPES if topic != "effort_command")  # has the numbers of joint_command
+LARGEST: Mapping[str, int] = {"camera/image_raw/compressed": 1 << 23}
+"""Bytes of a message, of topics with larger ones than others."""
+UNRECORDED = ("effort_command", "motion")
+"""What joint_command has too, and what is read by a simulated camera alone."""
+RECORDED = tuple(topic for topic in TYPES if topic not in UNRECORDED)
 
 OVERRIDDEN: Mapping[str, tuple[str, ...]] = {
     "reliability": ("reliable", "best_effort"),

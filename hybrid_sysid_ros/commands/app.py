@@ -7,6 +7,8 @@ from hybrid_sysid_ros.commands.program import Commands, LateCommand, run_program
 HERE = "hybrid_sysid_ros.commands"
 COMMANDS = [
     LateCommand("simulate", f"{HERE}.simulate", "Simulate an experiment on a rig and write its bag."),
+    LateCommand("film", f"{HERE}.film", "Simulate an experiment before a camera: its bag and a film."),
+    LateCommand("video", f"{HERE}.video", "Read a joint's angle out of a film and write a bag."),
     LateCommand("identify", f"{HERE}.identify", "Identify a model from bags."),
     LateCommand("evaluate", f"{HERE}.evaluate", "Score a model on bags by free run and closed loop."),
     LateCommand("ensemble", f"{HERE}.ensemble", "Score several models together on bags."),

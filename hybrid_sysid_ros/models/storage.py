@@ -21,7 +21,7 @@ from hybrid_sysid_ros.support.files import sha256, written_file, written_folder
 from hybrid_sysid_ros.support.structured import read_mapping
 
 ARRAYS = "weights.safetensors"
-MADE_BY = {"model": "identify", "policy": "policy train", "certificate": "policy certify"}
+MADE_BY = {"model": "identify", "policy": "policy train", "certificate": "policy certify", "layers": "video --layers"}
 """The commands that write each kind."""
 
 Arrays = dict[str, NDArray[np.float64]]

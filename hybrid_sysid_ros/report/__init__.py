@@ -1,4 +1,4 @@
-"""Reports: an HTML page about a model and its loop, a replay or an accuracy, which needs no network to be read."""
+"""Reports: an HTML page about a model and its loop, a replay, an accuracy or a film; it needs no network to be read."""
 
 from hybrid_sysid_ros.report.accuracy_page import accuracy_rows, write_accuracy
 from hybrid_sysid_ros.report.rendering import check_available, write
@@ -12,6 +12,7 @@ from hybrid_sysid_ros.report.sections import (
     identification_section,
     provenance,
 )
+from hybrid_sysid_ros.report.video_page import write_video
 
 __all__ = [
     "ClosedLoopSection",
@@ -26,4 +27,5 @@ __all__ = [
     "write",
     "write_accuracy",
     "write_replay",
+    "write_video",
 ]

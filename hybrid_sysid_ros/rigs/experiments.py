@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -98,13 +98,15 @@ def simulate(
     rate: float,
     overwrite: bool = False,
     disturbed: bool = True,
+    watch: Callable[[Plant], object] = lambda plant: None,
 ) -> Path:
     """Drive the simulated rig through an experiment as the real one is driven, and write the bag.
 
     rate: of the bag's samples [Hz]; each carries the mean inputs since the one before. disturbed: see
-    :class:`~.plant.Plant`. Raises UserError for a rate that
-    does not divide the rig's, an experiment that the rig has not, one in which a state grows beyond :data:`BEYOND`, and
-    a place that can't be written.
+    :class:`~.plant.Plant`. watch: called at the beginning and after each of the rig's steps.
+
+    Raises UserError for a rate that does not divide the rig's, an experiment that the rig has not, one in which a
+    state grows beyond :data:`BEYOND`, and a place that can't be written.
     """
     every = rig.steps(1.0 / rate, f"rate {rate:g} Hz: its period")
     check_folder(out, marker=markers(out), replace=overwrite)
@@ -112,7 +114,8 @@ def simulate(
     times = np.arange((samples - 1) * every + 1, dtype=np.float64) * rig.step
     wanted = excitation(rig, kind, seed=seed, duration=duration, times=times)
     plant = Plant(rig, seed=seed, bias=rig.bias, disturbed=disturbed)
-    steps = driven(plant, wanted)
+    watch(plant)
+    steps = _watched(driven(plant, wanted), lambda: watch(plant))
     shown, applied = [plant.measure()], [np.zeros(len(rig.actuators))]
     for _ in range(samples - 1):
         applied.append(sum(islice(steps, every), start=np.zeros(len(rig.actuators))) / every)
@@ -131,6 +134,12 @@ def simulate(
     if rig.experiments.loops or rig.experiments.feedback:
         series.append(_references(rig, stamps, wanted[::every]))
     return write(out, series, replace=overwrite, notes={"made_by": made_by})
+
+
+def _watched(steps: Iterator[Array], watch: Callable[[], object]) -> Iterator[Array]:
+    for inputs in steps:
+        watch()
+        yield inputs
 
 
 def _measurements(rig: Rig, stamps: NDArray[np.int64], shown: list[Measurement], applied: Array) -> Series:

@@ -6,14 +6,14 @@ from pathlib import Path
 
 from hybrid_sysid_ros.support.errors import UserError
 
-OPTIONS = {"model": "--model", "policy": "--policy-path"}
+OPTIONS = {"model": "--model", "policy": "--policy-path", "layers": "the parameter layers"}
 """Of commands, by which another folder than the shipped one is given."""
 TRAINED = Path(__file__).parents[1] / "trained"
 
 
 def shipped(rig: str, kind: str) -> Path:
-    """Folder of what comes trained with the package for a rig; kind: model or policy. Raises UserError where nothing
-    does.
+    """Folder of what comes trained with the package for a rig; kind: model, policy or layers. Raises UserError where
+    nothing does.
     """
     folder = TRAINED / rig / kind
     if not folder.is_dir():

@@ -1,0 +1,34 @@
+"""Run the studies of the camera: python -m benchmarks.camera [angles] [timing] [loop]."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from rich.table import Table
+
+from benchmarks import parts, result
+from benchmarks.camera import angles, loop, timing
+from hybrid_sysid_ros.rigs.rig import Rig
+
+
+def _angles(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = angles.measured(rig)
+    return found, [angles.table(found)]
+
+
+def _timing(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = timing.measured(rig)
+    return found, [timing.table(found)]
+
+
+def _loop(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = loop.measured(rig)
+    return found, [loop.table(found)]
+
+
+main = partial(parts.run, "cam_beam", {"angles": _angles, "timing": _timing, "loop": _loop})
+
+if __name__ == "__main__":
+    result.run(main)

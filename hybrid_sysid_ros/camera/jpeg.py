@@ -1,0 +1,42 @@
+"""JPEG: a grey picture as the bytes that travel (the extra ``video``)."""
+
+from __future__ import annotations
+
+from io import BytesIO
+
+import numpy as np
+
+from hybrid_sysid_ros.camera.imager import Picture
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.extras import extra
+
+LARGEST = 8192  # pixels along a side
+
+
+def check_available() -> None:
+    """Raise UserError where what reads and writes JPEG is not installed."""
+    with extra("video"):
+        import PIL.JpegImagePlugin  # noqa: F401
+
+
+def encoded(picture: Picture, quality: int) -> bytes:
+    """A picture (rows, columns) as JPEG; quality: 1 to 95."""
+    from PIL import Image
+
+    data = BytesIO()
+    Image.fromarray(picture).save(data, "JPEG", quality=quality)
+    return data.getvalue()
+
+
+def decoded(data: bytes) -> Picture:
+    """Grey picture (rows, columns) of a JPEG, a coloured one's brightness. Raises UserError where it is none."""
+    from PIL import Image
+
+    try:
+        with Image.open(BytesIO(data), formats=("JPEG",)) as image:
+            if max(image.size) > LARGEST:
+                raise UserError(f"a picture of {image.size[0]}x{image.size[1]} pixels is larger than {LARGEST}")
+            image.draft("L", image.size)  # the brightness alone is unpacked
+            return np.asarray(image.convert("L"))
+    except (OSError, SyntaxError, ValueError) as error:
+        raise UserError(f"no JPEG that can be read ({error})") from error

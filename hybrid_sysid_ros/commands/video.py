@@ -1,0 +1,96 @@
+"""hybrid-sysid video: a film of a rig becomes a bag."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from hybrid_sysid_ros import bags, report
+from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status
+from hybrid_sysid_ros.models.model import versions
+from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.rigs.scene import scene_of
+from hybrid_sysid_ros.runtime import video_record
+from hybrid_sysid_ros.support.files import check_file, check_folder, sha256
+from hybrid_sysid_ros.vision.angle_reader import AngleReader
+from hybrid_sysid_ros.vision.footage import followed, picked
+from hybrid_sysid_ros.vision.layers import KIND, Layers
+from hybrid_sysid_ros.vision.learning import learn
+
+
+def command(
+    video: Annotated[Path, typer.Argument(help="Film of the rig: mp4, MOV or what FFmpeg reads.")],
+    out: Annotated[Path, typer.Option("--out", help="Bag to write.")],
+    rig: RigName = "",
+    bag: Annotated[Path | None, typer.Option(help="Bag recorded meanwhile, to synchronise with.")] = None,
+    layers: Annotated[
+        Path | None, typer.Option(help="Folder of learned layers: used where it is there, else written.")
+    ] = None,
+    again: Annotated[bool, typer.Option("--learn", help="Learn the layers anew.")] = False,
+    exposure: Annotated[float, typer.Option(help="Of a row [s].", min=0.0, max=1.0)] = 0.008,
+    readout: Annotated[
+        float, typer.Option(help="Of the rolling shutter, first row to last [s].", min=0.0, max=1.0)
+    ] = 0.016,
+    page: Annotated[Path | None, typer.Option("--report", help="HTML page to write.")] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Read a joint's angle out of a film, put it in a bag's time, and write a bag with both."""
+    described = load_rig(rig)
+    scene = scene_of(described)
+    check_folder(out, marker=bags.markers(out), replace=overwrite)
+    if page is not None:
+        report.check_available()
+        check_file(page, suffix=".html")
+    with status.status("looking at the film") as spinner:
+        known = layers is not None and (layers / f"{KIND}.yaml").exists() and not again
+        if known and layers is not None:
+            found = Layers.load(layers)
+        else:
+            film = picked(video)
+            found, _ = learn(
+                film, described, readout=readout, progress=lambda stage: spinner.update(f"learning: {stage}")
+            )
+            if layers is not None:
+                found.save(layers)
+        footage = followed(
+            video, AngleReader(found), scene.lamp, progress=lambda count: spinner.update(f"reading: {count} pictures")
+        )
+        spinner.update("synchronising")
+        record = video_record.joined(footage, found, described, bag, exposure=exposure)
+    told = shlex.join(["hybrid-sysid", *sys.argv[1:]])
+    video_record.write(record, described, scene.joint, bag, out, replace=overwrite, made_by=told)
+    for remark in [*footage.remarks(), *video_record.contradictions(record, None)]:
+        console.print(f"note: {remark}")
+    print_table(table_of(record))
+    console.print(f"{out}: {len(record.stamps)} positions of {scene.joint}")
+    if page is not None:
+        sources = {"film": video} | ({"bag": bag} if bag is not None else {})
+        hashes = {f"{kind}, {path.name}": sha256(path) for kind, path in sources.items()}
+        provenance = report.Provenance(command=told, hashes=hashes, versions=versions())
+        report.write_video(page, record, found, f"{described.name}: {video.name}", provenance)
+        console.print(f"report: {page}")
+
+
+def table_of(record: video_record.VideoRecord) -> Table:
+    """What was found, each with its standard deviation."""
+    footage, found = record.footage, record.synchronisation
+    table = Table("", "value", "standard deviation", "unit", title="camera")
+    degrees = [math.degrees(value) for value in footage.deviations if math.isfinite(value)]
+    table.add_row("pictures", str(len(footage.times)), "", "")
+    table.add_row("rate", f"{footage.rate:.4f}", "", "1/s")
+    table.add_row("angle of a picture", "", f"{sorted(degrees)[len(degrees) // 2]:.4f}" if degrees else "", "degrees")
+    if record.onset is not None:
+        table.add_row("lamp on", f"{record.onset.time:.5f}", f"{record.onset.deviation:.5f}", "s of the film")
+    if found is not None:
+        shift, rate, scale, offset = found.deviations.tolist()
+        table.add_row("shift", f"{found.shift:.6f}", f"{shift:.6f}", "s")
+        table.add_row("rate", f"{1e6 * found.rate:.2f}", f"{1e6 * rate:.2f}", "ppm")
+        table.add_row("scale", f"{found.scale:.5f}", f"{scale:.5f}", "")
+        table.add_row("offset", f"{math.degrees(found.offset):.4f}", f"{math.degrees(offset):.4f}", "degrees")
+    return table

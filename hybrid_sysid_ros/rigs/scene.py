@@ -1,0 +1,106 @@
+"""A scene of a rig: what a camera in front of it sees, as patches of grey: what stands, and what one joint turns."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.structured import built, section
+
+
+@dataclass(frozen=True, kw_only=True)
+class Patch:
+    """A box or a disc of one grey, once or in rows. Lengths are in widths of the picture, x to the right, y down.
+
+    Raises UserError where it is neither, or both.
+    """
+
+    box: tuple[float, ...] = ()
+    """Width and height."""
+    disc: float = 0.0
+    """Radius."""
+    at: tuple[float, ...] = (0.0, 0.0)
+    """The middle of the first one."""
+    shade: float = 0.5
+    """Grey, from 0 (black) to 1 (white)."""
+    times: tuple[int, ...] = (1, 1)
+    """How often it is repeated along x and along y,"""
+    pitch: tuple[float, ...] = (0.0, 0.0)
+    """at which distances,"""
+    stagger: float = 0.0
+    """every second row shifted by so much along x,"""
+    vary: float = 0.0
+    """each with another grey, +-."""
+    turned: tuple[float, ...] = (0.0,)
+    """Angles [rad] by which it is turned about the origin, one each time it is drawn."""
+
+    def __post_init__(self) -> None:
+        for name, count in (("at", 2), ("times", 2), ("pitch", 2), *([("box", 2)] if self.box else [])):
+            if len(getattr(self, name)) != count:
+                raise UserError(f"{name} has {len(getattr(self, name))} numbers: it needs x and y")
+        if bool(self.box) == bool(self.disc) or min((*self.box, self.disc)) < 0.0:
+            raise UserError("a patch is a box, [width, height], or a disc, its radius, above 0")
+        if not (0.0 <= self.shade <= 1.0 and min(self.times) >= 1):
+            raise UserError("shade goes from 0 to 1, and times are 1 or more")
+
+    @property
+    def reach(self) -> float:
+        """Largest distance from the origin."""
+        half = max(self.disc, math.hypot(*self.box) / 2)
+        x, y = (at + (n - 1) * step for at, n, step in zip(self.at, self.times, self.pitch, strict=True))
+        return max(math.hypot(*self.at), math.hypot(x, y)) + half
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lamp:
+    """A light that goes on when an experiment begins; in widths of the picture."""
+
+    at: tuple[float, ...]
+    radius: float
+    shade: float = 1.0
+    """Grey that it adds when it is lit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """A picture of a rig; x = pivot + R(angle of the joint) u puts what turns (u: its patches' own coordinates)."""
+
+    joint: str
+    """The joint that turns the sprite; counter-clockwise, as all angles."""
+    pivot: tuple[float, ...]
+    """About which it turns, in widths of the picture from its upper left corner."""
+    sprite: tuple[Patch, ...]
+    """What turns, later patches before earlier ones; its x is to the right where the joint is at 0."""
+    background: tuple[Patch, ...] = ()
+    """What stands, from the upper left corner."""
+    shade: float = 0.5
+    """Of the picture where there is no patch."""
+    roll: float = 0.0
+    """Of the camera about its axis, clockwise, so that all angles look larger by it [rad]."""
+    lamp: Lamp | None = None
+
+    def __post_init__(self) -> None:
+        if not self.sprite:
+            raise UserError("sprite has no patch: nothing would move")
+
+
+def scene_of(rig: Rig) -> Scene:
+    """What a camera sees of a rig.
+
+    Raises UserError where the rig's file has no section ``scene``, or names in it what is not there.
+    """
+    where = f"{rig.file}: scene"
+    if not has_scene(rig):
+        raise UserError(f"{rig.file}: has no section scene: it says what a camera sees of the rig (docs/camera.md)")
+    scene = built(Scene, section(rig.content, "scene", str(rig.file)), where)
+    turning = [name for name, joint in rig.joints.joints.items() if joint.position or joint.velocity]
+    if scene.joint not in turning:
+        raise UserError(f"{where}.joint: {scene.joint!r} is no joint that moves; known are {', '.join(turning)}")
+    return scene
+
+
+def has_scene(rig: Rig) -> bool:
+    """Whether there is a picture of a rig."""
+    return "scene" in rig.content

@@ -1,0 +1,1 @@
+"""Reading a joint's angle out of pictures, and the time out of a film: layers, alignment, synchronisation."""

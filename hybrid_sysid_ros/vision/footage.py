@@ -1,0 +1,159 @@
+"""Footage: a film looked at: pictures to learn from, and what all of them say of angle and lamp."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.camera.film import format_of, pictures
+from hybrid_sysid_ros.camera.imager import Picture
+from hybrid_sysid_ros.rigs.scene import Lamp
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.vision.angle_reader import AngleReader, Reading
+from hybrid_sysid_ros.vision.lamp import brightness
+from hybrid_sysid_ros.vision.learning import FEWEST
+from hybrid_sysid_ros.vision.regression import Film
+
+LEARNED_FROM = 160
+"""Pictures that layers are learned from."""
+SHOWN = 4  # pictures that are kept to be shown
+FROZEN = 3  # pictures in a row that are the same to the last bit: a camera that hangs
+OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is told
+MOVED = 4.0  # deviations of the noise, by which what stands must look different to have moved
+LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Footage:
+    """What a film's pictures say, (frames,) each."""
+
+    times: Array
+    """Of the pictures, as the film has them [s]."""
+    seen: Array
+    """Of the sprite in them: the rows that tell of it are exposed then [s]."""
+    angles: Array
+    """[rad]; NaN where there is none."""
+    deviations: Array
+    """[rad]"""
+    explained: Array
+    """Share of the pixels that the layers explain."""
+    lamp: Array
+    """Brightness of the lamp [counts]; NaN without one."""
+    frozen: NDArray[np.bool_]
+    """Pictures that were the same as those before; their angles are not used."""
+    shown: tuple[tuple[float, Picture, Reading], ...]
+    """Some of them, with their times and what was read."""
+    stated_rate: float
+    """What the film's head says [Hz]."""
+
+    @property
+    def rate(self) -> float:
+        """Pictures a second, by their times [Hz]."""
+        return 1.0 / float(np.median(np.diff(self.times)))
+
+    @property
+    def lost(self) -> int:
+        """Pictures without an angle."""
+        return int(np.isnan(self.angles).sum())
+
+    def remarks(self) -> list[str]:
+        """What a user should know of the film, in a line each."""
+        found = []
+        if self.stated_rate and abs(self.rate / self.stated_rate - 1.0) > OTHER_RATE:
+            found.append(f"its head says {self.stated_rate:.4g} pictures/s, their times {self.rate:.4g}: these count")
+        if self.frozen.any():
+            found.append(f"{int(self.frozen.sum())} frozen pictures, the same as before to the last bit: not used")
+        if black := self.lost - int(self.frozen.sum()):
+            found.append(f"{black} of {len(self.angles)} pictures without an angle: black, hidden or of something else")
+        return found
+
+
+def picked(path: Path, count: int = LEARNED_FROM) -> Film:
+    """Pictures of a film to learn from (pictures, rows, columns): of each of as many parts the one with least motion,
+    so that none is smeared.
+
+    Raises UserError where the film can't be read, is too short, or changes its size.
+    """
+    motion, before, shape = list[float](), None, None
+    for time, picture in pictures(path):
+        few = picture[::4, ::4].astype(np.int16)
+        if shape not in (None, picture.shape):
+            raise UserError(f"{path}: its pictures change their size at {time:.3g} s: cut it there")
+        shape = picture.shape
+        motion.append(float(np.abs(few - before).mean()) if before is not None else np.inf)
+        before = few
+    if len(motion) < FEWEST:
+        raise UserError(f"{path}: has {len(motion)} pictures: {FEWEST} at least are needed to learn from")
+    edges = np.linspace(0, len(motion), min(count, len(motion)) + 1).astype(int)
+    steady = np.maximum(motion, np.append(motion[1:], np.inf))
+    chosen = {a + int(np.argmin(steady[a:b])) for a, b in itertools.pairwise(edges)}
+    return np.stack([picture for k, (_, picture) in enumerate(pictures(path)) if k in chosen])
+
+
+def followed(
+    path: Path, reader: AngleReader, lamp: Lamp | None, *, progress: Callable[[int], object] = lambda count: None
+) -> Footage:
+    """What each picture of a film says by layers.
+
+    Raises UserError where the film can't be read, has another size, or shows something else than the layers.
+    """
+    rows, times, lamps = list[Reading](), list[float](), list[float]()
+    frozen, shown, scenery = list[bool](), list[tuple[float, Picture, Reading]](), list[float]()
+    before, run, every = None, 0, 1
+    for time, picture in pictures(path):
+        reading = reader.read(picture)
+        run = run + 1 if before is not None and np.array_equal(picture, before) else 0
+        before = picture
+        frozen.append(run >= FROZEN - 1)
+        times.append(time)
+        rows.append(reading)
+        lamps.append(brightness(picture, lamp) if lamp is not None else np.nan)
+        if (len(rows) - 1) % every == 0:
+            scenery.append(reader.scenery(picture))
+            shown.append((time, picture, reading))
+            if len(shown) >= 4 * SHOWN:
+                every, shown = 2 * every, shown[::2]
+            progress(len(rows))
+    layers, angles = reader.layers, np.array([row.angle for row in rows])
+    if len(rows) < 2:
+        raise UserError(f"{path}: has one picture only")
+    strange = np.median(scenery) > MOVED
+    if np.isnan(angles).mean() > LOST:
+        why = "the camera was moved" if strange else "it shows another rig, or nothing"
+        raise UserError(
+            f"{path}: {np.isnan(angles).mean():.0%} of its pictures are not what the layers of "
+            f"{layers.geometry.rig} explain: {why} since they were learned; learn them again (--learn)"
+        )
+    if strange:
+        raise UserError(
+            f"{path}: what stands in it looks {np.median(scenery):.1f} times as different as noise: the camera was "
+            "moved since the layers were learned; learn them again (--learn)"
+        )
+    still = np.array(frozen)
+    angles[still] = np.nan
+    middle = np.array([layers.row_time(row.row) if row.found else 0.0 for row in rows])
+    good = [item for item in shown if item[2].found] or shown
+    return Footage(
+        times=np.array(times),
+        seen=np.array(times) + middle,
+        angles=_unwrapped(angles) if layers.full_turn else angles,
+        deviations=np.array([row.deviation for row in rows]),
+        explained=np.array([row.explained for row in rows]),
+        lamp=np.array(lamps),
+        frozen=still,
+        shown=tuple(good[:: max(len(good) // SHOWN, 1)][:SHOWN]),
+        stated_rate=format_of(path).rate,
+    )
+
+
+def _unwrapped(angles: Array) -> Array:
+    """Angles that go on round and round, by the shorter way from one picture to the next."""
+    found, known = angles.copy(), np.isfinite(angles)
+    found[known] = np.unwrap(angles[known])
+    return found

@@ -1,0 +1,170 @@
+"""Synchronisation: where a film's time lies in a bag's, and the joint's position in the angles of the film."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfiltfilt
+
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+LOW_PASS = 15.0  # Hz, of both sensors before they are compared: hum aliases into a camera's 30 frames a second
+GRID = 0.02  # s, of the search for the shift
+FEWEST_SECONDS = 2.0  # that film and bag have in common
+ALIKE = 0.9  # correlation, below which film and bag are of two motions
+STEPS = 30
+BISQUARE = 4.685  # deviations; see alignment.py
+BLOCK = 1.0  # s, within which differences count as one
+MOVED = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Synchronisation:
+    """bag time = shift + (1 + rate) film time;  position = scale angle + offset. With standard deviations."""
+
+    shift: float
+    """[s]"""
+    rate: float
+    """By which the film's clock is slow, 1e-6 are a ppm."""
+    scale: float
+    offset: float
+    """[rad]"""
+    deviations: Array
+    """Of these four (4,)."""
+    correlation: float
+    """Of the two sensors' motions."""
+    residual: float
+    """Between them, rms [rad]."""
+    used: NDArray[np.bool_]
+    """Frames (frames,) that were compared: inside of the bag, and no outliers."""
+
+    def time(self, film: Array) -> Array:
+        """Times of a film in the bag's time [s]."""
+        return np.asarray(self.shift + (1.0 + self.rate) * film)
+
+    def position(self, angle: Array) -> Array:
+        """Position of the joint [rad]."""
+        return np.asarray(self.scale * angle + self.offset)
+
+
+def synchronise(
+    film: Array, angles: Array, bag: Array, positions: Array, *, near: float | None = None
+) -> Synchronisation:
+    """Shift, rate, scale and offset between the angles (frames,) [rad] that a film shows at its times and the positions
+    (samples,) [rad] that a bag has at its own, uniform times, both [s]. Frames without an angle are NaN.
+
+    near: a shift to look around, as the lamp tells; without it everywhere. The noise of both is taken down by the same
+    low-pass, without a delay; then least squares with robust weights over all four.
+
+    Raises UserError where they have too little in common, or are of two motions.
+    """
+    known = np.isfinite(angles)
+    if known.sum() < 10 or len(bag) < 10:
+        raise UserError("too few frames or samples to compare the film with the bag")
+    period = float(np.median(np.diff(bag)))
+    smooth = CubicSpline(bag, _low_passed(positions, period))
+    seen = _evenly(film[known], angles[known])
+    shift = _coarse(film[known], seen, smooth, bag, near)
+    values, centre = np.array([shift, 0.0, 1.0, 0.0]), float(film[known].mean())
+    seen_angles, times = seen, film[known]
+    used = np.ones(len(times), dtype=bool)
+    for _ in range(STEPS):
+        at = values[0] + times + values[1] * (times - centre)
+        inside = (at > bag[0] + 0.2) & (at < bag[-1] - 0.2)
+        if np.ptp(at[inside]) < FEWEST_SECONDS if inside.any() else True:
+            raise UserError(f"film and bag have less than {FEWEST_SECONDS:g} s in common")
+        speed = smooth(at, 1)
+        difference = values[2] * seen_angles + values[3] - smooth(at)
+        scatter = max(float(np.median(np.abs(difference[inside]))) / 0.6745, 1e-6)
+        weights = np.where(inside, np.maximum(1.0 - (difference / (BISQUARE * scatter)) ** 2, 0.0) ** 2, 0.0)
+        used = weights > 0.0
+        slopes = np.column_stack([-speed, -speed * (times - centre), seen_angles, np.ones(len(times))])
+        size = np.maximum(np.sqrt((weights[:, None] * slopes**2).sum(axis=0)), 1e-12)
+        scaled = slopes / size
+        normal = (weights[:, None] * scaled).T @ scaled
+        move = np.linalg.lstsq(normal, -(weights[:, None] * scaled).T @ difference, rcond=1e-12)[0] / size
+        move[0] = np.clip(move[0], -GRID, GRID)
+        values += move
+        if abs(move[0]) + abs(move[1]) * np.ptp(times) < MOVED:
+            break
+    one, two = (values[2] * seen_angles)[used], smooth(values[0] + times + values[1] * (times - centre))[used]
+    correlation = float(np.corrcoef(one, two)[0, 1])
+    if not (correlation > ALIKE and values[2] > 0.0 and used.sum() > 0.5 * inside.sum()):
+        raise UserError(
+            f"the film's motion is not the bag's (correlation {correlation:.2f}): are they of one experiment?"
+        )
+    blocks = ((times - times[0]) / BLOCK).astype(int)
+    scores = np.zeros((blocks[-1] + 1, 4))
+    np.add.at(scores, blocks, (weights * difference)[:, None] * scaled)
+    inverse = np.linalg.pinv(normal, rcond=1e-12)
+    covariance = inverse @ (scores.T @ scores) @ inverse / np.outer(size, size)
+    # the shift is told at film time 0: shift - rate * centre
+    to_zero = np.eye(4)
+    to_zero[0, 1] = -centre
+    everywhere = np.zeros(len(film), dtype=bool)
+    everywhere[np.flatnonzero(known)[used]] = True
+    return Synchronisation(
+        shift=float(values[0] - values[1] * centre),
+        rate=float(values[1]),
+        scale=float(values[2]),
+        offset=float(values[3]),
+        deviations=np.sqrt(np.diag(to_zero @ covariance @ to_zero.T)),
+        correlation=correlation,
+        residual=float(np.sqrt(np.mean(difference[used] ** 2))),
+        used=everywhere,
+    )
+
+
+def _low_passed(values: Array, period: float) -> Array:
+    """Without what is faster than LOW_PASS, and without a delay."""
+    if 0.45 / period <= LOW_PASS:
+        return values
+    sections = butter(4, LOW_PASS, fs=1.0 / period, output="sos")
+    return np.asarray(sosfiltfilt(sections, values, padlen=min(len(values) - 1, round(1.0 / period))))
+
+
+def _evenly(times: Array, angles: Array) -> Array:
+    """A camera's angles, as they are where it is as slow as the low-pass, which takes nothing of them then."""
+    period = float(np.median(np.diff(times)))
+    if 0.45 / period <= LOW_PASS:
+        return angles
+    even = np.arange(times[0], times[-1] + period / 2, period)
+    return np.asarray(CubicSpline(even, _low_passed(np.interp(even, times, angles), period))(times))
+
+
+def _coarse(times: Array, angles: Array, smooth: CubicSpline, bag: Array, near: float | None) -> float:
+    """The shift on a grid at which the two motions are most alike."""
+    even = np.arange(times[0], times[-1], GRID)
+    seen = np.interp(even, times, angles)
+    there = np.arange(bag[0], bag[-1], GRID)
+    positions = smooth(there)
+    if min(np.ptp(seen), np.ptp(positions)) < 1e-6:
+        raise UserError("nothing moves in the film, or in the bag: there is no time to be told by")
+    least = min(len(seen), len(positions), max(round(FEWEST_SECONDS / GRID), min(len(seen), len(positions)) // 4))
+    count = len(seen) + len(positions)
+    size = 1 << (count - 1).bit_length()
+
+    def sums(one: Array, other: Array) -> Array:
+        """Over what overlaps, for each lag of ``one`` in ``other``."""
+        product = np.fft.irfft(np.fft.rfft(other, size) * np.conj(np.fft.rfft(one, size)), size)
+        return np.concatenate([product[-(len(seen) - 1) :], product[: len(positions)]])
+
+    ones, others = np.ones(len(seen)), np.ones(len(positions))
+    middle_a, middle_b = float(seen.mean()), float(positions.mean())
+    a, b = seen - middle_a, positions - middle_b
+    n = np.maximum(np.round(sums(ones, others)), 1.0)
+    sa, sb = sums(a, others), sums(ones, b)
+    saa, sbb, sab = sums(a * a, others), sums(ones, b * b), sums(a, b)
+    va, vb = saa - sa * sa / n, sbb - sb * sb / n
+    floor_a, floor_b = 0.05 * np.var(a) * n, 0.05 * np.var(b) * n
+    score = np.where(n >= least, (sab - sa * sb / n) / np.sqrt(np.maximum(va, floor_a) * np.maximum(vb, floor_b)), -1.0)
+    lags = np.arange(-(len(seen) - 1), len(positions)) * GRID
+    shifts = there[0] - even[0] + lags
+    if near is not None:
+        score = np.where(np.abs(shifts - near) < 0.5, score, -1.0)
+    # a short overlap is easily alike: how much more is said by more of it
+    return float(shifts[int(np.argmax(score * np.sqrt(np.minimum(n / min(len(seen), len(positions)), 1.0))))])
