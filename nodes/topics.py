@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CameraInfo, CompressedImage, JointState
@@ -34,6 +35,7 @@ TYPES: Mapping[str, Any] = {
     "camera/image_raw/compressed": CompressedImage,
     "camera/camera_info": CameraInfo,
     "/diagnostics": DiagnosticArray,
+    "/parameter_events": ParameterEvent,
 }
 LARGEST: Mapping[str, int] = {"camera/image_raw/compressed": 1 << 23}
 """Bytes of a message, of topics with larger ones than others."""
