@@ -29,6 +29,7 @@ class Desk:
     def __init__(self, bench: Bench, model: Path, **parameters: Any) -> None:
         self.bench = bench
         self.measurements = bench.speak("joint_states")
+        self.frames = bench.speak("camera/joint_states")
         self.estimates = bench.listen("state_estimate")
         self.estimator: EstimatorNode = bench.start(
             EstimatorNode, **{"model": str(model), "lockstep": True, "frozen_after": 0.0, **parameters}
@@ -88,7 +89,7 @@ def test_frames_of_a_camera_correct_the_estimate_and_are_not_answered(bench: Ben
         desk.estimate(0.0)
     for late in (4, 2):  # in any order
         frame = joint(desk.stamp - late * desk.period, name=["beam_camera"], position=[0.0])
-        desk.measurements.publish(frame)
+        desk.frames.publish(frame)
     bench.until(lambda: desk.estimator.seen == 2)
     desk.estimate(0.0)
     assert len(desk.estimates) == 31

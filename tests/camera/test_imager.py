@@ -61,7 +61,7 @@ def test_an_exposure_shows_the_mean_of_its_angles() -> None:
     sharp = _picture(np.full(len(TIMES), 0.03))
     # the bar's end sweeps rate * exposure * half its length
     end = 560
-    smeared, edge = (picture[:, end] > 60).sum(), (sharp[:, end] > 60).sum()
+    smeared, edge = (picture[:, end] > 53).sum(), (sharp[:, end] > 53).sum()
     assert smeared - edge == pytest.approx(rate * exposure * (end - 319.5), abs=2.0)
 
 
