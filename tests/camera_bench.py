@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 import numpy as np
 
 from hybrid_sysid_ros.camera.imager import Camera
@@ -31,6 +30,9 @@ def painted_layers(rig: Rig, camera: Camera, *, low: float = -0.15, high: float 
         readout=camera.readout,
         zero=scene.roll,
     )
-    planes = (scene.shade * (1.0 - cover) + background, alpha, texture)
-    background, alpha, texture = (plane.astype(np.float32) for plane in planes)
-    return Layers(geometry=geometry, background=255 * background, alpha=alpha, texture=255 * texture)
+    return Layers(
+        geometry=geometry,
+        background=(255 * (scene.shade * (1.0 - cover) + background)).astype(np.float32),
+        alpha=alpha.astype(np.float32),
+        texture=(255 * texture).astype(np.float32),
+    )

@@ -1,4 +1,4 @@
-"""Run the studies of the camera: python -m benchmarks.camera [angles] [timing] [loop]."""
+"""Run the studies of the camera: python -m benchmarks.camera [angles] [timing] [friction] [loop]."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks import parts, result
-from benchmarks.camera import angles, loop, timing
+from benchmarks.camera import angles, friction, loop, timing
 from hybrid_sysid_ros.rigs.rig import Rig
 
 
@@ -23,12 +23,17 @@ def _timing(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
     return found, [timing.table(found)]
 
 
+def _friction(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = friction.measured(rig)
+    return found, [friction.table(found)]
+
+
 def _loop(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
     found = loop.measured(rig)
     return found, [loop.table(found)]
 
 
-main = partial(parts.run, "cam_beam", {"angles": _angles, "timing": _timing, "loop": _loop})
+main = partial(parts.run, "cam_beam", {"angles": _angles, "timing": _timing, "friction": _friction, "loop": _loop})
 
 if __name__ == "__main__":
     result.run(main)

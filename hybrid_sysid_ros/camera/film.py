@@ -86,7 +86,7 @@ def write_film(path: Path, film: Iterable[tuple[float, Picture]], *, rate: float
     count = 0
     with written_file(path) as partial, av.open(str(partial), "w") as container:
         stream: Any = container.add_stream("libx264", rate=Fraction(rate).limit_denominator(100_000))
-        stream.pix_fmt, stream.options = "yuv420p", {"crf": str(crf), "preset": "veryfast"}
+        stream.pix_fmt, stream.options = "yuv420p", {"crf": str(crf)}
         stream.time_base = stream.codec_context.time_base = Fraction(1, TICKS)
         for time, picture in film:
             if not count:

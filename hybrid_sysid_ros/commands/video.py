@@ -37,6 +37,10 @@ def command(
     readout: Annotated[
         float, typer.Option(help="Of the rolling shutter, first row to last [s].", min=0.0, max=1.0)
     ] = 0.016,
+    rate: Annotated[
+        float,
+        typer.Option(help="Positions per second in the bag, by a spline between frames; 0: the frames.", min=0),
+    ] = 0.0,
     page: Annotated[Path | None, typer.Option("--report", help="HTML page to write.")] = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -64,11 +68,12 @@ def command(
         spinner.update("synchronising")
         record = video_record.joined(footage, found, described, bag, exposure=exposure)
     told = shlex.join(["hybrid-sysid", *sys.argv[1:]])
-    video_record.write(record, described, scene.joint, bag, out, replace=overwrite, made_by=told)
+    written = video_record.at_rate(record, rate) if rate else record
+    video_record.write(written, described, scene.joint, bag, out, replace=overwrite, made_by=told)
     for remark in [*footage.remarks(), *video_record.contradictions(record, None)]:
         console.print(f"note: {remark}")
     print_table(table_of(record))
-    console.print(f"{out}: {len(record.stamps)} positions of {scene.joint}")
+    console.print(f"{out}: {len(written.stamps)} positions of {scene.joint}")
     if page is not None:
         sources = {"film": video} | ({"bag": bag} if bag is not None else {})
         hashes = {f"{kind}, {path.name}": sha256(path) for kind, path in sources.items()}

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.bag import opened
@@ -129,6 +130,23 @@ def contradictions(record: VideoRecord, started: float | None) -> Iterator[str]:
         most = APART * float(np.hypot(record.onset.deviation, record.synchronisation.deviations[0]))
         if abs(by_motion - started) > most:
             yield f"the lamp goes on {1e3 * (by_motion - started):+.0f} ms after the experiment's begin in the bag"
+
+
+def at_rate(record: VideoRecord, rate: float) -> VideoRecord:
+    """The same with positions at a rate of its own [Hz], between frames by a cubic spline, as the inputs that a model
+    needs between them are told more often than there are frames; what is faster than half the frames' rate is not
+    there.
+
+    Raises UserError for a rate below that of the frames.
+    """
+    if rate < record.footage.rate:
+        raise UserError(f"--rate {rate:g}: the film has {record.footage.rate:.4g} pictures a second: give that or more")
+    period = round(1e9 / rate)
+    stamps = np.arange(record.stamps[0], record.stamps[-1] + 1, period)
+    begin = record.stamps[0]
+    spline = CubicSpline((record.stamps - begin) * 1e-9, record.positions)
+    positions = np.asarray(spline((stamps - begin) * 1e-9))
+    return replace(record, stamps=stamps, positions=positions)
 
 
 def write(

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.vision.alignment import align_from, read_angle
 from hybrid_sysid_ros.vision.layers import Layers, interpolated
 
-POINTS, FEW = 6000, 240  # texels that an alignment looks at, and those of a scan
+POINTS, FEW = 4000, 240  # texels that an alignment looks at, and those of a scan
 MARGIN = math.radians(3.0)  # by which a scan goes beyond what was seen
 SCAN_STEP = 1.5 / 640  # widths of the picture that the sprite's end moves from one scanned angle to the next
 STILL = 33  # pixels of a row that tell the light

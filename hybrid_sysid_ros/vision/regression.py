@@ -15,6 +15,8 @@ Film = NDArray[np.uint8]
 """Pictures (pictures, rows, columns)."""
 FEWEST = 0.2  # share of the pictures that must show a texel
 BRIGHT = 60.0  # counts, above which a difference counts no more
+FAINT = 2.0  # counts, by which it must differ at least
+MOST = 0.75  # share of the pictures in which a texel of the sprite must differ from the background
 HIDDEN = 0.05  # share of a pixel's background that must be seen, summed over the pictures, to be told
 
 
@@ -68,7 +70,7 @@ def regress_texels(
     What the background explains alone is no sprite; where it never changes along the texel's way, the sprite hides it.
     """
     count, rows, columns = film.shape
-    seen, behind = np.empty(count), np.empty(count)
+    seen, behind, apart = np.empty(count), np.empty(count), np.empty(count)
     for i in range(wanted.shape[0]):
         for k in range(wanted.shape[1]):
             if not wanted[i, k]:
@@ -92,7 +94,7 @@ def regress_texels(
                 continue
             # twice, the second time without what lies far from the line, such as somebody's arm
             slope = level = 0.0
-            limit, explained = 1e9, 0.0
+            limit = 1e9
             for turn in range(2):
                 weights = sum_b = sum_i = 0.0
                 for n in range(used):
@@ -101,14 +103,12 @@ def regress_texels(
                         sum_b += behind[n]
                         sum_i += seen[n]
                 mean_b, mean_i = sum_b / weights, sum_i / weights
-                bb = bi = apart = 0.0
+                bb = bi = 0.0
                 for n in range(used):
                     if abs(seen[n] - slope * behind[n] - level) <= limit:
                         b, d = behind[n] - mean_b, seen[n] - mean_i
                         bb += b * b
                         bi += b * d
-                        apart += min((seen[n] - behind[n]) ** 2, 50.0 * noise**2)
-                explained = apart / weights
                 slope = min(max(bi / (bb + weights * noise**2), 0.0), 1.0)
                 level = mean_i - slope * mean_b
                 if turn == 0:
@@ -116,7 +116,11 @@ def regress_texels(
                     for n in range(used):
                         spread += min(abs(seen[n] - slope * behind[n] - level), 30.0)
                     limit = 3.0 * spread / used + 1.0
-            if explained > 2.0 * noise**2:
+            for n in range(used):
+                apart[n] = (seen[n] - behind[n]) ** 2
+            squares = apart[:used]
+            squares.sort()
+            if np.mean(squares[: max(int(MOST * used), 1)]) > noise**2 + FAINT**2:
                 alpha[i, k], texture[i, k] = 1.0 - slope, max(level, 0.0)
 
 

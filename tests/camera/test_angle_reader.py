@@ -11,6 +11,7 @@ import pytest
 from hybrid_sysid_ros.camera.imager import Camera, Imager
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.rigs.scene import scene_of
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.vision.angle_reader import AngleReader
 from hybrid_sysid_ros.vision.layers import Layers
@@ -18,7 +19,7 @@ from tests.camera_bench import painted_layers
 
 RIG = load("cam_beam")
 CAMERA = Camera()
-TIMES = np.arange(0.0, 3.0, 0.001)
+TIMES: Array = np.arange(0.0, 3.0, 0.001, dtype=np.float64)
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,10 @@ from hybrid_sysid_ros.camera.imager import Camera, Imager
 from hybrid_sysid_ros.camera.painting import Grid, painted
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.rigs.scene import Lamp, Patch, Scene, scene_of
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-TIMES = np.arange(0.0, 4.0, 0.001)
+TIMES: Array = np.arange(0.0, 4.0, 0.001, dtype=np.float64)
 BAR = Scene(
     joint="bar",
     pivot=(0.5, 0.25),
@@ -24,12 +25,12 @@ BAR = Scene(
 QUIET = {"noise": 0.0}
 
 
-def _picture(angles: np.ndarray, *, time: float = 2.0, scene: Scene = BAR, **camera: float) -> np.ndarray:
+def _picture(angles: Array, *, time: float = 2.0, scene: Scene = BAR, **camera: float) -> Array:
     imager = Imager(scene, Camera(**{**QUIET, **camera}))  # type: ignore[arg-type]
     return imager.take(time, TIMES, angles, onset=math.inf).astype(float)
 
 
-def _bright_angle(picture: np.ndarray, shade: float = 0.2) -> float:
+def _bright_angle(picture: Array, shade: float = 0.2) -> float:
     """Counter-clockwise direction of what is brighter than the background, by its second moments about the pivot."""
     y, x = np.mgrid[: picture.shape[0], : picture.shape[1]]
     x, y = x - (0.5 * picture.shape[1] - 0.5), (0.25 * picture.shape[1] - 0.5) - y

@@ -1,0 +1,57 @@
+"""Layers learned from pictures alone, against the motion and the scene that were put before the camera."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.camera.imager import Camera, Imager
+from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.rigs.scene import scene_of
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.vision.angle_reader import AngleReader
+from hybrid_sysid_ros.vision.learning import learn
+from hybrid_sysid_ros.vision.regression import Film
+
+RIG = load("cam_beam")
+CAMERA = Camera(width=320, height=180)
+TIMES: Array = np.arange(0.0, 30.0, 0.001, dtype=np.float64)
+ANGLES: Array = 0.06 * np.sin(2 * np.pi * 0.11 * TIMES) + 0.04 * np.sin(2 * np.pi * 0.37 * TIMES + 1.0)
+
+
+def _film(count: int, angles: Array = ANGLES, seed: int = 0) -> tuple[Film, Array, Imager]:
+    imager = Imager(scene_of(RIG), CAMERA, seed=seed)
+    times: Array = 0.5 + 28.0 * np.arange(count, dtype=np.float64) / count
+    return np.stack([imager.take(time, TIMES, angles) for time in times]), times, imager
+
+
+def test_layers_are_learned_without_a_label() -> None:
+    film, _, _ = _film(80)
+    layers, _ = learn(film, RIG, readout=CAMERA.readout)
+    scene, reader = scene_of(RIG), AngleReader(layers)
+    assert layers.pivot[0] == pytest.approx(scene.pivot[0] * 320 - 0.5, abs=0.5)
+    unseen, times, imager = _film(50, seed=9)
+    readings = [reader.read(picture) for picture in unseen]
+    assert all(reading.found for reading in readings)
+    truth = [
+        imager.mean_angle(time, TIMES, ANGLES, row=reading.row) for time, reading in zip(times, readings, strict=True)
+    ]
+    errors = np.degrees([reading.angle for reading in readings]) - np.degrees(truth)
+    assert np.std(errors) < 0.02
+    # the zero is that of the drawing, as far as the sprite's long axis tells it
+    assert errors.mean() - math.degrees(layers.geometry.zero) == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_film_in_which_nothing_moves_is_refused() -> None:
+    film, _, _ = _film(45, angles=np.zeros(len(TIMES)))
+    with pytest.raises(UserError, match="nothing that turns"):
+        learn(film, RIG, readout=CAMERA.readout)
+
+
+def test_few_pictures_are_refused() -> None:
+    film, _, _ = _film(10)
+    with pytest.raises(UserError, match="too few"):
+        learn(film, RIG, readout=CAMERA.readout)
