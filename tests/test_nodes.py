@@ -92,7 +92,7 @@ def test_a_topic_in_two_classes_is_told(tmp_path: Path) -> None:
         (PlantNode, {"rate": 5e4}, "parameter rate is 50000.0 Hz: it must be within"),
         (PlantNode, {"rate": 300.0}, "parameter rate is 300 Hz: its period"),
         (PlantNode, {"rate": "fast"}, "parameter rate is 'fast'"),
-        (PlantNode, {"rat": 100.0}, "unknown parameter rat: known are rig, rate"),
+        (PlantNode, {"rat": 100.0}, "unknown parameter rat: the nearest of 21 are rate"),
         (PlantNode, {"rig": "crane"}, "no rig 'crane'"),
         (EstimatorNode, {"model": "/nowhere"}, "/nowhere"),
         (ControllerNode, {"policy": "best"}, "parameter policy is 'best': choose one of supervised, network, exact"),
