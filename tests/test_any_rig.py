@@ -20,6 +20,7 @@ from hybrid_sysid_ros.rigs import outside
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
 from tests.conftest import FlexibleJoint
+from tests.structures import MOTIONS
 
 SAMPLING = Sampling(step=0.005, period=0.05)
 PRESSURES = (2.0, -1.5, 0.5)  # bar, where the records begin
@@ -146,7 +147,7 @@ def test_the_flexible_joint_is_learnt_with_every_friction(joint, swings, structu
     assert evaluate(model, swings[1]).r2 > least
 
 
-@pytest.mark.parametrize("structure", [name for name in STRUCTURES if name not in ("narx", "recurrent", "residual")])
+@pytest.mark.parametrize("structure", MOTIONS)
 def test_compiled_steps_of_four_states_are_the_traced_ones(structure):
     """Features beyond the second state are the states', and inputs follow the last of them."""
     random = np.random.default_rng(0)
