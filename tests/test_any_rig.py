@@ -99,7 +99,8 @@ def test_errors_and_residuals_are_judged_for_each_output(press, records, gray):
 def test_every_structure_learns_it(press, records, structure):
     """From two records; the third was never seen. A linear system lacks the friction, others may have it."""
     pytest.importorskip("sysidentpy" if structure == "narx" else "torch" if structure == "recurrent" else "numpy")
-    options = {"degree": 1, "terms": 0, "output_lags": 3} if structure == "narx" else {}
+    few = {"narx": {"degree": 1, "terms": 0, "output_lags": 3}, "difnn": {"terms": 3}}
+    options = few.get(structure, {})
     model = identify(records[:2], press, structure, sampling=SAMPLING, options=options)
     scores = evaluate(model, records[2])
     assert scores.r2 > (0.8 if structure == "recurrent" else 0.9), scores

@@ -71,8 +71,8 @@ _TAKAGI_SUGENO = {
 _DIFNN = {
     "output_lags": replace(_TAKAGI_SUGENO["output_lags"], default=1),
     "input_lags": replace(_NARX["input_lags"], default=1),
-    "terms": Option(default=7, low=1, high=40, kind="int", description="of each lag and of each output"),
-    "least": Option(default=1, low=1, high=1000, kind="int", description="samples that a rule must be the winner of"),
+    "terms": Option(default=5, low=1, high=40, kind="int", description="of each lag and of each output"),
+    "least": Option(default=3, low=1, high=1000, kind="int", description="samples that a rule must be the winner of"),
 }
 _RESIDUAL = {
     "output_lags": Option(default=3, low=1, high=6, kind="int", description="past residuals of each output"),
