@@ -1,6 +1,7 @@
 """Fuzzy models: clusters, rules and links against closed forms, a known plant, and textbook recursive least squares."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.errors import UserError
 
-SIGNALS = {"outputs": [LEVEL], "inputs": [DRIVE], "output_lags": 1, "input_lags": 1}
+SIGNALS: dict[str, Any] = {"outputs": [LEVEL], "inputs": [DRIVE], "output_lags": 1, "input_lags": 1}
 
 
 @pytest.fixture(scope="module")
@@ -135,6 +136,21 @@ def test_rules_are_told_in_words_and_units():
         premise_weights=(0.5, 0.0), consequents=(0.25, 0.5, -1.0),
     )  # fmt: skip
     assert system.words == ("if level is about 1 m (width 2), then level becomes 0.5 + 0.5 level - 0.5 valve",)
+
+
+def test_memberships_are_drawn_along_each_premise():
+    """At its centre a rule has all of the membership."""
+    pytest.importorskip("plotly")
+    from hybrid_sysid_ros.report import figures
+
+    system = TakagiSugeno(
+        outputs=(LEVEL,), inputs=(DRIVE,), output_lags=1, input_lags=1, scales=(1.0, 2.0), low=(-1.0, -2.0),
+        high=(1.0, 2.0), premises=(0, 1), rules=2, premise_weights=(-0.5, 0.25, 0.0, 0.0, 0.5, -0.25, 0.0, 0.0),
+    )  # fmt: skip
+    curves = figures.memberships(system).data
+    peaks = [float(curve.x[np.argmax(curve.y)]) for curve in curves]
+    np.testing.assert_allclose(peaks, [-0.5, 0.5, 0.5, -0.5])
+    assert [max(curve.y) for curve in curves] == pytest.approx([1.0] * 4)
 
 
 @pytest.mark.parametrize("kind", [TakagiSugeno, Difnn])

@@ -81,7 +81,7 @@ def network(units: int) -> Chosen:
         steep = 0.7 * units ** (1.0 / width)
         slopes *= steep / np.linalg.norm(slopes, axis=1, keepdims=True) / reach
         rest = np.column_stack([steep * random.uniform(-1.0, 1.0, units), 0.1 * random.normal(size=units)])
-        numbers = np.concatenate([[0.0], np.column_stack([slopes, rest]).ravel()])
+        numbers = np.concatenate([regression.targets.mean(axis=0), np.column_stack([slopes, rest]).ravel()])
         return Network(**regression.shape([LEVEL], named(width)), units=units, numbers=tuple(numbers.tolist()))
 
     return chosen
@@ -146,7 +146,11 @@ def series(_: Rig) -> tuple[dict[str, Any], list[Table]]:
     x, t = mackey_glass(FIRST + COUNT + AHEAD + 1), FIRST + np.arange(COUNT)
     inputs, values = np.stack([x[t - lag] for lag in LAGS], axis=1), x[t + AHEAD]
     half = COUNT // 2
-    models = {"Takagi-Sugeno, 8 rules": takagi_sugeno(8), "perceptron, 17 units": network(17)}
+    models = {
+        "Takagi-Sugeno, 8 rules": takagi_sugeno(8),
+        "DIFNN, 10 terms": difnn(10),
+        "perceptron, 17 units": network(17),
+    }
     title = f"Mackey-Glass, unseen half (deviation {values[half:].std():.3f}), 3 seeds"
     return compared(title, models, (inputs[:half], values[:half]), (inputs[half:], values[half:]))
 
