@@ -11,7 +11,7 @@ from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.core.networks.memberships import packed
 from hybrid_sysid_ros.identification.clustering import k_means
 from hybrid_sysid_ros.identification.experiment import Experiment
-from hybrid_sysid_ros.identification.selection.regression import Regression
+from hybrid_sysid_ros.identification.selection.regression import Regression, least_squares
 from hybrid_sysid_ros.models.difnn import Difnn
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -63,7 +63,8 @@ def select_links(
     rules, widths = rules[kept], _widths(centres)
     for k, of_output in enumerate(links):
         shares = _shares(regression.lagged, centres[:, :split], widths[:, :split], rules, of_output)
-        centres[:, split + k] += _least_squares(shares, regression.targets[:, k] - shares @ centres[:, split + k])
+        left = regression.targets[:, [k]] - shares @ centres[:, [split + k]]
+        centres[:, [split + k]] += least_squares(shares, left, ridge=RIDGE)
     return Difnn(
         **regression.shape(outputs, inputs),
         antecedents=tuple(map(tuple, rules.tolist())),
@@ -92,10 +93,3 @@ def _widths(centres: Array) -> Array:
     gaps = np.diff(centres, axis=0)
     nearer = np.minimum(np.concatenate([gaps, gaps[-1:]]), np.concatenate([gaps[:1], gaps]))
     return np.asarray(nearer / HALF)
-
-
-def _least_squares(shares: Array, left: Array) -> Array:
-    """Changes of centres (terms,) by what is left (rows,)."""
-    rows, terms = shares.shape
-    known = np.concatenate([shares, np.sqrt(RIDGE * rows) * np.eye(terms)])
-    return np.asarray(np.linalg.lstsq(known, np.concatenate([left, np.zeros(terms)]), rcond=None)[0])

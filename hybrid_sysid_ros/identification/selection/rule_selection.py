@@ -12,7 +12,7 @@ from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.core.networks.memberships import memberships, packed
 from hybrid_sysid_ros.identification.clustering import fuzzy_c_means, gustafson_kessel
 from hybrid_sysid_ros.identification.experiment import Experiment
-from hybrid_sysid_ros.identification.selection.regression import Regression
+from hybrid_sysid_ros.identification.selection.regression import Regression, least_squares
 from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -75,7 +75,7 @@ def select_rules(
     selection = _Selection(regression, ellipsoids=ellipsoids, seed=seed)
     chosen = tuple(premises) if premises is not None else selection.premises(rules or FEW)
     found = selection.clustered(chosen, rules or selection.grown(chosen))
-    consequents = _least_squares(found.design(regression.lagged), regression.targets)
+    consequents = least_squares(found.design(regression.lagged), regression.targets, ridge=RIDGE)
     return TakagiSugeno(
         **regression.shape(outputs, inputs),
         premises=chosen,
@@ -125,7 +125,7 @@ class _Selection:
         """Root mean square error of one step on the held rows, learned from the others."""
         lagged, targets = self._regression.lagged, self._regression.targets
         design = self.clustered(premises, rules).design(lagged)
-        consequents = _least_squares(design[~self._held], targets[~self._held])
+        consequents = least_squares(design[~self._held], targets[~self._held], ridge=RIDGE)
         return float(np.sqrt(np.mean((design[self._held] @ consequents - targets[self._held]) ** 2)))
 
     def premises(self, rules: int) -> tuple[int, ...]:
@@ -154,11 +154,3 @@ class _Selection:
             elif rules - best >= PATIENCE:
                 break
         return best
-
-
-def _least_squares(design: Array, targets: Array) -> Array:
-    """Consequents (columns, outputs) of a design (rows, columns)."""
-    rows, columns = design.shape
-    known = np.concatenate([design, np.sqrt(RIDGE * rows) * np.eye(columns)])
-    wanted = np.concatenate([targets, np.zeros((columns, targets.shape[1]))])
-    return np.asarray(np.linalg.lstsq(known, wanted, rcond=None)[0])
