@@ -19,8 +19,8 @@ from hybrid_sysid_ros.support.errors import UserError
 RIG = Parameter(name="rig", default="", description="the rig, by its name or by the path of its folder")
 OF_ROS = ("use_sim_time", "start_type_description_service")
 OF_QUALITY = "qos_overrides."
-Take = Callable[[Mapping[str, Any], Sequence[str]], None]
-"""Takes checked values by name; and the names of those that are no live parameters."""
+Take = Callable[[Mapping[str, Any], Sequence[str]], str]
+"""Takes checked values by name, and the names of those that are no live parameters; what there is to say of it."""
 
 
 def declare(
@@ -68,11 +68,10 @@ def _change(
     try:
         given = {change.name: known[change.name].checked(change.value) for change in changes if change.name in known}
         check_rules(known, {**values, **given})
-        if given:
-            take(given, [name for name in given if not known[name].live])
+        said = take(given, [name for name in given if not known[name].live]) if given else ""
     except Exception as error:  # whatever it is, the node goes on with what it has
         return SetParametersResult(successful=False, reason=told(error))
-    return SetParametersResult(successful=True)
+    return SetParametersResult(successful=True, reason=said)
 
 
 def _descriptor(item: Parameter) -> ParameterDescriptor:

@@ -8,11 +8,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
 from hybrid_sysid_ros.bags import Quality
@@ -29,6 +29,9 @@ TYPES: Mapping[str, Any] = {
     "reference": JointTrajectory,
     "set_point": JointTrajectory,
     "predicted_trajectory": JointTrajectory,
+    "command_text": String,
+    "command_reply": DiagnosticStatus,
+    "planned": JointTrajectory,
     "/diagnostics": DiagnosticArray,
 }
 RECORDED = tuple(topic for topic in TYPES if topic != "effort_command")  # has the numbers of joint_command

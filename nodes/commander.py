@@ -1,0 +1,361 @@
+"""Commander: takes commands in plain language, simulates them, and lets the reference node carry out what passes."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from threading import Event, RLock, Thread, get_ident
+from time import monotonic, monotonic_ns
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rclpy.client import Client
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from hybrid_sysid_ros.language.commands import Sentence
+from hybrid_sysid_ros.language.forecast import Forecast, Start
+from hybrid_sysid_ros.language.interpreter import Interpreter
+from hybrid_sysid_ros.language.plan import Plan
+from hybrid_sysid_ros.language.sentence import says_stop
+from hybrid_sysid_ros.nodes.base import RigNode
+from hybrid_sysid_ros.nodes.border import Border
+from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
+from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
+from hybrid_sysid_ros.nodes.layout import Layout, Slots
+from hybrid_sysid_ros.nodes.messages import SECOND
+from hybrid_sysid_ros.nodes.process import run
+from hybrid_sysid_ros.nodes.understanding import NICENESS, Understanding
+from hybrid_sysid_ros.nodes.whereabouts import HEARS, Whereabouts
+from hybrid_sysid_ros.runtime.configuration import defaults
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+LOOK_PERIOD = 0.05  # s, between two looks how far a plan is
+WAITING = 60.0  # s, that a plan waits to be confirmed
+ANSWER_TIMEOUT = 2.0  # s, for an answer of the controller
+SHOWN = 400  # points of the simulated trajectory that is published, at most
+JUST = 0.5  # s, that the beginning of a plan may take
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ready:
+    """A command that has passed."""
+
+    sentence: Sentence
+    plan: Plan
+    forecast: Forecast
+    since: float
+    """When it passed, in steady time [s]."""
+
+
+class CommanderNode(RigNode):
+    """command_text, the parameter ``command`` and services in; set_point, command_reply and planned out.
+
+    A text is read at once; what is not understood, or beyond the rig's limits, is refused with the reason. The rest is
+    simulated in a thread of its own, one command at a time, with the parameters that estimator and controller have.
+    What passes is carried out where the commander is armed, and waits for the service ``confirm`` where not. It
+    publishes no reference: plans go to the reference node, as set-points do.
+
+    Stop goes before everything: it needs no simulation, waits for none, and works in every state of this node. It calls
+    the controller's service, drops every plan, disarms, and lets the reference stay where the outputs are.
+    """
+
+    NAME = "commander"
+    PUBLISHES = ("set_point", "command_reply", "planned")
+    HEARS = ("command_text", *HEARS)
+
+    def __init__(self, **options: Any) -> None:
+        self.ready: Ready | None = None
+        self.running: Ready | None = None
+        self.checking = ""
+        self.stops = self.refused = self.carried_out = 0
+        self.stopped = self.armed = False
+        self.begun = self.turn = 0
+        self._lock = RLock()
+        """Nothing begins between a stop and what it drops."""
+        super().__init__(**options)
+        self.stopper, self.enabler = (self._caller(name) for name in ("stop", "enable"))
+        self.create_service(Trigger, "~/stop", self.on_stop)
+        self.create_service(SetBool, "~/arm", self.on_arm)
+
+    def _caller(self, service: str) -> Client:
+        return self.create_client(Trigger, f"controller/{service}")
+
+    def own_services(self) -> Mapping[str, Callable[[], object]]:
+        return {"home": partial(self.obey, "home"), "confirm": self.confirm}
+
+    @property
+    def signature(self) -> str:
+        """As in real time: what people say does not repeat."""
+        return f"{self.get_fully_qualified_name()} {os.getpid()}"
+
+    def configure(self) -> None:
+        layout = Layout(self.rig, self.rig.system)
+        weights = np.array(defaults(self.rig, "controller")["output_weight"])
+        self.tracked = weights > 0.0
+        self.scales = np.array([display.scale for display in self.rig.display])
+        self.referred = Slots([place for place, tracked in zip(layout.outputs, self.tracked, strict=True) if tracked])
+        self.predicted = Slots([*layout.outputs, *layout.inputs])
+        self.armed = self.settings["armed"]
+
+    def activate(self) -> None:
+        silence = round(self.settings["silence"] * SECOND)
+        self.whereabouts = Whereabouts(self, self.rig, self.tracked, silence=silence)
+        self.set_points, self.planned = self.open("set_point"), self.open("planned")
+        self.replies = self.open("command_reply")
+        self.borders["command_text"] = entry = Border(String, steady=monotonic_ns)  # people have no stamps
+        self.listen(entry, "command_text", self.on_text)
+        self.understanding = Understanding(self)
+        self.every(LOOK_PERIOD, self.look)
+
+    def deactivate(self) -> None:
+        """Leave what runs to the reference node, which holds its last value."""
+        self.understanding.close()
+        self.whereabouts.close()
+        self.ready = self.running = None
+
+    # What is said.
+
+    def on_text(self, message: String) -> None:
+        """A command by topic; what is wrong with it is told on command_reply."""
+        with suppress(UserError):  # told already
+            self.obey(message.data)
+
+    def accept(self, given: Mapping[str, Any], fixed: Sequence[str]) -> str:
+        """A command by parameter: what is wrong with it is the reason why the parameter is not set."""
+        if not given.get("command", "").strip():
+            return super().accept(given, fixed)
+        if len(given) > 1:
+            raise UserError("parameter command: set it alone")
+        return f"{self.obey(given['command'])}; command_reply tells what its simulation says"
+
+    def obey(self, text: str) -> str:
+        """Read a command, and begin to check it; what was understood. Raises UserError where it is refused, which is
+        also told on command_reply.
+        """
+        try:
+            return self._obey(text)
+        except UserError as error:
+            self.refuse(text, error)
+            raise
+
+    def _obey(self, text: str) -> str:
+        interpreter = self.understanding.interpreter if self.active else None
+        if interpreter is None:
+            if says_stop(text):
+                return self.stop(text)
+            raise UserError(
+                self.understanding.missing if self.active else f"the commander is {self.state}: activate it"
+            )
+        sentence = interpreter.read(text)
+        if sentence.is_stop:
+            return self.stop(text)
+        with self._lock:
+            if self.checking:
+                raise UserError(f"{self.checking[:60]!r} is still being checked: wait for its reply, or say stop")
+            self.whereabouts.look()
+            reference = self.here()
+            plan = interpreter.plan(sentence, reference)
+            start = self.whereabouts.start(interpreter.simulator.model.system)
+            self.checking, self.ready = text, None
+            self.turn += 1
+        Thread(target=self.check, args=(interpreter, sentence, plan, start, self.turn), daemon=True).start()
+        return interpreter.told(sentence)
+
+    def here(self) -> Array:
+        """Where a plan begins (outputs,): at the reference, or, after a stop, where the outputs are."""
+        return self.whereabouts.shown_outputs() if self.stopped else self.whereabouts.reference()
+
+    def check(self, interpreter: Interpreter, sentence: Sentence, plan: Plan, start: Start, turn: int) -> None:
+        """Simulate a plan; runs in a thread of its own."""
+        os.nice(NICENESS)
+        try:
+            forecast = interpreter.forecast(plan, start)
+            self.in_loop(partial(self.passed, interpreter, sentence, plan, forecast, turn))
+        except Exception as error:
+            self.in_loop(partial(self.failed, sentence, error, turn))
+
+    def failed(self, sentence: Sentence, error: Exception, turn: int) -> None:
+        """The simulation says no."""
+        if turn == self.turn:
+            self.checking = ""
+            self.refuse(sentence.text, error)
+
+    def passed(self, interpreter: Interpreter, sentence: Sentence, plan: Plan, forecast: Forecast, turn: int) -> None:
+        """The simulation says yes: carry it out, or wait for somebody to confirm it."""
+        with self._lock:
+            if turn != self.turn:
+                return  # stopped meanwhile
+            self.checking = ""
+            self.ready = Ready(sentence=sentence, plan=plan, forecast=forecast, since=monotonic())
+            self.show(forecast)
+            words = f"{interpreter.told(sentence)}: {forecast.line}"
+            if not self.armed:
+                self.reply(sentence.text, "waits", f"{words}; waits for confirm", WARN, forecast.values)
+                return
+            try:
+                self.confirm()
+            except UserError as error:
+                self.refuse(sentence.text, error)
+
+    def confirm(self) -> None:
+        """Carry out the plan that waits. Raises UserError where none does, or it is out of date."""
+        with self._lock:
+            self._confirm()
+
+    def _confirm(self) -> None:
+        ready, interpreter = self.ready, self.understanding.interpreter
+        if ready is None or interpreter is None or monotonic() - ready.since > WAITING:
+            self.ready = None
+            raise UserError("nothing waits to be confirmed: give a command first")
+        self.whereabouts.look()
+        plan, here = ready.plan, self.here()
+        if (np.abs(here - plan.values[0]) > 1e-6).any():  # it has moved on: from here, within the same limits
+            plan = interpreter.plan(ready.sentence, here)
+        if not self.set_points.get_subscription_count():
+            raise UserError("no reference node is there to follow a plan: start one")
+        if self.stopped:
+            self.call(self.enabler)
+        self.publish(plan)
+        self.stopped, self.ready, interpreter.last = False, None, ready.sentence
+        self.running = Ready(sentence=ready.sentence, plan=plan, forecast=ready.forecast, since=monotonic())
+        self.begun = self.whereabouts.stamp
+        self.carried_out += 1
+        words = f"{interpreter.told(ready.sentence)}: {ready.forecast.line}"
+        self.reply(ready.sentence.text, "begins", words, OK, ready.forecast.values)
+
+    def look(self) -> None:
+        """See how far the plan is."""
+        self.whereabouts.look()
+        running = self.running
+        if running is None or self.whereabouts.stamp - self.begun < running.plan.duration * SECOND:
+            return
+        self.running = None
+        if running.plan.stops:
+            self.stop(running.sentence.text)
+        else:
+            self.reply(running.sentence.text, "done", "done", OK, {})
+
+    # Stop.
+
+    def on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """In every state, in a thread that nothing else holds up."""
+        try:
+            response.message, response.success = self.stop("stop"), True
+        except UserError as error:
+            response.message = str(error)
+        return response
+
+    def stop(self, text: str) -> str:
+        """Inputs to rest. Raises UserError where no controller is there to do it."""
+        self.turn += 1
+        try:
+            self.call(self.stopper)
+        finally:
+            with self._lock:
+                begun = self.running is not None and monotonic() - self.running.since < JUST
+                self.stops += 1
+                self.armed, self.stopped, self.checking = False, True, ""
+                self.ready = self.running = None
+        if begun:  # which may have enabled the controller after that
+            self.call(self.stopper)
+        if self.active:
+            self.reply(text, "stopped", "stopped: the inputs go to rest; the commander is disarmed", OK, {})
+            Thread(target=self.stay, daemon=True).start()
+        return "stop"
+
+    def stay(self) -> None:
+        """Let the reference stay where the outputs are."""
+        with suppress(UserError):  # without estimates nothing says where that is
+            self.in_loop(self._stay)
+
+    def _stay(self) -> None:
+        self.whereabouts.look()
+        here = self.whereabouts.shown_outputs()
+        self.publish(Plan(times=np.zeros(1), values=here[None]))
+
+    def call(self, client: Client) -> None:
+        """Call a service of the controller and wait for its answer, where another thread hears it. Raises UserError
+        where there is no controller, or it refuses.
+        """
+        if not client.service_is_ready():
+            raise UserError(f"no controller is there that answers {client.srv_name}")
+        answered = Event()
+        future = client.call_async(Trigger.Request())
+        future.add_done_callback(lambda _: answered.set())
+        if self.thread in (None, get_ident()):
+            return  # this thread hears the answer itself, later
+        if not answered.wait(ANSWER_TIMEOUT):
+            raise UserError(f"the controller does not answer for {ANSWER_TIMEOUT:g} s")
+        if not future.result().success:
+            raise UserError(f"controller: {future.result().message}")
+
+    def on_arm(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        """From now on plans that pass are carried out at once, or wait to be confirmed."""
+        self.armed = bool(request.data)
+        response.success, response.message = True, "armed" if self.armed else "disarmed"
+        return response
+
+    # What is published.
+
+    def publish(self, plan: Plan) -> None:
+        """A plan, to the reference node; without a stamp: it begins when it comes."""
+        offsets = [round(time * SECOND) for time in plan.times.tolist()]
+        rows = (plan.values * self.scales)[:, self.tracked]
+        self.set_points.publish(TrajectoryWriter(self.referred, offsets, self.signature).pack(0, rows.tolist()))
+
+    def show(self, forecast: Forecast) -> None:
+        """What the simulation says will happen."""
+        loop = forecast.loop
+        chosen = slice(None, None, max(1, -(-len(loop.time) // SHOWN)))
+        offsets = [round(time * SECOND) for time in loop.time[chosen].tolist()]
+        rows = np.hstack([loop.outputs, loop.inputs])[chosen]
+        self.planned.publish(TrajectoryWriter(self.predicted, offsets, self.signature).pack(0, rows.tolist()))
+
+    def refuse(self, text: str, error: Exception) -> None:
+        """Say why not."""
+        self.refused += 1
+        self.reply(text, "refused", self.words_of(error), ERROR, {})
+
+    def reply(self, text: str, state: str, line: str, level: bytes, values: Mapping[str, float]) -> None:
+        """On command_reply, where the bag finds it."""
+        if not self.active:
+            return
+        told = {"text": text[:300], "state": state, **{name: f"{value:.6g}" for name, value in values.items()}}
+        self.replies.publish(
+            DiagnosticStatus(
+                level=level,
+                name=f"{self.get_fully_qualified_name().strip('/')}: command",
+                message=line,
+                hardware_id=self.rig.name,
+                values=[KeyValue(key=key, value=value) for key, value in told.items()],
+            )
+        )
+
+    def health(self) -> Sequence[Task]:
+        state = "running" if self.running else "stopped" if self.stopped else "idle"
+        state = "checking" if self.checking else "waits for confirm" if self.ready else state
+        ready = "ready" if self.understanding.interpreter is not None else self.understanding.missing
+        values = {
+            "armed": self.armed, "state": state, "carried_out": self.carried_out, "refused": self.refused,
+            "stops": self.stops,
+        }  # fmt: skip
+        return [Task(name="commander", level=OK, message=f"{ready}, {state}", values=values)]
+
+
+def make() -> CommanderNode:
+    """Make the node, and let it give way from the start."""
+    os.nice(NICENESS)
+    return CommanderNode()
+
+
+main = partial(run, make)
+
+if __name__ == "__main__":
+    sys.exit(main())
