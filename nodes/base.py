@@ -81,9 +81,8 @@ class RigNode(ManagedNode):
         """
         return lambda: None
 
-    def accept(self, given: Mapping[str, Any], fixed: Sequence[str]) -> str:
-        """Take other values of parameters, all or none; what there is to say of it. fixed: those among them that
-        configure() reads.
+    def accept(self, given: Mapping[str, Any], fixed: Sequence[str]) -> None:
+        """Take other values of parameters, all or none; fixed: those among them that configure() reads.
 
         Raises UserError where that can't be.
         """
@@ -100,7 +99,6 @@ class RigNode(ManagedNode):
             act()
 
         self.in_loop(take)
-        return ""
 
     @property
     def signature(self) -> str:

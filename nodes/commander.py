@@ -127,35 +127,38 @@ class CommanderNode(RigNode):
         with suppress(UserError):  # told already
             self.obey(message.data)
 
-    def accept(self, given: Mapping[str, Any], fixed: Sequence[str]) -> str:
+    def accept(self, given: Mapping[str, Any], fixed: Sequence[str]) -> None:
         """A command by parameter: what is wrong with it is the reason why the parameter is not set."""
         if not given.get("command", "").strip():
-            return super().accept(given, fixed)
-        if len(given) > 1:
+            super().accept(given, fixed)
+        elif len(given) > 1:
             raise UserError("parameter command: set it alone")
-        return f"{self.obey(given['command'])}; command_reply tells what its simulation says"
+        else:
+            self.obey(given["command"])
 
-    def obey(self, text: str) -> str:
-        """Read a command, and begin to check it; what was understood. Raises UserError where it is refused, which is
-        also told on command_reply.
+    def obey(self, text: str) -> None:
+        """Read a command, and begin to check it. Raises UserError where it is refused, which is also told on
+        command_reply.
         """
         try:
-            return self._obey(text)
+            self._obey(text)
         except UserError as error:
             self.refuse(text, error)
             raise
 
-    def _obey(self, text: str) -> str:
+    def _obey(self, text: str) -> None:
         interpreter = self.understanding.interpreter if self.active else None
         if interpreter is None:
             if says_stop(text):
-                return self.stop(text)
+                self.stop(text)
+                return
             raise UserError(
                 self.understanding.missing if self.active else f"the commander is {self.state}: activate it"
             )
         sentence = interpreter.read(text)
         if sentence.is_stop:
-            return self.stop(text)
+            self.stop(text)
+            return
         with self._lock:
             if self.checking:
                 raise UserError(f"{self.checking[:60]!r} is still being checked: wait for its reply, or say stop")
@@ -166,7 +169,6 @@ class CommanderNode(RigNode):
             self.checking, self.ready = text, None
             self.turn += 1
         Thread(target=self.check, args=(interpreter, sentence, plan, start, self.turn), daemon=True).start()
-        return interpreter.told(sentence)
 
     def here(self) -> Array:
         """Where a plan begins (outputs,): at the reference, or, after a stop, where the outputs are."""
@@ -247,12 +249,13 @@ class CommanderNode(RigNode):
     def on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """In every state, in a thread that nothing else holds up."""
         try:
-            response.message, response.success = self.stop("stop"), True
+            self.stop("stop")
+            response.success = True
         except UserError as error:
             response.message = str(error)
         return response
 
-    def stop(self, text: str) -> str:
+    def stop(self, text: str) -> None:
         """Inputs to rest. Raises UserError where no controller is there to do it."""
         self.turn += 1
         try:
@@ -268,7 +271,6 @@ class CommanderNode(RigNode):
         if self.active:
             self.reply(text, "stopped", "stopped: the inputs go to rest; the commander is disarmed", OK, {})
             Thread(target=self.stay, daemon=True).start()
-        return "stop"
 
     def stay(self) -> None:
         """Let the reference stay where the outputs are."""

@@ -19,8 +19,8 @@ from hybrid_sysid_ros.support.errors import UserError
 RIG = Parameter(name="rig", default="", description="the rig, by its name or by the path of its folder")
 OF_ROS = ("use_sim_time", "start_type_description_service")
 OF_QUALITY = "qos_overrides."
-Take = Callable[[Mapping[str, Any], Sequence[str]], str]
-"""Takes checked values by name, and the names of those that are no live parameters; what there is to say of it."""
+Take = Callable[[Mapping[str, Any], Sequence[str]], None]
+"""Takes checked values by name; and the names of those that are no live parameters."""
 
 
 def declare(
@@ -68,10 +68,11 @@ def _change(
     try:
         given = {change.name: known[change.name].checked(change.value) for change in changes if change.name in known}
         check_rules(known, {**values, **given})
-        said = take(given, [name for name in given if not known[name].live]) if given else ""
+        if given:
+            take(given, [name for name in given if not known[name].live])
     except Exception as error:  # whatever it is, the node goes on with what it has
         return SetParametersResult(successful=False, reason=told(error))
-    return SetParametersResult(successful=True, reason=said)
+    return SetParametersResult(successful=True)
 
 
 def _descriptor(item: Parameter) -> ParameterDescriptor:

@@ -13,14 +13,13 @@ from typing import Any
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
-from hybrid_sysid_ros.language.desk import Desk, Rehearsal
-from hybrid_sysid_ros.language.interpreter import Reply
+from hybrid_sysid_ros.language.desk import Desk, Reply
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.middleware import prepare
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -40,7 +39,7 @@ class Speaker(Desk):
     def __init__(self, rig: Rig) -> None:
         """Raises UserError where the rig has no commander."""
         self._rig, namespace = rig, rig.namespace
-        self._rehearsal: Rehearsal | None = None
+        self._rehearsal: Desk | None = None
         if not rclpy.ok():
             prepare()
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
@@ -53,7 +52,8 @@ class Speaker(Desk):
         self._heard = self._node.create_subscription(DiagnosticStatus, "command_reply", self._replies.put, quality)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
-        Thread(target=self._spin, daemon=True).start()
+        self._spinning = Thread(target=self._spin, daemon=True)
+        self._spinning.start()
         end = monotonic() + THERE_TIMEOUT
         while not (self._setter.service_is_ready() and self._node.count_publishers("command_reply")):
             if monotonic() > end:
@@ -67,12 +67,13 @@ class Speaker(Desk):
     def _spin(self) -> None:
         try:
             self._executor.spin()
-        except ExternalShutdownException:
+        except (ExternalShutdownException, ShutdownException):
             return
 
     def close(self) -> None:
         """Leave."""
         self._executor.shutdown()
+        self._spinning.join()
         self._node.destroy_node()
         rclpy.try_shutdown()
 
@@ -88,6 +89,8 @@ class Speaker(Desk):
 
     def check(self, text: str) -> Reply:
         if self._rehearsal is None:
+            from hybrid_sysid_ros.language.rehearsal import Rehearsal
+
             self._rehearsal = Rehearsal.of(self._rig, folder=os.getcwd())
         return self._rehearsal.check(text)
 

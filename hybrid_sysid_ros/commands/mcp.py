@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from hybrid_sysid_ros.commands.terminal import RigName
-from hybrid_sysid_ros.language.desk import Rehearsal
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import processes, session
 
@@ -27,6 +26,8 @@ def command(
 
     described = rigs.load(rig or rigs.default())
     if dry:
+        from hybrid_sysid_ros.language.rehearsal import Rehearsal
+
         server(described, Rehearsal.of(described, folder=os.getcwd())).run()
         return
     session.check_ros()

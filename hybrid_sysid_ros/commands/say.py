@@ -10,7 +10,6 @@ from typing import Annotated
 import typer
 
 from hybrid_sysid_ros.commands.terminal import RigName, console, end
-from hybrid_sysid_ros.language.desk import Rehearsal
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import processes, session
 
@@ -27,6 +26,8 @@ def command(
     """Say a command to the commander of a running loop; with --dry, or where there is no ROS, to a simulated one."""
     described = rigs.load(rig or rigs.default())
     if dry or not session.has_ros():
+        from hybrid_sysid_ros.language.rehearsal import Rehearsal
+
         reply = Rehearsal.of(described, model=model or "", policy=policy, folder=os.getcwd()).say(text)
         end([] if reply.accepted else [reply.line])
         console.print(f"simulated from rest: {reply.line}")

@@ -1,15 +1,22 @@
-"""Desk: where commands are given, whether a loop runs or not."""
+"""Desk: where commands are given, whether a loop runs or not, and how they are answered."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Protocol
 
-from hybrid_sysid_ros.language.forecast import Simulator
-from hybrid_sysid_ros.language.interpreter import Interpreter, Reply
-from hybrid_sysid_ros.models import load
-from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import shipped
+
+@dataclass(frozen=True, kw_only=True)
+class Reply:
+    """The answer to a command."""
+
+    text: str
+    accepted: bool
+    line: str
+    """What will happen, or why not."""
+    values: Mapping[str, float] = field(default_factory=dict)
+    """The same in numbers, by name and unit."""
 
 
 class Desk(Protocol):
@@ -26,27 +33,3 @@ class Desk(Protocol):
     def stop(self) -> Reply:
         """Inputs to rest, now."""
         ...
-
-
-class Rehearsal(Desk):
-    """Without a loop: every command is simulated from rest, and nothing moves."""
-
-    def __init__(self, interpreter: Interpreter) -> None:
-        self._interpreter = interpreter
-
-    @classmethod
-    def of(cls, rig: Rig, *, model: Path | str = "", policy: str = "", folder: str = "") -> Rehearsal:
-        """That of a rig. model: folder, the shipped one by default. policy: another one than the rig's. folder: of
-        files to follow. Raises UserError where no model is given and none is shipped.
-        """
-        used = load(model or shipped(rig.name, "model"), rig=rig.source)
-        return cls(Interpreter.of(Simulator.of(rig, used, policy=policy), folder=folder))
-
-    def say(self, text: str) -> Reply:
-        return self.check(text)
-
-    def check(self, text: str) -> Reply:
-        return self._interpreter.rehearse(text)
-
-    def stop(self) -> Reply:
-        return self._interpreter.rehearse("stop")

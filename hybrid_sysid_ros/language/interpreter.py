@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from hybrid_sysid_ros.language import grammar
 from hybrid_sysid_ros.language.commands import Repeat, Sentence
+from hybrid_sysid_ros.language.desk import Reply
 from hybrid_sysid_ros.language.files import Files
 from hybrid_sysid_ros.language.forecast import Forecast, Simulator, Start
 from hybrid_sysid_ros.language.plan import Plan, plan_of
@@ -16,18 +16,6 @@ from hybrid_sysid_ros.language.telling import told
 from hybrid_sysid_ros.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-
-@dataclass(frozen=True, kw_only=True)
-class Reply:
-    """The answer to a command."""
-
-    text: str
-    accepted: bool
-    line: str
-    """What will happen, or why not."""
-    values: Mapping[str, float] = field(default_factory=dict)
-    """The same in numbers, by name and unit."""
 
 
 @dataclass(kw_only=True, eq=False)

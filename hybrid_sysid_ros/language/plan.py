@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.language.commands import Command, Follow, Goal, Home, Move, Swing, Wait
 from hybrid_sysid_ros.language.files import columns
 from hybrid_sysid_ros.language.vocabulary import Vocabulary
@@ -277,21 +278,35 @@ def needed(times: Array, rows: Array, tolerances: Sequence[float]) -> list[int]:
     From each kept point a door of slopes closes as points pass; the last one that the door lets in is kept (swinging
     door, Bristol 1990).
     """
-    kept, slack = [0], np.where(np.isfinite(tolerances), tolerances, 1.0)
+    slack = np.where(np.isfinite(tolerances), tolerances, np.inf)
+    kept = np.zeros(len(times), dtype=np.int64)
+    count = _swinging_door(np.ascontiguousarray(times), np.ascontiguousarray(rows), slack, kept)
+    return [*kept[:count].tolist(), len(times) - 1]
+
+
+@kernel
+def _swinging_door(times: Array, rows: Array, slack: Array, kept: NDArray[np.int64]) -> int:
+    """Write the kept indices but the last into ``kept`` (points,), whose first is 0; how many they are."""
     low, high = np.full(rows.shape[1], -np.inf), np.full(rows.shape[1], np.inf)
-    k = 1
-    while k < len(times):
-        passed = times[k] - times[kept[-1]]
-        slopes = (rows[k] - rows[kept[-1]]) / passed
-        if (slopes < low).any() or (slopes > high).any():
-            kept.append(k - 1)
-            low.fill(-np.inf)
-            high.fill(np.inf)
+    count, k = 1, 1
+    while k < times.shape[0]:
+        begin = kept[count - 1]
+        passed = times[k] - times[begin]
+        outside = False
+        for j in range(rows.shape[1]):
+            slope = (rows[k, j] - rows[begin, j]) / passed
+            outside = outside or slope < low[j] or slope > high[j]
+        if outside:
+            kept[count] = k - 1
+            count += 1
+            low[:], high[:] = -np.inf, np.inf
             continue
-        low = np.maximum(low, slopes - slack / passed)
-        high = np.minimum(high, slopes + slack / passed)
+        for j in range(rows.shape[1]):
+            slope = (rows[k, j] - rows[begin, j]) / passed
+            low[j] = max(low[j], slope - slack[j] / passed)
+            high[j] = min(high[j], slope + slack[j] / passed)
         k += 1
-    return [*kept, len(times) - 1]
+    return count
 
 
 def _shown(value: float, output: Output) -> str:

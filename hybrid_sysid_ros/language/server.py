@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hybrid_sysid_ros.language.desk import Desk
-from hybrid_sysid_ros.language.interpreter import Reply
+from hybrid_sysid_ros.language.desk import Desk, Reply
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.set_points import outputs_of
 from hybrid_sysid_ros.support.extras import extra
