@@ -46,6 +46,13 @@ class RigNode(ManagedNode):
         Raises UserError when a parameter is not as msgs_config says, and what is in the way of autostart.
         """
         super().__init__(self.NAME, automatically_declare_parameters_from_overrides=True, **options)
+        try:
+            self._begin()
+        except BaseException:
+            self.destroy_node()  # left to the collector, it would end while others talk
+            raise
+
+    def _begin(self) -> None:
         self.settings = parameters.declare(self, self.NAME, self.accept, self.carried(), self.words_of)
         self.rig = rigs.load(self.settings["rig"])
         self.borders: dict[str, Border] = {}

@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter as RosParameter
 from hybrid_sysid_ros.nodes.topics import check_override
 from hybrid_sysid_ros.rigs.rig import default
 from hybrid_sysid_ros.runtime.parameters import Parameter, check_rules, declarations, parameters
+from hybrid_sysid_ros.support import errors
 from hybrid_sysid_ros.support.errors import UserError
 
 RIG = Parameter(name="rig", default="", description="the rig, by its name or by the path of its folder")
@@ -48,7 +49,7 @@ def declare(
     others = {name for names in declarations().values() for name in names} - known.keys()
     for name in given.keys() - others:
         if name not in known:
-            raise UserError(f"unknown parameter {name}: known are {', '.join(known)}")
+            raise UserError(f"unknown parameter {name}: {errors.known(name, known)}")
     values = {name: item.checked(given.get(name, item.default)) for name, item in known.items()}
     check_rules(known, values)
     for name, item in known.items():

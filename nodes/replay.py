@@ -10,18 +10,21 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import rclpy
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.clock import ROSClock
 from rclpy.context import Context
 from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
 from rclpy.time import Time
 
 from hybrid_sysid_ros.bags import BagWriter
-from hybrid_sysid_ros.bags.bag import opened
+from hybrid_sysid_ros.bags.bag import Bag, opened
 from hybrid_sysid_ros.nodes import middleware
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.border import Border
@@ -30,6 +33,9 @@ from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.support.errors import UserError
 
 Kind = TypeVar("Kind", bound=RigNode)
+HEARD = ("joint_states", "reference", "state_estimate")
+CHANGES = "/parameter_events"
+Change = tuple[int, list[Parameter]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +48,8 @@ class Order:
     namespace: str
     estimator: Mapping[str, Any]
     controller: Mapping[str, Any]
+    fixed: Sequence[str] = ()
+    """Parameters that stay as they are, also where they were changed while the bag was recorded."""
     recover: bool = False
 
 
@@ -77,10 +85,16 @@ class Replay:
         """Estimates that have not reached the controller, by their stamps [ns]."""
         self.due: set[int] = set()
         """Stamps of recorded estimates, until those of now have reached it."""
+        self.changes: dict[RigNode, deque[tuple[int, list[Parameter]]]] = {
+            self.estimator: deque(),
+            self.controller: deque(),
+        }
+        """Parameters that the nodes have yet to get, and the stamp of the first message that they answer with them."""
 
     def hear(self, topic: str, logged: int, data: bytes) -> Iterator[tuple[str, bytes]]:
         """Topic and data of what is answered to a message of a topic that was logged then [ns]."""
         if topic == "joint_states":
+            self._change(self.estimator, self._stamp(data))
             self._tell(self.estimator, self.estimator.entry, self.estimator.on_measurement, logged, data)
             for estimate in self.estimates.taken():
                 self.waiting[self._stamp(estimate)] = estimate
@@ -92,8 +106,32 @@ class Replay:
             self.due.discard(stamp)
             estimate = self.waiting.pop(stamp)
             yield "state_estimate", estimate
+            self._change(self.controller, stamp)
             self._tell(self.controller, self.controller.entry, self.controller.on_estimate, logged, estimate)
         yield from (("joint_command", command) for command in self.commands.taken())
+
+    def foresee(self, bag: Bag, order: Order) -> None:
+        """Learn what was changed while the bag was recorded. By the new values a node gave the first answer that lies
+        behind the change, whenever what it answers had come.
+        """
+        if CHANGES not in bag.topics:
+            return
+        events = [(logged, deserialize_message(data, ParameterEvent)) for _, logged, data in bag.messages([CHANGES])]
+        for node, topic in ((self.estimator, "state_estimate"), (self.controller, "joint_command")):
+            wanted = deque((at, event) for at, event in events if event.node == node.get_fully_qualified_name())
+            for _, logged, data in bag.messages([f"{order.namespace}/{topic}"]):
+                while wanted and wanted[0][0] <= logged:
+                    given = map(Parameter.from_parameter_msg, wanted.popleft()[1].changed_parameters)
+                    kept = [item for item in given if item.name not in order.fixed]
+                    self.changes[node].append((self._stamp(data), kept))
+
+    def _change(self, node: RigNode, stamp: int) -> None:
+        """Give a node the parameters with which it answers a message of this stamp [ns]."""
+        waiting = self.changes[node]
+        while waiting and waiting[0][0] <= stamp:
+            for result in node.set_parameters(waiting.popleft()[1]):
+                if not result.successful:
+                    node.get_logger().warning(f"not changed as it was recorded: {result.reason}")
 
     def _stamp(self, estimate: bytes) -> int:
         joints = self.controller.entry.unpack(estimate)
@@ -116,7 +154,7 @@ def _made(kind: Callable[..., Kind], context: Context, namespace: str, values: M
 
 def replay(order: Order) -> None:
     """Replay a bag into another. Raises UserError where it is damaged or lacks a topic, or a node can't be made."""
-    topics = {f"{order.namespace}/{topic}": topic for topic in ("joint_states", "reference", "state_estimate")}
+    topics = {f"{order.namespace}/{topic}": topic for topic in HEARD}
     with opened(order.bag, recover=order.recover) as bag, BagWriter(order.out, replace=True) as out:
         types = {name: bag.topics[name].type for name in topics if name in bag.topics}
         if missing := [name for name in topics if name not in types]:
@@ -126,6 +164,7 @@ def replay(order: Order) -> None:
         rclpy.init(args=[], context=context)
         try:
             loop = Replay(context, order)
+            loop.foresee(bag, order)
             for name, logged, data in bag.messages(types):
                 topic = topics[name]
                 if topic != "state_estimate":

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
@@ -33,6 +34,7 @@ TYPES: Mapping[str, Any] = {
     "command_reply": DiagnosticStatus,
     "planned": JointTrajectory,
     "/diagnostics": DiagnosticArray,
+    "/parameter_events": ParameterEvent,
 }
 RECORDED = tuple(topic for topic in TYPES if topic != "effort_command")  # has the numbers of joint_command
 

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
-from hybrid_sysid_ros.nodes import plant
+from hybrid_sysid_ros.nodes import middleware, plant
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.messages import nanoseconds, set_nanoseconds
 
@@ -31,6 +31,7 @@ class Bench:
     def __init__(self, domain: int, namespace: str = "cam_beam") -> None:
         self.namespace = namespace
         plant.START_DELAY = 0.0  # all is in this process
+        middleware.prepare()
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.executor = SingleThreadedExecutor(context=self.context)

@@ -357,3 +357,11 @@ def test_the_rig_is_put_back_again_and_again(bench: Bench) -> None:
         before = node.plant
         assert ask(bench, Trigger, "plant/reset", Trigger.Request()).success
         bench.until(lambda before=before: node.plant is not before and node.started)  # type: ignore[misc]
+
+
+def test_a_node_that_cannot_be_made_is_gone_at_once(bench: Bench) -> None:
+    """Its services would be found by others until Python's collector comes."""
+    with pytest.raises(UserError, match="/nowhere") as error:
+        bench.start(ControllerNode, policy="exact", model="/nowhere")
+    assert error.tb is not None  # its frames hold the node
+    assert "controller" not in bench.probe.get_node_names()

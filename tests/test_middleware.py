@@ -31,21 +31,15 @@ def test_a_node_announces_itself_while_it_starts_and_often_afterwards():
 
 @pytest.mark.parametrize("variable", middleware.VARIABLES)
 def test_a_file_of_the_user_s_own_stays(monkeypatch, variable):
-    monkeypatch.delenv(middleware.WHOLE, raising=False)
-    for name in middleware.VARIABLES:
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv(variable, "mine.xml")
+    monkeypatch.setattr(os, "environ", environment := {variable: "mine.xml"})
     middleware.prepare()
-    assert {os.environ.get(name) for name in middleware.VARIABLES} == {"mine.xml", None}
-    assert middleware.WHOLE not in os.environ
+    assert environment == {variable: "mine.xml"}
 
 
 def test_without_one_it_is_this_package_s(monkeypatch):
-    monkeypatch.delenv(middleware.WHOLE, raising=False)
-    for name in middleware.VARIABLES:
-        monkeypatch.setenv(name, "")
+    monkeypatch.setattr(os, "environ", environment := dict.fromkeys(middleware.VARIABLES, ""))
     middleware.prepare()
-    assert {os.environ[name] for name in middleware.VARIABLES} == {str(middleware.PROFILES)}
+    assert {environment[name] for name in middleware.VARIABLES} == {str(middleware.PROFILES)}
 
 
 @pytest.mark.parametrize("kind", ["data_reader", "data_writer"])

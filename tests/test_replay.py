@@ -25,6 +25,14 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 
 from test_bags import references, stamps, states  # type: ignore[import-not-found]
 
+from hybrid_sysid_ros.nodes.controller import ControllerNode
+from hybrid_sysid_ros.nodes.estimator import EstimatorNode
+from hybrid_sysid_ros.nodes.plant import PlantNode
+from hybrid_sysid_ros.nodes.recorder import RecorderNode
+from hybrid_sysid_ros.nodes.reference import ReferenceNode
+from tests.node_bench import Bench
+from tests.test_managed_nodes import set_parameter
+
 RIG = rigs.load("cam_beam")
 TOPICS = ("joint_states", "reference", "state_estimate", "joint_command")
 NAMES = {topic: f"/cam_beam/{topic}" for topic in TOPICS}
@@ -97,6 +105,25 @@ def test_a_loop_in_lockstep_is_replayed_to_the_last_digits(command: Any, loop: P
     assert "effort[beam]" in page
     again = compare(loop, tmp_path / "out" / "replayed", RIG)
     assert again.content["joint_command"] == numbers["joint_command"]
+
+
+def test_what_changed_while_it_was_recorded_changes_again(command: Any, domain: int, tmp_path: Path) -> None:
+    """Half of the bag with one weight of the input's rate, half with another."""
+    bench = Bench(domain)
+    recorder = bench.start(RecorderNode, path=str(tmp_path / "bag"))
+    bench.start(ReferenceNode, lockstep=True)
+    bench.start(EstimatorNode, lockstep=True, latency=0.0)
+    controller = bench.start(ControllerNode, lockstep=True, latency=0.0, policy="exact")
+    plant = bench.start(PlantNode, lockstep=True, wait_for_readers=3, duration=2.0)
+    bench.until(lambda: recorder.received["/cam_beam/joint_command"] > 200)
+    weight = [100.0 * value for value in controller.settings["rate_weight"]]
+    assert set_parameter(bench, "controller", "rate_weight", weight) == ""
+    bench.until(plant.finished.done)
+    bench.until(lambda: len(recorder.belongings) == 0 and recorder.received["/cam_beam/joint_command"] >= 400)
+    recorder.close()
+    bench.close()
+    numbers = replayed(command, tmp_path / "bag", tmp_path / "out")
+    assert largest(numbers, "joint_command") <= COMMANDS
 
 
 def test_a_bag_that_says_nothing_of_itself_is_replayed_by_defaults(command: Any, loop: Path, tmp_path: Path) -> None:

@@ -18,19 +18,19 @@ SLOW = 1.0
 
 def main() -> int:
     """Run the recorder node."""
-    path, write, synchronise = Path(os.environ[TROUBLE]), os.write, os.fsync
+    path, write, synchronise = Path(os.environ[TROUBLE]), os.pwrite, os.fsync
 
-    def failing_write(descriptor: int, data: bytes) -> int:
+    def failing_write(descriptor: int, data: bytes, offset: int) -> int:
         if number := ERRORS.get(path.read_text()):
             raise OSError(number, os.strerror(number))
-        return write(descriptor, data)
+        return write(descriptor, data, offset)
 
     def slow_synchronise(descriptor: int) -> None:
         if path.read_text() == "slow":
             time.sleep(SLOW)
         synchronise(descriptor)
 
-    os.write, os.fsync = failing_write, slow_synchronise  # type: ignore[assignment]
+    os.pwrite, os.fsync = failing_write, slow_synchronise  # type: ignore[assignment]
     return recorder.main()
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.support import errors
 from hybrid_sysid_ros.support.errors import UserError
 
 COMPOSED = "composed"
@@ -57,7 +58,7 @@ def _checked(rig: str, node: str, values: Mapping[str, Any]) -> dict[str, Any]:
     try:
         for name in values:
             if name not in known:
-                raise UserError(f"unknown parameter {name}: known are {', '.join(known)}")
+                raise UserError(f"unknown parameter {name}: {errors.known(name, known)}")
         given = {name: known[name].checked(value) for name, value in values.items()}
         configuration.check_rules(known, {**{name: item.default for name, item in known.items()}, **given})
     except UserError as error:

@@ -26,6 +26,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 NEEDED = ("joint_states", "reference", "state_estimate", "joint_command")
 """Topics that a replay goes by and is compared with."""
+BY_TIME = ("silence", "time_limit")
+"""Parameters of waiting, which nobody does here."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +53,12 @@ class Plan:
     """Of the parameters, in words."""
     changes: Changes
     """What is other than it was recorded."""
+
+    @property
+    def fixed(self) -> list[str]:
+        """Parameters that are other than they were recorded, whatever became of those while the bag was recorded."""
+        changed = [name for name, value in dataclasses.asdict(self.changes).items() if value]
+        return [*changed, *BY_TIME]
 
 
 def plan_of(bag: Path, changes: Changes, scratch: Path, *, recover: bool = False) -> Plan:
@@ -135,6 +143,7 @@ def replay(
             "namespace": f"/{plan.rig.namespace.strip('/')}",
             "estimator": plan.estimator,
             "controller": plan.controller,
+            "fixed": plan.fixed,
             "recover": recover,
         }
         with Session(plan.rig.source, tell=tell) as session:

@@ -1,7 +1,12 @@
 """What a user can cause: an error, and an early end."""
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 LONGEST = 2000
 """Characters of an error."""
+FEW = 12
+"""Names that a line tells one by one."""
 
 
 class UserError(Exception):
@@ -14,6 +19,13 @@ class UserError(Exception):
     def __init__(self, text: str) -> None:
         line = "".join(one if one.isprintable() else " " for one in text[:LONGEST])
         super().__init__(line if len(text) <= LONGEST else f"{line} ...")
+
+
+def known(name: str, names: Iterable[str]) -> str:
+    """End of a line that refuses a name: which there are, or of many the nearest, where some are near."""
+    found = list(names)
+    near = get_close_matches(name, found) if len(found) > FEW else []
+    return f"the nearest of {len(found)} are {', '.join(near)}" if near else f"known are {', '.join(found)}"
 
 
 class Interrupted(Exception):
