@@ -25,21 +25,18 @@ from hybrid_sysid_ros.language.plan import Plan
 from hybrid_sysid_ros.language.sentence import says_stop
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.border import Border
-from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
-from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND
+from hybrid_sysid_ros.nodes.plans import PlanWriter
 from hybrid_sysid_ros.nodes.process import run
 from hybrid_sysid_ros.nodes.understanding import NICENESS, Understanding
 from hybrid_sysid_ros.nodes.whereabouts import HEARS, Whereabouts
-from hybrid_sysid_ros.runtime.configuration import defaults
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 LOOK_PERIOD = 0.05  # s, between two looks how far a plan is
 WAITING = 60.0  # s, that a plan waits to be confirmed
 ANSWER_TIMEOUT = 2.0  # s, for an answer of the controller
-SHOWN = 400  # points of the simulated trajectory that is published, at most
 JUST = 0.5  # s, that the beginning of a plan may take
 
 
@@ -76,6 +73,8 @@ class CommanderNode(RigNode):
         self.checking = ""
         self.stops = self.refused = self.carried_out = 0
         self.stopped = self.armed = False
+        self.staying = False
+        """Whether the reference has yet to stay where a stop found the outputs."""
         self.begun = self.turn = 0
         self._lock = RLock()
         """Nothing begins between a stop and what it drops."""
@@ -96,17 +95,12 @@ class CommanderNode(RigNode):
         return f"{self.get_fully_qualified_name()} {os.getpid()}"
 
     def configure(self) -> None:
-        layout = Layout(self.rig, self.rig.system)
-        weights = np.array(defaults(self.rig, "controller")["output_weight"])
-        self.tracked = weights > 0.0
-        self.scales = np.array([display.scale for display in self.rig.display])
-        self.referred = Slots([place for place, tracked in zip(layout.outputs, self.tracked, strict=True) if tracked])
-        self.predicted = Slots([*layout.outputs, *layout.inputs])
+        self.writer = PlanWriter(self.rig, self.signature)
         self.armed = self.settings["armed"]
 
     def activate(self) -> None:
         silence = round(self.settings["silence"] * SECOND)
-        self.whereabouts = Whereabouts(self, self.rig, self.tracked, silence=silence)
+        self.whereabouts = Whereabouts(self, self.rig, self.writer.tracked, silence=silence)
         self.set_points, self.planned = self.open("set_point"), self.open("planned")
         self.replies = self.open("command_reply")
         self.borders["command_text"] = entry = Border(String, steady=monotonic_ns)  # people have no stamps
@@ -116,6 +110,7 @@ class CommanderNode(RigNode):
 
     def deactivate(self) -> None:
         """Leave what runs to the reference node, which holds its last value."""
+        self.turn += 1
         self.understanding.close()
         self.whereabouts.close()
         self.ready = self.running = None
@@ -196,7 +191,7 @@ class CommanderNode(RigNode):
                 return  # stopped meanwhile
             self.checking = ""
             self.ready = Ready(sentence=sentence, plan=plan, forecast=forecast, since=monotonic())
-            self.show(forecast)
+            self.planned.publish(self.writer.forecast(forecast))
             words = f"{interpreter.told(sentence)}: {forecast.line}"
             if not self.armed:
                 self.reply(sentence.text, "waits", f"{words}; waits for confirm", WARN, forecast.values)
@@ -224,8 +219,9 @@ class CommanderNode(RigNode):
             raise UserError("no reference node is there to follow a plan: start one")
         if self.stopped:
             self.call(self.enabler)
-        self.publish(plan)
-        self.stopped, self.ready, interpreter.last = False, None, ready.sentence
+        self.set_points.publish(self.writer.set_point(plan))
+        self.stopped = self.staying = False
+        self.ready, interpreter.last = None, ready.sentence
         self.running = Ready(sentence=ready.sentence, plan=plan, forecast=ready.forecast, since=monotonic())
         self.begun = self.whereabouts.stamp
         self.carried_out += 1
@@ -235,6 +231,9 @@ class CommanderNode(RigNode):
     def look(self) -> None:
         """See how far the plan is."""
         self.whereabouts.look()
+        if self.staying:
+            self.staying = False
+            self.stay()
         running = self.running
         if running is None or self.whereabouts.stamp - self.begun < running.plan.duration * SECOND:
             return
@@ -270,17 +269,13 @@ class CommanderNode(RigNode):
             self.call(self.stopper)
         if self.active:
             self.reply(text, "stopped", "stopped: the inputs go to rest; the commander is disarmed", OK, {})
-            Thread(target=self.stay, daemon=True).start()
+            self.staying = True
 
     def stay(self) -> None:
         """Let the reference stay where the outputs are."""
         with suppress(UserError):  # without estimates nothing says where that is
-            self.in_loop(self._stay)
-
-    def _stay(self) -> None:
-        self.whereabouts.look()
-        here = self.whereabouts.shown_outputs()
-        self.publish(Plan(times=np.zeros(1), values=here[None]))
+            here = self.whereabouts.shown_outputs()
+            self.set_points.publish(self.writer.set_point(Plan(times=np.zeros(1), values=here[None])))
 
     def call(self, client: Client) -> None:
         """Call a service of the controller and wait for its answer, where another thread hears it. Raises UserError
@@ -305,20 +300,6 @@ class CommanderNode(RigNode):
         return response
 
     # What is published.
-
-    def publish(self, plan: Plan) -> None:
-        """A plan, to the reference node; without a stamp: it begins when it comes."""
-        offsets = [round(time * SECOND) for time in plan.times.tolist()]
-        rows = (plan.values * self.scales)[:, self.tracked]
-        self.set_points.publish(TrajectoryWriter(self.referred, offsets, self.signature).pack(0, rows.tolist()))
-
-    def show(self, forecast: Forecast) -> None:
-        """What the simulation says will happen."""
-        loop = forecast.loop
-        chosen = slice(None, None, max(1, -(-len(loop.time) // SHOWN)))
-        offsets = [round(time * SECOND) for time in loop.time[chosen].tolist()]
-        rows = np.hstack([loop.outputs, loop.inputs])[chosen]
-        self.planned.publish(TrajectoryWriter(self.predicted, offsets, self.signature).pack(0, rows.tolist()))
 
     def refuse(self, text: str, error: Exception) -> None:
         """Say why not."""

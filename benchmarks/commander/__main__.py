@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from random import Random
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
@@ -44,16 +44,18 @@ def reading(arguments: argparse.Namespace) -> Found:
     from tests.language.corpus import CORPUS
 
     interpreters = {name: interpreter_of(rigs.load(name)) for name, _, _ in CORPUS}
-    taken = []
+    taken, spent = [], []
     for _ in range(arguments.repeats):
         for name, text, _ in CORPUS:
             interpreter = interpreters[name]
             interpreter.simulator.ability  # noqa: B018  # once
             start = np.zeros(len(interpreter.vocabulary.outputs))
-            began = perf_counter()
+            began, processor = perf_counter(), process_time()
             texts.planned(interpreter, text, start)
             taken.append(1e3 * (perf_counter() - began))
-    return {"sentences": len(CORPUS), "ms": result.percentiles(taken)}
+            spent.append(1e3 * (process_time() - processor))
+    found = {"ms": result.percentiles(taken), "processor_ms": result.percentiles(spent)}
+    return {"sentences": len(CORPUS), **found}
 
 
 def preview(arguments: argparse.Namespace) -> Found:
@@ -66,12 +68,14 @@ def preview(arguments: argparse.Namespace) -> Found:
         if len(interpreter.vocabulary.tracked) > 1:
             text = text.replace("go to", f"set {output.name} to")
         interpreter.rehearse(text)
-        taken = []
+        taken, spent = [], []
         for _ in range(arguments.repeats):
-            began = perf_counter()
+            began, processor = perf_counter(), process_time()
             reply = interpreter.rehearse(text)
             taken.append(perf_counter() - began)
-        found[name] = {"text": text, "reply": reply.line, "accepted": reply.accepted, "s": result.percentiles(taken)}
+            spent.append(process_time() - processor)
+        times = {"s": result.percentiles(taken), "processor_s": result.percentiles(spent)}
+        found[name] = {"text": text, "reply": reply.line, "accepted": reply.accepted, **times}
     return found
 
 
@@ -135,12 +139,21 @@ PARTS: Mapping[str, Callable[[argparse.Namespace], Found]] = {
 }
 
 
+def flat(found: Mapping[str, Any], where: str = "") -> Iterator[tuple[str, str]]:
+    """Rows of a table of nested results."""
+    for key, value in found.items():
+        if isinstance(value, Mapping):
+            yield from flat(value, f"{where}{key} ")
+        else:
+            yield f"{where}{key}", f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
 def main() -> int:
     """Run the parts and write their results."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.commander", description=__doc__)
     parser.add_argument("parts", nargs="*", default=list(PARTS), help=", ".join(PARTS))
     parser.add_argument("--texts", type=int, default=100_000)
-    parser.add_argument("--simulated", type=int, default=100, help="plans of random texts at each simulated rig")
+    parser.add_argument("--simulated", type=int, default=40, help="plans of random texts at each simulated rig")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--repeats", type=int, default=10)
     parser.add_argument("--stops", type=int, default=10, help="in each of the ways")
@@ -151,8 +164,8 @@ def main() -> int:
         machine = result.machine()
         found = PARTS[name](asked)
         table = Table("what", "value", title=name)
-        for key, value in found.items():
-            table.add_row(key, str(value))
+        for key, value in flat(found):
+            table.add_row(key, value)
         print_table(table)
         print(result.write(f"commander_{name}", found, on=machine))
     return 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import threading
 import time
 from collections.abc import Callable
@@ -12,6 +13,9 @@ import numpy as np
 
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.runtime.parameters import defaults
+from hybrid_sysid_ros.runtime.set_points import outputs_of
+from hybrid_sysid_ros.support.arrays import Array
 
 WAYS = ("service", "topic", "parameter")
 SWING = "swing between {low:.3g} and {high:.3g} {unit} at 0.5 Hz for 60 s"
@@ -38,6 +42,9 @@ class Operator:
         self.commands: list[tuple[float, float]] = []
         """When commands came, and how large the first input was."""
         self.replies: list[Any] = []
+        driven, (low, high) = defaults(rig, "controller"), rig.limits
+        self.fall = float(high[0] - low[0]) / (defaults(rig, "plant")["rate"] * driven["stop_seconds"])
+        """By how much a stop brings the first input nearer to rest at a measurement."""
         border = Border(TYPES["joint_command"], steady=time.monotonic_ns)
 
         def note(data: bytes) -> None:
@@ -86,14 +93,15 @@ class Operator:
         self.until(self.arming.service_is_ready)
         armed = self.arming.call_async(SetBool.Request(data=True))
         self.until(armed.done)
-        while True:
+        end = time.perf_counter() + PATIENCE
+        while time.perf_counter() < end:  # it may still simulate what the rig reaches
             count = len(self.replies)
             self.text.publish(String(data=text))
             self.until(partial(self.replied, count))
-            if "not ready" not in self.replies[count].message and "still" not in self.replies[count].message:
-                break
+            if any(item.key == "state" and item.value == "begins" for item in self.replies[count].values):
+                return
             time.sleep(0.5)
-        self.until(lambda: any(item.key == "state" and item.value == "begins" for item in self.replies[-1].values))
+        raise TimeoutError(self.replies[-1].message)
 
     def stop(self, way: str) -> float:
         """Stop once; seconds from the request to the first command that is nearer to rest by a stop's step or at it,
@@ -116,38 +124,40 @@ class Operator:
         self.until(partial(self.replied, replied))
         self.until(lambda: len(self.commands) > before + 60)
         sizes = np.abs([value for _, value in self.commands[before:]])
-        moving = np.flatnonzero(sizes[:-1] > 0.0)
-        falling = np.flatnonzero(np.diff(sizes) >= 0.0)
-        falling = falling[falling < (moving[-1] if len(moving) else 0)]
-        first = int(falling[-1]) + 1 if len(falling) else 0
-        return self.commands[before + first][0] - asked
+        return self.commands[before + first_of_stop(sizes, self.fall)][0] - asked
+
+
+def first_of_stop(sizes: Array, fall: float) -> int:
+    """Which command is the first of a stop, of sizes (commands,) that come to 0 by about ``fall`` a command."""
+    moving = np.flatnonzero(sizes)
+    first = int(moving[-1]) + 1 if len(moving) else 0
+    while first > 1 and sizes[first - 2] - sizes[first - 1] > 0.5 * fall:
+        first -= 1
+    return first
 
 
 def measured(rig: Rig, domain: int, *, times: int) -> dict[str, list[float]]:
     """Seconds of stops at random moments of a swing, by the way in which they were asked for."""
-    output = next(item for item in _outputs(rig) if item.tracked)
+    output = next(item for item in outputs_of(rig) if item.tracked)
     text = SWING.format(low=0.4 * output.low, high=0.4 * output.high, unit=output.unit)
     random = np.random.default_rng(0)
     found: dict[str, list[float]] = {way: [] for way in WAYS}
     operator = Operator(rig, domain)
 
     def act() -> None:
-        for way in WAYS * times:
-            operator.swing(text)
-            time.sleep(0.3 + random.uniform(0.0, 1.0))
-            found[way].append(operator.stop(way))
+        try:
+            for way in WAYS * times:
+                operator.swing(text)
+                time.sleep(0.3 + random.uniform(0.0, 1.0))
+                found[way].append(operator.stop(way))
+        finally:
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)  # which ends the run
 
     worker = threading.Thread(target=act)
     worker.start()
     try:
-        session.run(rig=rig.source, commander=True, domain=domain, duration=30.0 + 5.0 * len(WAYS) * times)
+        session.run(rig=rig.source, commander=True, domain=domain)
         worker.join()
     finally:
         operator.close()
     return found
-
-
-def _outputs(rig: Rig) -> Any:
-    from hybrid_sysid_ros.runtime.set_points import outputs_of
-
-    return outputs_of(rig)

@@ -108,9 +108,7 @@ def _tokens(text: str) -> Iterator[tuple[str, str]]:
         match = TOKEN.match(text, position)
         if match is None or match.end() == position:
             wrong = text[position:].lstrip()[:1]
-            raise UserError(
-                f"{wrong!r} means nothing in a command: words, numbers and units only, as in 'hold 1.5 {{unit}}'"
-            )
+            raise UserError(f"{wrong!r} means nothing in a command: words, numbers and units only")
         position = match.end()
         kind = str(match.lastgroup)
         if kind == "mark" and match[kind] == "," and re.match(r"\d", text[position:]) and text[position - 2].isdigit():
