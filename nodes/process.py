@@ -187,7 +187,7 @@ def _prioritise(nodes: Sequence[RigNode]) -> None:
     """Let all threads of this process go before those of others and keep what they have touched in memory, if a node
     has a priority and may.
     """
-    priority = max(node.settings.get("priority", 0) for node in nodes)
+    priority = max(node.settings["priority"] for node in nodes)
     if not priority:
         return
     logger = nodes[0].get_logger()

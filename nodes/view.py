@@ -343,9 +343,10 @@ class ViewNode(RigNode):
 
 
 def make() -> ViewNode:
-    """Make the node, and let it give way from the start: the times that it shows are those of the publishers."""
+    """Make the node, and let it give way: not the middleware's threads, which are there by then."""
+    node = ViewNode()
     os.nice(NICENESS)
-    return ViewNode()
+    return node
 
 
 main = partial(run, make)

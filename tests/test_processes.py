@@ -202,7 +202,7 @@ def test_a_node_that_is_stopped_while_it_starts_ends_well(domain: int, tmp_path:
     ("arguments", "message"),
     [
         (["-p", "rate:=50000.0"], "error: parameter rate is 50000.0 Hz"),
-        (["-p", "rat:=100.0"], "error: unknown parameter rat: known are"),
+        (["-p", "rat:=100.0"], "error: unknown parameter rat: the nearest of 19 are rate"),
         (["-p", "rate"], "error: "),
         (["--params-file", "/nowhere.yaml"], "error: "),
     ],

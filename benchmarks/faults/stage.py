@@ -38,7 +38,7 @@ from hybrid_sysid_ros.nodes.messages import set_nanoseconds
 from hybrid_sysid_ros.nodes.process import SWITCH_INTERVAL
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import TRAINED, shipped
-from hybrid_sysid_ros.runtime.processes import permitted_priority
+from hybrid_sysid_ros.runtime.processes import permitted_priority, priority_of
 from hybrid_sysid_ros.runtime.session import Session
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -209,7 +209,7 @@ class Stage:
             "plant": {"wait_for_readers": 1},
             "recorder": {"path": str(self.bag)},
         }
-        priority = {} if name in ("reference", "recorder") else {"priority": self.priority}
+        priority = {"priority": priority_of(name, self.priority)}
         session = Session(str(rig), domain=self.domain) if rig else self.session
         command = session.command(name, {**values[name], **priority, **more})
         if name == "plant":

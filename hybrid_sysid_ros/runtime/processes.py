@@ -18,6 +18,8 @@ from hybrid_sysid_ros.support.errors import UserError
 COMPOSED = "composed"
 """Module of several nodes in one process."""
 REAL_TIME_PRIORITY = 10  # of the loop's processes: above every ordinary one, below what a system keeps for itself
+LISTENING_PRIORITY = 1
+IN_LOOP = ("plant", "estimator", "controller")
 
 
 def command(node: str, values: Mapping[str, Any], *, rig: str = "", namespace: str = "") -> list[str]:
@@ -75,6 +77,15 @@ def permitted_priority() -> int:
     except (OSError, AttributeError):  # not permitted, or no Linux
         return 0
     return REAL_TIME_PRIORITY
+
+
+def priority_of(node: str, loop: int) -> int:
+    """Real-time priority of a node where that of the loop's is `loop`.
+
+    Whoever hears a message on this computer shares a lock with whoever sends it. So that no ordinary process keeps one
+    that holds it from going on, and the loop waiting, all that hear the loop come before the ordinary ones.
+    """
+    return loop if node in IN_LOOP else min(loop, LISTENING_PRIORITY)
 
 
 def environment(domain: int | None = None) -> dict[str, str]:

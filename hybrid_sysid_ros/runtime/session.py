@@ -307,8 +307,8 @@ def run(
     if view is not None or commander:
         values["reference"]["stay"] = not duration
     chosen = processes.permitted_priority() if priority is None and not lockstep else priority or 0
-    for node in ("plant", "estimator", "controller"):
-        values[node]["priority"] = chosen
+    for node in values:
+        values[node]["priority"] = processes.priority_of(node, chosen)
     for node, more in (parameters or {}).items():
         if node not in values:
             raise UserError(f"parameters of {node}: no such node runs here: known are {', '.join(values)}")
@@ -343,7 +343,8 @@ def view(*, rig: str, port: int, show: Callable[[str], None], domain: int | None
     """
     with _interruptible(), Session(rig, domain=domain, tell=tell) as session:
         with suppress(KeyboardInterrupt):
-            session.start("view", session.command("view", {"port": port}))
+            priority = processes.priority_of("view", processes.permitted_priority())
+            session.start("view", session.command("view", {"port": port, "priority": priority}))
             session.wait_for("ready", ["view"], READY_TIMEOUT)
             show(session.url)
             session.wait_for_end(["view"], lambda seconds: None)
