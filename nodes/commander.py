@@ -29,7 +29,7 @@ from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.plans import PlanWriter
 from hybrid_sysid_ros.nodes.process import run
-from hybrid_sysid_ros.nodes.understanding import NICENESS, Understanding
+from hybrid_sysid_ros.nodes.understanding import Understanding, give_way
 from hybrid_sysid_ros.nodes.whereabouts import HEARS, Whereabouts
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -171,7 +171,7 @@ class CommanderNode(RigNode):
 
     def check(self, interpreter: Interpreter, sentence: Sentence, plan: Plan, start: Start, turn: int) -> None:
         """Simulate a plan; runs in a thread of its own."""
-        os.nice(NICENESS)
+        give_way()
         try:
             forecast = interpreter.forecast(plan, start)
             self.in_loop(partial(self.passed, interpreter, sentence, plan, forecast, turn))
@@ -332,13 +332,7 @@ class CommanderNode(RigNode):
         return [Task(name="commander", level=OK, message=f"{ready}, {state}", values=values)]
 
 
-def make() -> CommanderNode:
-    """Make the node, and let it give way from the start."""
-    os.nice(NICENESS)
-    return CommanderNode()
-
-
-main = partial(run, make)
+main = partial(run, CommanderNode)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from threading import Thread
 from typing import Any
 
@@ -18,6 +19,13 @@ from hybrid_sysid_ros.runtime.configuration import shipped
 
 ASKED = ("controller", "estimator")  # nodes whose parameters a simulation takes
 NICENESS = 10  # of what simulates: it comes after the loop
+
+
+def give_way() -> None:
+    """Let this thread, which inherits the real-time priority of the one that began it, come after all others."""
+    with suppress(OSError, AttributeError):  # no Linux
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.nice(NICENESS)
 
 
 class Understanding:
@@ -64,7 +72,7 @@ class Understanding:
 
     def _make(self, known: Mapping[str, Mapping[str, Any]]) -> None:
         """Load, compile, and see what the rig reaches."""
-        os.nice(NICENESS)  # of this thread
+        give_way()
         rig, settings = self._node.rig, known["controller"]
         try:
             model = load(settings["model"] or shipped(rig.name, "model"), rig=rig.source)

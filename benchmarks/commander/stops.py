@@ -19,7 +19,7 @@ from hybrid_sysid_ros.support.arrays import Array
 
 WAYS = ("service", "topic", "parameter")
 SWING = "swing between {low:.3g} and {high:.3g} {unit} at 0.5 Hz for 60 s"
-PATIENCE = 30.0  # s, with anything
+PATIENCE = 180.0  # s, with anything: what simulates gives way on a busy machine
 
 
 class Operator:
