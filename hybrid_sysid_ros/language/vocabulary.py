@@ -229,12 +229,15 @@ class Vocabulary:
         only two letters that are swapped.
         """
         found: dict[int, list[str]] = {}
+        letters = set(word)
         swapped = [each for each in self._known if len(each) == len(word) < SHORTEST and sorted(each) == sorted(word)]
         if len(swapped) == 1 and slips(word, swapped[0], 1) == 1:
             return tuple(swapped)
         for known in self._known:
             most = 2 if len(known) >= LONG else 1
-            if len(known) >= SHORTEST and abs(len(known) - len(word)) <= most:
+            if len(known) < SHORTEST or abs(len(known) - len(word)) > most:
+                continue
+            if len(letters.symmetric_difference(known)) <= 2 * most:  # a slip changes two letters at most
                 distance = slips(word, known, most)
                 if distance <= most:
                     found.setdefault(distance, []).append(known)
