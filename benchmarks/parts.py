@@ -17,18 +17,18 @@ Part = Callable[[Rig], tuple[dict[str, Any], Sequence[Table]]]
 """What a study finds, as it is written, and the tables that show it."""
 
 
-def run(rig: str, parts: Mapping[str, Part]) -> int:
-    """Run the parts that the command line names, or all; print their tables and write their results. Raises UserError
-    where there is no such part.
+def run(rig: str, parts: Mapping[str, Part], *, name: str = "") -> int:
+    """Run the parts that the command line names, or all; print their tables and write their results, as those of the
+    rig where no other name is given. Raises UserError where there is no such part.
     """
     named = sys.argv[1:] or list(parts)
-    for name in named:
-        if name not in parts:
-            raise UserError(f"no part {name}: known are {', '.join(parts)}")
-    for name in named:
+    for part in named:
+        if part not in parts:
+            raise UserError(f"no part {part}: known are {', '.join(parts)}")
+    for part in named:
         machine = result.machine()
-        found, tables = parts[name](load(rig))
+        found, tables = parts[part](load(rig))
         for table in tables:
             print_table(table)
-        print(result.write(f"{rig}_{name}", found, on=machine))
+        print(result.write(f"{name or rig}_{part}", found, on=machine))
     return 0

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from threading import Event, RLock, Thread, get_ident
+from threading import Event, Lock, RLock, Thread, get_ident
 from time import monotonic, monotonic_ns
 from typing import Any
 
@@ -76,6 +76,7 @@ class CommanderNode(RigNode):
         self.staying = False
         """Whether the reference has yet to stay where a stop found the outputs."""
         self.begun = self.turn = 0
+        self._simulating = Lock()
         self._lock = RLock()
         """Nothing begins between a stop and what it drops."""
         super().__init__(**options)
@@ -173,7 +174,8 @@ class CommanderNode(RigNode):
         """Simulate a plan; runs in a thread of its own."""
         give_way()
         try:
-            forecast = interpreter.forecast(plan, start)
+            with self._simulating:  # what a stop has dropped may still be simulated, by the same controller
+                forecast = interpreter.forecast(plan, start)
             self.in_loop(partial(self.passed, interpreter, sentence, plan, forecast, turn))
         except Exception as error:
             self.in_loop(partial(self.failed, sentence, error, turn))

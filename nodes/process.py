@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import rclpy
 from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -59,7 +60,10 @@ def run(make: Callable[[], RigNode | Sequence[RigNode]], *, together: bool = Fal
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         except RuntimeError as error:  # what rclpy raises for arguments and parameter files that make no sense
             raise UserError(" ".join(str(error).split())) from error
-        made = make()
+        try:
+            made = make()
+        except rclpy_implementation.RCLError as error:  # a keystore is missing, or the middleware has no security
+            raise UserError(f"ROS cannot make the node: {' '.join(str(error).split())}") from error
         _serve(made if isinstance(made, Sequence) else [made], ending)
     except UserError as error:
         print(f"error: {error}", file=sys.stderr, flush=True)

@@ -20,6 +20,7 @@ from hybrid_sysid_ros.rigs import outside
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
 from tests.conftest import FlexibleJoint
+from tests.structures import MOTIONS
 
 SAMPLING = Sampling(step=0.005, period=0.05)
 PRESSURES = (2.0, -1.5, 0.5)  # bar, where the records begin
@@ -98,7 +99,8 @@ def test_errors_and_residuals_are_judged_for_each_output(press, records, gray):
 def test_every_structure_learns_it(press, records, structure):
     """From two records; the third was never seen. A linear system lacks the friction, others may have it."""
     pytest.importorskip("sysidentpy" if structure == "narx" else "torch" if structure == "recurrent" else "numpy")
-    options = {"degree": 1, "terms": 0, "output_lags": 3} if structure == "narx" else {}
+    few = {"narx": {"degree": 1, "terms": 0, "output_lags": 3}, "difnn": {"terms": 3}}
+    options = few.get(structure, {})
     model = identify(records[:2], press, structure, sampling=SAMPLING, options=options)
     scores = evaluate(model, records[2])
     assert scores.r2 > (0.8 if structure == "recurrent" else 0.9), scores
@@ -146,7 +148,7 @@ def test_the_flexible_joint_is_learnt_with_every_friction(joint, swings, structu
     assert evaluate(model, swings[1]).r2 > least
 
 
-@pytest.mark.parametrize("structure", [name for name in STRUCTURES if name not in ("narx", "recurrent", "residual")])
+@pytest.mark.parametrize("structure", MOTIONS)
 def test_compiled_steps_of_four_states_are_the_traced_ones(structure):
     """Features beyond the second state are the states', and inputs follow the last of them."""
     random = np.random.default_rng(0)

@@ -14,7 +14,7 @@ from hybrid_sysid_ros.runtime import configuration, parameters
 from hybrid_sysid_ros.runtime.configuration import Parameter
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.yaml_text import Dumper, parsed
-from tests.structures import residual
+from tests.structures import residual, rules
 
 NODES = ("plant", "estimator", "controller", "reference", "recorder", "player", "view")
 
@@ -32,6 +32,16 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
     yield written
     parameters.declarations.cache_clear()
+
+
+def test_parameters_are_followed_by_a_pattern_of_their_names(rig: Rig) -> None:
+    values, model = configuration.defaults("cam_beam", "estimator"), rules()
+    found = configuration.estimator_tuning(values | {"followed": "position_rule_2_*=0.01"}, rig, model).followed
+    names = ("offset", "position", "position_1", "drive", "drive_1")
+    assert found == {f"position_rule_2_{name}": 0.01 for name in names}
+    scales = configuration.estimator_tuning(values | {"followed": "scale_*=0.01"}, rig, model)
+    with pytest.raises(UserError, match=r"no parameter scale_\*"):
+        scales.checked(model)
 
 
 def test_a_model_that_holds_at_one_step_is_predicted_by_its_own(rig: Rig) -> None:

@@ -24,7 +24,7 @@ from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
 from tests.one_joint import narx as narx_of
 from tests.one_joint import recurrent as recurrent_of
-from tests.structures import residual
+from tests.structures import linked, residual, rules
 
 FROM_DATA = {
     "narx": narx_of(
@@ -38,6 +38,8 @@ FROM_DATA = {
         input_scale=4.0,
         period=0.05,
     ),
+    "takagi_sugeno": rules(),
+    "difnn": linked(),
     "recurrent": recurrent_of(3, scales=(0.03, 0.2, 4.0), period=0.025),
     "residual": residual(CamBeam()),
 }
@@ -398,7 +400,7 @@ def test_no_spring_pushes_so_no_free_run_grows_without_bound(structure):
     np.testing.assert_allclose(states[-1, :2], states[-2, :2], atol=1e-6)
 
 
-@pytest.mark.parametrize("structure", ["lugre", "hybrid", "narx", "recurrent", "residual"])
+@pytest.mark.parametrize("structure", ["lugre", "hybrid", "narx", "takagi_sugeno", "difnn", "recurrent", "residual"])
 def test_an_export_simulates_as_the_model_in_plain_casadi(tmp_path, structure):
     """Fifty steps by the functions that were loaded from files, against the compiled rollout."""
     model = model_of(structure)

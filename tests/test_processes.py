@@ -198,6 +198,22 @@ def test_a_node_that_is_stopped_while_it_starts_ends_well(domain: int, tmp_path:
     assert [path.name for path in tmp_path.iterdir()] == left
 
 
+def test_security_that_cannot_be_had_is_told_in_a_line(domain: int, tmp_path: Path) -> None:
+    """A keystore without keys, or a middleware without security, as that of the wheels."""
+    (tmp_path / "enclaves").mkdir()
+    security = {"ENABLE": "true", "STRATEGY": "Enforce", "KEYSTORE": str(tmp_path)}
+    end = subprocess.run(
+        [sys.executable, "-m", "hybrid_sysid_ros.nodes.reference"],
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+        env={**os.environ, "ROS_DOMAIN_ID": str(domain), **{f"ROS_SECURITY_{k}": v for k, v in security.items()}},
+    )
+    assert end.returncode == 2
+    assert end.stderr.splitlines()[-1].startswith("error: ROS cannot make the node: ")
+    assert "Traceback" not in end.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

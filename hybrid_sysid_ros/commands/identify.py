@@ -19,6 +19,7 @@ from hybrid_sysid_ros.identification.validation.leftovers import Leftovers, befo
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.options import parse
 from hybrid_sysid_ros.models.residual import ResidualHybrid
+from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.files import check_folder
 
@@ -64,6 +65,9 @@ def command(
         )
     model.save(out)
     print_table(parameter_table(model))
+    if isinstance(model.system, TakagiSugeno):
+        for number, rule in enumerate(model.system.words, start=1):
+            console.print(f"rule {number}: {rule}")
     for doubt in doubts(model):
         console.print(f"doubt: {doubt}")
     for group in model.fit.get("groups", ()):
@@ -97,5 +101,7 @@ def parameter_table(model: Model) -> Table:
     errors = model.standard_errors
     for item, value in zip(model.system.parameters, model.system.values, strict=True):
         error = errors.get(item.name)
+        if item.learned:
+            continue
         table.add_row(item.name, f"{value:.4g}", "set" if error is None else f"{error:.2g}", item.unit)
     return table

@@ -27,6 +27,8 @@ class Parameter:
     """Standard deviation of a prior about ``start``, for shape parameters that data may leave undetermined."""
     fixed: bool = False
     """Set from the range of the training data, not fitted."""
+    learned: bool = False
+    """One of many that mean something together only: no single one is told, and none is doubted."""
     term: str = ""
     """The part of the law that goes when the parameter is neutral, "" for none."""
     description: str = ""

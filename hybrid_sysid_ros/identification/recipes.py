@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -12,14 +13,18 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.biased import Biased
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.fitting import STAGES, Fit, Progress, fit
+from hybrid_sysid_ros.identification.fuzzy import tuned
 from hybrid_sysid_ros.identification.gradient_training import train
 from hybrid_sysid_ros.identification.residual import Leftover, beginning, check_forgets
+from hybrid_sysid_ros.identification.selection.link_selection import select_links
+from hybrid_sysid_ros.identification.selection.rule_selection import select_rules
 from hybrid_sysid_ros.identification.selection.term_selection import select_terms
 from hybrid_sysid_ros.identification.shooting import windows_of
 from hybrid_sysid_ros.identification.starting import begun, magnitudes
 from hybrid_sysid_ros.models import Sampling, build
 from hybrid_sysid_ros.models.hybrid import Hybrid
 from hybrid_sysid_ros.models.hybrid import averaged as averaged_hybrid
+from hybrid_sysid_ros.models.lagged import Lagged
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.options import Options, complete
 from hybrid_sysid_ros.models.recurrent import PERIOD as RECURRENT_PERIOD
@@ -56,6 +61,10 @@ class Recipe:
         """The fit, and the sampling that it holds at. Raises UserError as the parts of it do."""
         if self.structure == "narx":
             return self._narx(records)
+        if self.structure == "takagi_sugeno":
+            return self._takagi_sugeno(records)
+        if self.structure == "difnn":
+            return self._difnn(records)
         if self.structure == "recurrent":
             return self._recurrent(records)
         row, box = structure_of(self.structure, self.rig.structures)
@@ -208,6 +217,37 @@ class Recipe:
         )
         experiments = [prepare(record, chosen, sampling) for record in records]
         return fit(chosen, experiments, ridge=NARX_RIDGE, progress=self.progress), sampling
+
+    def _takagi_sugeno(self, records: Sequence[Record]) -> tuple[Fit, Sampling]:
+        """Rules from clusters and least squares, then all of their numbers by the error of the simulation."""
+        options, system = {name: int(value) for name, value in self.chosen.items()}, self.rig.system
+        lags = options["output_lags"], options["input_lags"]
+        regressors = lags[0] * len(system.outputs) + lags[1] * len(system.inputs)
+        choose = partial(
+            select_rules,
+            rules=options["rules"] or None,
+            premises=range(regressors) if options["all_premises"] else None,
+            ellipsoids=bool(options["gustafson_kessel"]),
+        )
+        return self._fuzzy(choose, records)
+
+    def _difnn(self, records: Sequence[Record]) -> tuple[Fit, Sampling]:
+        """Terms from clusters and links from counts, then all centres and widths by the error of the simulation."""
+        options = {name: int(value) for name, value in self.chosen.items()}
+        return self._fuzzy(partial(select_links, terms=options["terms"], least=options["least"]), records)
+
+    def _fuzzy(self, choose: Callable[..., Lagged], records: Sequence[Record]) -> tuple[Fit, Sampling]:
+        sampling, system = replace(self.sampling, step=self.sampling.period), self.rig.system
+        chosen = choose(
+            [prepare(record, system, sampling) for record in records],
+            outputs=system.outputs,
+            inputs=system.inputs,
+            output_lags=int(self.chosen["output_lags"]),
+            input_lags=int(self.chosen["input_lags"]),
+            seed=self.seed,
+        )
+        experiments = [prepare(record, chosen, sampling) for record in records]
+        return tuned(chosen, experiments, progress=self.progress), sampling
 
     def _recurrent(self, records: Sequence[Record]) -> tuple[Fit, Sampling]:
         """Gradients through time."""

@@ -55,9 +55,9 @@ class Model:
 
     @property
     def standard_errors(self) -> dict[str, float]:
-        """Standard error of each free physical parameter, in its unit."""
+        """Standard error of each free parameter that means something by itself, in its unit."""
         deviations = np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
-        physical = {item.name for item in self.system.parameters}
+        physical = {item.name for item in self.system.parameters if not item.learned}
         return {name: float(d) for name, d in zip(self.names, deviations, strict=True) if name in physical}
 
     @property

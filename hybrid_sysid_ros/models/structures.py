@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.core import Softsign, System
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.core.symbolic import linearised
+from hybrid_sysid_ros.models.difnn import Difnn
 from hybrid_sysid_ros.models.hybrid import Hybrid, features_of
+from hybrid_sysid_ros.models.lagged import Lagged
 from hybrid_sysid_ros.models.linear import Friction, Linear
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.options import Option, Options, complete
 from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.residual import ResidualHybrid
+from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -54,6 +57,23 @@ _NARX = {
     "degree": Option(default=3, low=1, high=3, kind="int", description="of the polynomial"),
     "terms": Option(default=4, low=0, high=40, kind="int", description="number of terms of an output, 0 for BIC's"),
 }
+_TAKAGI_SUGENO = {
+    "output_lags": Option(default=2, low=0, high=6, kind="int", description="past outputs, 0: of inputs alone"),
+    "input_lags": _NARX["input_lags"],
+    "rules": Option(default=0, low=0, high=40, kind="int", description="how many, 0: until validation falls no more"),
+    "all_premises": Option(
+        default=0, low=0, high=1, kind="int", description="1: rules by all lags, not only by those of use"
+    ),
+    "gustafson_kessel": Option(
+        default=0, low=0, high=1, kind="int", description="1: clusters are ellipsoids, not fuzzy C-means"
+    ),
+}
+_DIFNN = {
+    "output_lags": replace(_TAKAGI_SUGENO["output_lags"], default=1),
+    "input_lags": replace(_NARX["input_lags"], default=1),
+    "terms": Option(default=5, low=1, high=40, kind="int", description="of each lag and of each output"),
+    "least": Option(default=3, low=1, high=1000, kind="int", description="samples that a rule must be the winner of"),
+}
 _RESIDUAL = {
     "output_lags": Option(default=3, low=1, high=6, kind="int", description="past residuals of each output"),
     "input_lags": Option(default=2, low=1, high=6, kind="int", description="past inputs"),
@@ -84,7 +104,7 @@ class Structure:
     @property
     def seeded(self) -> bool:
         """Whether a fit depends on a seed."""
-        return bool(self.network) or self.options is _RECURRENT
+        return bool(self.network) or self.options in (_RECURRENT, _TAKAGI_SUGENO, _DIFNN)
 
 
 TABLE: Mapping[str, Structure] = {
@@ -99,6 +119,8 @@ TABLE: Mapping[str, Structure] = {
         everywhere=True,
         options={name: option for name, option in _NETWORK.items() if name not in ("scale", "everywhere")},
     ),
+    "takagi_sugeno": Structure(physics="none", options=_TAKAGI_SUGENO),
+    "difnn": Structure(physics="none", options=_DIFNN),
     "recurrent": Structure(physics="none", options=_RECURRENT),
     "hybrid_joint": Structure(physics="viscous", network="joint", options=_NETWORK),
     "hybrid_frozen": Structure(physics="viscous", network="frozen", options=_NETWORK),
@@ -110,6 +132,13 @@ TABLE: Mapping[str, Structure] = {
 hybrid by residual, residual_G.
 """
 
+RECURRENCES: Mapping[str, type[Lagged] | type[Recurrent]] = {
+    "narx": Narx,
+    "takagi_sugeno": TakagiSugeno,
+    "difnn": Difnn,
+    "recurrent": Recurrent,
+}
+"""Those that stand on no physics, and what makes them again."""
 STRUCTURES = tuple(TABLE)
 Boxes = Mapping[str, System]
 """Further gray boxes of a rig, by name."""
@@ -190,10 +219,8 @@ def assemble(
         return _physics(row, box, physics, boxes, design or {})
     if design is None or weights is None:
         raise UserError(f"structure {structure}: the design or the weights of its learned part are missing")
-    if structure == "narx":
-        return Narx.of(design, weights)
-    if structure == "recurrent":
-        return Recurrent.of(design, weights)
+    if structure in RECURRENCES:
+        return RECURRENCES[structure].of(design, weights)
     base = _physics(row, box, physics, boxes, design.get("physics") or {})
     if row.network == "residual":
         return ResidualHybrid.of(base, design, weights)
@@ -229,8 +256,8 @@ def build(
     training data, and their means. features: magnitudes of the features that the rig's own system declares. seed: of a
     network's first weights. unshown: states that no record shows.
 
-    Raises UserError for an unknown name or option, for a structure that makes no sense on the rig, and for narx,
-    recurrent and residual, which are not built before their data are seen.
+    Raises UserError for an unknown name or option, for a structure that makes no sense on the rig, and for
+    recurrences and residual, which are not built before their data are seen.
     """
     row, box = structure_of(structure, boxes)
     chosen = complete(options or {}, options_of(structure, physics, boxes), structure)

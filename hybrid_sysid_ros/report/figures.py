@@ -8,7 +8,9 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from hybrid_sysid_ros.core.networks.memberships import memberships as fuzzy_memberships
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors
+from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.report.charts import (
     ERROR,
     LINES,
@@ -25,6 +27,8 @@ from hybrid_sysid_ros.report.charts import (
 )
 from hybrid_sysid_ros.report.sections import FreeRun, IdentificationSection
 from hybrid_sysid_ros.rigs.sensor import Display
+
+MEMBERSHIP_POINTS = 201
 
 FREE_RUN_AT = 2.2
 """Where the free run's value is drawn, in longest horizons."""
@@ -65,6 +69,28 @@ def residual_tests(section: IdentificationSection) -> go.Figure:
     figure.update_xaxes(title={"text": "lag [s]", "standoff": 4}, row=len(runs))
     figure.update_layout(showlegend=False, margin={"l": 62, "r": 12, "t": 50, "b": 44})
     figure.update_annotations(font={"size": 12, "color": TEXT})
+    return figure
+
+
+def memberships(system: TakagiSugeno) -> go.Figure:
+    """Of each rule, a panel a premise variable: along it, with the other ones at the rule's centre."""
+    centres, widths, names = system.centres, system.widths, [system.regressors[j] for j in system.premises]
+    figure = make_subplots(rows=1, cols=len(names), horizontal_spacing=0.06)
+    dress(figure, 260)
+    for column, (name, (low, high)) in enumerate(zip(names, system.premise_ranges, strict=True)):
+        along = np.linspace(low, high, MEMBERSHIP_POINTS)
+        for rule, centre in enumerate(centres):
+            points = np.tile(centre, (len(along), 1))
+            points[:, column] = along
+            figure.add_trace(
+                go.Scatter(
+                    x=along, y=fuzzy_memberships(points, centres, widths)[:, rule], name=f"rule {rule + 1}",
+                    legendgroup=str(rule), showlegend=column == 0, mode="lines",
+                    line={"color": LINES[rule % len(LINES)], "width": 1.6}, hovertemplate="%{y:.3f}",
+                ), 1, column + 1,
+            )  # fmt: skip
+        figure.update_xaxes(title=str(name), row=1, col=column + 1)
+    figure.update_yaxes(title="membership", range=[0.0, 1.02], row=1, col=1)
     return figure
 
 

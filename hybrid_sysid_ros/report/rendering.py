@@ -11,6 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.identifiability import at_bound
+from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.report.sections import ClosedLoopSection, FreeRun, IdentificationSection, Provenance
 from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.files import written_file
@@ -115,6 +116,7 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
             for number, found in enumerate(curves.values())
         ],
         "parameters": list(_parameters(section)),
+        **_rules(section, prefix),
         "correlated": section.correlated,
         "doubts": section.doubts,
     }
@@ -170,6 +172,8 @@ def _parameters(section: IdentificationSection) -> Iterator[dict[str, Any]]:
     """Rows of the table of parameters."""
     errors = section.model.standard_errors
     for item, value in zip(section.model.system.parameters, section.model.system.values, strict=True):
+        if item.learned:
+            continue
         yield {
             "item": item,
             "value": float(value),
@@ -177,6 +181,16 @@ def _parameters(section: IdentificationSection) -> Iterator[dict[str, Any]]:
             "share": 100.0 * (float(value) - item.low) / (item.high - item.low),
             "at_bound": at_bound(item, float(value)),
         }
+
+
+def _rules(section: IdentificationSection, prefix: str) -> dict[str, Any]:
+    """The rules of a fuzzy model in words, and their memberships."""
+    from hybrid_sysid_ros.report import figures
+
+    system = section.model.system
+    if not isinstance(system, TakagiSugeno):
+        return {"rules": (), "memberships": ""}
+    return {"rules": system.words, "memberships": drawn(figures.memberships(system), f"{prefix}memberships")}
 
 
 def _closed(section: ClosedLoopSection) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -63,20 +64,20 @@ def estimator_tuning(values: Mapping[str, Any], rig: Rig, system: System | None 
         gate=values["gate"],
         patience=values["patience"],
         input_noise=of_inputs("input_noise"),
-        followed=_drifts(values["followed"]),
+        followed=_drifts(values["followed"], [item.name for item in system.parameters if not item.fixed]),
         channels={CAMERA: Channel(of=rig.system.outputs[0].name, noise=camera)} if camera else {},
         window=values["window"],
         horizon=values["horizon"],
     )
 
 
-def _drifts(text: str) -> dict[str, float]:
-    """NAME=DRIFT NAME=DRIFT... by name."""
-    found = {}
+def _drifts(text: str, known: Sequence[str]) -> dict[str, float]:
+    """NAME=DRIFT NAME=DRIFT... by name; one with a * is all that are known by such names, as level_rule_*."""
+    found: dict[str, float] = {}
     for item in text.split():
         name, _, drift = item.partition("=")
         try:
-            found[name] = float(drift)
+            found.update(dict.fromkeys(fnmatch.filter(known, name) or [name], float(drift)))
         except ValueError as error:
             raise UserError(f"parameter followed: {item!r} is no NAME=DRIFT, as in coulomb=0.1") from error
     return found

@@ -8,12 +8,11 @@ from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Variable
-from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.selection.regression import Regression
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
@@ -54,13 +53,8 @@ def select_terms(
     """
     if min(output_lags, input_lags, degree, 1 if terms is None else terms) < 1:
         raise UserError("NARX: lags, degree and terms must be 1 or more")
-    _check(experiments, max(output_lags, input_lags))
-    signals = [np.concatenate([item.outputs for item in experiments]), np.concatenate([i.inputs for i in experiments])]
-    squares = np.concatenate([np.mean(values**2, axis=0) for values in signals])
-    scales = np.array([scale_of(value) for value in np.sqrt(squares)])
-    own, lags = (scales[: len(outputs)], scales[len(outputs) :]), (output_lags, input_lags)
-    parts = [_regression(item.outputs / own[0], item.inputs / own[1], *lags) for item in experiments]
-    lagged, targets = (np.concatenate(blocks) for blocks in zip(*parts, strict=True))
+    regression = Regression.of(experiments, output_lags=output_lags, input_lags=input_lags, kind="NARX")
+    lagged, targets = regression.lagged, regression.targets
     candidates = exponents_of(lagged.shape[1], degree)
     values = np.stack([np.prod(lagged**term, axis=1) for term in candidates], axis=1)
     most = min(len(candidates), len(targets) - 1, MOST if terms is None else terms)
@@ -75,37 +69,7 @@ def select_terms(
             chosen = chosen[: least_criterion(values[:, chosen], target)]
         exponents.append(tuple(candidates[index] for index in chosen))
         coefficients += np.linalg.lstsq(values[:, chosen], target, rcond=None)[0].tolist()
-    return Narx(
-        outputs=tuple(outputs),
-        inputs=tuple(inputs),
-        exponents=tuple(exponents),
-        coefficients=tuple(coefficients),
-        output_lags=output_lags,
-        input_lags=input_lags,
-        scales=tuple(scales.tolist()),
-        low=tuple(value for item in signals for value in item.min(axis=0).tolist()),
-        high=tuple(value for item in signals for value in item.max(axis=0).tolist()),
-        period=experiments[0].sampling.period,
-    )
-
-
-def _check(experiments: Sequence[Experiment], lags: int) -> None:
-    for item in experiments:
-        if item.sampling.every != 1:
-            raise UserError(
-                f"{item.name}: a NARX steps once a sample; the step of {item.sampling.step:g} s must be the period of "
-                f"{item.sampling.period:g} s"
-            )
-        if item.samples <= lags:
-            raise UserError(f"{item.name}: {item.samples} samples are too short for {lags} lags; {lags + 1} are needed")
-
-
-def _regression(outputs: Array, inputs: Array, output_lags: int, input_lags: int) -> tuple[Array, Array]:
-    """Lagged values (rows, lags), for each signal latest first, and the next outputs (rows, outputs)."""
-    first = max(output_lags, input_lags) - 1
-    past = [sliding_window_view(y[:-1], output_lags)[first + 1 - output_lags :, ::-1] for y in outputs.T]
-    past += [sliding_window_view(u, input_lags)[first + 1 - input_lags :, ::-1] for u in inputs.T]
-    return np.concatenate(past, axis=1), outputs[first + 1 :]
+    return Narx(**regression.shape(outputs, inputs), exponents=tuple(exponents), coefficients=tuple(coefficients))
 
 
 def exponents_of(values: int, degree: int) -> list[tuple[int, ...]]:

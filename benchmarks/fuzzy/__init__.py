@@ -1,0 +1,1 @@
+"""Fuzzy models measured: identification, control, time series, functions."""

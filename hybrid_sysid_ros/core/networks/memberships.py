@@ -1,0 +1,127 @@
+"""Memberships in the rules of a fuzzy model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core.blocks import Block, Kernels
+from hybrid_sysid_ros.core.compilation import inner
+from hybrid_sysid_ros.core.mathematics import Scalar, exp
+from hybrid_sysid_ros.core.registers import scratch
+
+Array = NDArray[np.float64]
+
+NEAREST = 1e-12
+"""Added to squared distances: at a centre its rule has all of the membership."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Memberships(Block):
+    """h_i = g_i / sum_k g_k, with g_i = 1 / d_i^2 and d_i^2 = sum_j ((z_j - c_ij) / b_ij)^2: the outputs add up to one.
+
+    With all b one these are the memberships of fuzzy C-means with exponent 2: Bezdek (1981), Pattern recognition with
+    fuzzy objective function algorithms, eq. (11.3a).
+
+    Weights, for each rule: centre c_i (features,), logarithms of the widths b_i (features,).
+    """
+
+    features: int
+    rules: int
+    at: int = 0
+
+    @property
+    def outputs(self) -> int:  # type: ignore[override]
+        return self.rules
+
+    @property
+    def size(self) -> int:  # type: ignore[override]
+        return 2 * self.rules * self.features
+
+    @property
+    def kernels(self) -> Kernels:
+        rules, features = self.rules, self.features
+
+        @inner
+        def closeness(w: Any, at: int, z: Any, i: int) -> float:
+            """Inverse of the squared distance from a centre."""
+            distance = NEAREST
+            for j in range(features):
+                d = (z[j] - w[at + 2 * i * features + j]) * math.exp(-w[at + (2 * i + 1) * features + j])
+                distance += d * d
+            return 1.0 / distance  # type: ignore[no-any-return]
+
+        @inner
+        def value(w: Any, at: int, z: Any, y: Any) -> None:
+            total = 0.0
+            for i in range(rules):
+                y[i] = closeness(w, at, z, i)
+                total += y[i]
+            for i in range(rules):
+                y[i] /= total
+
+        @inner
+        def slopes(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
+            # dh_i = h_i (a_i - sum_k h_k a_k), with a_i = d log g_i
+            value(w, at, z, y)
+            mean = scratch(features)
+            for j in range(features):
+                mean[j] = 0.0
+            for i in range(rules):
+                g = closeness(w, at, z, i)
+                for j in range(features):
+                    scale = math.exp(-w[at + (2 * i + 1) * features + j])
+                    by_z[i * features + j] = -2.0 * g * scale * scale * (z[j] - w[at + 2 * i * features + j])
+                    mean[j] += y[i] * by_z[i * features + j]
+            for i in range(rules):
+                for j in range(features):
+                    by_z[i * features + j] = y[i] * (by_z[i * features + j] - mean[j])
+
+        @inner
+        def weight_slopes(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
+            h = scratch(rules)
+            value(w, at, z, h)
+            mean = 0.0
+            for i in range(rules):
+                mean += factors[i] * h[i]
+            for i in range(rules):
+                by_log = 2.0 * h[i] * (factors[i] - mean) * closeness(w, at, z, i)
+                for j in range(features):
+                    scale = math.exp(-w[at + (2 * i + 1) * features + j])
+                    d = (z[j] - w[at + 2 * i * features + j]) * scale
+                    row[start + 2 * i * features + j] += by_log * d * scale
+                    row[start + (2 * i + 1) * features + j] += by_log * d * d
+
+        return value, slopes, weight_slopes
+
+    def symbolic(self, z: Sequence[Scalar], w: Sequence[Scalar]) -> list[Scalar]:
+        n, close = self.features, []
+        for i in range(self.rules):
+            centre, log_width = w[2 * i * n : (2 * i + 1) * n], w[(2 * i + 1) * n : (2 * i + 2) * n]
+            d = [(value - c) * exp(-b) for value, c, b in zip(z, centre, log_width, strict=True)]
+            close.append(1.0 / (NEAREST + sum(item * item for item in d)))
+        total = sum(close)
+        return [g / total for g in close]
+
+
+def packed(centres: Array, widths: Array) -> Array:
+    """The weights of :class:`Memberships` from centres and widths (rules, features)."""
+    return np.stack([centres, np.log(widths)], axis=1).ravel()
+
+
+def unpacked(weights: Array, rules: int) -> tuple[Array, Array]:
+    """Centres and widths (rules, features) of the weights of :class:`Memberships`."""
+    centres, logarithms = np.moveaxis(np.reshape(weights, (rules, 2, -1)), 1, 0)
+    return centres, np.exp(logarithms)
+
+
+def memberships(z: Array, centres: Array, widths: Array) -> Array:
+    """The same of many features (samples, features) at once, (samples, rules)."""
+    squares = np.sum(((z[:, None, :] - centres) / widths) ** 2, axis=2)
+    close = 1.0 / (NEAREST + squares)
+    return np.asarray(close / close.sum(axis=1, keepdims=True))

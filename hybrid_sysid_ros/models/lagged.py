@@ -1,0 +1,196 @@
+"""Recurrences in lagged outputs and inputs."""
+
+from __future__ import annotations
+
+import dataclasses
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core import Parameter, Recurrence, Variable
+from hybrid_sysid_ros.core.mathematics import Scalar, clip
+from hybrid_sysid_ros.core.parameters import of_data
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+Kind = TypeVar("Kind", bound="Lagged")
+
+REACH = 1.1
+"""Outputs and inputs are held within a band about the training data that is so many times as wide as they are: beyond
+them what was learned knows nothing, and a run that leaves them hardly comes back from a wider band. On held-out blocks
+of one rig's training data the mean R2 of polynomials over 16 settings is .76 with 1.1 and .57 with 3."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lagged(Recurrence):
+    """y_k(t + 1) = Y_k f_k(r): a learned function of lags of all outputs and inputs.
+
+        r = for each output (y(t), ..., y(t - ny + 1)) / Y, then for each input (u(t), ..., u(t - nu + 1)) / U
+
+    u(t) is the mean input from sample t to the next. States are the lagged outputs, then the lagged inputs without the
+    present ones. y(t + 1) and u are held within :data:`REACH` times their range in the training data, so that no free
+    run overflows. Scales Y, U and those ranges are fixed parameters; what f learns has no unit.
+
+    Leontaritis and Billings (1985), Input-output parametric models for non-linear systems, Int. J. Control 41(2).
+
+    Raises UserError for lags, scales or ranges that don't fit each other.
+    """
+
+    KIND: ClassVar[str]
+    """What errors call it."""
+    LEARNED: ClassVar[str] = ""
+    """The field that holds the weights."""
+
+    outputs: tuple[Variable, ...]  # type: ignore[misc]
+    inputs: tuple[Variable, ...]  # type: ignore[misc]
+    output_lags: int
+    """ny; 0: f is of the inputs alone."""
+    input_lags: int
+    """nu."""
+    scales: tuple[float, ...]
+    """Y, U."""
+    low: tuple[float, ...]
+    """Lowest values of outputs and inputs in the training data."""
+    high: tuple[float, ...]
+    """Highest ones."""
+
+    def __post_init__(self) -> None:
+        if self.output_lags < 0 or self.input_lags < 1:
+            raise UserError(
+                f"{self.KIND}: {self.output_lags} output lags and {self.input_lags} input lags; give 0 and 1 at least"
+            )
+        if not len(self.scales) == len(self.low) == len(self.high) == len(self.outputs) + len(self.inputs):
+            raise UserError(f"{self.KIND}: scales or ranges are not those of {len(self.outputs)} outputs and inputs")
+        past = [_lagged(item, range(self._kept)) for item in self.outputs]
+        past += [_lagged(item, range(1, self.input_lags)) for item in self.inputs]
+        object.__setattr__(self, "states", tuple(item for lagged in past for item in lagged))
+
+    @abstractmethod
+    def following(self, r: Sequence[Scalar]) -> Sequence[Scalar]:
+        """F: the next outputs in their scales, (outputs,)."""
+
+    @property
+    def _kept(self) -> int:
+        """Lags of an output among the states."""
+        return max(self.output_lags, 1)
+
+    @property
+    def regressors(self) -> tuple[Variable, ...]:
+        """What r is of, in their units."""
+        past = [_lagged(item, range(self.output_lags)) for item in self.outputs]
+        past += [_lagged(item, range(self.input_lags)) for item in self.inputs]
+        return tuple(item for lagged in past for item in lagged)
+
+    @property
+    def sizes(self) -> list[Any]:
+        """The scale of each entry of r."""
+        return [scale for scale, count in zip(self.scales, self._lag_counts, strict=True) for _ in range(count)]
+
+    @property
+    def _lag_counts(self) -> list[int]:
+        """How many entries of r each output and input has."""
+        return [self.output_lags] * len(self.outputs) + [self.input_lags] * len(self.inputs)
+
+    # ------------------------------------------------------------------ what it is made of
+
+    @classmethod
+    def of(cls: type[Kind], design: Mapping[str, Any], weights: Array) -> Kind:
+        """The system of a :attr:`design`, with what is learned (size,). Raises UserError where they don't fit."""
+        variables = {name: tuple(Variable(**item) for item in design[name]) for name in ("outputs", "inputs")}
+        plain = {name: _frozen(value) for name, value in design.items() if name not in variables}
+        learned = tuple(float(value) for value in weights)
+        return cls(**{**plain, **variables, cls.LEARNED: learned})
+
+    @property
+    def design(self) -> dict[str, Any]:
+        """Everything but what is learned as plain data, from which :meth:`of` builds the system again."""
+        fields = dataclasses.asdict(self)
+        del fields[self.LEARNED]
+        return fields
+
+    @property
+    def form(self) -> tuple[Any, ...]:
+        return (type(self), self.output_lags, self.input_lags, len(self.outputs), len(self.inputs))
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return tuple(
+            of_data(f"{what}_{item.name}", item.unit, low=0.0 if what == "scale" else -1e12)
+            for what in ("scale", "low", "high")
+            for item in (*self.outputs, *self.inputs)
+        )
+
+    @property
+    def values(self) -> Array:
+        return np.array([*self.scales, *self.low, *self.high])
+
+    def bound(self, values: Sequence[Scalar]) -> Lagged:
+        n = len(self.scales)
+        parts: dict[str, Any] = {
+            name: tuple(values[i * n : (i + 1) * n]) for i, name in enumerate(("scales", "low", "high"))
+        }
+        return dataclasses.replace(self, **parts)
+
+    @property
+    def weights(self) -> Array:
+        return np.array(getattr(self, self.LEARNED))
+
+    def with_weights(self: Kind, weights: Array) -> Kind:
+        learned: dict[str, Any] = {self.LEARNED: tuple(float(value) for value in weights)}
+        return dataclasses.replace(self, **learned)
+
+    # ------------------------------------------------------------------ the equation, and how it meets records
+
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        p, kept, nu = len(self.outputs), self._kept, self.input_lags
+        bands = [self._band(i) for i in range(len(self.scales))]
+        past = [list(x[k * kept : (k + 1) * kept]) for k in range(p)]
+        for j, value in enumerate(u):
+            begin = p * kept + j * (nu - 1)
+            past.append([clip(value, *bands[p + j]), *x[begin : begin + nu - 1]])
+        seen = [*(lags[: self.output_lags] for lags in past[:p]), *past[p:]]
+        r = [value / scale for values, scale in zip(seen, self.scales, strict=True) for value in values]
+        following = [
+            [clip(scale * value, *band), *lags[: kept - 1]]
+            for scale, value, band, lags in zip(self.scales, self.following(r), bands, past, strict=False)
+        ]
+        return [value for values in (*following, *(drive[: nu - 1] for drive in past[p:])) for value in values]
+
+    def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
+        """States (samples, states) from the record's own past.
+
+        Before its first sample an output is extrapolated by its rate, and an input is the first one.
+        """
+        return np.column_stack([*self._past(outputs, rates, inputs)])
+
+    def _past(self, outputs: Array, rates: Array, inputs: Array) -> Iterator[Array]:
+        p, samples, kept = len(self.outputs), len(outputs), self._kept
+        back = np.arange(kept - 1, 0, -1) * self.period
+        for k in range(p):
+            measured = np.concatenate([outputs[0, k] - back * rates[0, k], outputs[:, k]])
+            for lag in range(kept):
+                yield measured[kept - 1 - lag :][:samples]
+        for j in range(len(self.inputs)):
+            drive = np.clip(inputs[:, j], *self._band(p + j))
+            drive = np.concatenate([np.full(self.input_lags, drive[0]), drive[:-1]])
+            for lag in range(1, self.input_lags):
+                yield drive[self.input_lags - lag :][:samples]
+
+    def _band(self, channel: int) -> tuple[Any, Any]:
+        low, high = self.low[channel], self.high[channel]
+        more = 0.5 * (REACH - 1.0) * (high - low)
+        return low - more, high + more
+
+
+def _lagged(variable: Variable, lags: range) -> list[Variable]:
+    """Names such as drive_2, the drive two samples ago; the present value has the plain name."""
+    return [Variable(name=f"{variable.name}_{lag}" if lag else variable.name, unit=variable.unit) for lag in lags]
+
+
+def _frozen(value: Any) -> Any:
+    """Lists of a file as tuples."""
+    return tuple(map(_frozen, value)) if isinstance(value, (list, tuple)) else value
