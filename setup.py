@@ -7,7 +7,19 @@ from xml.etree import ElementTree
 from setuptools import Distribution, find_namespace_packages, setup
 
 NAME = "hybrid_sysid_ros"
-NODES = ("plant", "estimator", "controller", "reference", "recorder", "composed", "player", "view", "camera", "vision")
+NODES = (
+    "plant",
+    "estimator",
+    "controller",
+    "reference",
+    "recorder",
+    "composed",
+    "player",
+    "view",
+    "commander",
+    "camera",
+    "vision",
+)
 PIP = not {"bdist_wheel", "dist_info", "editable_wheel", "sdist"}.isdisjoint(sys.argv)
 
 # `ros2 run` looks in lib/hybrid_sysid_ros. colcon installs the console scripts there, under the nodes' own names; pip

@@ -35,6 +35,11 @@ ARGUMENTS = {
     "autostart": ("true", TRUTHS, "false: a manager configures and activates the nodes"),
     "bag": ("", (), "folder of a bag to record; empty: none"),
     "view": ("false", TRUTHS, "true: a page of this computer that shows the rig; its address is printed"),
+    "commander": (
+        "false",
+        TRUTHS,
+        "true: take commands in plain language; a simulated rig is armed, a real one is not",
+    ),
 }
 
 
@@ -55,8 +60,11 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         "plant": {"wait_for_readers": readers, **rate, **lock},
     }
     seen = given["view"] == "true"
-    if seen:
+    told = given["commander"] == "true"
+    if seen or told:
         values["reference"]["stay"] = True
+    if told and "reference" not in asked:
+        values["reference"] |= {"kind": "constant", "amplitude": 0.0}
     if given["simulated"] == "false":
         del values["plant"]
     shared = {**({"rig": asked["rig"]} if "rig" in asked else {}), "autostart": given["autostart"] == "true"}
@@ -88,6 +96,7 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     if given["bag"]:
         found.append(node("recorder", {"path": given["bag"]}, name="recorder"))
     beside = [node("view", {}, name="view")] if seen else []
+    beside += [node("commander", {"armed": given["simulated"] == "true"}, name="commander")] if told else []
     if respawn:
         return [*found, *beside]
     # The reference ends when it is over, any other node when something is wrong: the rest would wait for ever.

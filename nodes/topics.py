@@ -8,12 +8,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import CameraInfo, CompressedImage, JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from trajectory_msgs.msg import JointTrajectory
 
 from hybrid_sysid_ros.bags import Quality
@@ -34,6 +34,9 @@ TYPES: Mapping[str, Any] = {
     "camera/joint_states": JointState,
     "camera/image_raw/compressed": CompressedImage,
     "camera/camera_info": CameraInfo,
+    "command_text": String,
+    "command_reply": DiagnosticStatus,
+    "planned": JointTrajectory,
     "/diagnostics": DiagnosticArray,
     "/parameter_events": ParameterEvent,
 }

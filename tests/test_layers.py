@@ -22,7 +22,7 @@ LAYERS = [  # from the bottom up; a room (folder of the package) imports from th
     {"estimation", "identification", "vision"},
     {"control"},
     {"runtime"},
-    {"report", "view"},
+    {"language", "report", "view"},
     {"commands", "nodes"},
     {"__main__"},
 ]
@@ -38,6 +38,7 @@ KEPT_IN = {  # heavy libraries, and the files that may import them
     "distributed": re.compile(r"support/cluster\.py"),
     "onnx": re.compile(r"control/export/onnx_graph\.py"),
     "plotly": re.compile(r"report/.*"),
+    "mcp": re.compile(r"language/server\.py"),
     "websockets": re.compile(r"view/server\.py"),
     "jinja2": re.compile(r"report/.*"),
     "av": re.compile(r"camera/film\.py"),
@@ -45,7 +46,7 @@ KEPT_IN = {  # heavy libraries, and the files that may import them
 }
 AT_THE_TOP = re.compile(
     r"core/casadi_form\.py|control/(mpc/interior_point|policy/(network|training))\.py|report/(charts|\w*figures)\.py"
-    r"|view/server\.py"
+    r"|view/server\.py|language/server\.py"
 )
 """Files that import one of them at once, and are themselves imported late; all others import it where they use it."""
 

@@ -17,6 +17,8 @@ COMMANDS = [
     LateCommand("accuracy", f"{HERE}.accuracy", "Tell the accuracy from simulated and live shots."),
     LateCommand("friction", f"{HERE}.friction", "Draw a law of friction, or list them."),
     LateCommand("run", f"{HERE}.run", "Run plant, estimator, controller and reference as ROS 2 nodes."),
+    LateCommand("say", f"{HERE}.say", "Say in plain language what the rig is to do."),
+    LateCommand("mcp", f"{HERE}.mcp", "Serve checked commands to language models."),
     LateCommand("play", f"{HERE}.play", "Publish the messages of a bag again."),
     LateCommand("replay", f"{HERE}.replay", "Let estimator and controller answer a recorded loop again."),
     LateCommand("parameters", f"{HERE}.parameters", "Write the ROS parameter file of a rig's nodes."),

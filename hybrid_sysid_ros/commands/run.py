@@ -29,6 +29,9 @@ def command(
     overwrite: Overwrite = False,
     view: Annotated[bool, typer.Option("--view", help="Show the run on a page, and go on until Ctrl-C.")] = False,
     port: Port = PORT,
+    commander: Annotated[
+        bool, typer.Option("--commander", help="Take commands in plain language: see say. At rest until then.")
+    ] = False,
     lockstep: Annotated[bool, typer.Option("--lockstep", help="As fast as the nodes answer, repeatable.")] = False,
     composed: Annotated[bool, typer.Option("--composed", help="All in one process, but the recorder.")] = False,
     domain: Annotated[int | None, typer.Option(help="ROS domain; that of ROS_DOMAIN_ID by default.")] = None,
@@ -52,6 +55,7 @@ def command(
             bag=bag,
             overwrite=overwrite,
             view=port if view else None,
+            commander=commander,
             lockstep=lockstep,
             composed=composed,
             domain=domain,

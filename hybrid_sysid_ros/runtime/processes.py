@@ -44,6 +44,11 @@ def composed(values: Mapping[str, Mapping[str, Any]], file: Path, *, rig: str, n
     return [*words, "--params-file", str(file)]
 
 
+def module(name: str, *arguments: str) -> list[str]:
+    """Command that runs a module of the nodes that is no node of a rig itself."""
+    return [sys.executable, "-m", f"hybrid_sysid_ros.nodes.{name}", *arguments]
+
+
 def _beginning(module: str, *arguments: str, rig: str, namespace: str) -> list[str]:
     words = [sys.executable, "-m", f"hybrid_sysid_ros.nodes.{module}", *arguments, "--ros-args"]
     return [*words, "-r", f"__ns:=/{namespace}", "-p", f"rig:={json.dumps(rig)}"]

@@ -29,7 +29,13 @@ from hybrid_sysid_ros.support.files import check_folder
 READY_TIMEOUT = 300.0  # s, until a node has imported and compiled everything
 START_TIMEOUT = 30.0  # s, until the loop is complete
 STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # s
-STOP_ORDER = (("plant", "reference", COMPOSED), ("estimator", "controller"), ("recorder", "replay", "view"))
+STOP_ORDER = (
+    ("plant", "reference", COMPOSED),
+    ("estimator", "controller"),
+    ("recorder", "replay", "view", "commander"),
+)
+BESIDE = ("view", "commander")
+"""Nodes without which a loop goes on."""
 LOOP = ("plant", "estimator", "controller", "reference")
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a session
 TICK = 0.25  # s, between two calls of progress
@@ -64,9 +70,14 @@ class Child:
     complaint: str = ""
 
 
+def has_ros() -> bool:
+    """Whether there is ROS for this Python."""
+    return importlib.util.find_spec("rclpy") is not None
+
+
 def check_ros() -> None:
     """Raises UserError without ROS for this Python, before long work that ends in nodes."""
-    if importlib.util.find_spec("rclpy") is None:
+    if not has_ros():
         raise UserError("no rclpy for this Python: install hybrid_sysid_ros[ros], or source a ROS 2 Jazzy")
 
 
@@ -253,6 +264,7 @@ def run(
     bag: Path | str | None = None,
     overwrite: bool = False,
     view: int | None = None,
+    commander: bool = False,
     domain: int | None = None,
     priority: int | None = None,
     composed: bool = False,
@@ -265,10 +277,11 @@ def run(
     rig: name or path, the default one by default. rate: of measurements [Hz], the rig's by default. reference: a kind,
     or one of the rig's by name, its first by default. duration: of the reference [s]; 0: its own, or until Ctrl-C.
     lockstep: as fast as the nodes are, in simulated time. bag: folder to record all topics into. view: port of a page
-    that shows the run (0: any); it then goes on when a reference of the rig's own has ended. priority: of plant,
-    estimator and controller as real-time processes; None: a modest one where the system permits it. composed: those of
-    the loop in one process. parameters: more of them, by node and name. tell: gets lines for the user.
-    progress: gets the seconds since the start, and how many there will be (0: unknown).
+    that shows the run (0: any); it then goes on when a reference of the rig's own has ended. commander: whether the
+    run takes commands in plain language, armed; it then begins at rest and goes on, where no reference is asked for.
+    priority: of plant, estimator and controller as real-time processes; None: a modest one where the system permits it.
+    composed: those of the loop in one process. parameters: more of them, by node and name. tell: gets lines for the
+    user. progress: gets the seconds since the start, and how many there will be (0: unknown).
 
     Raises UserError without ROS, and where a parameter is wrong, the bag can't be written, or a node could not start or
     ended too early.
@@ -287,8 +300,12 @@ def run(
     }
     values |= {} if bag is None else {"recorder": {"path": str(bag), "overwrite": overwrite}}
     if view is not None:
-        values["reference"]["stay"] = not duration
         values["view"] = {"port": view}
+    if commander:
+        values["commander"] = {"armed": True, "folder": os.getcwd()}
+        values["reference"] |= {} if reference else {"kind": "constant", "amplitude": 0.0}
+    if view is not None or commander:
+        values["reference"]["stay"] = not duration
     chosen = processes.permitted_priority() if priority is None and not lockstep else priority or 0
     for node in values:
         values[node]["priority"] = processes.priority_of(node, chosen)
@@ -306,7 +323,7 @@ def run(
             commands = {COMPOSED: session.composed(together)} if composed else {}
             commands |= {node: session.command(node, given) for node, given in values.items()}
             for child, command in commands.items():
-                session.start(child, command, needed=child != "view")
+                session.start(child, command, needed=child not in BESIDE)
             session.wait_for("ready", list(commands), READY_TIMEOUT)
             if view is not None:
                 tell(f"live view: {session.url}")

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from hybrid_sysid_ros.control import Controller
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop, simulate_loop
-from hybrid_sysid_ros.estimation import ExtendedKalmanFilter
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.estimation import METHODS
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -25,18 +28,22 @@ def simulated_loop(
     *,
     duration: float,
     seed: int = 0,
+    plant: Plant | None = None,
+    settings: Mapping[str, Any] | None = None,
 ) -> ClosedLoop:
     """A loop of ``duration`` [s] under a controller at its own period, without delays of computation.
 
-    reference: times (samples,) [s] in, the outputs as they are shown (samples, p) out.
+    reference: times (samples,) [s] in, the outputs as they are shown (samples, p) out. plant: the simulated rig by
+    default. settings: parameters of the node `estimator`, the rig's by default.
     """
     rig.steps(controller.period, "the period of the controller")
-    tuning = configuration.estimator_tuning(configuration.defaults(rig.name, "estimator"), rig, model.system)
-    estimator = ExtendedKalmanFilter(model.system, tuning, period=controller.period, latency=0.0)
+    values = settings or configuration.defaults(rig, "estimator")
+    tuning = configuration.estimator_tuning(values, rig, model.system)
+    estimator = METHODS[values["method"]](model.system, tuning, period=controller.period, latency=0.0)
     scales = np.array([display.scale for display in rig.display])
     controller.reset()
     return simulate_loop(
-        Plant(rig, seed=seed, bias=rig.bias),
+        plant or Plant(rig, seed=seed, bias=rig.bias),
         estimator,
         controller,
         lambda t: scales * reference(t),
@@ -45,3 +52,15 @@ def simulated_loop(
         period=controller.period,
         lead=model.system.delay,
     )
+
+
+def predicted_plant(rig: Rig, system: System, *, disturbance: ArrayLike = 0.0) -> Plant:
+    """A rig that is what a model of it says, with its actuators and stops, and sensors without noise.
+
+    disturbance: constant offset of each input (m,).
+    """
+    travel = dict(zip((item.name for item in rig.system.states), rig.travel.T, strict=True))
+    columns = [travel.get(item.name, np.array([-np.inf, np.inf])) for item in system.states]
+    step = rig.step if system.sampling_time is None else system.sampling_time
+    predicted = replace(rig, system=system, step=step, travel=np.stack(columns, axis=1))
+    return Plant(predicted, seed=0, bias=disturbance, noisy=False, disturbed=False)

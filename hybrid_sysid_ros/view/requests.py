@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -11,7 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.parameters import Parameter, defaults, parameters
+from hybrid_sysid_ros.runtime.parameters import Parameter, parameters
+from hybrid_sysid_ros.runtime.set_points import Output, outputs_of
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import built, refuse_endless, section
 
@@ -21,8 +21,6 @@ POINTS = 500
 """Of a drawn curve, at most."""
 CURVE = 5.0
 """Seconds ahead of now that a curve may be drawn."""
-REACH = 2.0
-"""Times the rig's own amplitude of references, within which set-points are."""
 LOST = {"sensor out": {"sensor_out": 1.0}}
 """Faults of a rig whose file has none."""
 
@@ -92,19 +90,6 @@ SERVICES = ("stop", "enable")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Output:
-    """An output as it is shown, and where its set-points may be; NaN where it is not tracked."""
-
-    name: str
-    unit: str
-    scale: float
-    """SI per unit."""
-    tracked: bool
-    low: float = math.nan
-    high: float = math.nan
-
-
-@dataclass(frozen=True, kw_only=True)
 class Offer:
     """What there is to ask for at a rig."""
 
@@ -127,7 +112,7 @@ class Offer:
         for name, content in (section(rig.content, "faults", str(rig.file)) or LOST).items():
             faults[name] = _fault(content, plant, f"{rig.file}: faults.{name}")
         return cls(
-            outputs=_outputs(rig),
+            outputs=outputs_of(rig),
             kinds=(*rig.references, *(kind for kind in kinds if kind not in rig.references)),
             faults=faults,
             policies=controller["policy"].choices,
@@ -200,22 +185,6 @@ def _no_number(text: str) -> float:
 def _check_choice(what: str, value: str, choices: tuple[str, ...]) -> None:
     if value not in choices:
         raise UserError(f"{what}: {value[:40]!r}: choose one of {', '.join(choices)}")
-
-
-def _outputs(rig: Rig) -> tuple[Output, ...]:
-    weights = defaults(rig, "controller")["output_weight"]
-    amplitudes = defaults(rig, "reference")["amplitude"]
-    found = []
-    for item, display, weight, amplitude, reach in zip(
-        rig.system.outputs, rig.display, weights, amplitudes, rig.reach.T, strict=True
-    ):
-        shown = {"name": item.name, "unit": display.unit, "scale": display.scale, "tracked": weight > 0.0}
-        if weight > 0.0:
-            low, high = sorted((reach / display.scale).tolist())
-            most = REACH * abs(amplitude)
-            shown |= {"low": max(low, -most), "high": min(high, most)}
-        found.append(Output(**shown))
-    return tuple(found)
 
 
 def _fault(content: object, plant: Mapping[str, Parameter], where: str) -> dict[str, Any]:

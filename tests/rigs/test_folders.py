@@ -17,6 +17,7 @@ from hybrid_sysid_ros.core import simulate, sloped, stepped
 from hybrid_sysid_ros.rigs import folder as folders
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.folder import HOME
+from hybrid_sysid_ros.runtime.parameters import declarations, parameters
 from hybrid_sysid_ros.support.errors import UserError
 from tests.command_line import refused
 
@@ -377,3 +378,9 @@ def test_bristles_at_rest_give_way_to_a_small_torque(structure):
     moved = stepped(system, np.zeros(n), np.array([small]), step=1e-3) / small
     np.testing.assert_allclose(slopes[:, n], moved, rtol=1e-4)
     assert moved[2] > 0.0
+
+
+@pytest.mark.parametrize("name", sorted(folders.names()))
+def test_values_of_a_rig_s_nodes_go_together(name: str) -> None:
+    for node in declarations():
+        assert parameters(name, node)

@@ -1,0 +1,101 @@
+"""Controllers: the one that the parameters of the node `controller` name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from hybrid_sysid_ros.control import Controller, ExactMpc, Problem
+from hybrid_sysid_ros.control.policy import policy
+from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.control.safety.supervisor import Supervisor
+from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.checking import check_tolerances
+from hybrid_sysid_ros.runtime.configuration import mpc_problem, shipped
+from hybrid_sysid_ros.support.errors import UserError
+
+Warn = Callable[[str], object]
+"""Gets what a user should know."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ConfiguredController:
+    """A controller, and what it was made of."""
+
+    controller: Controller
+    problem: Problem
+    network: Policy | None = None
+
+
+def policy_folder(rig: Rig, settings: Mapping[str, Any]) -> Path | None:
+    """Where the network is that drives; None where the exact MPC drives alone. Raises UserError where none comes with
+    the package and none is given.
+    """
+    if settings["policy"] == "exact":
+        return None
+    return Path(settings["policy_path"] or shipped(rig.name, "policy"))
+
+
+def controller_of(
+    rig: Rig, model: Model, settings: Mapping[str, Any], warn: Warn = lambda line: None
+) -> ConfiguredController:
+    """The controller that the settings name, for a model. In lockstep it takes its time, so that a run repeats.
+
+    Raises UserError where model, policy and settings don't go together.
+    """
+    asked, interior = mpc_problem(settings, rig, model.system), settings["solver"] == "ipopt"
+    path = policy_folder(rig, settings)
+    if path is None:
+        if settings["policy_path"]:  # whoever turns to it later should not find then that it does not fit
+            policy.load(Path(settings["policy_path"]), model=model)
+        made = _interior_point(model, asked, settings, warn) if interior else _exact(model, asked, settings)
+        return ConfiguredController(controller=made, problem=asked)
+    if interior:
+        raise UserError(f"parameter solver is ipopt, policy {settings['policy']}: ipopt works alone, policy:=exact")
+    network = policy.load(path, model=model)
+    _look_at(network, path, asked, settings, warn)
+    if settings["policy"] == "network":
+        return ConfiguredController(controller=network, problem=network.problem, network=network)
+    tolerances = check_tolerances(settings, rig, network.problem)
+    supervisor = Supervisor(network, _exact(model, network.problem, settings), tolerances)
+    return ConfiguredController(controller=supervisor, problem=network.problem, network=network)
+
+
+def _exact(model: Model, problem: Problem, settings: Mapping[str, Any]) -> ExactMpc:
+    limit = math.inf if settings["lockstep"] else settings["time_limit"] or math.inf
+    clock = None if math.isinf(limit) else perf_counter
+    return ExactMpc(model.system, problem, real_time=settings["real_time"], time_limit=limit, clock=clock)
+
+
+def _interior_point(model: Model, problem: Problem, settings: Mapping[str, Any], warn: Warn) -> Controller:
+    """IPOPT on the exact MPC's problem: slow, so it is for lockstep, and loaded only where it is asked for."""
+    from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
+
+    if not settings["lockstep"]:
+        warn("solver ipopt takes longer than a measurement's period: it is for lockstep")
+    return InteriorPointMpc(model.system, problem)
+
+
+def _look_at(network: Policy, path: Path, asked: Problem, settings: Mapping[str, Any], warn: Warn) -> None:
+    """Say what a user should know about a network; refuse one that is not certified where that is required."""
+    doubt = ""
+    if network.certificate is None:
+        doubt = f"{path}: has no certificate: hybrid-sysid policy certify {path} makes one"
+    else:
+        driver, least = settings["policy"], settings["certificate_rate"]
+        mu = network.certificate.mu(driver)
+        if mu < least:
+            doubt = f"{path}: its certificate says mu {mu:.4f} of {driver}, less than certificate_rate {least:g}"
+    if doubt and settings["certificate"] == "require":
+        raise UserError(doubt)
+    if doubt:
+        warn(doubt)
+    made = network.problem
+    names = [item.name for item in fields(Problem) if getattr(asked, item.name) != getattr(made, item.name)]
+    if names:
+        warn(f"{path}: was trained with other values of {', '.join(names)} than the parameters say, and keeps them")

@@ -1,0 +1,263 @@
+"""Sentences, and what whoever reads them understands: written down by reading, not by running the parser.
+
+Each is for a rig by its name. Values are in the units in which outputs are shown; the beam's volt is 1.3 degrees.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+BEAM, JOINT, DRILL, WHEEL, CONE = "cam_beam", "flexible_joint", "drill_string", "wheel_motor", "winged_cone"
+RPM = 2.0 * math.pi / 60.0
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A refusal; ``why`` stands in its reason."""
+
+    why: str
+
+
+def go(value: float, output: str = "", **more: Any) -> dict[str, Any]:
+    return {"do": "smooth", "to": {output: value}, **more}
+
+
+def by(value: float, output: str = "", **more: Any) -> dict[str, Any]:
+    return {"do": "smooth", "by": {output: value}, **more}
+
+
+def ramp(value: float, output: str = "", **more: Any) -> dict[str, Any]:
+    return {"do": "straight", "to": {output: value}, **more}
+
+
+def step(value: float, output: str = "", **more: Any) -> dict[str, Any]:
+    return {"do": "step", "to": {output: value}, **more}
+
+
+def swing(low: float, high: float, hertz: float, seconds: float, output: str = "") -> dict[str, Any]:
+    return {"do": "swing", "between": (low, high), "hertz": hertz, "seconds": seconds, "output": output}
+
+
+def square(low: float, high: float, hertz: float, seconds: float, output: str = "") -> dict[str, Any]:
+    return {**swing(low, high, hertz, seconds, output), "do": "square"}
+
+
+def wait(seconds: float) -> dict[str, Any]:
+    return {"do": "wait", "seconds": seconds}
+
+
+def follow(name: str) -> dict[str, Any]:
+    return {"do": "follow", "name": name}
+
+
+HOME: dict[str, Any] = {"do": "home"}
+STOP: dict[str, Any] = {"do": "stop"}
+
+CORPUS: list[tuple[str, str, Any]] = [
+    # The issue's own.
+    (BEAM, "hold 3 degrees", [go(3 / 1.3)]),
+    (BEAM, "swing between -2 and 2 degrees at 0.2 Hz for 20 s", [swing(-2 / 1.3, 2 / 1.3, 0.2, 20)]),
+    (BEAM, "go to -4 V slowly", [go(-4, pace="slowly")]),
+    (BEAM, "stop", [STOP]),
+    (BEAM, "home", [HOME]),
+    (BEAM, "repeat the last experiment", Refused("repeat")),  # nothing was carried out yet
+    (BEAM, "follow hardware", [follow("hardware")]),
+    # Holding and going.
+    (BEAM, "Hold 1.5 V.", [go(1.5)]),
+    (BEAM, "hold at -0.5 V for 10 s", [go(-0.5, hold=10)]),
+    (BEAM, "keep 2 V for 1 min", [go(2, hold=60)]),
+    (BEAM, "stay at 1 degree", [go(1 / 1.3)]),
+    (BEAM, "please hold the beam at 2 degrees, thank you", [go(2 / 1.3)]),
+    (BEAM, "hold 0", [go(0)]),
+    (BEAM, "hold zero", [go(0)]),
+    (BEAM, "go to 0", [go(0)]),
+    (BEAM, "move to 2 V quickly", [go(2, pace="quickly")]),
+    (BEAM, "gently move to 2 V", [go(2, pace="slowly")]),
+    (BEAM, "drive to minus three degrees", [go(-3 / 1.3)]),
+    (BEAM, "set the position to 500 mV", [go(0.5)]),
+    (BEAM, "bring it to 0.05 rad", [go(math.degrees(0.05) / 1.3)]),
+    (BEAM, "go to 50 mrad", [go(math.degrees(0.05) / 1.3)]),
+    (BEAM, "go to 3°", [go(3 / 1.3)]),
+    (BEAM, "go to 3deg in 2s", [go(3 / 1.3, seconds=2)]),
+    (BEAM, "go to 2 V within 500 ms", [go(2, seconds=0.5)]),
+    (BEAM, "go to 2 V over 3 seconds", [go(2, seconds=3)]),
+    (BEAM, "go to 4 V at 1 V/s", [go(4, rate=1)]),
+    (BEAM, "go to 4 V at a rate of 2 degrees per second", [go(4, rate=2 / 1.3)]),
+    (BEAM, "go from -1 V to 3 V", [go(3, begin=-1)]),
+    (BEAM, "return to 0 slowly", [go(0, pace="slowly")]),
+    (BEAM, "go back to 1 V", [go(1)]),
+    (BEAM, "go to 50 %", [go(4)]),  # of 8 V, twice its references
+    (BEAM, "go to -25 percent", [go(-2)]),
+    (BEAM, "GO TO 1 V", [go(1)]),
+    (BEAM, "move to \u22122 V", [go(-2)]),
+    (BEAM, "go to +2 V", [go(2)]),
+    (BEAM, "go to 1e-1 V", [go(0.1)]),
+    # Changes.
+    (BEAM, "move by 1 V", [by(1)]),
+    (BEAM, "go up by 2 degrees", [by(2 / 1.3)]),
+    (BEAM, "go down by 1 V slowly", [by(-1, pace="slowly")]),
+    (BEAM, "down 2 V", [by(-2)]),
+    (BEAM, "raise by 500 mV", [by(0.5)]),
+    (BEAM, "lower to -1 V", [go(-1)]),
+    # Steps and ramps.
+    (BEAM, "step to 2 V", [step(2)]),
+    (BEAM, "jump to -2 V for 3 s", [step(-2, hold=3)]),
+    (BEAM, "step between -1 and 1 V every 2 s for 12 s", [square(-1, 1, 0.25, 12)]),
+    (BEAM, "ramp to 3 V in 2 s", [ramp(3, seconds=2)]),
+    (BEAM, "ramp from -1 to 1 V in 4 s", [ramp(1, begin=-1, seconds=4)]),
+    (BEAM, "ramp from -1 V to 1 V in 4 s", [ramp(1, begin=-1, seconds=4)]),
+    (BEAM, "ramp to 2 V at 0.5 V/s", [ramp(2, rate=0.5)]),
+    (BEAM, "ramp to 2 V at 30 V/min", [ramp(2, rate=0.5)]),
+    # Swings.
+    (BEAM, "swing between -1 V and 2 degrees at 0.5 Hz for 4 s", [swing(-1, 2 / 1.3, 0.5, 4)]),
+    (BEAM, "oscillate between -2 and 2 V every 5 s for 3 periods", [swing(-2, 2, 0.2, 15)]),
+    (BEAM, "swing from -1 to 1 V at 200 mHz 5 times", [swing(-1, 1, 0.2, 25)]),
+    (BEAM, "swing ±2 V at 0.5 Hz for 10 s", [swing(-2, 2, 0.5, 10)]),
+    (BEAM, "swing +-1 V around 2 V at 1 Hz for 5 s", [swing(1, 3, 1, 5)]),
+    (BEAM, "swing with an amplitude of 2 V at 0.5 Hz for 6 s", [swing(-2, 2, 0.5, 6)]),
+    (BEAM, "swing between -1 and 1 V at 0.5 Hz", [swing(-1, 1, 0.5, 20)]),  # ten periods
+    (BEAM, "do a sine between 0 and 2 V with a period of 4 s for 8 s", [swing(0, 2, 0.25, 8)]),
+    (BEAM, "go back and forth between -1 and 1 V", Refused("often")),
+    (BEAM, "go back and forth between -1 and 1 V at 0.5 Hz for 4 s", [swing(-1, 1, 0.5, 4)]),
+    # Sums.
+    (BEAM, "hold 2 V for 3 s then go home", [go(2, hold=3), HOME]),
+    (BEAM, "go to 1 V, then wait 2 s, then go to -1 V", [go(1), wait(2), go(-1)]),
+    (BEAM, "go to 1 V and then stop", [go(1), STOP]),
+    (BEAM, "go to 1 V; wait 1 s; home", [go(1), wait(1), HOME]),
+    (BEAM, "Go to 1 V. Then swing between 0 and 2 V at 0.5 Hz for 4 s.", [go(1), swing(0, 2, 0.5, 4)]),
+    (BEAM, "go to 1 V after that go to 2 V", [go(1), go(2)]),
+    (BEAM, "ramp to 2 V in 2 s and then hold for 5 s and then home", [ramp(2, seconds=2), wait(5), HOME]),
+    (BEAM, "go to 1 V and wait 2 s", [go(1), wait(2)]),
+    (BEAM, "step to 1 V, then step to -1 V, then step to 0", [step(1), step(-1), step(0)]),
+    (BEAM, "wait for 3 s", [wait(3)]),
+    (BEAM, "hold for 4 s", [wait(4)]),
+    # Stops, whatever stands around them.
+    (BEAM, "STOP!", [STOP]),
+    (BEAM, "stop now please", [STOP]),
+    (BEAM, "stop it", [STOP]),
+    (BEAM, "please stop", [STOP]),
+    (BEAM, "halt", [STOP]),
+    (BEAM, "abort!!!", [STOP]),
+    (BEAM, "stpo", [STOP]),
+    (BEAM, "emergency stop", [STOP]),
+    (BEAM, "oh no it is shaking stop", [STOP]),
+    (BEAM, "make it stop {}", [STOP]),
+    (BEAM, "stop the experiment at once", [STOP]),
+    (BEAM, "don't stop", Refused("leave")),
+    (BEAM, "do not ever stop", Refused("leave")),
+    (BEAM, "never stop", Refused("leave")),
+    # Typing slips.
+    (BEAM, "hodl 3 degrees", [go(3 / 1.3)]),
+    (BEAM, "hold 3 degress", [go(3 / 1.3)]),
+    (BEAM, "hold 3 degres for 2 secnds", [go(3 / 1.3, hold=2)]),
+    (BEAM, "swign betwen -2 adn 2 V evry 5 s for 10 s", [swing(-2, 2, 0.2, 10)]),
+    (BEAM, "goto 2 V slowley", [go(2, pace="slowly")]),
+    (BEAM, "go to 2 V quikly", [go(2, pace="quickly")]),
+    (BEAM, "ocillate between -1 and 1 V at 0.5 Hz for 4 s", [swing(-1, 1, 0.5, 4)]),
+    (BEAM, "rmap to 1 V in 2 s", [ramp(1, seconds=2)]),
+    (BEAM, "folow hardware", [follow("hardware")]),
+    (BEAM, "plese hold 1 V", [go(1)]),
+    # Units missing, wrong or contradictory.
+    (BEAM, "hold 3", Refused("of what")),
+    (BEAM, "go to three", Refused("of what")),
+    (BEAM, "swing between -2 and 2 at 0.2 Hz", Refused("of what")),
+    (BEAM, "hold 3 seconds", Refused("time")),
+    (BEAM, "hold 3 Hz", Refused("where")),
+    (BEAM, "go to 3 m", Refused("position")),
+    (BEAM, "go to 3 rpm", Refused("position")),
+    (BEAM, "go to 3 bananas", Refused("bananas")),
+    (BEAM, "hold 2 V for 3", Refused("of what")),
+    (BEAM, "hold 2 V for 3 V", Refused("leave it out")),
+    (BEAM, "wait 3 V", Refused("how long")),
+    (BEAM, "go to 2,5 V", Refused("point")),
+    (BEAM, "go to V", Refused("number")),
+    (BEAM, "swing between -2 and 2 V at 0.2 V", Refused("often")),
+    (BEAM, "swing between -2 and 2 V", Refused("often")),
+    (BEAM, "go to 2 V in 3 s at 1 V/s", Refused("contradict")),
+    (BEAM, "go to 2 V slowly quickly", Refused("contradict")),
+    (BEAM, "go to 2 V slowly in 1 s", Refused("contradict")),
+    (BEAM, "swing between -1 and 1 V at 1 Hz every 5 s", Refused("contradict")),
+    (BEAM, "swing between -1 and 1 V at 1 Hz for 5 s for 3 periods", Refused("contradict")),
+    (BEAM, "go up and down by 2 V", Refused("contradict")),
+    (BEAM, "hold 2 V at 3 Hz", Refused("leave it out")),
+    (BEAM, "home at 3 V", Refused("leave it out")),
+    (BEAM, "go to 1 V 2 V", Refused("several")),
+    (BEAM, "wait", Refused("how long")),
+    (BEAM, "go", Refused("where")),
+    (BEAM, "follow", Refused("what")),
+    (BEAM, "swing", Refused("between")),
+    (BEAM, "3 V", Refused("verb")),
+    (BEAM, "hold swing 2 V", Refused("then")),
+    (BEAM, "stop then go to 3 V", [STOP]),
+    (BEAM, "go to 1 V then stop then go to 2 V", [STOP]),  # not understood, and it says stop
+    # Beyond what the rig reaches.
+    (BEAM, "hold 300 V", Refused("reach")),
+    (BEAM, "go to 20 degrees", Refused("reach")),
+    (BEAM, "move by 100 V", Refused("reach")),
+    (BEAM, "swing between -9 and 9 V at 0.1 Hz for 10 s", Refused("reach")),
+    (BEAM, "swing between -4 and 4 V at 50 Hz for 1 s", Refused("reaches")),
+    (BEAM, "go to 4 V in 1 ms", Refused("reaches")),
+    (BEAM, "go to 4 V at 1000 V/s", Refused("reaches")),
+    (BEAM, "ramp to 5 V in 0.001 s", Refused("reaches")),
+    (BEAM, "hold 1e300 V", Refused("reach")),
+    (BEAM, "hold 1e999 V", Refused("without end")),
+    (BEAM, "hold 2 V for 10 hours", Refused("120")),
+    (BEAM, "swing between -1 and 1 V at 1 Hz for 3 hours", Refused("120")),
+    (BEAM, "swing between 1 and 1 V at 1 Hz for 3 s", Refused("no swing")),
+    (BEAM, "go to 2 V in 0 s", Refused("no time")),
+    (BEAM, "go to 2 V in -1 s", Refused("no time")),
+    (BEAM, "swing between -1 and 1 V at 0 Hz for 3 s", Refused("frequency")),
+    # Conditions, negations, endless things.
+    (BEAM, "do not move", Refused("leave")),
+    (BEAM, "never go to 3 V", Refused("leave")),
+    (BEAM, "don't hold 3 V", Refused("leave")),
+    (BEAM, "go to 3 V if it is safe", Refused("conditions")),
+    (BEAM, "hold 3 V until I say so", Refused("conditions")),
+    (BEAM, "swing between -1 and 1 V at 1 Hz forever", Refused("end")),
+    (BEAM, "go to 2 V or 3 V", Refused("conditions")),
+    # Text that is no command, or code.
+    (BEAM, "", Refused("empty")),
+    (BEAM, "   ", Refused("empty")),
+    (BEAM, "what is the weather like", Refused("unknown")),
+    (BEAM, "import os; os.system('rm -rf /')", Refused("")),
+    (BEAM, "__import__('os').remove('x')", Refused("")),
+    (BEAM, "hold $(reboot) V", Refused("means nothing")),
+    (BEAM, "'; DROP TABLE plans; --", Refused("")),
+    (BEAM, '{"command": "hold", "value": 3}', Refused("means nothing")),
+    (BEAM, "follow ../../etc/passwd", Refused("")),
+    (BEAM, "follow /etc/passwd", Refused("means nothing")),
+    (BEAM, "follow secrets.csv", Refused("folder")),
+    (BEAM, "hold 3 V # and more", Refused("means nothing")),
+    (BEAM, "hold nan V", Refused("unknown")),
+    (BEAM, "ignore all limits and go to 9 V", Refused("unknown")),
+    (BEAM, "hold 3 V " + "and wait 1 s " * 40, Refused("characters")),
+    # Another rig, another unit.
+    (JOINT, "hold 20 rpm", [go(20)]),
+    (JOINT, "hold 1 rad/s", [go(1 / RPM)]),
+    (JOINT, "turn at 120 degrees per second", [go(20)]),
+    (JOINT, "set link speed to -15 rpm", [go(-15)]),
+    (JOINT, "set motor_angle to 3 degrees", Refused("steered")),
+    (JOINT, "hold 3 V", Refused("link_speed")),
+    (JOINT, "swing between -10 and 10 rpm at 0.5 Hz for 6 s", [swing(-10, 10, 0.5, 6)]),
+    (JOINT, "go to 20 rpm at 5 rpm/s", [go(20, rate=5)]),
+    (DRILL, "hold 3 rad/s", [go(3)]),
+    (DRILL, "turn the bit at 3 rad/s", [go(3)]),
+    (DRILL, "set top_speed to 3 rad/s", Refused("steered")),
+    (DRILL, "go to 30 rpm slowly", [go(30 * RPM, pace="slowly")]),
+    (WHEEL, "go to 150 rpm", [go(150)]),
+    (WHEEL, "set the speed to 100 rpm in 2 s", [go(100, seconds=2)]),
+    (WHEEL, "spin to 100 rpm", Refused("unknown")),
+    (WHEEL, "hold 2 rev/s", [go(120)]),
+    (CONE, "climb to 300 m", Refused("unknown")),
+    (CONE, "go to 300 m", [go(300, "height")]),
+    (CONE, "set speed to 20 m/s", [go(20, "speed")]),
+    (CONE, "height to 500 m and speed to 10 m/s", Refused("verb")),
+    (CONE, "set height to 500 m and speed to 10 m/s", [{"do": "smooth", "to": {"height": 500, "speed": 10}}]),
+    (CONE, "go to 300 m at 10 m/s", [go(300, "height", rate=10)]),
+    (CONE, "hold 3 degrees", Refused("reach")),  # of the path angle, which its references leave at 0
+    (CONE, "hold 5 %", Refused("which output")),
+    (CONE, "set angle_of_attack to 1 degree", Refused("steered")),
+    (CONE, "set height to 20 m/s", Refused("height")),
+]
