@@ -62,7 +62,8 @@ def residual_tests(section: IdentificationSection) -> go.Figure:
         for column, name in enumerate(columns, start=1):
             if name in run.tests:
                 stems(figure, row, column, run.tests[name], period)
-        figure.update_yaxes(title={"text": run.name, "font": {"size": 10}, "standoff": 4}, row=row, col=1)
+        label = run.name.removeprefix(f"{section.model.rig}_")  # beside a low panel a long one would run into the next
+        figure.update_yaxes(title={"text": label, "font": {"size": 10}, "standoff": 4}, row=row, col=1)
     dress(figure, 100 + 118 * len(runs))
     figure.update_xaxes(showticklabels=True, nticks=5, tickfont={"size": 9})
     figure.update_yaxes(nticks=4, tickfont={"size": 9})
