@@ -98,8 +98,7 @@ def measured(rig: Rig) -> dict[str, Any]:
         layers, _ = learn(steady(done[0].seen.film, LEARNED_FROM), rig, readout=CASE.camera.readout)
         reader = AngleReader(layers)
         at_rest = [reader.read(done[0].seen.film[k]).angle for k in range(3)]
-        truth = done[0].seen.truth(np.full(3, 185.0))[:3]
-        offset = float(np.mean(at_rest - truth))
+        offset = float(np.mean(at_rest) - done[0].seen.motion.angles[0])
         told = {
             "camera": [by_camera(item, reader, offset) for item in done],
             "encoder": [by_encoder(item) for item in done],

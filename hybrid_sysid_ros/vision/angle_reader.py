@@ -19,6 +19,7 @@ SCAN_STEP = 1.5 / 640  # widths of the picture that the sprite's end moves from 
 STILL = 33  # pixels of a row that tell the light
 COVERED = 0.02  # a, above which a texel hides or colours what is behind it
 EXPLAINED = 0.35  # share of the points that the layers must explain
+LIT = 0.05  # share of the light under which the layers were learned, below which noise may pass for a sprite
 DARK = 8.0  # counts: a background below it tells nothing of the light
 
 
@@ -75,12 +76,12 @@ class AngleReader:
             picture, *self._planes, self._columns, self._rows, self.points, self._few, self.angles, self._reach,
             self._gains, out,
         )  # fmt: skip
-        return self._reading()
+        return self._reading(self._gains)
 
     def read_near(self, picture: NDArray[np.uint8], angle: float, gains: Array) -> Reading:
         """The same without a scan, from a near angle on, under gains (rows,) of the light."""
         align_from(picture, *self._planes, gains, self.points, angle, self._reach, self._out)
-        return self._reading()
+        return self._reading(gains)
 
     def scenery(self, picture: NDArray[np.uint8]) -> float:
         """How different what stands looks in the picture that was read last, in deviations of the noise."""
@@ -95,9 +96,10 @@ class AngleReader:
         """The light on the rows (rows,) of the picture that was read last."""
         return self._gains
 
-    def _reading(self) -> Reading:
+    def _reading(self, gains: Array) -> Reading:
         angle, variance, difference, row, explained = self._out.tolist()
-        if not (explained >= EXPLAINED and variance >= 0.0):
+        first, last = self._rows
+        if not (explained >= EXPLAINED and variance >= 0.0 and np.median(gains[first:last]) >= LIT):
             angle, variance, row = math.nan, math.inf, math.nan
         return Reading(
             angle=angle, deviation=math.sqrt(variance), row=row, difference=difference, explained=max(explained, 0.0)

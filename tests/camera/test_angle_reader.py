@@ -62,6 +62,9 @@ def test_nothing_is_found_in_the_dark_and_in_another_rigs_picture(reader: AngleR
     dark = np.zeros((360, 640), dtype=np.uint8)
     other = Imager(scene_of(load("wheel_motor")), CAMERA).take(1.5, TIMES, np.zeros(len(TIMES)))
     assert not reader.read(dark).found
+    for seed in range(5):  # a lens cap: noise alone, which may look like a sprite anywhere
+        capped = Imager(scene_of(RIG), Camera(gain=0.0), seed=seed).take(1.5, TIMES, np.zeros(len(TIMES)))
+        assert not reader.read(capped).found
     assert not reader.read(other).found or reader.scenery(other) > 4.0
 
 
