@@ -1,0 +1,216 @@
+"""The MPC above its estimator and stabiliser on many plants: both commands step at once, and nobody knows before.
+
+Each plant has its own uncertain parameters, all corners among them; the model is the one that ships. The estimator
+finds out about the plant in level flight, then speed and height step. The same problem is solved by IPOPT.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import islice, product
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
+
+from benchmarks import result, step_response
+from benchmarks.timed import Timed
+from benchmarks.winged_cone import flights
+from benchmarks.winged_cone.autopilot import ANGLE_OF_ATTACK, STATES, STEPS, judged
+from hybrid_sysid_ros.control import Controller, ExactMpc, Problem, Status
+from hybrid_sysid_ros.control.closed_loop import ClosedLoop
+from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.rigs.excitation import Excitation, Schedule, Segment
+from hybrid_sysid_ros.rigs.plant import Plant
+from hybrid_sysid_ros.rigs.rig import Rig, load
+from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.runtime.in_loop import controlled, driving
+from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
+from hybrid_sysid_ros.support import parallel
+
+Array = NDArray[np.float64]
+
+RIG = "winged_cone"
+PLANTS = 1000
+SETTLING, FLOWN = 20.0, 45.0
+"""Seconds of level flight, in which the estimator learns of the plant, and seconds from the steps on."""
+END = 5.0
+"""Seconds at the end whose mean is the final error."""
+MEASURES = (
+    "speed settling", "speed overshoot", "speed final", "height settling", "height overshoot", "height final",
+    "lowest angle", "highest angle", "failed", "not converged",
+)  # fmt: skip
+CHUNK = 10
+TIMED, EVERY = 3, 4
+"""Plants on which solutions are timed, and every which problem of them is IPOPT's as well."""
+
+
+def plant(system: System, number: int) -> System:
+    """One of the plants: the corners first, then any."""
+    corners = 2 ** len(flights.UNCERTAIN)
+    if number >= corners:
+        return flights.plant(system, number)
+    corner = next(islice(product((-1.0, 1.0), repeat=len(flights.UNCERTAIN)), number, None))
+    return flights.with_values(system, dict(zip(flights.UNCERTAIN, corner, strict=True)))
+
+
+def commands(rig: Rig, begin: float) -> Schedule:
+    """Both steps from a moment on [s]."""
+    names, stop = [item.name for item in rig.system.outputs], SETTLING + FLOWN + 1.0
+    segments = [
+        Segment(
+            name=name, output=names.index(name), start=begin, stop=stop,
+            excitation=Excitation.of({"kind": "constant", "level": level}, name),
+        )
+        for name, level in STEPS.items()
+    ]  # fmt: skip
+    return Schedule(name="steps", duration=stop, outputs=len(names), segments=tuple(segments))
+
+
+def flown(rig: Rig, model: Model, controller: Controller, seed: int) -> ClosedLoop:
+    """A flight of a rig under a controller of the model's problem, from the steps on, which come at any moment between
+    two plans.
+    """
+    system, sample = controlled(rig, model.system), 1.0 / configuration.defaults(rig, "estimator")["rate"]
+    begin = SETTLING + sample * (seed % round(controller.period / sample))
+    steps = commands(rig, begin - 0.5 * sample)
+    reference = step_response.unforeseen(steps, np.ones(steps.outputs), controller.period, lead=system.delay)
+    loop = simulated_loop(
+        rig, model, driving(rig, system, controller), reference, duration=begin + FLOWN, plant=Plant(rig, seed=seed)
+    )
+    after = loop.time > begin - 0.5 * sample
+    return replace(
+        loop,
+        time=loop.time[after] - begin,
+        outputs=loop.outputs[after],
+        estimates=loop.estimates[after],
+        references=loop.references[after],
+        inputs=loop.inputs[after],
+    )
+
+
+def problem_of(rig: Rig, system: System) -> Problem:
+    """Of the rig's file."""
+    return configuration.mpc_problem(configuration.defaults(rig, "controller"), rig, system)
+
+
+def mpc_of(rig: Rig, model: Model) -> ExactMpc:
+    """The exact MPC of a model."""
+    system = controlled(rig, model.system)
+    return ExactMpc(system, problem_of(rig, system))
+
+
+def measures(rig: Rig, loop: ClosedLoop) -> list[float]:
+    """What is judged of a flight, in the order of MEASURES."""
+    found: list[float] = []
+    for name, step in STEPS.items():
+        values = loop.outputs[:, STATES[name]]
+        final = abs(float(np.mean(values[loop.time >= FLOWN - END])) - step)
+        found += [*judged(loop.time, values, step), final]
+    angles = np.degrees(loop.outputs[:, ANGLE_OF_ATTACK] + rig.system.operating_point["angle_of_attack"])
+    failed = loop.statuses[Status.FAILED] + loop.statuses[Status.HELD]
+    return [*found, float(angles.min()), float(angles.max()), failed, loop.statuses[Status.NOT_CONVERGED]]
+
+
+def flights_of(seconds: float, numbers: tuple[int, int]) -> dict[str, Array]:
+    """The flights of some plants, in a process of its own; seconds: of the simulated plant's step."""
+    rig = replace(load(RIG), step=seconds)
+    model = load_model(configuration.shipped(RIG, "model"))
+    controller, rows = mpc_of(rig, model), []
+    for number in range(*numbers):
+        other = replace(rig, system=plant(rig.system, number))
+        rows.append(measures(rig, flown(other, model, controller, seed=number)))
+    return {"measures": np.array(rows)}
+
+
+def monte_carlo(rig: Rig, *, plants: int = PLANTS) -> dict[str, Any]:
+    """Both steps at once on all plants."""
+    pieces = [(first, min(first + CHUNK, plants)) for first in range(0, plants, CHUNK)]
+    found = parallel.run(partial(flights_of, rig.step), pieces)
+    table = dict(zip(MEASURES, np.concatenate([part["measures"] for part in found]).T, strict=True))
+    lost = ~np.isfinite(np.sum(list(table.values()), axis=0)) | (np.abs(table["height final"]) > 100.0)
+    told = {
+        name: {"median": float(np.median(values)), "min": float(values.min()), "max": float(values.max())}
+        for name, values in table.items()
+    }
+    failed, unsettled = (int(np.sum(table[name])) for name in ("failed", "not converged"))
+    return {"plants": plants, "unstable": int(np.sum(lost)), "failed": failed, "not_converged": unsettled, **told}
+
+
+def exact_inside(rig: Rig) -> dict[str, float]:
+    """Both steps where the model in the MPC is the plant."""
+    model = replace(load_model(configuration.shipped(RIG, "model")), system=rig.system)
+    return dict(zip(MEASURES, measures(rig, flown(rig, model, mpc_of(rig, model), seed=0)), strict=True))
+
+
+class Beside(Timed):
+    """A controller whose problems another one solves as well, now and then."""
+
+    def __init__(self, controller: Controller, other: Controller) -> None:
+        super().__init__(controller)
+        self.other, self.asked = other, 0
+        self.others: list[float] = []
+        self.apart: list[Array] = []
+
+    def control(self, state: Any, disturbance: Any, previous_input: Any, preview: Any) -> Any:
+        """Both answer, and the first one drives."""
+        plan = super().control(state, disturbance, previous_input, preview)
+        self.asked += 1
+        if self.asked % EVERY == 0:
+            began = perf_counter()
+            answer = self.other.control(state, disturbance, previous_input, preview)
+            self.others.append(perf_counter() - began)
+            if answer.status is Status.SOLVED and plan.status is Status.SOLVED:
+                self.apart.append(np.abs(answer.input - plan.input))
+            self.other.prepare(EVERY * self.period)
+        return plan
+
+
+def timing(rig: Rig) -> dict[str, Any]:
+    """How long a solution takes: the exact MPC's, its feedback phase in real-time iterations, and IPOPT's."""
+    model = load_model(configuration.shipped(RIG, "model"))
+    system = controlled(rig, model.system)
+    problem = problem_of(rig, system)
+    beside = Beside(ExactMpc(system, problem), InteriorPointMpc(system, problem, tolerance=1e-8))
+    quick = Timed(ExactMpc(system, problem, real_time=True))
+    found: dict[str, Any] = {}
+    for name, controller in {"exact": beside, "real-time iteration": quick}.items():
+        flown(rig, model, controller, seed=0)  # compiles
+        controller.seconds.clear()
+        for number in range(TIMED):
+            flown(replace(rig, system=plant(rig.system, 100 + number)), model, controller, seed=number)
+        found[name] = result.percentiles(1e3 * np.array(controller.seconds))
+    found["ipopt"] = result.percentiles(1e3 * np.array(beside.others))
+    found["first_input_apart"] = {
+        item.name: float(value) for item, value in zip(system.inputs, np.max(beside.apart, axis=0), strict=True)
+    }
+    found["times_faster"] = {key: found["ipopt"][key] / found["exact"][key] for key in ("p50", "p99")}
+    return found
+
+
+def measured(rig: Rig) -> dict[str, Any]:
+    """All of it."""
+    return {"milliseconds": timing(rig), "exact_model": exact_inside(rig), "monte_carlo": monte_carlo(rig)}
+
+
+def tables(found: Mapping[str, Any]) -> Sequence[Table]:
+    """Flights, and times."""
+    told = found["monte_carlo"]
+    title = f"{told['plants']} plants: {told['unstable']} unstable, {told['failed']} problems failed"
+    shown = Table("both steps at once", "median", "from", "to", "exact model", title=title)
+    for name in MEASURES:
+        row = told[name]
+        shown.add_row(
+            name, *(f"{row[key]:.3g}" for key in ("median", "min", "max")), f"{found['exact_model'][name]:.3g}"
+        )
+    times = Table("one solution [ms]", "p50", "p99", "max")
+    for name in ("exact", "real-time iteration", "ipopt"):
+        times.add_row(name, *(f"{found['milliseconds'][name][key]:.3f}" for key in ("p50", "p99", "max")))
+    return [shown, times]
