@@ -1,4 +1,4 @@
-"""Run the studies of the winged cone: python -m benchmarks.winged_cone [autopilot] [identification] [mpc]."""
+"""Run the studies of the winged cone: python -m benchmarks.winged_cone [autopilot] [identification] [mpc] ..."""
 
 from __future__ import annotations
 
@@ -25,10 +25,16 @@ def _identification(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
 
 def _mpc(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
     found = control.measured(rig)
-    return found, control.tables(found)
+    return found, [control.flight_table(found)]
 
 
-main = partial(parts.run, "winged_cone", {"autopilot": _autopilot, "identification": _identification, "mpc": _mpc})
+def _mpc_timing(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = control.timing(rig)
+    return found, [control.timing_table(found)]
+
+
+PARTS = {"autopilot": _autopilot, "identification": _identification, "mpc": _mpc, "mpc_timing": _mpc_timing}
+main = partial(parts.run, "winged_cone", PARTS)
 
 if __name__ == "__main__":
     result.run(main)

@@ -123,5 +123,5 @@ def _largest_step(loop: LoopRecord, window: Window, horizon: float) -> tuple[flo
     reference = loop.reference[:, window.output]
     inside = np.isfinite(reference) & loop.within(window.start + 0.5, window.stop)
     jump = np.abs(np.diff(np.nan_to_num(reference))) * (inside[1:] & inside[:-1])
-    middle = float(loop.time[int(np.argmax(jump))]) if inside.sum() > 1 else window.start
+    middle = float(loop.time[int(np.argmax(jump))]) if jump.any() else window.start
     return max(middle - STEP_SHOWN[0] * horizon, 0.0), middle + STEP_SHOWN[1] * horizon
