@@ -6,10 +6,10 @@ finds out about the plant in level flight, then speed and height step. The same 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from itertools import islice, product
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from benchmarks import result, step_response
+from benchmarks import result
 from benchmarks.timed import Timed
 from benchmarks.winged_cone import flights
 from benchmarks.winged_cone.autopilot import ANGLE_OF_ATTACK, STATES, STEPS, judged
@@ -27,7 +27,6 @@ from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.rigs.excitation import Excitation, Schedule, Segment
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
@@ -39,7 +38,7 @@ Array = NDArray[np.float64]
 
 RIG = "winged_cone"
 PLANTS = 1000
-SETTLING, FLOWN = 20.0, 45.0
+SETTLING, FLOWN = 12.0, 40.0
 """Seconds of level flight, in which the estimator learns of the plant, and seconds from the steps on."""
 END = 5.0
 """Seconds at the end whose mean is the final error."""
@@ -47,7 +46,8 @@ MEASURES = (
     "speed settling", "speed overshoot", "speed final", "height settling", "height overshoot", "height final",
     "lowest angle", "highest angle", "failed", "not converged",
 )  # fmt: skip
-CHUNK = 10
+CHUNK, KEPT = 10, Path("out/winged_cone_mpc")
+"""Plants between two looks, and where finished flights are kept until the end."""
 TIMED, EVERY, REPEATS = 3, 4, 2
 """Plants on which solutions are timed; every which problem of them is IPOPT's as well; and how often each flight goes
 the same way again: of each call the fastest counts, for the machine has other work."""
@@ -62,17 +62,15 @@ def plant(system: System, number: int) -> System:
     return flights.with_values(system, dict(zip(flights.UNCERTAIN, corner, strict=True)))
 
 
-def commands(rig: Rig, begin: float) -> Schedule:
-    """Both steps from a moment on [s]."""
-    names, stop = [item.name for item in rig.system.outputs], SETTLING + FLOWN + 1.0
-    segments = [
-        Segment(
-            name=name, output=names.index(name), start=begin, stop=stop,
-            excitation=Excitation.of({"kind": "constant", "level": level}, name),
-        )
-        for name, level in STEPS.items()
-    ]  # fmt: skip
-    return Schedule(name="steps", duration=stop, outputs=len(names), segments=tuple(segments))
+def commands(rig: Rig, begin: float, ahead: float) -> Callable[[Array], Array]:
+    """Both steps from a moment on [s], of which nobody knows before; ahead: of the first point of a preview [s]."""
+    values = np.array([STEPS.get(item.name, 0.0) for item in rig.system.outputs])
+
+    def reference(times: Array) -> Array:
+        now = times[0] - (ahead if len(times) > 1 else 0.0)
+        return np.tile(values * (now > begin), (len(times), 1))
+
+    return reference
 
 
 def flown(rig: Rig, model: Model, controller: Controller, seed: int) -> ClosedLoop:
@@ -81,8 +79,7 @@ def flown(rig: Rig, model: Model, controller: Controller, seed: int) -> ClosedLo
     """
     system, sample = controlled(rig, model.system), 1.0 / configuration.defaults(rig, "estimator")["rate"]
     begin = SETTLING + sample * (seed % round(controller.period / sample))
-    steps = commands(rig, begin - 0.5 * sample)
-    reference = step_response.unforeseen(steps, np.ones(steps.outputs), controller.period, lead=system.delay)
+    reference = commands(rig, begin - 0.5 * sample, controller.period + system.delay)
     loop = simulated_loop(
         rig, model, driving(rig, system, controller), reference, duration=begin + FLOWN, plant=Plant(rig, seed=seed)
     )
@@ -120,10 +117,9 @@ def measures(rig: Rig, loop: ClosedLoop) -> list[float]:
     return [*found, float(angles.min()), float(angles.max()), failed, loop.statuses[Status.NOT_CONVERGED]]
 
 
-def flights_of(seconds: float, numbers: tuple[int, int]) -> dict[str, Array]:
-    """The flights of some plants, in a process of its own; seconds: of the simulated plant's step."""
-    rig = replace(load(RIG), step=seconds)
-    model = load_model(configuration.shipped(RIG, "model"))
+def flights_of(numbers: tuple[int, int]) -> dict[str, Array]:
+    """The flights of some plants, in a process of its own."""
+    rig, model = load(RIG), load_model(configuration.shipped(RIG, "model"))
     controller, rows = mpc_of(rig, model), []
     for number in range(*numbers):
         other = replace(rig, system=plant(rig.system, number))
@@ -134,7 +130,11 @@ def flights_of(seconds: float, numbers: tuple[int, int]) -> dict[str, Array]:
 def monte_carlo(rig: Rig, *, plants: int = PLANTS) -> dict[str, Any]:
     """Both steps at once on all plants."""
     pieces = [(first, min(first + CHUNK, plants)) for first in range(0, plants, CHUNK)]
-    found = parallel.run(partial(flights_of, rig.step), pieces)
+    model = load_model(configuration.shipped(RIG, "model"))
+    purpose = f"{model.seal} {problem_of(rig, controlled(rig, model.system))} {SETTLING} {FLOWN}"
+    store: parallel.Store[dict[str, Array]] = parallel.Store(KEPT, purpose)  # an interrupted run goes on
+    found = parallel.run(flights_of, pieces, store=store)
+    store.remove()
     table = dict(zip(MEASURES, np.concatenate([part["measures"] for part in found]).T, strict=True))
     lost = ~np.isfinite(np.sum(list(table.values()), axis=0)) | (np.abs(table["height final"]) > 100.0)
     told = {

@@ -50,7 +50,8 @@ class Cascade:
 
     def held(self, state: Array, added: Array | float = 0.0) -> Array:
         """What the stabiliser answers a state with, and what is added to it (m,), within the limits."""
-        return np.clip(np.nan_to_num(added - self._gains @ state), self._low, self._high)
+        inputs = added - self._gains @ state
+        return np.clip(inputs if np.isfinite(inputs).all() else np.nan_to_num(inputs), self._low, self._high)
 
     def prepare(self, elapsed: float) -> None:
         """Let time pass; after a new plan also what the controller prepares for its next one."""

@@ -9,6 +9,7 @@ import pytest
 
 from hybrid_sysid_ros.control import ExactMpc, Plan, Problem, Status
 from hybrid_sysid_ros.control.cascade import Cascade
+from hybrid_sysid_ros.control.steady_motion import steady_motion
 from hybrid_sysid_ros.core import RungeKutta, System, bounded, simulate
 from hybrid_sysid_ros.core.wrappers import Drifting, Stabilised
 
@@ -141,3 +142,11 @@ def test_an_offset_of_a_rate_that_is_planned_with_leaves_no_error():
         found[told] = x
     assert found[wind][:2] == pytest.approx([1.0, -wind], abs=1e-3)
     assert abs(found[0.0][0] - 1.0) > 0.05
+
+
+def test_an_offset_has_no_part_in_a_steady_motion(stabilised):
+    """It could hold what an input is to hold, but nothing moves it."""
+    system = Drifting(within=stabilised, on=("speed",))
+    motion = steady_motion(system, problem().sized(system), np.array([0.2]))
+    assert motion.state == pytest.approx([0.2, 0.0, 0.0], abs=1e-9)
+    assert motion.slope[:, 0] == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)
