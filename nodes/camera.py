@@ -52,14 +52,14 @@ class CameraNode(RigNode):
         self.lead = round(self.imager.lead * SECOND)
 
     def activate(self) -> None:
-        self.images = self.open("camera/image_raw/compressed")
-        self.infos = self.open("camera/camera_info")
         self.taking = Timing()
         self.frames = self.restarts = 0
         self.began = self.known = 0
         self.times, self.angles = np.empty(0, dtype=np.int64), np.empty(0)
         self.entry = self.border("motion")
         self.listen(self.entry, "motion", self.on_motion)
+        self.images = self.open("camera/image_raw/compressed")  # who sees it knows that the motion is heard
+        self.infos = self.open("camera/camera_info")
 
     def on_motion(self, motion: Trajectory) -> None:
         """Take the pictures whose exposure has ended by now."""
