@@ -48,7 +48,8 @@ class CameraNode(RigNode):
         self.camera, scene = camera_of(self.settings), scene_of(self.rig)
         self.joint = scene.joint
         self.imager = Imager(scene, self.camera, seed=self.settings["seed"])
-        self.imager.take(0.0, np.array([0.0, 1.0]), np.zeros(2))  # compiles
+        picture = self.imager.take(0.0, np.array([0.0, 1.0]), np.zeros(2))  # compiles
+        jpeg.encoded(picture, self.settings["quality"])  # loads its codec
         self.lead = round(self.imager.lead * SECOND)
 
     def activate(self) -> None:

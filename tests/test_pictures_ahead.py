@@ -9,16 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros import bags
+from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.camera.imager import Camera, Imager
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.rigs.scene import scene_of
-from hybrid_sysid_ros.runtime.filming import experiment
-from hybrid_sysid_ros.runtime.pictures_ahead import Judged, PictureModel, Summary, Watched, judged, looks
+from hybrid_sysid_ros.runtime.filming import experiment, filmed
+from hybrid_sysid_ros.runtime.pictures_ahead import Judged, PictureModel, Summary, Watched, judged, looks, of_video
 from hybrid_sysid_ros.runtime.sight import frame_noise
+from hybrid_sysid_ros.runtime.video_record import joined
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.vision.angle_reader import AngleReader
+from hybrid_sysid_ros.vision.footage import followed
 from hybrid_sysid_ros.vision.layers import KIND, Layers
 from hybrid_sysid_ros.vision.renderer import LayerRenderer
 from tests.camera_bench import painted_layers
@@ -81,3 +83,27 @@ def test_a_picture_model_is_a_model_with_layers_in_its_folder(model_folder: Path
     other.save(tmp_path / "model" / KIND)
     with pytest.raises(UserError, match="layers are of wheel_motor"):
         PictureModel.load(tmp_path / "model", exposure=0.008)
+
+
+def test_pictures_of_a_film_are_predicted_and_shown(model_folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("av", reason="needs the extra video")
+    bag, film = tmp_path / "bag", tmp_path / "film.mp4"
+    filmed(RIG, "multisine", bag, film, CAMERA, seed=3, duration=6.0, rate=200.0, crf=10)
+    layers, model = painted_layers(RIG, CAMERA), load_model(model_folder)
+    footage = followed(film, AngleReader(layers), None)
+    record = joined(footage, layers, RIG, bag, exposure=CAMERA.exposure)
+    rows = of_video(film, model, RIG, bag, record, layers, exposure=CAMERA.exposure)
+    found = Summary.of(rows, 0.5)
+    assert found.likeness > max(found.mean, found.still) + 0.1
+    assert math.degrees(found.error) < 0.5
+    page = report.write_video(
+        tmp_path / "film.html", record, layers, "film", report.provenance(model, "video"), ahead=rows
+    ).read_text(encoding="utf-8")
+    assert f"likeness {max(row.likeness for row in rows if row.look.ahead == 2.0):.3f}" in page
+    alone = joined(footage, layers, RIG, None, exposure=CAMERA.exposure)
+    with pytest.raises(UserError, match="without a bag there are no inputs"):
+        of_video(film, model, RIG, bag, alone, layers, exposure=CAMERA.exposure)
+    early = replace(footage, times=footage.times - 5.0, seen=footage.seen - 5.0)
+    beginning = replace(record, footage=early)
+    with pytest.raises(UserError, match="too short to predict"):
+        of_video(film, model, RIG, bag, beginning, layers, exposure=CAMERA.exposure)
