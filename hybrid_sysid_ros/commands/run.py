@@ -36,8 +36,10 @@ def command(
         bool,
         typer.Option("--camera", help="Close the loop by a simulated camera alone, all other sensors out."),
     ] = False,
-    layers: Annotated[
-        Path | None, typer.Option(help="Layers that read its pictures; the shipped ones by default.")
+    layers: Annotated[Path | None, typer.Option(help="Layers that read pictures; the shipped ones by default.")] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="JPEG or PNG that the rig is to look like: the exact MPC weighs how the pixels differ."),
     ] = None,
     lockstep: Annotated[bool, typer.Option("--lockstep", help="As fast as the nodes answer, repeatable.")] = False,
     composed: Annotated[bool, typer.Option("--composed", help="All in one process, but the recorder.")] = False,
@@ -65,6 +67,7 @@ def command(
             commander=commander,
             camera=camera,
             layers=layers or "",
+            picture=picture or "",
             lockstep=lockstep,
             composed=composed,
             domain=domain,

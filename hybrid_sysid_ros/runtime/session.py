@@ -267,6 +267,7 @@ def run(
     commander: bool = False,
     camera: bool = False,
     layers: Path | str = "",
+    picture: Path | str = "",
     domain: int | None = None,
     priority: int | None = None,
     composed: bool = False,
@@ -281,8 +282,8 @@ def run(
     lockstep: as fast as the nodes are, in simulated time. bag: folder to record all topics into. view: port of a page
     that shows the run (0: any); it then goes on when a reference of the rig's own has ended. commander: whether the
     run takes commands in plain language, armed; it then begins at rest and goes on, where no reference is asked for.
-    camera: whether a camera takes the sensors' place; layers: by which its pictures, and those that commands name, are
-    read, the shipped ones by default; a bag then has the simulated rig's true motion, too.
+    camera: whether a camera takes the sensors' place; a bag then has the simulated rig's true motion, too. layers: by
+    which pictures are read, the shipped ones by default. picture: that the exact MPC makes the rig look like.
     priority: of plant, estimator and controller as real-time processes; None: a modest one where the system permits it.
     composed: those of the loop in one process. parameters: more of them, by node and name. tell: gets lines for the
     user. progress: gets the seconds since the start, and how many there will be (0: unknown).
@@ -291,6 +292,8 @@ def run(
     ended too early.
     """
     described = rigs.load(rig or rigs.default())
+    if picture and commander:
+        raise UserError("a picture is the goal, or commands say it: leave one out, and say 'look like PICTURE'")
     if bag is not None:
         check_folder(bag, marker=markers(bag), replace=overwrite)
     lock, latency = {"lockstep": lockstep}, {"latency": 0.0} if lockstep else {}
@@ -307,6 +310,9 @@ def run(
         values["view"] = {"port": view}
     if commander:
         values["commander"] = {"armed": True, "folder": os.getcwd(), "layers": str(layers)}
+        values["reference"] |= {} if reference else {"kind": "constant", "amplitude": 0.0}
+    if picture:
+        values["controller"] |= {"picture": str(Path(picture).absolute()), "layers": str(layers), "policy": "exact"}
         values["reference"] |= {} if reference else {"kind": "constant", "amplitude": 0.0}
     if view is not None or commander:
         values["reference"]["stay"] = not duration
