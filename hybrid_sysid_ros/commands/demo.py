@@ -32,7 +32,12 @@ from hybrid_sysid_ros.support.files import beside, check_file, check_folder, wri
 from hybrid_sysid_ros.support.progress import progress_bars
 from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
 
-Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; out/demo, or out/demo_RIG.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", help="Folder for the results; out/demo, out/demo_RIG or out/demo_camera.")
+]
+Camera = Annotated[
+    bool, typer.Option("--camera", help="Film the rig, learn to read its picture, and close the loop by that alone.")
+]
 Train = Annotated[bool, typer.Option("--train", help="Train model and policy afresh.")]
 OUT = Path("out/demo")
 SHIPPED_BAGS = Path(__file__).resolve().parents[2] / "bags"
@@ -110,9 +115,17 @@ class Plan:
         return Records(training=learnt, part=self.part, tests=[*halves, *((record, Part()) for record in kept)])
 
 
-def command(rig: RigName = "", out: Out = None, train: Train = False) -> None:
+def command(rig: RigName = "", out: Out = None, train: Train = False, camera: Camera = False) -> None:
     """From bags to a controlled rig: identify, run the loop, report."""
     chosen = load_rig(rig or default())
+    if camera:
+        from hybrid_sysid_ros.commands.camera_demo import camera_demo
+
+        if train:
+            raise UserError("--train and --camera are two demos: leave one out")
+        name = "demo_camera" if chosen.name == default() else f"demo_camera_{chosen.name}"
+        camera_demo(out or OUT.with_name(name), chosen.source)
+        return
     place = out or (OUT if chosen.name == default() else OUT.with_name(f"demo_{chosen.name}"))
     demo(place, rig=chosen.source, train=train)
 
@@ -151,7 +164,7 @@ def demo(out: Path, records: Records | None = None, *, rig: str = "", train: boo
     used = load_model(model_folder)
     imitation = policy.load(policy_folder, model=used)
     console.print("2 running plant, estimator, controller and reference as ROS 2 processes")
-    bag, plant = _run(out / "loop", described, plan.reference, model_folder, policy_folder)
+    bag, diagnostics = run_loop(out / "loop", described, plan.reference, model=model_folder, policy_path=policy_folder)
     loop = LoopRecord.from_bag(bag, described)
     console.print("3 comparing with the exact MPC on the same plant")
     schedule = described.schedule(plan.reference)
@@ -162,14 +175,10 @@ def demo(out: Path, records: Records | None = None, *, rig: str = "", train: boo
     section = report.closed_loop_section(loop, described)
     summary = {
         "identification": _identified(model, records),
-        "closed_loop": _closed_loop(section, plan, costs[0] / costs[1]),
-        "timing": {  # as the plant saw it; the report shows what the recorder saw, its own delays included
-            "delay_ms": {key: round(plant[f"delay_ms_{key}"], 4) for key in ("p50", "p99", "max")},
-            "missed_commands": plant["missed_commands"],
-            "measurements": plant["measurements"],
-        },
+        "closed_loop": tracked(section, plan) | {"cost_ratio_to_exact": round(costs[0] / costs[1], 4)},
+        "timing": timing_of(diagnostics["plant"]),
     }
-    _write(out / "summary.json", json.dumps(summary, indent=2) + "\n")
+    write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
     called = f"make demo{'' if described.name == default() else f' RIG={rig}'}{' TRAIN=1' if train else ''}"
     sections = report.identification_section(model, records.tests), section
     report.write(out / "report.html", *sections, report.provenance(model, called))
@@ -191,7 +200,18 @@ def _identified(model: Model, records: Records) -> dict[str, Any]:
     }
 
 
-def _closed_loop(section: report.ClosedLoopSection, plan: Plan, ratio: float) -> dict[str, Any]:
+def timing_of(plant: Mapping[str, Any]) -> dict[str, Any]:
+    """What it says of the loop's delays, as the plant saw them; the report shows what the recorder saw, its own delays
+    included.
+    """
+    return {
+        "delay_ms": {key: round(plant[f"delay_ms_{key}"], 4) for key in ("p50", "p99", "max")},
+        "missed_commands": plant["missed_commands"],
+        "measurements": plant["measurements"],
+    }
+
+
+def tracked(section: report.ClosedLoopSection, plan: Plan) -> dict[str, Any]:
     """What it says of the loop; the unit is one where all parts have the same, else one for each."""
     rmse, units = section.rmse, section.units
     scored = [name for name in plan.scored if name in rmse]
@@ -199,7 +219,6 @@ def _closed_loop(section: report.ClosedLoopSection, plan: Plan, ratio: float) ->
     return {
         "unit": next(iter(named.values())) if len(set(named.values())) == 1 else named,
         "tracking_rmse": {name: round(rmse[name], 4) for name in scored},
-        "cost_ratio_to_exact": round(ratio, 4),
     }
 
 
@@ -235,26 +254,26 @@ def _train(model: Model, folder: Path) -> None:
         train_policy(model, samples=beside(folder, ".samples"), progress=update).save(folder)
 
 
-def _run(bag: Path, rig: Rig, reference: str, model: Path, policy_folder: Path) -> tuple[Path, Mapping[str, Any]]:
-    """The bag of the loop, and the last diagnostics of its plant."""
+def run_loop(bag: Path, rig: Rig, reference: str, **options: Any) -> tuple[Path, Mapping[str, Mapping[str, Any]]]:
+    """The bag of the loop, and the last diagnostics of its nodes; options: of :func:`~.runtime.session.run`."""
     with progress_bars(console) as update:
         outcome = session.run(
             rig=rig.source,
-            model=model,
-            policy_path=policy_folder,
             reference=reference,
             bag=bag,
             overwrite=True,
             domain=None if "ROS_DOMAIN_ID" in os.environ else 1 + os.getpid() % 100,  # beside no rig that may be on
             tell=console.print,
             progress=lambda seconds, duration: update("reference, seconds", int(seconds), int(duration)),
+            **options,
         )
     if outcome.interrupted or outcome.bag is None:
         raise KeyboardInterrupt
-    return outcome.bag, outcome.diagnostics["plant"]
+    return outcome.bag, outcome.diagnostics
 
 
-def _write(path: Path, text: str) -> None:
+def write_text(path: Path, text: str) -> None:
+    """Write a file beside its place, and rename it."""
     with written_file(path) as partial:
         partial.write_text(text, encoding="utf-8")
 
