@@ -289,7 +289,11 @@ def test_physics_has_its_terms_as_options_and_a_network_its_own():
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        ({"colour": 1}, "structure black_box has no option colour; it has units, ridge, starts, input_bias"),
+        (
+            {"colour": 1},
+            "structure black_box has no option colour; it has units, affine_rules, linked_rules, "
+            "ridge, starts, input_bias",
+        ),
         ({"units": 0}, "option units = 0 is outside 1 to 32"),
         ({"units": 2.5}, r"option units = 2\.5 must be a whole number"),
         ({"ridge": float("nan")}, "option ridge = nan is outside"),
