@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,16 +22,17 @@ METHODS: Mapping[str, tuple[str, Options]] = {
     "P1": ("known_air", {}),
     "network": ("hybrid_joint", {**NETWORK, **ALONE}),
     "Takagi-Sugeno": ("hybrid_joint", {**RULES, **ALONE}),
-    "DIFNN": ("hybrid_joint", {**LINKED, **ALONE}),
     "P1 + network": ("hybrid_known_air", NETWORK),
     "P1 + Takagi-Sugeno": ("hybrid_known_air", RULES),
     "P1 + DIFNN": ("hybrid_known_air", LINKED),
     "P0 + Takagi-Sugeno": ("hybrid_constant_air", RULES),
 }
 """Structure and options, chosen before any manoeuvre was flown."""
-SINGLE = ("P1", "network", "Takagi-Sugeno", "DIFNN")
+SINGLE = ("P1", "network", "Takagi-Sugeno")
 HYBRID = tuple(name for name in METHODS if name.startswith("P1 +"))
 PLANTS, SEEDS = (0, 1, 2), (0, 1, 2)
+QUICK = ("P0", "P1", "P1 + network", "P1 + Takagi-Sugeno")
+"""On all plants and seeds; of the others each plant has one seed, for their fits take minutes."""
 KEYS = (*HORIZONS, "CL")
 
 
@@ -51,12 +52,19 @@ def run(rig: Rig, method: str, plant: int, seed: int) -> dict[str, Any]:
 
 
 def measured(rig: Rig) -> dict[str, Any]:
-    """All methods on all plants and seeds."""
-    return summary({name: [run(rig, name, plant, seed) for plant in PLANTS for seed in SEEDS] for name in METHODS})
+    """All methods on plants and seeds."""
+    pairs = [(plant, seed) for plant in PLANTS for seed in SEEDS]
+    return summary(
+        {name: [run(rig, name, *pair) for pair in pairs if name in QUICK or pair[0] == pair[1]] for name in METHODS}
+    )
 
 
-def summary(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, Any]:
-    """Runs of the same plants and seeds by method: errors over them, and what each hybrid takes off."""
+Runs = Mapping[str, Sequence[Mapping[str, Any]]]
+"""By method."""
+
+
+def summary(runs: Runs) -> dict[str, Any]:
+    """Errors over the runs of each method, and what each hybrid takes off."""
     return {
         "runs": runs,
         "errors": {
@@ -72,17 +80,22 @@ def summary(runs: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, Any]:
     }
 
 
-def _over(
-    runs: Mapping[str, Sequence[Mapping[str, Any]]], name: str, others: Sequence[str]
-) -> dict[str, dict[str, dict[str, float]]]:
-    """A method's errors in those of the best other of the same plant and seed, by manoeuvre and horizon."""
+def _over(runs: Runs, name: str, others: Sequence[str]) -> dict[str, dict[str, dict[str, float]]]:
+    """A method's errors in those of the best other of the same plant and seed, by manoeuvre and horizon, over the
+    plants and seeds that all of them have.
+    """
+    by_pair = {
+        method: {(item["plant"], item["seed"]): item["scores"] for item in runs[method]} for method in (name, *others)
+    }
+    pairs = set.intersection(*(set(found) for found in by_pair.values()))
 
-    def ratios(manoeuvre: str, key: str) -> Iterator[float]:
-        for number, item in enumerate(runs[name]):
-            best = min(runs[other][number]["scores"][manoeuvre][key] for other in others)
-            yield item["scores"][manoeuvre][key] / best
+    def ratios(manoeuvre: str, key: str) -> list[float]:
+        return [
+            by_pair[name][pair][manoeuvre][key] / min(by_pair[other][pair][manoeuvre][key] for other in others)
+            for pair in sorted(pairs)
+        ]
 
-    return {manoeuvre: {key: result.spread(list(ratios(manoeuvre, key))) for key in KEYS} for manoeuvre in MANOEUVRES}
+    return {manoeuvre: {key: result.spread(ratios(manoeuvre, key)) for key in KEYS} for manoeuvre in MANOEUVRES}
 
 
 def tables(found: Mapping[str, Any]) -> list[Table]:

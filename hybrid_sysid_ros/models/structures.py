@@ -286,9 +286,11 @@ def build(
     own = physics.with_values([item.start for item in physics.parameters])
     n, at = len(own.declared_states), np.zeros(len(scales)) if centre is None else centre
     a, b = linearised(own, np.append(at[:n], np.zeros(len(own.states) - n)), at[n:])
-    # What inputs do to each rate; where they act through other states, all but the reach of an entry, what these do.
+    # What inputs do to each rate; where that is nothing, or out of an entry's reach from what states do, then these.
+    # What states do to a velocity says little: springs between positions cancel.
     effects, through = np.abs(b) @ scales[n:], np.abs(a) @ scales[:n]
-    effects = np.where(effects > through / REACH, effects, through)
+    moves = np.isin(np.arange(n), [*own.kinematics.values()])
+    effects = np.where(effects > np.where(moves, 0.0, through / REACH), effects, through)
     efforts = tuple(scale_of(value) if value > 0.0 else 1.0 for value in effects)
     design: dict[str, Any] = {"scales": [*map(scale_of, scales), *efforts], "unshown": unshown}
     system = _physics(row, box, physics, boxes, design)
