@@ -9,6 +9,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from hybrid_sysid_ros.core.networks.memberships import memberships as fuzzy_memberships
+from hybrid_sysid_ros.identification.validation.friction_curve import velocity_of
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors
 from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.report.charts import (
@@ -92,6 +93,19 @@ def memberships(system: TakagiSugeno) -> go.Figure:
             )  # fmt: skip
         figure.update_xaxes(title=str(name), row=1, col=column + 1)
     figure.update_yaxes(title="membership", range=[0.0, 1.02], row=1, col=1)
+    return figure
+
+
+def friction(section: IdentificationSection) -> go.Figure:
+    """Friction over speed of the model and of others beside it."""
+    figure, system = go.Figure(), section.model.system
+    dress(figure, 300)
+    for number, (name, curve) in enumerate(section.friction.items()):
+        line = {"color": LINES[number % len(LINES)], "width": 1.8}
+        figure.add_scatter(x=curve.speeds, y=curve.inputs, name=name, mode="lines", line=line, hovertemplate="%{y:.4f}")
+    velocity = system.states[velocity_of(system)]
+    figure.update_xaxes(title=f"{velocity.name} [{velocity.unit}]")
+    figure.update_yaxes(title=f"{system.inputs[0].name} [{system.inputs[0].unit}]", rangemode="tozero")
     return figure
 
 

@@ -51,7 +51,7 @@ def write(
     content = {
         "title": f"{identification.model.rig}: {identification.model.structure} model",
         "part": identification_content(identification),
-        "closed": None if closed_loop is None else _closed(closed_loop),
+        "closed": None if closed_loop is None else closed_content(closed_loop),
         "provenance": provenance,
         "hashes": _hashes(identification, closed_loop, provenance),
     }
@@ -120,6 +120,7 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
         ],
         "parameters": list(_parameters(section)),
         **_rules(section, prefix),
+        "friction": drawn(figures.friction(section), f"{prefix}friction") if section.friction else "",
         "correlated": section.correlated,
         "doubts": section.doubts,
     }
@@ -196,7 +197,8 @@ def _rules(section: IdentificationSection, prefix: str) -> dict[str, Any]:
     return {"rules": system.words, "memberships": drawn(figures.memberships(system), f"{prefix}memberships")}
 
 
-def _closed(section: ClosedLoopSection) -> dict[str, Any]:
+def closed_content(section: ClosedLoopSection) -> dict[str, Any]:
+    """What the blocks of a page show of a recorded loop."""
     from hybrid_sysid_ros.report import loop_figures
 
     loop = section.loop

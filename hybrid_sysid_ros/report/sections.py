@@ -14,6 +14,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Variable, rollouts
 from hybrid_sysid_ros.identification import Part, Scores, score
 from hybrid_sysid_ros.identification.identify import experiment_of
+from hybrid_sysid_ros.identification.validation.friction_curve import FrictionCurve
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, k_step_errors
 from hybrid_sysid_ros.identification.validation.identifiability import Doubt, correlated, doubts
 from hybrid_sysid_ros.identification.validation.input_bias import Adapted
@@ -96,6 +97,8 @@ class IdentificationSection:
     """Of a hybrid by residual: what its gray box leaves, and what is left with its residual's model."""
     adapted: Mapping[str, Adapted] = field(default_factory=dict)
     """By record: the free run over the rest of it, without and with the input bias that its first seconds show."""
+    friction: Mapping[str, FrictionCurve] = field(default_factory=dict)
+    """Of the model and of others beside it, by name."""
 
     @property
     def correlated(self) -> list[tuple[str, str, float]]:

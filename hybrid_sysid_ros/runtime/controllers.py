@@ -51,6 +51,8 @@ def controller_of(
 
     Raises UserError where model, policy and settings don't go together.
     """
+    if settings["picture"]:
+        return _by_picture(rig, model, settings)
     system = controlled(rig, model.system)
     asked, interior = mpc_problem(settings, rig, system), settings["solver"] == "ipopt"
     path = policy_folder(rig, settings)
@@ -73,9 +75,26 @@ def controller_of(
 
 
 def _exact(system: System, problem: Problem, settings: Mapping[str, Any]) -> ExactMpc:
+    return ExactMpc(system, problem, **_pace(settings))
+
+
+def _pace(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """How long an exact MPC may take."""
     limit = math.inf if settings["lockstep"] else settings["time_limit"] or math.inf
     clock = None if math.isinf(limit) else perf_counter
-    return ExactMpc(system, problem, real_time=settings["real_time"], time_limit=limit, clock=clock)
+    return {"real_time": settings["real_time"], "time_limit": limit, "clock": clock}
+
+
+def _by_picture(rig: Rig, model: Model, settings: Mapping[str, Any]) -> ConfiguredController:
+    """The exact MPC whose cost is in a picture, with what it needs loaded only where it is asked for."""
+    from hybrid_sysid_ros.control.picture_goal import PictureMpc
+    from hybrid_sysid_ros.runtime.goal_picture import goal_of
+
+    if settings["policy"] != "exact" or settings["solver"] != "sqp":
+        raise UserError("parameter picture: only the exact MPC weighs pictures: policy:=exact, solver:=sqp")
+    system = goal_of(rig, model.system, settings)
+    problem = mpc_problem(settings, rig, system)
+    return ConfiguredController(controller=PictureMpc(system, problem, **_pace(settings)), problem=problem)
 
 
 def _interior_point(system: System, problem: Problem, settings: Mapping[str, Any], warn: Warn) -> Controller:
