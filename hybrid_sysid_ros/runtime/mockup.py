@@ -283,7 +283,7 @@ def _predicts(found: Found) -> Criterion:
     return Criterion(
         name="the model predicts better than what was known beforehand",
         kept=share < 1.0,
-        words=f"errors {100 * (1 - share):.0f} % smaller ({found.ahead}, unseen experiments, geometric mean)",
+        words=f"errors {share:.3g} times the prior's ({found.ahead}, unseen experiments, geometric mean)",
     )
 
 
