@@ -1,5 +1,6 @@
 # make demo | test | bench | lint | docs | clean: each sets up what it needs in .venv, with nothing but python3 and make.
 #   make demo RIG=NAME     of another rig, by its name or path, into out/demo_NAME
+#   make demo CAMERA=1     films the rig and closes the loop by a camera alone, into out/demo_camera
 #   make demo TRAIN=1      trains the shipped policy afresh (adds torch)
 #   make PYTHON=python3.12 another interpreter, where python3 is too old or too new; a .venv of another one is made anew
 PYTHON ?= python3
@@ -7,8 +8,9 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 PACKAGE := pyproject.toml setup.py setup.cfg package.xml
 TRAINED := $(filter-out 0,$(TRAIN))
-OUT := out/demo$(if $(RIG),_$(notdir $(RIG:/=)))
-DEMO := $(if $(RIG),$(BIN)/hybrid-sysid demo --rig $(RIG),$(if $(HYBRID_SYSID_DATA),$(BIN)/python -m studies.beam_lecture demo $(HYBRID_SYSID_DATA),$(BIN)/hybrid-sysid demo))
+FILMED := $(filter-out 0,$(CAMERA))
+OUT := out/demo$(if $(FILMED),_camera)$(if $(RIG),_$(notdir $(RIG:/=)))
+DEMO := $(if $(RIG)$(FILMED),$(BIN)/hybrid-sysid demo$(if $(FILMED), --camera)$(if $(RIG), --rig $(RIG)),$(if $(HYBRID_SYSID_DATA),$(BIN)/python -m studies.beam_lecture demo $(HYBRID_SYSID_DATA),$(BIN)/hybrid-sysid demo))
 
 # A sourced ROS, or the wheels of another environment, must not leak into .venv.
 ifneq ($(ROS_DISTRO)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
@@ -18,7 +20,7 @@ endif
 .PHONY: demo test bench lint docs clean again
 .NOTPARALLEL:
 
-demo: .venv/ros $(if $(TRAINED),.venv/train)
+demo: .venv/ros $(if $(TRAINED),.venv/train) $(if $(FILMED),.venv/video)
 	$(DEMO) --out $(OUT) $(if $(TRAINED),--train)
 
 test: .venv/ros .venv/dev .venv/train
@@ -53,9 +55,10 @@ endif
 .venv/ros: EXTRAS := ros,report,view
 .venv/dev: EXTRAS := dev
 .venv/train: EXTRAS := train
+.venv/video: EXTRAS := video
 .venv/docs: EXTRAS := docs
 .venv/peers: EXTRAS := peers,report,search
-.venv/ros .venv/dev .venv/train .venv/docs .venv/peers: .venv/python $(PACKAGE)
+.venv/ros .venv/dev .venv/train .venv/video .venv/docs .venv/peers: .venv/python $(PACKAGE)
 	@echo "Setting up .venv: hybrid_sysid_ros[$(EXTRAS)]"
 	@$(PIP) --editable '.[$(EXTRAS)]'
 	@touch $@

@@ -48,18 +48,19 @@ class CameraNode(RigNode):
         self.camera, scene = camera_of(self.settings), scene_of(self.rig)
         self.joint = scene.joint
         self.imager = Imager(scene, self.camera, seed=self.settings["seed"])
-        self.imager.take(0.0, np.array([0.0, 1.0]), np.zeros(2))  # compiles
+        picture = self.imager.take(0.0, np.array([0.0, 1.0]), np.zeros(2))  # compiles
+        jpeg.encoded(picture, self.settings["quality"])  # loads its codec
         self.lead = round(self.imager.lead * SECOND)
 
     def activate(self) -> None:
-        self.images = self.open("camera/image_raw/compressed")
-        self.infos = self.open("camera/camera_info")
         self.taking = Timing()
         self.frames = self.restarts = 0
         self.began = self.known = 0
         self.times, self.angles = np.empty(0, dtype=np.int64), np.empty(0)
         self.entry = self.border("motion")
         self.listen(self.entry, "motion", self.on_motion)
+        self.images = self.open("camera/image_raw/compressed")  # who sees it knows that the motion is heard
+        self.infos = self.open("camera/camera_info")
 
     def on_motion(self, motion: Trajectory) -> None:
         """Take the pictures whose exposure has ended by now."""

@@ -82,8 +82,9 @@ class PlantNode(RigNode):
         self.commands = self.listen(self.entry, "joint_command", self.on_command)
         self.frame = -1
         """Stamp of the newest frame that was read [ns]."""
-        if self.lockstep and self.settings["camera_rate"]:
-            self.listen(self.border("camera/joint_states"), "camera/joint_states", self.on_frame)
+        self.frames = None
+        if self.settings["camera_rate"]:
+            self.frames = self.listen(self.border("camera/joint_states"), "camera/joint_states", self.on_frame)
         self.when(self.is_matched, self.wait)
 
     def own_services(self) -> Mapping[str, Callable[[], object]]:
@@ -102,14 +103,15 @@ class PlantNode(RigNode):
         self.started = False
 
     def is_matched(self) -> bool:
-        """Whether those are there that the plant waits for; in real time, a controller and some readers for
+        """Whether those are there that the plant waits for; in real time, a controller, a camera and some readers for
         READER_PATIENCE: a plant that is started again finds a loop whose reference needs no measurements any more.
         """
         readers, found = self.settings["wait_for_readers"], self.measurements.get_subscription_count()
         if readers == 0 and not self.lockstep:
             return True
         now = perf_counter()
-        if found < min(readers, 1) or not self.commands.publishers():
+        blind = self.frames is not None and not self.frames.publishers()
+        if blind or found < min(readers, 1) or not self.commands.publishers():
             self.alone = now
             return False
         return found >= readers or (not self.lockstep and now - self.alone > READER_PATIENCE)

@@ -84,7 +84,8 @@ class RecorderNode(RigNode):
         self.trouble: Exception | None = None
         self.searched: set[str] = set()
         known = {self.resolve_topic_name(topic): topic for topic in topics.TYPES}
-        for name in [self.resolve_topic_name(topic) for topic in wanted or topics.RECORDED]:
+        named = [*(wanted or topics.RECORDED), *self.settings["further"].split()]
+        for name in map(self.resolve_topic_name, dict.fromkeys(named)):
             if name in known:
                 topic = known[name]
                 self.record(name, topics.TYPES[topic], topics.profile(topic, depth=DEPTH))

@@ -16,6 +16,7 @@ from hybrid_sysid_ros.models import load
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.inquiry import Inquiry
 from hybrid_sysid_ros.runtime.configuration import shipped
+from hybrid_sysid_ros.support.errors import UserError
 
 ASKED = ("controller", "estimator")  # nodes whose parameters a simulation takes
 NICENESS = 10  # of what simulates: it comes after the loop
@@ -77,8 +78,11 @@ class Understanding:
         try:
             model = load(settings["model"] or shipped(rig.name, "model"), rig=rig.source)
             simulator = Simulator(rig=rig, model=model, controller=settings, estimator=known["estimator"])
-            made = Interpreter.of(simulator, folder=self._node.settings["folder"])
+            given = self._node.settings
+            made = Interpreter.of(simulator, folder=given["folder"], layers=given["layers"])
             simulator.ability  # noqa: B018  # simulated here, and kept
+            with suppress(UserError):  # told when a picture is named
+                made.eyes.reader  # noqa: B018  # compiled here, and kept
         except Exception as error:
             self.interpreter, self._trouble = None, self._node.words_of(error)
             return

@@ -9,6 +9,7 @@ from functools import partial
 from time import perf_counter
 
 import numpy as np
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import CompressedImage
 
 from hybrid_sysid_ros.camera import jpeg
@@ -32,7 +33,8 @@ DEVIATION = "deviation"
 class VisionNode(RigNode):
     """camera/image_raw/compressed in; camera/joint_states out: of the joint that the layers show, as NAME_camera, its
     position, and as NAME_camera_deviation the standard deviation of it, whose square is the covariance; stamped when
-    the rows that tell of it were exposed. A picture without the joint is answered too, with no number.
+    the rows that tell of it were exposed. A picture without the joint is answered too, with no number. They are
+    advertised once there are pictures to expect, so that who sees that knows that a camera is there.
     """
 
     NAME = "vision"
@@ -47,17 +49,23 @@ class VisionNode(RigNode):
             raise UserError(f"{folder}: the layers are of the rig {layers.geometry.rig}, not of {self.rig.name}")
         self.sources = {"loop": Source(folder)}
         self.reader = AngleReader(layers)
-        self.reader.read(np.zeros(layers.background.shape, dtype=np.uint8))  # compiles
+        self.reader.read(layers.drawn(layers.geometry.low).astype(np.uint8))  # compiles
+        jpeg.decoded(jpeg.encoded(np.zeros((16, 16), dtype=np.uint8), 80))  # loads its codec
         entry = f"{layers.geometry.joint}_{CAMERA}"
         slots = Slots([Place(entry, "position"), Place(f"{entry}_{DEVIATION}", "position")])
         self.writer = JointWriter(slots, self.signature)
 
     def activate(self) -> None:
-        self.readings = self.open("camera/joint_states")
+        self.readings: Publisher | None = None
         self.reading = Timing()
         self.frames = self.lost = self.unreadable = 0
         self.entry = self.border("camera/image_raw/compressed")
-        self.listen(self.entry, "camera/image_raw/compressed", self.on_image)
+        images = self.listen(self.entry, "camera/image_raw/compressed", self.on_image)
+        self.when(lambda: images.publishers() > 0, self.advertise)
+
+    def advertise(self) -> None:
+        """Open the topic of the readings."""
+        self.readings = self.open("camera/joint_states")
 
     def on_image(self, message: CompressedImage) -> None:
         """Answer a picture."""
@@ -76,7 +84,8 @@ class VisionNode(RigNode):
                 deviation = abs(layers.geometry.scale) * reading.deviation
             else:
                 self.lost += 1
-        self.readings.publish(self.writer.pack(stamp, [position, deviation]))
+        if self.readings is not None:
+            self.readings.publish(self.writer.pack(stamp, [position, deviation]))
         self.entry.believe(message.header.frame_id)
         self.reading.add(perf_counter() - began)
 

@@ -5,23 +5,31 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
 pytest.importorskip("PIL", reason="needs the extra video")
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import CameraInfo, CompressedImage, JointState
+from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hybrid_sysid_ros.camera.imager import Camera
+from hybrid_sysid_ros.camera import jpeg
+from hybrid_sysid_ros.camera.imager import Camera, Imager
 from hybrid_sysid_ros.nodes.camera import CameraNode
+from hybrid_sysid_ros.nodes.commander import CommanderNode
+from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.nodes.messages import SECOND, set_nanoseconds
 from hybrid_sysid_ros.nodes.plant import PlantNode
+from hybrid_sysid_ros.nodes.reference import ReferenceNode
 from hybrid_sysid_ros.nodes.vision import VisionNode
 from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.rigs.scene import scene_of
 from tests.camera_bench import painted_layers
-from tests.node_bench import Bench, joint, stamp_of
+from tests.node_bench import VOLT, Bench, joint, stamp_of
 
 STEP = SECOND // 1000
 
@@ -73,6 +81,7 @@ def test_a_picture_that_is_none_is_answered_without_a_number(bench: Bench, layer
     images = bench.speak("camera/image_raw/compressed", CompressedImage)
     vision: VisionNode = bench.start(VisionNode, layers=str(layers), lockstep=True)
     bench.until(images.get_subscription_count)
+    bench.until(lambda: vision.readings and vision.readings.get_subscription_count())
     images.publish(CompressedImage(format="jpeg", data=[1, 2, 3]))
     assert math.isnan(bench.until(lambda: readings)[0].position[0])
     assert vision.unreadable == 1
@@ -121,3 +130,38 @@ def test_in_lockstep_the_plant_waits_for_frames_that_are_due(bench: Bench) -> No
     assert len(measurements) == count
     frames.publish(joint(first - 12 * STEP, name=["beam_camera"], position=[0.0]))
     bench.until(lambda: len(measurements) > count)
+
+
+@pytest.mark.parametrize("said", [True, False])
+def test_a_picture_is_the_goal_of_a_loop_by_camera_alone(
+    bench: Bench, layers: Path, model_folder: Path, tmp_path: Path, said: bool
+) -> None:
+    """Said to the commander, or weighed by the controller pixel by pixel."""
+    rig = load("cam_beam")
+    shown = Imager(scene_of(rig), Camera()).take(0.0, np.array([-1.0, 1.0]), np.full(2, 2.0 * VOLT))
+    (tmp_path / "goal.jpg").write_bytes(jpeg.encoded(shown, 80))
+    goal = {} if said else {"picture": str(tmp_path / "goal.jpg"), "layers": str(layers)}
+    model = str(model_folder)
+    bench.start(ControllerNode, model=model, policy="exact", lockstep=True, latency=0.0, **goal)
+    estimator: EstimatorNode = bench.start(EstimatorNode, model=model, lockstep=True, latency=0.0, camera_noise=0.01)
+    bench.start(ReferenceNode, kind="constant", amplitude=0.0, lockstep=True)
+    bench.start(VisionNode, layers=str(layers), lockstep=True)
+    bench.start(CameraNode, lockstep=True)
+    readings = bench.listen("camera/joint_states")
+    if said:
+        commander = bench.start(CommanderNode, armed=True, folder=str(tmp_path), layers=str(layers))
+        text, replies = bench.speak("command_text", String), bench.listen("command_reply", DiagnosticStatus)
+    plant: PlantNode = bench.start(
+        PlantNode, lockstep=True, wait_for_readers=0, bias=0.0, sensor_out=[1.0], camera_rate=30.0
+    )
+    if said:
+        bench.until(lambda: commander.understanding.interpreter is not None)
+        bench.until(lambda: {"state_estimate", "reference"} <= commander.whereabouts.newest.keys())
+        text.publish(String(data="make it look like goal.jpg"))
+        bench.until(lambda: replies)
+        assert replies[0].level == DiagnosticStatus.OK, replies[0].message
+        assert "goal.jpg" in replies[0].message
+    bench.until(lambda: abs(plant.plant.state[0] - 2.0 * VOLT) < 0.03 * VOLT)
+    bench.until(lambda: estimator.seen > 10)
+    assert math.isfinite(readings[-1].position[0])
+    assert abs(plant.plant.state[0] - 2.0 * VOLT) < 0.1 * VOLT

@@ -1,4 +1,4 @@
-"""Run the studies of the camera: python -m benchmarks.camera [angles] [timing] [friction] [loop]."""
+"""Run the studies of the camera: python -m benchmarks.camera [angles] [timing] [friction] [loop] [images]."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from rich.table import Table
 from benchmarks import parts, result
 from benchmarks.camera import angles, friction, loop, timing
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.extras import extra
 
 
 def _angles(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
@@ -33,7 +34,15 @@ def _loop(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
     return found, [loop.table(found)]
 
 
-main = partial(parts.run, "cam_beam", {"angles": _angles, "timing": _timing, "friction": _friction, "loop": _loop})
+def _images(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    with extra("train"):
+        from benchmarks.camera import images
+    found = images.measured(rig)
+    return found, [images.table(found)]
+
+
+PARTS = {"angles": _angles, "timing": _timing, "friction": _friction, "loop": _loop, "images": _images}
+main = partial(parts.run, "cam_beam", PARTS)
 
 if __name__ == "__main__":
     result.run(main)

@@ -16,8 +16,8 @@ from benchmarks.result import spread
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.camera.imager import Camera
-from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification import evaluate, identify
+from hybrid_sysid_ros.identification.validation.friction_curve import friction_curve
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.filming import experiment
@@ -76,17 +76,9 @@ def by_encoder(done: Experiment) -> Record:
     return done.between(times[chosen], done.record.output[chosen, 0])
 
 
-def curve(system: System) -> Array:
-    """Friction at q = 0 over speeds (speeds,) [V of drive]."""
-    named = system.named
-    excess = named["stribeck_excess"] / (1.0 + (SPEEDS / named["stribeck_speed"]) ** 2) ** 2
-    return np.asarray((named["coulomb"] + excess + named["damping"] * SPEEDS) / named["gain"])
-
-
 def error_of(model: Model, rig: Rig) -> float:
     """Of the friction curve per volt, relative rms."""
-    true = curve(rig.system)
-    return float(np.sqrt(np.mean((curve(model.system) / true - 1.0) ** 2)))
+    return friction_curve(model.system, SPEEDS).difference(friction_curve(rig.system, SPEEDS))
 
 
 def measured(rig: Rig) -> dict[str, Any]:

@@ -10,6 +10,19 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.support.arrays import Array
 
+SMEAR = 0.6  # pixels that the sprite's end moves from one instant of an exposure to the next, at most
+MOST_INSTANTS = 64
+
+
+def instants_of(times: Array, angles: Array, begins: Array, exposure: float, reach: float) -> int:
+    """How many instants of an exposure [s] a picture needs: rows begin at ``begins`` (rows,) [s], the sprite reaches
+    ``reach`` [pixels], and its angles [rad] at times [s] are (n,).
+    """
+    first, last = np.searchsorted(times, [begins[0], begins[-1] + exposure])
+    seen = angles[max(first - 1, 0) : last + 2]
+    moved = float(seen.max() - seen.min()) if seen.size else 0.0
+    return min(max(math.ceil(reach * moved / SMEAR), 1), MOST_INSTANTS)
+
 
 @kernel
 def expose(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.camera.exposure import expose
+from hybrid_sysid_ros.camera.exposure import expose, instants_of
 from hybrid_sysid_ros.camera.painting import Grid, grid_around, painted
 from hybrid_sysid_ros.rigs.scene import Scene
 from hybrid_sysid_ros.support.arrays import Array
@@ -19,8 +19,6 @@ Picture = NDArray[np.uint8]
 
 FINE = 2
 """Texels of a painted sprite in a pixel."""
-SMEAR = 0.6  # pixels that the sprite's end moves from one instant of an exposure to the next, at most
-MOST_INSTANTS = 64
 NOISE = 1 << 18  # numbers in the ring of noise
 SLOW = 0.11  # Hz, of the changes of the light
 
@@ -96,10 +94,7 @@ class Imager:
         camera = self.camera
         middles = time + camera.row_times()
         begins = middles - camera.exposure / 2
-        first, last = np.searchsorted(times, [begins[0], begins[-1] + camera.exposure])
-        seen = angles[max(first - 1, 0) : last + 2]
-        moved = float(seen.max() - seen.min()) if seen.size else 0.0
-        instants = min(max(math.ceil(self._reach * moved / SMEAR), 1), MOST_INSTANTS)
+        instants = instants_of(times, angles, begins, camera.exposure, self._reach)
         lit = np.clip((begins + camera.exposure - onset) / camera.exposure, 0.0, 1.0)
         offsets = self._random.integers(0, NOISE, camera.height)
         picture = np.empty((camera.height, camera.width), dtype=np.uint8)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 
@@ -30,13 +31,23 @@ def encoded(picture: Picture, quality: int) -> bytes:
 
 def decoded(data: bytes) -> Picture:
     """Grey picture (rows, columns) of a JPEG, a coloured one's brightness. Raises UserError where it is none."""
-    from PIL import Image
+    return _grey(BytesIO(data), "JPEG")
+
+
+def opened(path: Path) -> Picture:
+    """Grey picture (rows, columns) of a file, JPEG or PNG. Raises UserError where it is none."""
+    return _grey(path, "JPEG", "PNG")
+
+
+def _grey(source: BytesIO | Path, *formats: str) -> Picture:
+    from PIL import Image, UnidentifiedImageError
 
     try:
-        with Image.open(BytesIO(data), formats=("JPEG",)) as image:
+        with Image.open(source, formats=formats) as image:
             if max(image.size) > LARGEST:
                 raise UserError(f"a picture of {image.size[0]}x{image.size[1]} pixels is larger than {LARGEST}")
-            image.draft("L", image.size)  # the brightness alone is unpacked
+            image.draft("L", image.size)  # of a JPEG the brightness alone is unpacked
             return np.asarray(image.convert("L"))
     except (OSError, SyntaxError, ValueError) as error:
-        raise UserError(f"no JPEG that can be read ({error})") from error
+        why = "can't be identified" if isinstance(error, UnidentifiedImageError) else error
+        raise UserError(f"no {' or '.join(formats)} that can be read ({why})") from error

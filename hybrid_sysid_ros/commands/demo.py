@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,102 +16,43 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands.terminal import RigName, console, print_table
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy import policy
-from hybrid_sysid_ros.identification import Part, evaluate, identify
-from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.identification import Part, Scores, evaluate, identify
+from hybrid_sysid_ros.identification.identify import experiment_of, scores_of
+from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.models.options import Options
 from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, session
+from hybrid_sysid_ros.runtime.in_loop import controlled, driving
+from hybrid_sysid_ros.runtime.plan import Plan, Records
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.runtime.training import train_policy
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import beside, check_file, check_folder, written_file
+from hybrid_sysid_ros.support.files import beside, check_file, check_folder, make_folder, written_file
 from hybrid_sysid_ros.support.progress import progress_bars
-from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
 
-Out = Annotated[Path | None, typer.Option("--out", help="Folder for the results; out/demo, or out/demo_RIG.")]
+Out = Annotated[
+    Path | None, typer.Option("--out", help="Folder for the results; out/demo, out/demo_RIG or out/demo_camera.")
+]
+Camera = Annotated[
+    bool, typer.Option("--camera", help="Film the rig, learn to read its picture, and close the loop by that alone.")
+]
 Train = Annotated[bool, typer.Option("--train", help="Train model and policy afresh.")]
 OUT = Path("out/demo")
-SHIPPED_BAGS = Path(__file__).resolve().parents[2] / "bags"
-KEYS = ("learn", "part", "test", "structure", "options", "step", "period", "reference", "scored")
-"""Of the section demo of rig.yaml."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Records:
-    """What a demo learns from and is scored on."""
-
-    training: Sequence[Record]
-    part: Part
-    """Of each training record."""
-    tests: Sequence[tuple[Record, Part]]
-    names: Mapping[str, str] = field(default_factory=dict)
-    """What the summary calls a record, where that is another name than its own."""
-    source: str = "simulated"
-    """simulated or real."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Plan:
-    """The section demo of a rig's file."""
-
-    learn: tuple[str, ...]
-    """Bags to learn from."""
-    part: Part
-    """Of each; it is scored on the rest."""
-    test: tuple[str, ...]
-    """Bags that it is scored on as a whole."""
-    structure: str
-    options: Options
-    """Of the structure."""
-    sampling: Sampling
-    reference: str
-    """Which one of the rig's the loop follows."""
-    scored: tuple[str, ...]
-    """Its parts where tracking is judged."""
-
-    @classmethod
-    def of(cls, rig: Rig) -> Plan:
-        """Raises UserError where the section is missing or names what is not there."""
-        told, where = rig.section("demo"), f"{rig.file}: demo"
-        if not told:
-            raise UserError(f"{where}: is missing: give it bags to learn from, {{learn: [NAME, ...]}}")
-        refuse_unknown(told, KEYS, where)
-        usual = Sampling()
-        step, period = (numbers(told.get(key, getattr(usual, key)), where, count=1)[0] for key in ("step", "period"))
-        schedule = rig.schedule(str(told.get("reference") or rig.reference))
-        scored = _names(told, "scored", where) or tuple(schedule.windows)
-        for name in scored:
-            if name not in schedule.windows:
-                raise UserError(f"{where}.scored: {schedule.name} has no part {name}: {', '.join(schedule.windows)}")
-        return cls(
-            learn=_names(told, "learn", where),
-            part=Part.parse(str(told.get("part", "0:0.5"))),
-            test=_names(told, "test", where),
-            structure=str(told.get("structure", "hybrid")),
-            options={key: numbers(value, where, count=1)[0] for key, value in section(told, "options", where).items()},
-            sampling=Sampling(step=step, period=period),
-            reference=schedule.name,
-            scored=scored,
-        )
-
-    def places(self, rig: Rig) -> tuple[list[Path], list[Path]]:
-        """Those to learn from and those to test. Raises UserError where one is missing."""
-        return [_bag(rig, name) for name in self.learn], [_bag(rig, name) for name in self.test]
-
-    def records(self, rig: Rig) -> Records:
-        """The bags, from the rig's folder or those that ship. Raises UserError where one is missing."""
-        learnt, kept = ([bags.read(place, rig.signals) for place in places] for places in self.places(rig))
-        rest = Part(start=self.part.stop) if self.part.stop < 1.0 else Part(stop=self.part.start)
-        halves = [(record, rest) for record in learnt if (self.part.start, self.part.stop) != (0.0, 1.0)]
-        return Records(training=learnt, part=self.part, tests=[*halves, *((record, Part()) for record in kept)])
-
-
-def command(rig: RigName = "", out: Out = None, train: Train = False) -> None:
+def command(rig: RigName = "", out: Out = None, train: Train = False, camera: Camera = False) -> None:
     """From bags to a controlled rig: identify, run the loop, report."""
     chosen = load_rig(rig or default())
+    if camera:
+        from hybrid_sysid_ros.commands.camera_demo import camera_demo
+
+        if train:
+            raise UserError("--train and --camera are two demos: leave one out")
+        name = "demo_camera" if chosen.name == default() else f"demo_camera_{chosen.name}"
+        camera_demo(out or OUT.with_name(name), chosen.source)
+        return
     place = out or (OUT if chosen.name == default() else OUT.with_name(f"demo_{chosen.name}"))
     demo(place, rig=chosen.source, train=train)
 
@@ -151,25 +91,23 @@ def demo(out: Path, records: Records | None = None, *, rig: str = "", train: boo
     used = load_model(model_folder)
     imitation = policy.load(policy_folder, model=used)
     console.print("2 running plant, estimator, controller and reference as ROS 2 processes")
-    bag, plant = _run(out / "loop", described, plan.reference, model_folder, policy_folder)
+    bag, diagnostics = run_loop(out / "loop", described, plan.reference, model=model_folder, policy_path=policy_folder)
     loop = LoopRecord.from_bag(bag, described)
     console.print("3 comparing with the exact MPC on the same plant")
-    schedule = described.schedule(plan.reference)
+    schedule, system = described.schedule(plan.reference), controlled(described, used.system)
     costs = [
-        simulated_loop(described, used, controller, schedule, duration=schedule.duration).cost(imitation.problem)
-        for controller in (imitation, ExactMpc(used.system, imitation.problem))
+        simulated_loop(
+            described, used, driving(described, system, controller), schedule, duration=schedule.duration
+        ).cost(imitation.problem)
+        for controller in (imitation, ExactMpc(system, imitation.problem))
     ]
     section = report.closed_loop_section(loop, described)
     summary = {
-        "identification": _identified(model, records),
-        "closed_loop": _closed_loop(section, plan, costs[0] / costs[1]),
-        "timing": {  # as the plant saw it; the report shows what the recorder saw, its own delays included
-            "delay_ms": {key: round(plant[f"delay_ms_{key}"], 4) for key in ("p50", "p99", "max")},
-            "missed_commands": plant["missed_commands"],
-            "measurements": plant["measurements"],
-        },
+        "identification": _identified(model, records, described),
+        "closed_loop": tracked(section, plan) | {"cost_ratio_to_exact": round(costs[0] / costs[1], 4)},
+        "timing": timing_of(diagnostics["plant"]),
     }
-    _write(out / "summary.json", json.dumps(summary, indent=2) + "\n")
+    write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
     called = f"make demo{'' if described.name == default() else f' RIG={rig}'}{' TRAIN=1' if train else ''}"
     sections = report.identification_section(model, records.tests), section
     report.write(out / "report.html", *sections, report.provenance(model, called))
@@ -178,20 +116,37 @@ def demo(out: Path, records: Records | None = None, *, rig: str = "", train: boo
     return summary
 
 
-def _identified(model: Model, records: Records) -> dict[str, Any]:
-    """What the summary says of the model; of several outputs R2 is the mean."""
-    scores = {
-        records.names.get(record.name, record.name): evaluate(model, record, part=part)
-        for record, part in records.tests
-    }
+def _identified(model: Model, records: Records, rig: Rig) -> dict[str, Any]:
+    """What the summary says of the model, which runs under the stabiliser where its rig has one; of several outputs
+    R2 is the mean.
+    """
+    held = rig.experiments.stabiliser is not None
+
+    def score(record: Record, part: Part) -> Scores:
+        if held:
+            return scores_of(model.system, experiment_of(model, record, part=part), rig)
+        return evaluate(model, record, part=part)
+
+    scores = {records.names.get(record.name, record.name): score(record, part) for record, part in records.tests}
     return {
         "records": records.source,
-        "free_run_r2": {name: round(value.r2, 4) for name, value in scores.items()},
+        "stabilised_run_r2" if held else "free_run_r2": {name: round(value.r2, 4) for name, value in scores.items()},
         "fit_seconds": model.fit["seconds"],
     }
 
 
-def _closed_loop(section: report.ClosedLoopSection, plan: Plan, ratio: float) -> dict[str, Any]:
+def timing_of(plant: Mapping[str, Any]) -> dict[str, Any]:
+    """What it says of the loop's delays, as the plant saw them; the report shows what the recorder saw, its own delays
+    included.
+    """
+    return {
+        "delay_ms": {key: round(plant[f"delay_ms_{key}"], 4) for key in ("p50", "p99", "max")},
+        "missed_commands": plant["missed_commands"],
+        "measurements": plant["measurements"],
+    }
+
+
+def tracked(section: report.ClosedLoopSection, plan: Plan) -> dict[str, Any]:
     """What it says of the loop; the unit is one where all parts have the same, else one for each."""
     rmse, units = section.rmse, section.units
     scored = [name for name in plan.scored if name in rmse]
@@ -199,35 +154,7 @@ def _closed_loop(section: report.ClosedLoopSection, plan: Plan, ratio: float) ->
     return {
         "unit": next(iter(named.values())) if len(set(named.values())) == 1 else named,
         "tracking_rmse": {name: round(rmse[name], 4) for name in scored},
-        "cost_ratio_to_exact": round(ratio, 4),
     }
-
-
-def _names(told: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:
-    """A list of names. Raises UserError for anything else."""
-    found = told.get(key, [])
-    if not isinstance(found, list) or not all(isinstance(item, str) for item in found):
-        raise UserError(f"{where}.{key} is {found!r}: it needs a list of names")
-    return tuple(found)
-
-
-def _bag(rig: Rig, name: str) -> Path:
-    """A bag by its name."""
-    places = [folder / name for folder in (rig.folder / "bags", SHIPPED_BAGS)]
-    for place in places:
-        if place.is_dir():
-            return place
-    raise UserError(
-        f"{rig.file}: demo: no bag {name} in {places[0].parent}: record it there, or hybrid-sysid simulate it"
-    )
-
-
-def make_folder(path: Path) -> None:
-    """Make a folder, or raise UserError before any work is done for it."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"{path}: can't be made a folder ({error.strerror}); choose another --out") from error
 
 
 def _train(model: Model, folder: Path) -> None:
@@ -235,35 +162,37 @@ def _train(model: Model, folder: Path) -> None:
         train_policy(model, samples=beside(folder, ".samples"), progress=update).save(folder)
 
 
-def _run(bag: Path, rig: Rig, reference: str, model: Path, policy_folder: Path) -> tuple[Path, Mapping[str, Any]]:
-    """The bag of the loop, and the last diagnostics of its plant."""
+def run_loop(bag: Path, rig: Rig, reference: str, **options: Any) -> tuple[Path, Mapping[str, Mapping[str, Any]]]:
+    """The bag of the loop, and the last diagnostics of its nodes; options: of :func:`~.runtime.session.run`."""
     with progress_bars(console) as update:
         outcome = session.run(
             rig=rig.source,
-            model=model,
-            policy_path=policy_folder,
             reference=reference,
             bag=bag,
             overwrite=True,
             domain=None if "ROS_DOMAIN_ID" in os.environ else 1 + os.getpid() % 100,  # beside no rig that may be on
             tell=console.print,
             progress=lambda seconds, duration: update("reference, seconds", int(seconds), int(duration)),
+            **options,
         )
     if outcome.interrupted or outcome.bag is None:
         raise KeyboardInterrupt
-    return outcome.bag, outcome.diagnostics["plant"]
+    return outcome.bag, outcome.diagnostics
 
 
-def _write(path: Path, text: str) -> None:
+def write_text(path: Path, text: str) -> None:
+    """Write a file beside its place, and rename it."""
     with written_file(path) as partial:
         partial.write_text(text, encoding="utf-8")
 
 
 def _table(summary: dict[str, Any]) -> Table:
     table = Table("quantity", "value", title="demo")
-    for record, r2 in summary["identification"]["free_run_r2"].items():
-        table.add_row(f"free run R2 {record}", f"{r2:.3f}")
-    table.add_row("time of the fit", f"{summary['identification']['fit_seconds']:.1f} s")
+    identified = summary["identification"]
+    for run in ("free_run", "stabilised_run"):
+        for record, r2 in identified.get(f"{run}_r2", {}).items():
+            table.add_row(f"{run.replace('_', ' ')} R2 {record}", f"{r2:.3f}")
+    table.add_row("time of the fit", f"{identified['fit_seconds']:.1f} s")
     unit = summary["closed_loop"]["unit"]
     for part, rmse in summary["closed_loop"]["tracking_rmse"].items():
         table.add_row(f"tracking RMSE {part}", f"{rmse:.3f} {unit if isinstance(unit, str) else unit[part]}")

@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.table import Table
 
+from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part, identify
 from hybrid_sysid_ros.identification.grouping import Group
 from hybrid_sysid_ros.identification.identify import experiment_of
+from hybrid_sysid_ros.identification.validation.friction_curve import FrictionCurve, friction_curve, speeds_of
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
 from hybrid_sysid_ros.identification.validation.leftovers import Leftovers, before_and_after
 from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.options import parse
 from hybrid_sysid_ros.models.residual import ResidualHybrid
 from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
+from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.support.files import check_folder
+from hybrid_sysid_ros.support.files import check_file, check_folder
+
+SHOWN = 10  # speeds
 
 
 def command(
@@ -40,10 +48,20 @@ def command(
     signals: terminal.SignalsFile = None,
     recover: terminal.Recover = False,
     read_period: terminal.ReadPeriod = 0.0,
+    beside: Annotated[
+        Path | None,
+        typer.Option(help="Another model of the rig, beside whose friction over speed this one's is shown."),
+    ] = None,
+    report: Annotated[Path | None, typer.Option(help="Write an HTML report with plots.")] = None,
     overwrite: terminal.Overwrite = False,
 ) -> None:
     """Identify a model from bags."""
     check_folder(out, marker="model.yaml", replace=overwrite)
+    if report is not None:
+        reports.check_available()
+        check_file(report, suffix=".html")
+    other = load_model(beside, rig=rig) if beside is not None else None
+    speeds = speeds_of(other) if other is not None else None
     sampling = terminal.sampling_of(step, period, input_handling)
     described = load_rig(rig)
     records = terminal.read_records(bag, rig, signals, recover, read_period, sampling)
@@ -80,7 +98,27 @@ def command(
     if isinstance(model.system, ResidualHybrid):
         used = [experiment_of(model, record, part=Part.parse(part)) for record in records]
         print_table(leftovers_table([row for item in used for row in before_and_after(model.system, item)]))
+    curves: dict[str, FrictionCurve] = {}
+    if other is not None and speeds is not None:
+        curves = {name: friction_curve(each.system, speeds) for name, each in ((str(out), model), (str(beside), other))}
+        print_table(friction_table(curves, described))
+    if report is not None:
+        section = reports.identification_section(model, [(record, Part.parse(part)) for record in records])
+        section = replace(section, friction=curves)
+        reports.write(report, section, None, reports.provenance(load_model(out, rig=rig), " ".join(sys.argv)))
+        console.print(f"report: {report}")
     console.print(f"{out}: {structure} from {len(records)} records in {model.fit['seconds']:.1f} s")
+
+
+def friction_table(curves: Mapping[str, FrictionCurve], rig: Rig) -> Table:
+    """Friction over speed of models by their names, and how far the first is from the others."""
+    first, *others = curves.values()
+    item = rig.system.inputs[0]
+    table = Table("speed", *curves, title=f"friction as the {item.name} that it takes [{item.unit}]")
+    for k in range(0, len(first.speeds), len(first.speeds) // SHOWN):
+        table.add_row(f"{first.speeds[k]:.3g}", *(f"{curve.inputs[k]:.4f}" for curve in curves.values()))
+    table.add_row("difference, rms", "", *(f"{first.difference(other):.2%}" for other in others))
+    return table
 
 
 def leftovers_table(rows: Sequence[Leftovers]) -> Table:

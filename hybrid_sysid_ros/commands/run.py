@@ -32,6 +32,15 @@ def command(
     commander: Annotated[
         bool, typer.Option("--commander", help="Take commands in plain language: see say. At rest until then.")
     ] = False,
+    camera: Annotated[
+        bool,
+        typer.Option("--camera", help="Close the loop by a simulated camera alone, all other sensors out."),
+    ] = False,
+    layers: Annotated[Path | None, typer.Option(help="Layers that read pictures; the shipped ones by default.")] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="JPEG or PNG that the rig is to look like: the exact MPC weighs how the pixels differ."),
+    ] = None,
     lockstep: Annotated[bool, typer.Option("--lockstep", help="As fast as the nodes answer, repeatable.")] = False,
     composed: Annotated[bool, typer.Option("--composed", help="All in one process, but the recorder.")] = False,
     domain: Annotated[int | None, typer.Option(help="ROS domain; that of ROS_DOMAIN_ID by default.")] = None,
@@ -56,6 +65,9 @@ def command(
             overwrite=overwrite,
             view=port if view else None,
             commander=commander,
+            camera=camera,
+            layers=layers or "",
+            picture=picture or "",
             lockstep=lockstep,
             composed=composed,
             domain=domain,

@@ -21,6 +21,9 @@ def command(
     confirm: Annotated[bool, typer.Option("--confirm", help="Confirm it where the commander waits for that.")] = False,
     model: Annotated[Path | None, typer.Option(help="Of --dry: model folder; the shipped one by default.")] = None,
     policy: Annotated[str, typer.Option(help="Of --dry: supervised, network or exact; the rig's by default.")] = "",
+    layers: Annotated[
+        Path | None, typer.Option(help="Of --dry: layers that read pictures; the shipped ones by default.")
+    ] = None,
     domain: Annotated[int | None, typer.Option(help="ROS domain; that of ROS_DOMAIN_ID by default.")] = None,
 ) -> None:
     """Say a command to the commander of a running loop; with --dry, or where there is no ROS, to a simulated one."""
@@ -28,7 +31,8 @@ def command(
     if dry or not session.has_ros():
         from hybrid_sysid_ros.language.rehearsal import Rehearsal
 
-        reply = Rehearsal.of(described, model=model or "", policy=policy, folder=os.getcwd()).say(text)
+        desk = Rehearsal.of(described, model=model or "", policy=policy, folder=os.getcwd(), layers=layers or "")
+        reply = desk.say(text)
         end([] if reply.accepted else [reply.line])
         console.print(f"simulated from rest: {reply.line}")
         return

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -13,10 +14,13 @@ from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status
+from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.rigs.scene import scene_of
-from hybrid_sysid_ros.runtime import video_record
+from hybrid_sysid_ros.runtime import pictures_ahead, video_record
+from hybrid_sysid_ros.runtime.pictures_ahead import AHEAD, Judged, Summary
+from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_file, check_folder, sha256
 from hybrid_sysid_ros.vision.angle_reader import AngleReader
 from hybrid_sysid_ros.vision.footage import followed, picked
@@ -41,11 +45,25 @@ def command(
         float,
         typer.Option(help="Positions per second in the bag, by a spline between frames; 0: the frames.", min=0),
     ] = 0.0,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            help="Model folder: by it and the layers pictures are predicted from the bag's inputs. The layers are its "
+            "own folder layers, where no other is named."
+        ),
+    ] = None,
     page: Annotated[Path | None, typer.Option("--report", help="HTML page to write.")] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Read a joint's angle out of a film, put it in a bag's time, and write a bag with both."""
+    """Read a joint's angle out of a film, put it in a bag's time, and write a bag with both; predict its pictures."""
     described = load_rig(rig)
+    dynamics = load_model(model, rig=rig) if model is not None else None
+    if model is not None:
+        if bag is None:
+            raise UserError("--model predicts by the inputs of a bag: name it, too (--bag)")
+        if dynamics is not None and dynamics.rig != described.name:
+            raise UserError(f"{model}: is a model of {dynamics.rig}, not of {described.name}")
+        layers = layers or model / KIND
     scene = scene_of(described)
     check_folder(out, marker=bags.markers(out), replace=overwrite)
     if page is not None:
@@ -67,18 +85,26 @@ def command(
         )
         spinner.update("synchronising")
         record = video_record.joined(footage, found, described, bag, exposure=exposure)
+        if layers is not None and not known and bag is not None:
+            video_record.calibrated(found, record).save(layers)
+        ahead: list[Judged] = []
+        if dynamics is not None and bag is not None:
+            spinner.update("predicting")
+            ahead = pictures_ahead.of_video(video, dynamics, described, bag, record, found, exposure=exposure)
     told = shlex.join(["hybrid-sysid", *sys.argv[1:]])
     written = video_record.at_rate(record, rate) if rate else record
     video_record.write(written, described, scene.joint, bag, out, replace=overwrite, made_by=told)
     for remark in [*footage.remarks(), *video_record.contradictions(record, None)]:
         console.print(f"note: {remark}")
     print_table(table_of(record))
+    if ahead:
+        print_table(ahead_table(ahead))
     console.print(f"{out}: {len(written.stamps)} positions of {scene.joint}")
     if page is not None:
         sources = {"film": video} | ({"bag": bag} if bag is not None else {})
         hashes = {f"{kind}, {path.name}": sha256(path) for kind, path in sources.items()}
         provenance = report.Provenance(command=told, hashes=hashes, versions=versions())
-        report.write_video(page, record, found, f"{described.name}: {video.name}", provenance)
+        report.write_video(page, record, found, f"{described.name}: {video.name}", provenance, ahead=ahead)
         console.print(f"report: {page}")
 
 
@@ -98,4 +124,18 @@ def table_of(record: video_record.VideoRecord) -> Table:
         table.add_row("rate", f"{1e6 * found.rate:.2f}", f"{1e6 * rate:.2f}", "ppm")
         table.add_row("scale", f"{found.scale:.5f}", f"{scale:.5f}", "")
         table.add_row("offset", f"{math.degrees(found.offset):.4f}", f"{math.degrees(offset):.4f}", "degrees")
+    return table
+
+
+def ahead_table(rows: Sequence[Judged]) -> Table:
+    """Predicted pictures beside what came, by how far ahead they were."""
+    table = Table(
+        "ahead", "pictures", "likeness", "of the mean picture", "of the newest one", "error [degrees]",
+        "as the picture shows it", "within 2 deviations",
+        title="pictures ahead: structural similarity in the band that the joint comes over",
+    )  # fmt: skip
+    for item in (Summary.of(rows, ahead) for ahead in AHEAD):
+        cells = [f"{value:.3f}" for value in (item.likeness, item.mean, item.still)]
+        errors = [f"{math.degrees(value):.3f}" for value in (item.error, item.shown)]
+        table.add_row(f"{item.ahead:g} s", str(item.count), *cells, *errors, f"{item.inside:.0%}")
     return table

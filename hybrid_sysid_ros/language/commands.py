@@ -53,6 +53,19 @@ class Move(Command):
     rate: float | None = None
     """Of the first goal's output, at most [its unit/s]."""
     hold: float = 0.0
+    picture: str = ""
+    """That shows the goal; "" where it was told."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look(Command):
+    """Where a picture shows the rig; a :class:`Move` once somebody has looked at it."""
+
+    name: str
+    path: Path
+    pace: str = ""
+    seconds: float | None = None
+    hold: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

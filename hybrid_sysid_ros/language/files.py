@@ -1,4 +1,4 @@
-"""Files that a command may follow: columns of numbers below one folder, and no other file."""
+"""Files that a command may name: columns of numbers and pictures below one folder, and no other file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,13 @@ from hybrid_sysid_ros.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-LARGEST = 1 << 20  # bytes
+LARGEST, LARGEST_PICTURE = 1 << 20, 1 << 23  # bytes
+PICTURES = (".jpg", ".jpeg", ".png")
+
+
+def is_picture(name: str) -> bool:
+    """Whether a file is a picture, by its name."""
+    return name.lower().endswith(PICTURES)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,8 +41,9 @@ class Files:
             raise UserError(f"{name[:60]}: lies outside of the folder of files to follow: copy it there")
         if not path.is_file():
             raise UserError(f"{name[:60]}: no such file in the folder of files to follow")
-        if path.stat().st_size > LARGEST:
-            raise UserError(f"{name[:60]}: is larger than {LARGEST >> 20} MB: shorten it")
+        largest = LARGEST_PICTURE if is_picture(name) else LARGEST
+        if path.stat().st_size > largest:
+            raise UserError(f"{name[:60]}: is larger than {largest >> 20} MB: make it smaller")
         return path
 
 

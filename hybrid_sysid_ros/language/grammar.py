@@ -11,13 +11,14 @@ from hybrid_sysid_ros.language.commands import (
     Follow,
     Goal,
     Home,
+    Look,
     Move,
     Repeat,
     Sentence,
     Swing,
     Wait,
 )
-from hybrid_sysid_ros.language.files import Files
+from hybrid_sysid_ros.language.files import Files, is_picture
 from hybrid_sysid_ros.language.sentence import Clause, Quantity, clauses, says_stop
 from hybrid_sysid_ros.language.units import COUNT, FREQUENCY, PERCENT, TIME, Unit, of_rig
 from hybrid_sysid_ros.language.vocabulary import Vocabulary
@@ -71,7 +72,7 @@ class _Reader:
         if not found and self.clause.directions:
             found = [words.GO]
         if not found and self.clause.names:
-            found = [words.FOLLOW]
+            found = [words.LOOK if is_picture(self.clause.names[0]) else words.FOLLOW]
         if len(found) > 1:
             raise UserError(f"{found[0]} and {found[1]} in one part: join them by 'then'")
         if not found:
@@ -82,6 +83,7 @@ class _Reader:
         """What the clause asks for."""
         makers: Mapping[str, Callable[[], Command]] = {
             words.HOME: self.home, words.REPEAT: Repeat, words.WAIT: self.wait, words.FOLLOW: self.follow,
+            words.LOOK: self.look,
             words.SWING: self.swing, words.STEP: self.step, words.HOLD: self.hold,
             words.GO: lambda: self.move("smooth"), words.RAMP: lambda: self.move("straight"),
         }  # fmt: skip
@@ -89,7 +91,8 @@ class _Reader:
         if self.left:
             raise UserError(f"{self.verb} does not take {_told(self.left[0])} here: leave it out")
         if self.clause.names:
-            raise UserError(f"{self.verb} takes no file: say follow {self.clause.names[0]}")
+            name = self.clause.names[0]
+            raise UserError(f"{self.verb} takes no file: say {'look like' if is_picture(name) else 'follow'} {name}")
         if self.clause.paces and not getattr(made, "pace", ""):
             raise UserError(f"{self.verb} can't be {self.clause.paces[0]} here: give its time or frequency alone")
         return made
@@ -110,6 +113,16 @@ class _Reader:
             raise UserError(f"follow what? name one file of columns (FILE.csv), or a reference of the rig: {own}")
         name = names.pop()
         return Follow(name=name, path=None if name in self.vocabulary.rig.references else self.files.find(name))
+
+    def look(self) -> Command:
+        names = self.clause.names
+        if len(names) != 1 or not is_picture(names[0]):
+            raise UserError("look like what? name one picture, as in 'look like goal.jpg'")
+        seconds, hold = self.seconds(words.IN), self.seconds(words.FOR)
+        if self.pace and seconds:
+            raise UserError(f"{self.pace} and a time contradict one another: leave one out")
+        name = names.pop()
+        return Look(name=name, path=self.files.find(name), pace=self.pace, seconds=seconds, hold=hold or 0.0)
 
     def hold(self) -> Command:
         seconds = self.seconds(words.FOR)

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hybrid_sysid_ros.language import grammar
-from hybrid_sysid_ros.language.commands import Repeat, Sentence
+from hybrid_sysid_ros.language.commands import Command, Look, Repeat, Sentence
 from hybrid_sysid_ros.language.desk import Reply
+from hybrid_sysid_ros.language.eyes import Eyes
 from hybrid_sysid_ros.language.files import Files
 from hybrid_sysid_ros.language.forecast import Forecast, Simulator, Start
 from hybrid_sysid_ros.language.plan import Plan, plan_of
@@ -24,25 +25,36 @@ class Interpreter:
 
     vocabulary: Vocabulary
     simulator: Simulator
+    eyes: Eyes
     files: Files = field(default_factory=Files)
     last: Sentence | None = None
     """What was carried out last, as whoever carries it out says."""
 
     @classmethod
-    def of(cls, simulator: Simulator, *, folder: str = "") -> Interpreter:
-        """That of a simulator's rig; folder: of files to follow."""
-        return cls(vocabulary=Vocabulary.of(simulator.rig), simulator=simulator, files=Files(folder=folder))
+    def of(cls, simulator: Simulator, *, folder: str = "", layers: str = "") -> Interpreter:
+        """That of a simulator's rig; folder: of files to follow; layers: by which pictures are read, the shipped ones
+        by default.
+        """
+        vocabulary = Vocabulary.of(simulator.rig)
+        eyes = Eyes(vocabulary=vocabulary, folder=layers)
+        return cls(vocabulary=vocabulary, simulator=simulator, eyes=eyes, files=Files(folder=folder))
 
     def read(self, text: str) -> Sentence:
         """The commands of a text. Raises UserError for one that is not understood."""
         sentence = grammar.read(text, self.vocabulary, self.files)
-        if not any(isinstance(command, Repeat) for command in sentence.commands):
+        if not any(isinstance(command, Repeat | Look) for command in sentence.commands):
             return sentence
+        return replace(sentence, commands=tuple(part for item in sentence.commands for part in self._unfolded(item)))
+
+    def _unfolded(self, command: Command) -> tuple[Command, ...]:
+        """What a command stands for."""
+        if isinstance(command, Look):
+            return (self.eyes.move(command),)
+        if not isinstance(command, Repeat):
+            return (command,)
         if self.last is None:
             raise UserError("nothing was carried out yet that could be repeated: say what to do")
-        last, commands = self.last.commands, sentence.commands
-        unfolded = tuple(part for item in commands for part in (last if isinstance(item, Repeat) else (item,)))
-        return replace(sentence, commands=unfolded)
+        return self.last.commands
 
     def plan(self, sentence: Sentence, reference: Array) -> Plan:
         """The plan of commands from references (outputs,), as they are shown. Raises UserError for what the rig can't

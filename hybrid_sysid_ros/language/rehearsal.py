@@ -19,12 +19,15 @@ class Rehearsal(Desk):
         self._interpreter = interpreter
 
     @classmethod
-    def of(cls, rig: Rig, *, model: Path | str = "", policy: str = "", folder: str = "") -> Rehearsal:
+    def of(
+        cls, rig: Rig, *, model: Path | str = "", policy: str = "", folder: str = "", layers: Path | str = ""
+    ) -> Rehearsal:
         """That of a rig. model: folder, the shipped one by default. policy: another one than the rig's. folder: of
-        files to follow. Raises UserError where no model is given and none is shipped.
+        files to follow. layers: by which pictures are read, the shipped ones by default. Raises UserError where no
+        model is given and none is shipped.
         """
         used = load(model or shipped(rig.name, "model"), rig=rig.source)
-        return cls(Interpreter.of(Simulator.of(rig, used, policy=policy), folder=folder))
+        return cls(Interpreter.of(Simulator.of(rig, used, policy=policy), folder=folder, layers=str(layers)))
 
     def say(self, text: str) -> Reply:
         return self.check(text)

@@ -29,6 +29,7 @@ def _move(command: Move, vocabulary: Vocabulary) -> str:
     words += [command.pace] if command.pace else []
     words += [f"in {command.seconds:.4g} s"] if command.seconds is not None else []
     words += [f"at {command.rate:.4g} {output.unit}/s"] if command.rate is not None else []
+    words += [f"as {command.picture} shows"] if command.picture else []
     return " ".join([*words, *([f"and stay for {command.hold:.4g} s"] if command.hold else [])])
 
 

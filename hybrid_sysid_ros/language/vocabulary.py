@@ -10,8 +10,8 @@ from hybrid_sysid_ros.language import units
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.set_points import Output, outputs_of
 
-HOLD, GO, STEP, RAMP, SWING, WAIT, FOLLOW, REPEAT, HOME, STOP = (
-    "hold", "go", "step", "ramp", "swing", "wait", "follow", "repeat", "home", "stop",
+HOLD, GO, STEP, RAMP, SWING, WAIT, FOLLOW, LOOK, REPEAT, HOME, STOP = (
+    "hold", "go", "step", "ramp", "swing", "wait", "follow", "look", "repeat", "home", "stop",
 )  # fmt: skip
 VERBS: Mapping[str, str] = {
     **dict.fromkeys((HOLD, "keep", "stay", "maintain", "remain"), HOLD),
@@ -39,6 +39,7 @@ VERBS: Mapping[str, str] = {
     **dict.fromkeys((SWING, "oscillate", "sway", "sine", "swings"), SWING),
     **dict.fromkeys((WAIT, "pause"), WAIT),
     **dict.fromkeys((FOLLOW, "track", "run", "play"), FOLLOW),
+    **dict.fromkeys((LOOK, "looks", "match", "resemble"), LOOK),
     **dict.fromkeys((REPEAT, "again", "redo"), REPEAT),
     **dict.fromkeys((HOME, "centre", "center"), HOME),
     **dict.fromkeys((STOP, "halt", "abort", "freeze", "emergency", "stopp"), STOP),
@@ -105,6 +106,10 @@ FILLERS = frozenset(
         "same",
         "once",
         "file",
+        "like",
+        "picture",
+        "image",
+        "photo",
         "this",
         "that",
         "thanks",

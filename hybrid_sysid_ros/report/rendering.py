@@ -12,7 +12,8 @@ import numpy as np
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.identifiability import at_bound
 from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
-from hybrid_sysid_ros.report.sections import ClosedLoopSection, FreeRun, IdentificationSection, Provenance
+from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
+from hybrid_sysid_ros.report.sections import FREE, FreeRun, IdentificationSection, Provenance
 from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.files import written_file
 
@@ -50,7 +51,7 @@ def write(
     content = {
         "title": f"{identification.model.rig}: {identification.model.structure} model",
         "part": identification_content(identification),
-        "closed": None if closed_loop is None else _closed(closed_loop),
+        "closed": None if closed_loop is None else closed_content(closed_loop),
         "provenance": provenance,
         "hashes": _hashes(identification, closed_loop, provenance),
     }
@@ -102,6 +103,8 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
         "prefix": prefix,
         "model": section.model,
         "runs": [_run(run, section) for run in runs],
+        "kind": runs[0].kind if runs else FREE,
+        "free": not runs or runs[0].kind == FREE,
         "adapted": section.adapted,
         "inputs": section.model.system.inputs,
         "free_runs": [drawn(figures.free_run(run), f"{prefix}free-run-{number}") for number, run in enumerate(runs)],
@@ -117,6 +120,7 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
         ],
         "parameters": list(_parameters(section)),
         **_rules(section, prefix),
+        "friction": drawn(figures.friction(section), f"{prefix}friction") if section.friction else "",
         "correlated": section.correlated,
         "doubts": section.doubts,
     }
@@ -193,7 +197,8 @@ def _rules(section: IdentificationSection, prefix: str) -> dict[str, Any]:
     return {"rules": system.words, "memberships": drawn(figures.memberships(system), f"{prefix}memberships")}
 
 
-def _closed(section: ClosedLoopSection) -> dict[str, Any]:
+def closed_content(section: ClosedLoopSection) -> dict[str, Any]:
+    """What the blocks of a page show of a recorded loop."""
     from hybrid_sysid_ros.report import loop_figures
 
     loop = section.loop

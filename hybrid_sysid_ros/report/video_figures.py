@@ -6,6 +6,7 @@ import base64
 import math
 import struct
 import zlib
+from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.camera.imager import Picture
 from hybrid_sysid_ros.report.charts import BOUND, ERROR, MEASURED, MODEL, REFERENCE, line, panels, timed
+from hybrid_sysid_ros.runtime.pictures_ahead import Judged
 from hybrid_sysid_ros.runtime.video_record import VideoRecord
 from hybrid_sysid_ros.vision.angle_reader import Reading
 from hybrid_sysid_ros.vision.layers import Layers
@@ -52,11 +54,26 @@ def lamp(record: VideoRecord) -> go.Figure:
 
 def overlaid(picture: Picture, reading: Reading, layers: Layers) -> str:
     """A picture with the outline of the sprite where it was found, as a PNG for a page."""
+    return _outlined(picture, layers, [reading.angle] if reading.found else [])
+
+
+def expected(picture: Picture, row: Judged, layers: Layers) -> str:
+    """A picture with the outline of the sprite where it was predicted, as a PNG for a page."""
+    return _outlined(picture, layers, [float(layers.angle(np.float64(row.look.position)))])
+
+
+def banded(picture: Picture, row: Judged, layers: Layers) -> str:
+    """A picture with the outlines of the sprite two deviations off, as a PNG for a page."""
+    ends = row.look.position + 2.0 * row.look.deviation * np.array([-1.0, 1.0])
+    return _outlined(picture, layers, layers.angle(ends).tolist())
+
+
+def _outlined(picture: Picture, layers: Layers, angles: Sequence[float]) -> str:
     colours = np.repeat(picture[:, :, None], 3, axis=2)
-    if reading.found:
-        down, across = np.nonzero(_edge(layers.alpha))
-        u, v = across + layers.first[0], down + layers.first[1]
-        c, s = math.cos(reading.angle), -math.sin(reading.angle)
+    down, across = np.nonzero(_edge(layers.alpha))
+    u, v = across + layers.first[0], down + layers.first[1]
+    for angle in angles:
+        c, s = math.cos(angle), -math.sin(angle)
         x = np.rint(layers.pivot[0] + u * c - v * s).astype(int)
         y = np.rint(layers.pivot[1] + u * s + v * c).astype(int)
         inside = (x >= 0) & (y >= 0) & (x < picture.shape[1]) & (y < picture.shape[0])

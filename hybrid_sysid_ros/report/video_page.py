@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from hybrid_sysid_ros.report.rendering import TEMPLATES, check_available, drawn, write_page
+from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
+from hybrid_sysid_ros.report.rendering import TEMPLATES, check_available, closed_content, drawn, write_page
 from hybrid_sysid_ros.report.sections import Provenance
-from hybrid_sysid_ros.runtime.video_record import VideoRecord, contradictions
+from hybrid_sysid_ros.runtime.pictures_ahead import AHEAD, Judged, Summary
+from hybrid_sysid_ros.runtime.video_record import VideoRecord, calibrated, contradictions
 from hybrid_sysid_ros.vision.layers import Layers
 
+SHOWN = 4  # predicted pictures
 
-def write_video(path: Path | str, record: VideoRecord, layers: Layers, title: str, provenance: Provenance) -> Path:
-    """Write the page.
+
+def write_video(
+    path: Path | str, record: VideoRecord, layers: Layers, title: str, provenance: Provenance, *,
+    ahead: Sequence[Judged] = (), loop: ClosedLoopSection | None = None,
+) -> Path:  # fmt: skip
+    """Write the page. ahead: pictures of the film that a model predicted. loop: one that a camera closed.
 
     Raises:
         UserError: plotly or jinja2 is not installed, or the place cannot be written.
@@ -22,7 +30,7 @@ def write_video(path: Path | str, record: VideoRecord, layers: Layers, title: st
     check_available()
     from hybrid_sysid_ros.report import video_figures as figures
 
-    footage, found = record.footage, record.synchronisation
+    footage, found, known = record.footage, record.synchronisation, calibrated(layers, record)
     finite = footage.deviations[np.isfinite(footage.deviations)]
     rows = [("pictures", float(len(footage.times)), math.nan, ""), ("rate", footage.rate, math.nan, "1/s")]
     if len(finite):
@@ -49,8 +57,21 @@ def write_video(path: Path | str, record: VideoRecord, layers: Layers, title: st
             for time, picture, reading in footage.shown
         ],
         "stretched": figures.STRETCHED,
+        "ahead": [Summary.of(ahead, seconds) for seconds in AHEAD] if ahead else [],
+        "foreseen": [
+            (row, figures.expected(row.came, row, known), figures.banded(row.look.picture, row, known))
+            for row in _shown(ahead)
+        ],
+        "closed": None if loop is None else closed_content(loop),
         "degrees": math.degrees,
         "provenance": provenance,
-        "hashes": provenance.hashes,
+        "hashes": {**provenance.hashes, **({f"loop, {loop.loop.name}": loop.loop.digest} if loop else {})},
     }
     return write_page(path, TEMPLATES / "video.html", content)
+
+
+def _shown(rows: Sequence[Judged]) -> list[Judged]:
+    """A few of the predicted pictures: the farthest ones, from the best to the worst."""
+    farthest = sorted((row for row in rows if row.look.ahead == max(AHEAD)), key=lambda row: -row.likeness)
+    count = len(farthest)
+    return [farthest[round(k * (count - 1) / max(SHOWN - 1, 1))] for k in range(min(SHOWN, count))]

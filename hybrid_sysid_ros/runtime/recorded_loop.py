@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,8 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256
 
 MEASUREMENT, COMMAND, REFERENCE = "joint_states", "joint_command", "reference"
+MOTION = "motion"
+"""Where a simulated rig's joints truly were."""
 ONE_CLOCK = SECOND  # ns, largest median distance of a measurement's stamp from its logging if both are of one clock
 
 
@@ -48,7 +50,7 @@ class LoopRecord:
     time: Array
     """Stamps since time zero, which is the stamp of the first reference message, (samples,) [s]."""
     outputs: Array
-    """Measured ones (samples, p)."""
+    """Measured ones (samples, p); of a sensor that was out all the time the simulated rig's true ones, where told."""
     reference: Array
     """The newest previews, straight lines between their points, (samples, p); NaN before the first, and for an output
     that is not tracked.
@@ -134,8 +136,10 @@ class _Reading:
         self.path = path
         self.rig = rig
         self.names = {topic: f"/{rig.namespace.strip('/')}/{topic}" for topic in (MEASUREMENT, COMMAND, REFERENCE)}
+        motion = f"/{rig.namespace.strip('/')}/{MOTION}"
         with opened(path) as bag:
-            messages = bag.whole(self.names.values())
+            messages = bag.whole([*self.names.values(), motion])
+        self.motion = messages.get(motion)
         for name in self.names.values():
             if name not in messages:
                 raise UserError(
@@ -162,7 +166,7 @@ class _Reading:
         inputs = [_field(*joints.place(item.name)) for item in system.inputs]
         stamps, first = self.measurements(_field(*places[0]))
         logged = self.columns[MEASUREMENT].messages.logged[first]
-        outputs = np.stack([self.finite(MEASUREMENT, _field(*place))[first] for place in places], axis=1)
+        outputs = np.stack([self.outputs(place, stamps, first) for place in places], axis=1)
         applied = np.stack([self.values(MEASUREMENT, field)[first] for field in inputs], axis=1)
         answers, answered = self.answers(stamps, inputs[0])
         given = np.stack([self.finite(COMMAND, field)[answers] for field in inputs], axis=1)
@@ -202,6 +206,20 @@ class _Reading:
             )
         found: tuple[NDArray[np.int64], NDArray[np.intp]] = np.unique(stamps, return_index=True)
         return found
+
+    def outputs(self, place: tuple[str, str], stamps: NDArray[np.int64], first: NDArray[np.intp]) -> Array:
+        """An output in its place (samples,) at the measurements' stamps, whose messages are ``first``."""
+        field = _field(*place)
+        if np.isnan(self.values(MEASUREMENT, field)).all() and self.motion is not None and place[1] == "position":
+            following = replace(self.motion, data=self.motion.data[1:], logged=self.motion.logged[1:])
+            columns = Columns(following)  # the first one has the beginning alone, the others all steps of a period
+            newest = "points"
+            try:
+                newest = _points(place, columns.entries("points"))[-1]
+                return np.interp(stamps, columns.stamps(newest), columns.values(newest))
+            except MissingInMessageError as error:
+                raise UserError(f"{self.path}: topic {MOTION}: {newest} is missing in {error}") from error
+        return self.finite(MEASUREMENT, field)[first]
 
     def answers(self, stamps: NDArray[np.int64], field: str) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """For each measurement the first command with its stamp: its message (0 for none), and the same with -1."""

@@ -20,7 +20,7 @@ from typing import Any
 
 from hybrid_sysid_ros.bags import markers
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime import configuration, processes
+from hybrid_sysid_ros.runtime import configuration, processes, sight
 from hybrid_sysid_ros.runtime.processes import COMPOSED
 from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
@@ -31,7 +31,7 @@ START_TIMEOUT = 30.0  # s, until the loop is complete
 STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # s
 STOP_ORDER = (
     ("plant", "reference", COMPOSED),
-    ("estimator", "controller"),
+    ("estimator", "controller", "camera", "vision"),
     ("recorder", "replay", "view", "commander"),
 )
 BESIDE = ("view", "commander")
@@ -265,6 +265,9 @@ def run(
     overwrite: bool = False,
     view: int | None = None,
     commander: bool = False,
+    camera: bool = False,
+    layers: Path | str = "",
+    picture: Path | str = "",
     domain: int | None = None,
     priority: int | None = None,
     composed: bool = False,
@@ -279,6 +282,8 @@ def run(
     lockstep: as fast as the nodes are, in simulated time. bag: folder to record all topics into. view: port of a page
     that shows the run (0: any); it then goes on when a reference of the rig's own has ended. commander: whether the
     run takes commands in plain language, armed; it then begins at rest and goes on, where no reference is asked for.
+    camera: whether a camera takes the sensors' place; a bag then has the simulated rig's true motion, too. layers: by
+    which pictures are read, the shipped ones by default. picture: that the exact MPC makes the rig look like.
     priority: of plant, estimator and controller as real-time processes; None: a modest one where the system permits it.
     composed: those of the loop in one process. parameters: more of them, by node and name. tell: gets lines for the
     user. progress: gets the seconds since the start, and how many there will be (0: unknown).
@@ -287,6 +292,8 @@ def run(
     ended too early.
     """
     described = rigs.load(rig or rigs.default())
+    if picture and commander:
+        raise UserError("a picture is the goal, or commands say it: leave one out, and say 'look like PICTURE'")
     if bag is not None:
         check_folder(bag, marker=markers(bag), replace=overwrite)
     lock, latency = {"lockstep": lockstep}, {"latency": 0.0} if lockstep else {}
@@ -302,10 +309,18 @@ def run(
     if view is not None:
         values["view"] = {"port": view}
     if commander:
-        values["commander"] = {"armed": True, "folder": os.getcwd()}
+        values["commander"] = {"armed": True, "folder": os.getcwd(), "layers": str(layers)}
+        values["reference"] |= {} if reference else {"kind": "constant", "amplitude": 0.0}
+    if picture:
+        values["controller"] |= {"picture": str(Path(picture).absolute()), "layers": str(layers), "policy": "exact"}
         values["reference"] |= {} if reference else {"kind": "constant", "amplitude": 0.0}
     if view is not None or commander:
         values["reference"]["stay"] = not duration
+    if camera:
+        for node, seeing in sight.parameters(described, layers).items():
+            values[node] = {**lock, **values.get(node, {}), **seeing}
+        if bag is not None:
+            values["recorder"]["further"] = "motion"
     chosen = processes.permitted_priority() if priority is None and not lockstep else priority or 0
     for node in values:
         values[node]["priority"] = processes.priority_of(node, chosen)

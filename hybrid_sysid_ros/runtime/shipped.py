@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hybrid_sysid_ros.support.errors import UserError
 
-OPTIONS = {"model": "--model", "policy": "--policy-path", "layers": "the parameter layers"}
+OPTIONS = {"model": "--model", "policy": "--policy-path", "layers": "--layers"}
 """Of commands, by which another folder than the shipped one is given."""
 TRAINED = Path(__file__).parents[1] / "trained"
 

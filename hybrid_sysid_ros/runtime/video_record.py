@@ -85,6 +85,14 @@ def joined(footage: Footage, layers: Layers, rig: Rig, bag: Path | None, *, expo
     )
 
 
+def calibrated(layers: Layers, record: VideoRecord) -> Layers:
+    """Layers that tell positions by the zero and the scale of the bag's sensor; the same without a bag."""
+    found = record.synchronisation
+    if found is None:
+        return layers
+    return replace(layers, geometry=replace(layers.geometry, scale=found.scale, zero=-found.offset / found.scale))
+
+
 def encoder_of(rig: Rig, joint: str, bag: Path) -> tuple[int, Array, Array]:
     """First stamp [ns], times from there on [s] and positions [rad] of a joint as a bag has them."""
     topic, stamps, values = f"/{rig.namespace}/{MEASUREMENTS}", list[NDArray[np.int64]](), list[Array]()

@@ -20,6 +20,9 @@ STILL = 33  # pixels of a row that tell the light
 COVERED = 0.02  # a, above which a texel hides or colours what is behind it
 EXPLAINED = 0.35  # share of the points that the layers must explain
 LIT = 0.05  # share of the light under which the layers were learned, below which noise may pass for a sprite
+STANDS = 0.97
+"""Correlation of what stands in a picture with the background, below which the camera was moved by two pixels or more,
+or the picture is of something else; noise of 8 counts leaves .987."""
 DARK = 8.0  # counts: a background below it tells nothing of the light
 
 
@@ -90,6 +93,12 @@ class AngleReader:
         expected = self._gains[rows] * self.layers.background[rows, columns]
         different = np.abs(picture[rows, columns] - expected)
         return float(np.median(different)) / 0.6745 / self.layers.geometry.noise if len(rows) else 0.0
+
+    def standing(self, picture: NDArray[np.uint8]) -> float:
+        """Correlation of all that stands in a picture of the layers' size with the background."""
+        still = ~self.swept
+        shown = picture[still].astype(np.float64)
+        return float(np.corrcoef(shown, self.layers.background[still])[0, 1]) if np.ptp(shown) > 0.0 else 0.0
 
     @property
     def gains(self) -> Array:

@@ -24,8 +24,8 @@ LEARNED_FROM = 160
 """Pictures that layers are learned from."""
 SHOWN = 4  # pictures that are kept to be shown
 FROZEN = 3  # pictures in a row that are the same to the last bit: a camera that hangs
-OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is told
 MOVED = 4.0  # deviations of the noise, by which what stands must look different to have moved
+OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is told
 LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
 
 

@@ -89,6 +89,10 @@ class Layers:
         """Of the joint [rad], where the sprite is at an angle."""
         return self.geometry.scale * (angle - self.geometry.zero)
 
+    def angle(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of the sprite [rad], where the joint is at positions of any shape [rad]."""
+        return position / self.geometry.scale + self.geometry.zero
+
     def drawn(self, angle: float) -> Plane:
         """The picture that the layers make at an angle, its light that of the mean (rows, columns) [counts]."""
         rows, columns = self.background.shape

@@ -260,4 +260,8 @@ CORPUS: list[tuple[str, str, Any]] = [
     (CONE, "hold 5 %", Refused("which output")),
     (CONE, "set angle_of_attack to 1 degree", Refused("steered")),
     (CONE, "set height to 20 m/s", Refused("height")),
+    # Pictures; what they show is read in test_eyes.
+    (BEAM, "make it look like this", Refused("name one picture")),
+    (BEAM, "look like goal.jpg", Refused("no files")),
+    (BEAM, "match goal.png and photo.jpg", Refused("name one picture")),
 ]

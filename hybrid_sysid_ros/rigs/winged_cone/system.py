@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from hybrid_sysid_ros.core import RungeKutta, System, bounded
 from hybrid_sysid_ros.core.mathematics import Scalar, cos, exp, sided, sin
@@ -135,6 +136,18 @@ class KnownAirCone(ConstantAirCone):
 
 
 @dataclass(frozen=True, kw_only=True)
+class QuasiSteadyCone(KnownAirCone):
+    """The same whose engine is where it is told to be, b = bc: for plans by the second, of which it takes a tenth."""
+
+    states: ClassVar[Any] = (
+        "speed [m/s]", "path_angle [rad]", "height [m]", "angle_of_attack [rad]", "pitch_rate [rad/s]",
+    )  # fmt: skip
+
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return super().law([*x, u[0], 0.0], u)[: len(x)]
+
+
+@dataclass(frozen=True, kw_only=True)
 class WingedCone(KnownAirCone):
     """The vehicle itself: coefficients that change with Mach number and height.
 
@@ -176,4 +189,8 @@ def sound(h: Scalar) -> Scalar:
 
 
 SYSTEM = WingedCone()
-STRUCTURES = {"constant_air": ConstantAirCone(), "known_air": KnownAirCone()}
+STRUCTURES = {
+    "constant_air": ConstantAirCone(),
+    "known_air": KnownAirCone(),
+    "known_air_quasi_steady": QuasiSteadyCone(),
+}
