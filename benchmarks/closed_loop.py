@@ -13,7 +13,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -22,8 +21,9 @@ from rich.table import Table
 
 from benchmarks import picture, result
 from benchmarks.linear_quadratic_regulator import LinearQuadraticRegulator
+from benchmarks.timed import Timed
 from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.control import Controller, ExactMpc, Plan, Status
+from hybrid_sysid_ros.control import Controller, ExactMpc, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.problem import Problem
@@ -94,30 +94,6 @@ COURSES = {
         windows={"multisine": (0.0, 30.0)},
     ),
 }
-
-
-class Timed:
-    """A controller that measures its calls."""
-
-    def __init__(self, controller: Controller) -> None:
-        self.controller = controller
-        self.horizon, self.period = controller.horizon, controller.period
-        self.seconds: list[float] = []
-
-    def reset(self) -> None:
-        """Forget the past."""
-        self.controller.reset()
-
-    def prepare(self, elapsed: float) -> None:
-        """Not measured: it is done when the input is out."""
-        self.controller.prepare(elapsed)
-
-    def control(self, state: Any, disturbance: Any, previous_input: Any, preview: Any) -> Plan:
-        """Measure one call."""
-        began = perf_counter()
-        plan = self.controller.control(state, disturbance, previous_input, preview)
-        self.seconds.append(perf_counter() - began)
-        return plan
 
 
 def proportional_loop(

@@ -18,7 +18,7 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray
 
 from hybrid_sysid_ros.control import Plan
-from hybrid_sysid_ros.control.safety.supervisor import LAYERS, Supervisor
+from hybrid_sysid_ros.control.safety.supervisor import LAYERS
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.border import Order
 from hybrid_sysid_ros.nodes.diagnostics import OK, Task
@@ -44,7 +44,7 @@ STANDING_IN = {"shifted plan", "held"}  # layers that may stand in for zero_afte
 REFERENCE_PATIENCE = 3 * SECOND  # that a controller waits for somebody who gives references
 
 OF_PROBLEM = {
-    *("output_weight", "rate_weight", "input_weight", "rate_limit"),
+    *("output_weight", "rate_weight", "input_weight", "rate_limit", "input_low", "input_high"),
     *("state_low", "state_high", "soft_linear", "soft_quadratic"),
 }  # parameters that a network was trained with
 
@@ -283,14 +283,15 @@ class ControllerNode(RigNode):
         self.send(self.rest if long else self.input)
 
     def stop(self) -> None:
-        """Bring the inputs nearer to rest, by so much of their range as the time since the last command is of
-        stop_seconds.
+        """Bring the inputs nearer to rest, or to what a stabiliser answers with, by so much of their range as the time
+        since the last command is of stop_seconds.
         """
         now, seconds = self.time(), self.settings["stop_seconds"] * SECOND
         share = min((now - self.acted) / seconds, 1.0) if seconds else 1.0
-        away, step = self.input - self.rest, share * self.span
+        rest = self.pilot.at_rest()
+        away, step = self.input - rest, share * self.span
         self.layers[STOPPED] += 1
-        self.send(self.rest + np.sign(away) * np.maximum(np.abs(away) - step, 0.0))
+        self.send(rest + np.sign(away) * np.maximum(np.abs(away) - step, 0.0))
 
     def watch(self) -> None:
         """Let the inputs rest when estimates stop: not every drive has a timeout of its own. See who wants numbers."""
@@ -358,9 +359,8 @@ class ControllerNode(RigNode):
         elif self.mode is not Mode.DRIVE and judged.level == OK:
             judged = replace(judged, message=f"{self.mode.value} until the service enable is called")
         plans = {f"plans {name}": count for name, count in statuses.items() if name not in SOUND}
-        checked = (
-            named("check", dict(self.pilot.controller.reasons)) if isinstance(self.pilot.controller, Supervisor) else {}
-        )
+        supervisor = self.pilot.supervisor
+        checked = {} if supervisor is None else named("check", dict(supervisor.reasons))
         return [judged, self.judged("policy", plans, answers, **named("status", statuses), **checked)]
 
 

@@ -9,6 +9,7 @@ from hybrid_sysid_ros.models import Model, load
 from hybrid_sysid_ros.nodes.source import Source
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import shipped
+from hybrid_sysid_ros.runtime.in_loop import believed
 
 
 def model_of(rig: Rig, settings: Mapping[str, Any]) -> tuple[Model, Source]:
@@ -17,4 +18,4 @@ def model_of(rig: Rig, settings: Mapping[str, Any]) -> tuple[Model, Source]:
     """
     folder = settings["model"] or shipped(rig.name, "model")
     source = Source(folder)
-    return load(folder, rig=rig.source), source
+    return believed(rig, load(folder, rig=rig.source)), source

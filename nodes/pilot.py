@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control.safety.supervisor import Supervisor
+from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.nodes.cdr import JointWriter, TrajectoryWriter
 from hybrid_sysid_ros.nodes.layout import AHEAD, Layout, Place, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND
@@ -40,7 +40,8 @@ class Pilot:
         if (folder := policy_folder(rig, settings)) is not None:
             self.sources["policy"] = Source(folder)
         made = controller_of(rig, model, settings, warn)
-        self.controller, self.problem, self.network = made.controller, made.problem, made.network
+        self.controller, self.problem = made.controller, made.problem
+        self.network, self.supervisor = made.network, made.supervisor
         self.ahead = round((model.system.delay + settings["latency"]) * SECOND)
         period, horizon = self.controller.period, self.controller.horizon
         self.grid = np.round(period * np.arange(1, horizon + 1) * SECOND).astype(np.int64)
@@ -56,7 +57,8 @@ class Pilot:
         self.followed = Slots([Place(name, "position") for name in names])
         self.plans = TrajectoryWriter(Slots([*layout.states, *layout.inputs]), self.grid.tolist(), signature)
         self.writer = JointWriter(Slots(layout.inputs), signature)
-        self._warm_up(np.array([actuator.rest for actuator in rig.actuators]))
+        self.rest = np.array([actuator.rest for actuator in rig.actuators])
+        self._warm_up(self.rest)
 
     def _warm_up(self, rest: Array) -> None:
         """Answer what nobody gave: this compiles, and loads what is loaded at first use.
@@ -77,8 +79,14 @@ class Pilot:
     def begin(self) -> None:
         """Begin a new experiment."""
         self.controller.reset()
-        if isinstance(self.controller, Supervisor):
-            self.controller.reasons.clear()
+        if self.supervisor is not None:
+            self.supervisor.reasons.clear()
+
+    def at_rest(self) -> Array:
+        """Inputs at rest (m,), or what a stabiliser answers the newest state with: an unstable rig is lost without."""
+        if isinstance(self.controller, Cascade) and np.isfinite(self.state).all():
+            return self.controller.held(self.state)
+        return self.rest
 
     def adapt(self, parameters: list[float]) -> None:
         """Tell a network with a correction the parameters that the estimator follows; NaN leaves one as it was."""

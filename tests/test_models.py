@@ -17,6 +17,7 @@ from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.models import STRUCTURES, Model, Sampling, build, storage
 from hybrid_sysid_ros.models.export import export_casadi
+from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.model import FORMAT
 from hybrid_sysid_ros.models.options import parse
 from hybrid_sysid_ros.models.structures import assemble, options_of
@@ -24,7 +25,7 @@ from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
 from tests.one_joint import narx as narx_of
 from tests.one_joint import recurrent as recurrent_of
-from tests.structures import linked, residual, rules
+from tests.structures import RANGE, linked, residual, rules
 
 FROM_DATA = {
     "narx": narx_of(
@@ -257,6 +258,14 @@ def test_a_structure_begins_where_no_earlier_fit_leaks_in():
         system.check()
 
 
+@pytest.mark.parametrize("size", [1.0, 1.1, 1.2, 1.3, 1.4])
+def test_a_linear_system_begins_within_its_bounds_to_the_last_digit(size):
+    system, _ = build("linear", CamBeam(), scales=np.array([1.0, size, size**3]) * RANGE, seed=0)
+    assert isinstance(system, Linear)
+    begun = system.begun({item.name: 1e9 for item in system.parameters if not item.fixed})
+    begun.with_values([item.start for item in begun.parameters]).check()
+
+
 def test_doubtful_terms_are_left_out_and_held_unless_they_are_asked_for():
     plain, held = build("gray", CamBeam(), scales=SCALES, seed=0)
     assert set(held) == {"stribeck_excess", "stribeck_speed", "damping_asymmetry", "creep"}
@@ -289,7 +298,11 @@ def test_physics_has_its_terms_as_options_and_a_network_its_own():
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        ({"colour": 1}, "structure black_box has no option colour; it has units, ridge, starts, input_bias"),
+        (
+            {"colour": 1},
+            "structure black_box has no option colour; it has units, affine_rules, linked_rules, "
+            "ridge, starts, input_bias",
+        ),
         ({"units": 0}, "option units = 0 is outside 1 to 32"),
         ({"units": 2.5}, r"option units = 2\.5 must be a whole number"),
         ({"ridge": float("nan")}, "option ridge = nan is outside"),

@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tracemalloc
 from contextlib import suppress
 from pathlib import Path
 
@@ -53,6 +54,25 @@ def test_a_recording_is_a_whole_bag(tmp_path: Path) -> None:
     assert bags.topics(tmp_path / "run")["/cam_beam/joint_states"].messages == 250
     assert names(tmp_path) == ["run"]
     assert names(tmp_path / "run") == ["metadata.yaml", "run_0.mcap"]
+
+
+def test_a_long_recording_keeps_little_of_its_index_in_memory(tmp_path: Path) -> None:
+    chunks = 1500
+    with bags.Recording(tmp_path / "run") as recording:
+        write(recording, 0, 1)  # is flushed
+        tracemalloc.start()
+        write(recording, 1, chunks // 2, every=1)
+        before = tracemalloc.get_traced_memory()[0]
+        write(recording, chunks // 2, chunks, every=1)
+        grown = tracemalloc.get_traced_memory()[0] - before
+        tracemalloc.stop()
+    assert grown < 200 * chunks // 2
+    with (tmp_path / "run" / "run_0.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()  # the library's own reading
+    assert summary is not None
+    assert summary.statistics is not None
+    assert len(summary.chunk_indexes) == summary.statistics.chunk_count == chunks
+    assert all(len(index.message_index_offsets) == 1 for index in summary.chunk_indexes)
 
 
 def test_a_recording_without_a_message_is_an_empty_bag(tmp_path: Path) -> None:

@@ -111,6 +111,32 @@ def test_windows_grow_as_the_fastest_mode_does(record):
     assert closed.stages[-1] == 500
 
 
+@dataclass(frozen=True, kw_only=True)
+class Warming(Upright):
+    """It warms as it leans, which no sensor shows."""
+
+    states = ("angle [rad]", "rate [rad/s]", "warmth [K]")
+    outputs = ("angle", "rate")
+
+    def law(self, x, u):
+        return *super().law(x, u), x[0] ** 2 - 0.2 * x[2]
+
+
+def test_what_no_record_shows_is_carried_through_windows_by_a_run_that_is_held():
+    random, samples = np.random.default_rng(3), 1501
+    pushed = np.repeat(random.uniform(-6.0, 6.0, 75), 20)[:, None]
+    feedback = np.pad(GAINS, ((0, 0), (0, 1)))
+    starts = np.array([[0, 0, samples, 0]])
+    states, outputs = rollouts(Warming(), starts, np.zeros((1, 3)), pushed, step=STEP, feedback=feedback)
+    seen = np.pad(outputs, ((0, 0), (0, 1)))
+    inputs = pushed - states[:-1] @ feedback.T
+    record = Experiment(name="warm", sampling=SAMPLING, inputs=inputs, outputs=outputs, states=seen)
+    problem = Shooting(Warming(), [record], WINDOWS)
+    problem.carry(problem.start, problem.stages[0])
+    begins, first, _, _ = problem.windows(problem.stages[0])
+    np.testing.assert_allclose(first[:, 2], states[begins[:, 1], 2], rtol=1e-6)
+
+
 @pytest.mark.parametrize("closed", [0.0, 5.0])
 def test_derivatives_are_those_of_a_fit_of_all_initial_states(record, closed):
     """The gradient of the sum of squares over parameters alone, by differences."""

@@ -82,4 +82,6 @@ def test_from_a_flight_to_what_is_known_and_how_far_it_predicts(call, tmp_path: 
     assert "open free run over 100 s says nothing of an unstable system" in err
     assert "closed loop, from the commands alone" in out
     assert "20 s" in out
-    refused(command("evaluate", model, bag, "--report", tmp_path / "r.html"), "--report draws free runs: leave it out")
+    page = tmp_path / "report.html"
+    assert command("evaluate", model, bag, "--part", "0.9:1", "--report", page)[0] == 0
+    assert "Run under the stabiliser" in page.read_text()

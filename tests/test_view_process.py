@@ -86,6 +86,37 @@ def test_a_run_is_seen_and_driven_from_its_page(domain: int) -> None:
     assert 0.0 < outcome.diagnostics["view"]["cpu_share"] < 1.0
 
 
+def test_stop_and_enable_of_the_page_reach_a_running_controller(domain: int) -> None:
+    def press(page: ClientConnection) -> None:
+        page.recv(timeout=PATIENCE)
+        inputs: list[float] = []
+        done: dict[int, bool] = {}
+
+        def until(condition: Callable[[], bool]) -> None:
+            while not condition():
+                page.send('{"do": "next"}')
+                answer = page.recv(timeout=PATIENCE)
+                if isinstance(answer, str):
+                    told = json.loads(answer)
+                    done[told["id"]] = told["done"]
+                    continue
+                _, arrays = unpacked(answer)
+                inputs.extend(arrays["command"][:, 1].tolist() if "command" in arrays else [])
+
+        until(lambda: len(inputs) > 100 and any(inputs[-20:]))
+        page.send('{"do": "call", "service": "stop", "id": 1}')
+        until(lambda: done.get(1, False))
+        until(lambda: len(inputs) > 100 and not any(inputs[-100:]))  # at rest, and stays there
+        page.send('{"do": "call", "service": "enable", "id": 2}')
+        until(lambda: done.get(2, False))
+        until(lambda: all(inputs[-50:]))
+
+    visitor = Visitor(press)
+    visitor.start()
+    session.run(reference="sine", duration=8.0, view=0, domain=domain, tell=visitor.tell)
+    visitor.visited()
+
+
 def test_a_run_goes_on_without_its_view(domain: int) -> None:
     def kill(page: ClientConnection) -> None:
         greeting = json.loads(page.recv(timeout=PATIENCE))

@@ -6,11 +6,14 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
 import numpy as np
+from rich.progress import track
 
+from hybrid_sysid_ros.commands.terminal import status
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import session
 from hybrid_sysid_ros.runtime.parameters import defaults
@@ -77,6 +80,8 @@ class Operator:
     def until(self, condition: Callable[[], Any]) -> None:
         end = time.perf_counter() + PATIENCE
         while not condition():
+            if self.ending.is_set():
+                raise TimeoutError("the loop has ended")
             if time.perf_counter() > end:
                 raise TimeoutError("the loop does not answer")
             time.sleep(0.01)
@@ -146,18 +151,19 @@ def measured(rig: Rig, domain: int, *, times: int) -> dict[str, list[float]]:
 
     def act() -> None:
         try:
-            for way in WAYS * times:
+            for way in track(WAYS * times, "stops", console=status):
                 operator.swing(text)
                 time.sleep(0.3 + random.uniform(0.0, 1.0))
                 found[way].append(operator.stop(way))
         finally:
-            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)  # which ends the run
+            if not operator.ending.is_set():
+                signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)  # which ends the run
 
-    worker = threading.Thread(target=act)
-    worker.start()
-    try:
-        session.run(rig=rig.source, commander=True, domain=domain)
-        worker.join()
-    finally:
-        operator.close()
+    with ThreadPoolExecutor(1) as pool:
+        acting = pool.submit(act)
+        try:
+            session.run(rig=rig.source, commander=True, domain=domain, tell=status.print)
+        finally:
+            operator.close()
+        acting.result()
     return found

@@ -9,6 +9,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -21,12 +22,14 @@ def spoken(topic: str, make: Callable[[Stage, int], Any], *, rate: float = 100.0
 
     def fault(stage: Stage) -> None:
         publisher = stage.publisher(topic, reliable=reliable)
+        message = make(stage, 0)  # which takes a second where it is a large one
         stage.begun = time.monotonic()
         end, k = stage.begun + LASTING, 0
         while time.monotonic() < end:
-            publisher.publish(make(stage, k))
+            publisher.publish(message)
             k += 1
             time.sleep(1.0 / rate)
+            message = make(stage, k)
         stage.node.destroy_publisher(publisher)
 
     return fault
@@ -63,7 +66,8 @@ def command(effort: float, stamp: Callable[[Stage], int], *, reliable: bool = Tr
 
 def crowd(stage: Stage) -> None:
     """A message with a million names, on each topic of the loop, five times."""
-    message = JointState(name=[f"n{k}" for k in range(1_000_000)])
+    message = serialize_message(JointState(name=[f"n{k}" for k in range(1_000_000)]))
+    stage.begun = time.monotonic()
     for topic in ("joint_states", "state_estimate", "joint_command"):
         publisher = stage.publisher(topic)
         for _ in range(5):

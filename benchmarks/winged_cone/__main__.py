@@ -1,4 +1,4 @@
-"""Run the studies of the winged cone: python -m benchmarks.winged_cone [autopilot] [identification]."""
+"""Run the studies of the winged cone: python -m benchmarks.winged_cone [NAME] ..."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks import parts, result
-from benchmarks.winged_cone import autopilot, identification
+from benchmarks.winged_cone import autopilot, control, hybrids, identification
 from hybrid_sysid_ros.rigs.rig import Rig
 
 
@@ -23,7 +23,29 @@ def _identification(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
     return found, identification.tables(found)
 
 
-main = partial(parts.run, "winged_cone", {"autopilot": _autopilot, "identification": _identification})
+def _mpc(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = control.measured(rig)
+    return found, [control.flight_table(found)]
+
+
+def _mpc_timing(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = control.timing(rig)
+    return found, [control.timing_table(found)]
+
+
+def _hybrids(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = hybrids.measured(rig)
+    return found, hybrids.tables(found)
+
+
+PARTS = {
+    "autopilot": _autopilot,
+    "identification": _identification,
+    "hybrids": _hybrids,
+    "mpc": _mpc,
+    "mpc_timing": _mpc_timing,
+}
+main = partial(parts.run, "winged_cone", PARTS)
 
 if __name__ == "__main__":
     result.run(main)

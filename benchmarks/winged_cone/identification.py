@@ -17,7 +17,7 @@ from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.identification import identify
 from hybrid_sysid_ros.identification.grouping import Group
 from hybrid_sysid_ros.identification.shooting import feedback_of
-from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.models import Model, Options, Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 
 Array = NDArray[np.float64]
@@ -106,12 +106,12 @@ def scores(system: System, rig: Rig, plant: System, deviation: Array) -> dict[st
     return found
 
 
-def fitted(rig: Rig, plant: System, box: str, seed: int) -> tuple[Model, Array]:
-    """A model of one record, and the deviations of its outputs."""
+def fitted(rig: Rig, plant: System, structure: str, seed: int, options: Options | None = None) -> tuple[Model, Array]:
+    """A model of one record, and the deviations of its outputs. seed: of the record, its noise and the fit."""
     signals = flights.experiment(rig, "flight", seed, flights.SETTLING + SECONDS)
     flight = flights.fly(rig, plant, signals, seed=seed).since(flights.SETTLING)
     record = flight.record(rig, f"flight_{seed}")
-    model = identify([record], rig, box, sampling=SAMPLING)
+    model = identify([record], rig, structure, sampling=SAMPLING, options=options, seed=seed)
     return model, np.std(outputs_of(plant, flight.states), axis=0)
 
 

@@ -17,13 +17,15 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands.terminal import RigName, console, print_table
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy import policy
-from hybrid_sysid_ros.identification import Part, evaluate, identify
+from hybrid_sysid_ros.identification import Part, Scores, evaluate, identify
+from hybrid_sysid_ros.identification.identify import experiment_of, scores_of
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.options import Options
 from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, session
+from hybrid_sysid_ros.runtime.in_loop import controlled, driving
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.runtime.training import train_policy
@@ -167,14 +169,16 @@ def demo(out: Path, records: Records | None = None, *, rig: str = "", train: boo
     bag, diagnostics = run_loop(out / "loop", described, plan.reference, model=model_folder, policy_path=policy_folder)
     loop = LoopRecord.from_bag(bag, described)
     console.print("3 comparing with the exact MPC on the same plant")
-    schedule = described.schedule(plan.reference)
+    schedule, system = described.schedule(plan.reference), controlled(described, used.system)
     costs = [
-        simulated_loop(described, used, controller, schedule, duration=schedule.duration).cost(imitation.problem)
-        for controller in (imitation, ExactMpc(used.system, imitation.problem))
+        simulated_loop(
+            described, used, driving(described, system, controller), schedule, duration=schedule.duration
+        ).cost(imitation.problem)
+        for controller in (imitation, ExactMpc(system, imitation.problem))
     ]
     section = report.closed_loop_section(loop, described)
     summary = {
-        "identification": _identified(model, records),
+        "identification": _identified(model, records, described),
         "closed_loop": tracked(section, plan) | {"cost_ratio_to_exact": round(costs[0] / costs[1], 4)},
         "timing": timing_of(diagnostics["plant"]),
     }
@@ -187,15 +191,21 @@ def demo(out: Path, records: Records | None = None, *, rig: str = "", train: boo
     return summary
 
 
-def _identified(model: Model, records: Records) -> dict[str, Any]:
-    """What the summary says of the model; of several outputs R2 is the mean."""
-    scores = {
-        records.names.get(record.name, record.name): evaluate(model, record, part=part)
-        for record, part in records.tests
-    }
+def _identified(model: Model, records: Records, rig: Rig) -> dict[str, Any]:
+    """What the summary says of the model, which runs under the stabiliser where its rig has one; of several outputs
+    R2 is the mean.
+    """
+    held = rig.experiments.stabiliser is not None
+
+    def score(record: Record, part: Part) -> Scores:
+        if held:
+            return scores_of(model.system, experiment_of(model, record, part=part), rig)
+        return evaluate(model, record, part=part)
+
+    scores = {records.names.get(record.name, record.name): score(record, part) for record, part in records.tests}
     return {
         "records": records.source,
-        "free_run_r2": {name: round(value.r2, 4) for name, value in scores.items()},
+        "stabilised_run_r2" if held else "free_run_r2": {name: round(value.r2, 4) for name, value in scores.items()},
         "fit_seconds": model.fit["seconds"],
     }
 
@@ -280,9 +290,11 @@ def write_text(path: Path, text: str) -> None:
 
 def _table(summary: dict[str, Any]) -> Table:
     table = Table("quantity", "value", title="demo")
-    for record, r2 in summary["identification"]["free_run_r2"].items():
-        table.add_row(f"free run R2 {record}", f"{r2:.3f}")
-    table.add_row("time of the fit", f"{summary['identification']['fit_seconds']:.1f} s")
+    identified = summary["identification"]
+    for run in ("free_run", "stabilised_run"):
+        for record, r2 in identified.get(f"{run}_r2", {}).items():
+            table.add_row(f"{run.replace('_', ' ')} R2 {record}", f"{r2:.3f}")
+    table.add_row("time of the fit", f"{identified['fit_seconds']:.1f} s")
     unit = summary["closed_loop"]["unit"]
     for part, rmse in summary["closed_loop"]["tracking_rmse"].items():
         table.add_row(f"tracking RMSE {part}", f"{rmse:.3f} {unit if isinstance(unit, str) else unit[part]}")

@@ -60,7 +60,7 @@ def command(
     described = load_rig(loaded.rig)
     chosen = Part.parse(part)
     records = terminal.read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling)
-    scores, ahead = _scored(loaded, records, chosen, described, drawn=report is not None)
+    scores, ahead = _scored(loaded, records, chosen, described)
     low, high = described.limits
     shared: dict[str, Any] = {"sampling": loaded.sampling, "spans": high - low, "seconds": adapted}
     runs = {
@@ -100,7 +100,7 @@ def command(
 
 
 def _scored(
-    model: Model, records: Sequence[Record], part: Part, rig: Rig, *, drawn: bool
+    model: Model, records: Sequence[Record], part: Part, rig: Rig
 ) -> tuple[dict[str, dict[str, Any]], dict[str, list[Prediction]]]:
     """By record the scores of the free run, or where that says nothing the errors some seconds ahead."""
     scores: dict[str, dict[str, Any]] = {}
@@ -110,8 +110,6 @@ def _scored(
         try:
             scores[record.name] = evaluate(model, record, part=part).content
         except UnstableError as error:
-            if drawn:
-                raise UserError(f"{error}; --report draws free runs: leave it out") from error
             if windows is None:
                 told = f"for that say what holds the rig, experiments.stabiliser in {rig.file}"
                 raise UserError(f"{error}: {told}") from error

@@ -41,7 +41,7 @@ def steady_motion(system: System, problem: Problem, outputs: Array) -> SteadyMot
 
     The equations x + d = step(x, u), d = step(x + d, u) - step(x, u) linearised, y_t = output(x, u) and C d = 0 of
     the tracked outputs are solved for states x, inputs u and drift d in the sense of least squares, so that a system
-    that has no steady motion there gives the nearest.
+    that has no steady motion there gives the nearest. What nothing moves, as an offset, stays at 0.
     """
     tracked = [k for k, weight in enumerate(problem.output_weights) if weight > 0]
     states, inputs = len(system.states), len(system.inputs)
@@ -51,6 +51,7 @@ def steady_motion(system: System, problem: Problem, outputs: Array) -> SteadyMot
         y, c, by_u = slopes_at(system, problem, unknown[:states], unknown[states : states + inputs], output=True)
         c, by_u = c[tracked], by_u[tracked]
         matrix = _equations(a, b, c, by_u)
+        matrix[:, :states][:, _unmoved(a, b)] = 0.0
         drift = unknown[states + inputs :]
         residual = np.concatenate(
             [following - unknown[:states] - drift, (a - np.eye(states)) @ drift, y[tracked] - wanted, c @ drift]
@@ -65,6 +66,11 @@ def steady_motion(system: System, problem: Problem, outputs: Array) -> SteadyMot
     raised[2 * states : 2 * states + len(tracked)] = np.eye(len(tracked))
     slope = np.linalg.lstsq(matrix, raised, rcond=None)[0][:states]
     return SteadyMotion(state=unknown[:states], slope=slope.astype(float), output_map=c)
+
+
+def _unmoved(a: Array, b: Array) -> Array:
+    """Which states nothing moves, (n,)."""
+    return np.all(np.hstack([a - np.eye(len(a)), b]) == 0.0, axis=1)
 
 
 def _equations(a: Array, b: Array, c: Array, by_u: Array) -> Array:

@@ -72,6 +72,9 @@ def check(kind: Any) -> None:
     """Raise UserError for contacts, delays and outputs of a class that its states, inputs and parameters don't fit."""
     called = kind.__name__
     states, inputs = ([item.name for item in group] for group in (kind.states, kind.inputs))
+    for item in kind.closures:
+        if item.name in states:
+            raise UserError(f"{called}: {item.name} is a state and a closure; give the closure another name")
     velocities = [contact.on for contact in kind.contacts]
     for name in velocities:
         if name not in states:

@@ -41,9 +41,18 @@ def symbolic_output(system: System) -> casadi.Function:
 
 def symbolic_features(system: System) -> casadi.Function:
     """What a network sees as a CasADi function of the declared states and the inputs, (x, u) -> z."""
+    return _of_declared(system, "z", system.feature)
+
+
+def symbolic_closures(system: System) -> casadi.Function:
+    """What a hybrid may correct as a CasADi function of the declared states and the inputs, (x, u) -> c."""
+    return _of_declared(system, "c", system.closure)
+
+
+def _of_declared(system: System, name: str, values: Callable[[Sequence[Any], Sequence[Any]], Any]) -> casadi.Function:
     x, u = casadi.SX.sym("x", len(system.declared_states)), casadi.SX.sym("u", len(system.inputs))
-    z = casadi.vertcat(*system.feature(casadi.vertsplit(x), casadi.vertsplit(u)))
-    return casadi.Function("features", [x, u], [z], ["x", "u"], ["z"])
+    found = casadi.vertcat(*values(casadi.vertsplit(x), casadi.vertsplit(u)))
+    return casadi.Function("values", [x, u], [casadi.SX(found)], ["x", "u"], [name])
 
 
 def symbolic_values(system: System, values: Callable[[Sequence[Any], Sequence[Any]], Sequence[Any]]) -> casadi.Function:

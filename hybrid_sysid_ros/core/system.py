@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
@@ -39,6 +39,9 @@ class System:
     """What is measured: names of states, unless :meth:`output` says otherwise. Default: the first state."""
     features: ClassVar[Declared] = ()
     """What a network beside the law sees, as :meth:`feature` computes it. Default: all declared states and inputs."""
+    closures: ClassVar[Declared] = ()
+    """Quantities that close the law and are known roughly only, as :meth:`closure` computes them: hybrids may correct
+    them. Default: none."""
     contacts: ClassVar[tuple[Contact, ...]] = ()
     """Friction, each on its own velocity."""
     stepper: ClassVar[Stepper] = ImplicitFriction()
@@ -73,6 +76,8 @@ class System:
             units |= {item.name: item for item in cls.inputs}
             seen = variables(kind, "features", own["features"])
             cls.features = tuple(item if item.unit else units.get(item.name, item) for item in seen)
+        if "closures" in own:
+            cls.closures = variables(kind, "closures", own["closures"])
         check(cls)
 
     # ------------------------------------------------------------------ what a rig writes
@@ -88,6 +93,20 @@ class System:
     def feature(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
         """What a network sees of states and inputs, (features,): of an angle that turns on and on, say, its sine."""
         return [*x[: len(self.declared_states)], *u]
+
+    def closure(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        """The closures (closures,), which law and output take from here: so that a hybrid may add to them."""
+        return ()
+
+    def corrected(self, more: Callable[[Sequence[Scalar], Sequence[Scalar]], Sequence[Scalar]]) -> System:
+        """A copy with ``more(x, u)`` (closures,) added to its closures."""
+        changed, plain = copy.copy(self), self.closure
+
+        def closure(x: Sequence[Scalar], u: Sequence[Scalar]) -> list[Scalar]:
+            return [value + added for value, added in zip(plain(x, u), more(x, u), strict=True)]
+
+        object.__setattr__(changed, "closure", closure)
+        return changed
 
     # ------------------------------------------------------------------ what steppers read
 

@@ -16,6 +16,8 @@ BEGINNINGS = 8
 """Of fuzzy C-means, each at the centres of k-means; the least objective stays."""
 SLENDER = 1e-10
 """Least ratio of a cluster's variances: below it, its points lie on a line."""
+HALF = float(np.sqrt(np.log(2.0)))
+"""Distance over the width at which exp(-(d / b)^2) is a half."""
 APART = 1e-6
 """Least distance of two centres, in the scales of the points."""
 

@@ -75,7 +75,7 @@ def identify(
             {"name": r.name, "source": Path(r.source).name, "sha256": r.digest, "part": [p.start, p.stop]}
             for r, p in zip(records, parts, strict=True)
         ),
-        scores={item.name: _training_scores(fitted.system, item, rig).content for item in experiments},
+        scores={item.name: scores_of(fitted.system, item, rig).content for item in experiments},
         fit={
             "options": chosen,
             "relative_error": fitted.relative_error,
@@ -89,8 +89,11 @@ def identify(
     )
 
 
-def _training_scores(system: System, experiment: Experiment, rig: Rig) -> Scores:
-    """Of the strict free run; of an unstable rig of one run that its stabiliser closes."""
+def scores_of(system: System, experiment: Experiment, rig: Rig) -> Scores:
+    """Of the strict free run; of an unstable rig of one run that its stabiliser closes.
+
+    Raises UserError for a stabiliser that does not fit the sampling.
+    """
     stabiliser = rig.experiments.stabiliser
     if stabiliser is None:
         return score_free_run(system, experiment)

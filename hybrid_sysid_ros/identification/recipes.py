@@ -20,7 +20,7 @@ from hybrid_sysid_ros.identification.selection.link_selection import select_link
 from hybrid_sysid_ros.identification.selection.rule_selection import select_rules
 from hybrid_sysid_ros.identification.selection.term_selection import select_terms
 from hybrid_sysid_ros.identification.shooting import windows_of
-from hybrid_sysid_ros.identification.starting import begun, magnitudes
+from hybrid_sysid_ros.identification.starting import begun, magnitudes, placed
 from hybrid_sysid_ros.models import Sampling, build
 from hybrid_sysid_ros.models.hybrid import Hybrid
 from hybrid_sysid_ros.models.hybrid import averaged as averaged_hybrid
@@ -29,7 +29,7 @@ from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.options import Options, complete
 from hybrid_sysid_ros.models.recurrent import PERIOD as RECURRENT_PERIOD
 from hybrid_sysid_ros.models.residual import ResidualHybrid, averaged
-from hybrid_sysid_ros.models.structures import options_of, structure_of
+from hybrid_sysid_ros.models.structures import corrected_by, options_of, structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -79,11 +79,21 @@ class Recipe:
 
     def _anchored(self, box: str, records: Sequence[Record]) -> Fit:
         """The gray box first; then networks of several seeds about it, averaged into one, so that they learn what the
-        physics leaves and no single seed decides.
+        physics leaves and no single seed decides. Closures that are corrected leave no room for its parameters to
+        move in: these stay as they are.
         """
         gray = self._one(box, records)
+        frozen = bool(corrected_by(gray.system, self.chosen))
         members = [
-            self._one(self.structure, records, start=gray, anchor=gray, stages=STAGES[-2:], member=member)
+            self._one(
+                self.structure,
+                records,
+                start=gray,
+                anchor=None if frozen else gray,
+                hold=gray.names if frozen else (),
+                stages=STAGES[-2:],
+                member=member,
+            )
             for member in range(int(self.chosen["members"]))
         ]
         hybrids = [member.system for member in members if isinstance(member.system, Hybrid)]
@@ -199,6 +209,8 @@ class Recipe:
             boxes=self.rig.structures,
         )
         first = begun(system, experiments)
+        if isinstance(first, Hybrid):
+            first = placed(first, experiments, seed=seed)
         alike = np.array_equal(first.values, system.values)
         return [first, system] if isinstance(system, Linear) and not alike else [first], neutral
 

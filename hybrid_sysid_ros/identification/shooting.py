@@ -146,11 +146,11 @@ class Shooting(Problem):
 
     def __init__(self, system: System, experiments: Sequence[Experiment], windows: Windows, **options: Any) -> None:
         """options: of :class:`~.problem.Problem`."""
+        self._stabiliser = windows.stabiliser
         super().__init__(system, experiments, **options)
         self.moved_states, self.nuisance_units = [], np.zeros(0)
         self._shown = sorted(set(range(len(system.declared_states))) - set(self.hidden))
         self._noise = np.where(windows.noise > 0.0, windows.noise, 1e-3 * self.deviation)
-        self._stabiliser = windows.stabiliser
         growth = max(fastest_growth(system), SLOWEST)
         period = self.sampling.period
         lengths = [max(round(rate / growth / period), 2) for rate in GROWTHS]
@@ -162,6 +162,12 @@ class Shooting(Problem):
     def carry(self, point: Array, horizon: int | None) -> None:
         super().carry(point, horizon)
         self._begun.clear()
+
+    def _simulated(self, system: System, starts: Starts, initial: Array) -> tuple[Array, Array]:
+        """Whole records, held by the stabiliser: what no record shows would run away with the rest of an open run."""
+        held = np.concatenate([held_inputs(item, self._stabiliser) for item in self.experiments])
+        given: dict[str, Any] = {"step": self.sampling.step, "every": self.sampling.every}
+        return rollouts(system, starts, initial, held, **given, feedback=feedback_of(system, self._stabiliser))
 
     def relative_error(self, rows: Array) -> float:
         errors = rows[: len(rows) - len(self.priors(self.start))].reshape(-1, len(self._noise))

@@ -9,15 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, simulate
-from hybrid_sysid_ros.core.symbolic import symbolic_features
+from hybrid_sysid_ros.core.networks import AffineRules, LinkedRules
+from hybrid_sysid_ros.core.networks.memberships import packed
+from hybrid_sysid_ros.core.parameters import scale_of
+from hybrid_sysid_ros.core.symbolic import symbolic_closures, symbolic_features
+from hybrid_sysid_ros.identification.clustering import HALF, fuzzy_c_means
 from hybrid_sysid_ros.identification.experiment import Experiment
-from hybrid_sysid_ros.models.hybrid import Hybrid
+from hybrid_sysid_ros.models.hybrid import CLIP, Hybrid
 from hybrid_sysid_ros.models.linear import Linear
+from hybrid_sysid_ros.models.region import Region
 
 Array = NDArray[np.float64]
 
 FEATURE_SCALE = 1.5
 """Scale of a network's feature, in root mean squares of the training data."""
+
+CLUSTERED = 2000
+"""Samples, evenly through the training data, of which fuzzy rules get their centres."""
 
 LEAST_TOLD = 0.3
 """Share of a rate's variance that a regression must explain to be believed."""
@@ -39,11 +47,30 @@ class Magnitudes:
 
 def magnitudes(system: System, experiments: Sequence[Experiment]) -> Magnitudes:
     """Of experiments prepared for a rig's own system."""
+    states, held = _samples(system, experiments)
+    inputs = np.concatenate([item.inputs for item in experiments])
+    seen = symbolic_features(system)(states.T, held.T)
+    squares = [np.mean(values**2, axis=0) for values in (states, inputs, np.array(seen).T)]
+    return Magnitudes(
+        scales=np.asarray(FEATURE_SCALE * np.sqrt(np.concatenate(squares[:2]))),
+        features=np.asarray(FEATURE_SCALE * np.sqrt(squares[2])),
+        centre=np.concatenate([states.mean(axis=0), inputs.mean(axis=0)]),
+        unshown=tuple(system.states[i].name for i in _unshown(system)),
+    )
+
+
+def _unshown(system: System) -> list[int]:
+    """Declared states that no record shows."""
+    return [i for i in range(len(system.declared_states)) if i not in system.shown]
+
+
+def _samples(system: System, experiments: Sequence[Experiment]) -> tuple[Array, Array]:
+    """Declared states (samples, states), those that no record shows from a simulation where a fit begins, and inputs
+    over the samples (samples, inputs).
+    """
     declared = len(system.declared_states)
     states = np.concatenate([item.states[:, :declared] for item in experiments])
-    inputs = np.concatenate([item.inputs for item in experiments])
-    hidden = [i for i in range(declared) if i not in system.shown]
-    if hidden:
+    if hidden := _unshown(system):
         begun = system.with_values([item.start for item in system.parameters])
         runs = [
             simulate(begun, item.states[0], item.inputs, step=item.sampling.step, every=item.sampling.every)
@@ -52,21 +79,51 @@ def magnitudes(system: System, experiments: Sequence[Experiment]) -> Magnitudes:
         told = np.concatenate(runs)[:, hidden]
         usable = np.isfinite(told).all(axis=0) & (np.abs(told).max(axis=0) < 1e6) & (np.ptp(told, axis=0) > 1e-9)
         states[:, hidden] = np.where(usable, np.nan_to_num(told[: len(states)]), 1.0)
-    held = np.concatenate([_over_samples(item) for item in experiments])
-    seen = symbolic_features(system)(states.T, held.T)
-    squares = [np.mean(values**2, axis=0) for values in (states, inputs, np.array(seen).T)]
-    return Magnitudes(
-        scales=np.asarray(FEATURE_SCALE * np.sqrt(np.concatenate(squares[:2]))),
-        features=np.asarray(FEATURE_SCALE * np.sqrt(squares[2])),
-        centre=np.concatenate([states.mean(axis=0), inputs.mean(axis=0)]),
-        unshown=tuple(system.states[i].name for i in hidden),
-    )
+    return states, np.concatenate([_over_samples(item) for item in experiments])
 
 
 def _over_samples(experiment: Experiment) -> Array:
     """The mean input from each sample to the next, (samples, inputs), the last one twice."""
     means = experiment.inputs.reshape(experiment.samples - 1, experiment.sampling.every, -1).mean(axis=1)
     return np.concatenate([means, means[-1:]])
+
+
+def placed(system: Hybrid, experiments: Sequence[Experiment], *, seed: int) -> Hybrid:
+    """A hybrid that is told where its training data are.
+
+    Of one on closures the scales of features and closures (their root mean squares; what it has as scales of
+    the latter so far are shares of these) and the region. Of one with fuzzy rules their centres, by fuzzy C-means of
+    the features, and their widths: those of C-means, or where a rule is half as true at the next centre. The rules say
+    nothing yet.
+    """
+    block, count = system.block, system.block.features
+    if system.region is None and not isinstance(block, AffineRules | LinkedRules):
+        return system
+    states, held = _samples(system.physics, experiments)
+    points = np.array(symbolic_features(system.physics)(states.T, held.T)).T
+    if system.region is not None:
+        values = np.array(symbolic_closures(system.physics)(states.T, held.T))
+        names = [item.name for item in system.physics.closures]
+        sizes = np.sqrt(np.mean(values[[names.index(name) for name in system.on]] ** 2, axis=1))
+        scales = [*FEATURE_SCALE * np.sqrt(np.mean(points**2, axis=0)), *system.scales[count:] * sizes]
+        system = replace(system, scales=tuple(map(scale_of, scales)))
+    points = points / system.scales[:count]
+    if system.region is None:
+        points = np.clip(points, -CLIP, CLIP)
+    else:
+        system = replace(system, region=Region.of(points))
+    if isinstance(block, AffineRules):
+        centres = fuzzy_c_means(points[:: len(points) // CLUSTERED + 1], block.rules, seed=seed)
+        premises = packed(centres, np.ones_like(centres))
+        return replace(system, network_weights=np.pad(premises, (0, block.size - len(premises))))
+    if isinstance(block, LinkedRules):
+        centres = fuzzy_c_means(points[:: len(points) // CLUSTERED + 1], block.terms, seed=seed)
+        apart = np.linalg.norm(centres[:, None] - centres, axis=2) + np.diag(np.full(block.terms, np.inf))
+        widths = np.repeat(np.min(apart, axis=1)[:, None] / HALF, count, axis=1)
+        said = np.zeros((block.outputs, block.terms))
+        weights = np.concatenate([packed(centres.T, widths.T), packed(said, np.ones_like(said))])
+        return replace(system, network_weights=weights)
+    return system
 
 
 def begun(system: System, experiments: Sequence[Experiment]) -> System:

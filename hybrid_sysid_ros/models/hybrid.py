@@ -10,9 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Parameter, Softsign, System, Variable
+from hybrid_sysid_ros.core.blocks import Block
 from hybrid_sysid_ros.core.mathematics import Scalar, clip
+from hybrid_sysid_ros.core.networks import AffineRules, LinkedRules
 from hybrid_sysid_ros.core.parameters import of_data
 from hybrid_sysid_ros.core.steppers import Motion
+from hybrid_sysid_ros.models.region import Region
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -26,44 +29,47 @@ CORNER = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class Hybrid(System):
-    """x' = f(x, u) + E S n(clip(z / s)): the physics with a bounded network added to some of its rates.
+    """The physics with something learned in it, S n(z / s), n a block: a network, or fuzzy rules.
 
     z: the features of the physics, or the declared states, then the inputs (hidden deflections are none); s, S: scales,
-    which are fixed parameters, so that networks of one shape share their compiled code; n: one layer of
-    :class:`~.core.Softsign` with an output for each state in ``on``. |S n| <= S sum |a|, whatever the motion.
-    Raises UserError where weights or scales don't fit the shape.
+    which are fixed parameters, so that blocks of one shape share their compiled code. It adds, as ``on`` says, to
+
+        rates of states         x' = f(x, u) + E S n(clip(z / s)): |S n| is bounded, whatever the motion
+        closures            x' = f(x, u, c + E S n(z / s) phi(z / s)), phi the share of the training data's region
+                                (:class:`~.region.Region`): beyond it the physics is left as it is
+
+    Raises UserError where weights or scales don't fit the block, or ``on`` not the physics.
     """
 
     physics: System
     on: tuple[str, ...]
-    """States to whose rates the network adds."""
-    units: int
-    """Of its hidden layer."""
+    """States to whose rates the block adds, or closures of the physics to which it does."""
+    block: Block
+    """One output for each of them."""
     scales: tuple[float, ...]
-    """Of the features, and of the network's outputs."""
+    """Of the features, and of the block's outputs."""
     network_weights: Array
+    """Of the block."""
+    region: Region | None = None
+    """Of the training data, where it is on closures."""
 
     def __post_init__(self) -> None:
         # A wrapper has the states and inputs of what it wraps.
         for name in ("states", "inputs", "outputs", "contacts", "stepper", "delays", "doubtful_terms"):
             object.__setattr__(self, name, getattr(self.physics, name))
-        unknown = set(self.on) - {item.name for item in self.declared_states}
+        kind, known = ("state", self.declared_states) if self.region is None else ("closure", self.physics.closures)
+        unknown = set(self.on) - {item.name for item in known}
         if unknown or not self.on:
-            raise UserError(f"hybrid: its network is on {', '.join(sorted(unknown)) or 'nothing'}, which is no state")
+            raise UserError(f"hybrid: its network is on {', '.join(sorted(unknown)) or 'nothing'}, which is no {kind}")
         if len(self.scales) != self.block.features + len(self.on) or len(self.network_weights) != self.block.size:
             raise UserError(
-                f"hybrid: {len(self.network_weights)} weights don't fit the network of {self.units} units, or "
-                f"{len(self.scales)} scales its features; fit again"
+                f"hybrid: {len(self.network_weights)} weights don't fit {type(self.block).__name__} of "
+                f"{self.block.size}, or {len(self.scales)} scales its features; fit again"
             )
 
     @property
-    def block(self) -> Softsign:
-        """The network."""
-        return Softsign(features=len(features_of(self.physics)), units=self.units, outputs=len(self.on))
-
-    @property
     def form(self) -> tuple[Any, ...]:
-        return (type(self), self.physics.form, self.on, self.units)
+        return (type(self), self.physics.form, self.on, self.block, self.region is None)
 
     @property
     def plain_outputs(self) -> bool:
@@ -71,22 +77,38 @@ class Hybrid(System):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        units = {item.name: item.unit for item in self.declared_states}
-        named = [(f"scale_{item.name}", item.unit) for item in features_of(self.physics)]
-        named += [(f"scale_{name}_rate", f"{units[name]}/s") for name in self.on]
-        return (*self.physics.parameters, *(of_data(name, unit) for name, unit in named))
+        features, units = features_of(self.physics), {item.name: item.unit for item in self.physics.closures}
+        rates = {item.name: f"{item.unit}/s" for item in self.declared_states}
+        named = [(f"scale_{item.name}", item.unit) for item in features]
+        named += [
+            (f"scale_{name}_rate", rates[name]) if self.region is None else (f"scale_{name}", units[name])
+            for name in self.on
+        ]
+        edges = [] if self.region is None else Region.names([item.name for item in features])
+        return (
+            *self.physics.parameters,
+            *(of_data(name, unit) for name, unit in named),
+            *(of_data(name, "1", low=-1e12) for name in edges),
+        )
 
     @property
     def values(self) -> Array:
-        return np.concatenate([self.physics.values, self.scales])
+        region = () if self.region is None else self.region.numbers
+        return np.concatenate([self.physics.values, self.scales, region])
 
     def bound(self, values: Sequence[Scalar]) -> Hybrid:
         physical = len(self.physics.parameters)
-        return replace(self, physics=self.physics.bound(values[:physical]), scales=tuple(values[physical:]))
+        scales, edges = physical + len(self.scales), self.region
+        return replace(
+            self,
+            physics=self.physics.bound(values[:physical]),
+            scales=tuple(values[physical:scales]),
+            region=None if edges is None else replace(edges, numbers=tuple(values[scales:])),
+        )
 
     @property
     def design(self) -> dict[str, Any]:
-        return {"units": self.units, "on": list(self.on), "physics": self.physics.design}
+        return {**size_of(self.block), "on": list(self.on), "physics": self.physics.design}
 
     @property
     def weights(self) -> Array:
@@ -99,25 +121,45 @@ class Hybrid(System):
         return replace(self, physics=self.physics.trained_on(low, high))
 
     def motion(self) -> Motion:
-        """That of the physics, with the network among its rates."""
-        motion, block = self.physics.motion(), self.block
+        """That of the physics, with what is learned among its rates or in its closures."""
+        motion = self._corrected.motion()
+        if self.region is not None:
+            return motion
         places = [list(motion.names).index(name) for name in self.on]
 
         def rates(x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
             found = list(motion.rates(x, u))
-            features, outputs = self.scales[: block.features], self.scales[block.features :]
-            scaled = [
-                clip(value / scale, -CLIP, CLIP, over=CORNER)
-                for value, scale in zip(self.physics.feature(x, u), features, strict=True)
-            ]
-            for index, value, scale in zip(places, block(scaled), outputs, strict=True):
-                found[index] = found[index] + scale * value
+            for index, value in zip(places, self._learned(x, u), strict=True):
+                found[index] = found[index] + value
             return found
 
         return replace(motion, rates=rates)
 
     def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        return self.physics.output(x, u)
+        return self._corrected.output(x, u)
+
+    @property
+    def _corrected(self) -> System:
+        """The physics, with what is learned in its closures if it is on these."""
+        if self.region is None:
+            return self.physics
+        names = [item.name for item in self.physics.closures]
+
+        def more(x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+            told = dict(zip(self.on, self._learned(x, u), strict=True))
+            return [told.get(name, 0.0) for name in names]
+
+        return self.physics.corrected(more)
+
+    def _learned(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> list[Scalar]:
+        """What is added, (on,)."""
+        features, outputs = self.scales[: self.block.features], self.scales[self.block.features :]
+        scaled = [value / scale for value, scale in zip(self.physics.feature(x, u), features, strict=True)]
+        if self.region is None:
+            scaled = [clip(value, -CLIP, CLIP, over=CORNER) for value in scaled]
+            return [scale * value for value, scale in zip(self.block(scaled), outputs, strict=True)]
+        share = self.region.share(scaled)
+        return [scale * share * value for value, scale in zip(self.block(scaled), outputs, strict=True)]
 
     @property
     def shown(self) -> Mapping[int, tuple[int, bool]]:
@@ -132,14 +174,49 @@ def features_of(system: System) -> tuple[Variable, ...]:
     return tuple(system.features) or (*system.declared_states, *system.inputs)
 
 
+def block_of(sizes: Mapping[str, Any], features: int, outputs: int) -> Block:
+    """What is learned, by its size: ``affine_rules`` of Takagi and Sugeno, ``linked_rules`` of a fuzzy-neural network,
+    each with terms of its own, or else the ``units`` of a network.
+
+    Raises UserError for both kinds of rules.
+    """
+    affine, linked = (int(sizes.get(name) or 0) for name in ("affine_rules", "linked_rules"))
+    if affine and linked:
+        raise UserError("affine_rules and linked_rules: a hybrid has either; leave one of them at 0")
+    if affine:
+        return AffineRules(features=features, rules=affine, outputs=outputs)
+    if linked:
+        rules, links = tuple((i,) * features for i in range(linked)), tuple((i, i) for i in range(linked))
+        return LinkedRules(rules=rules, links=(links,) * outputs, terms=linked)
+    return Softsign(features=features, units=int(sizes["units"]), outputs=outputs)
+
+
+def size_of(block: Block) -> dict[str, int]:
+    """The size by which :func:`block_of` makes a block again."""
+    if isinstance(block, AffineRules):
+        return {"affine_rules": block.rules}
+    if isinstance(block, LinkedRules):
+        return {"linked_rules": block.terms}
+    assert isinstance(block, Softsign)
+    return {"units": block.units}
+
+
 def averaged(members: Sequence[Hybrid]) -> Hybrid:
-    """The mean of hybrids of one shape: of their parameters, and one network that is the mean of their networks."""
+    """The mean of hybrids of one shape: of their parameters, and one network that is the mean of their networks.
+
+    Raises UserError for several members whose learned part is no network: the mean of fuzzy rules has more rules.
+    """
     first, outputs = members[0], len(members[0].on)
-    weights = np.concatenate([member.network_weights.reshape(first.units, -1) for member in members])
+    if len(members) == 1:
+        return first
+    if not isinstance(first.block, Softsign):
+        raise UserError("members: only networks can be averaged, not fuzzy rules; leave members at 1")
+    units = first.block.units
+    weights = np.concatenate([member.network_weights.reshape(units, -1) for member in members])
     weights[:, -outputs:] /= len(members)
     return replace(
         first,
         physics=first.physics.with_values(np.mean([member.physics.values for member in members], axis=0)),
-        units=first.units * len(members),
+        block=replace(first.block, units=units * len(members)),
         network_weights=weights.ravel(),
     )

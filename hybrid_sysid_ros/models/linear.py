@@ -93,7 +93,10 @@ class Linear(System):
     def begun(self, values: Mapping[str, float]) -> Linear:
         """The same system with some parameters beginning (and standing) elsewhere, within their bounds."""
         known = {item.name: item for item in self.parameters}
-        moved = {name: float(f"{np.clip(v, known[name].low, known[name].high):.4g}") for name, v in values.items()}
+        moved = {
+            name: float(np.clip(float(f"{value:.4g}"), known[name].low, known[name].high))
+            for name, value in values.items()
+        }
         return replace(self, begin={**(self.begin or {}), **moved})
 
     @property

@@ -13,12 +13,13 @@ from hybrid_sysid_ros.core import Softsign, System
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.core.symbolic import linearised
 from hybrid_sysid_ros.models.difnn import Difnn
-from hybrid_sysid_ros.models.hybrid import Hybrid, features_of
+from hybrid_sysid_ros.models.hybrid import Hybrid, block_of, features_of
 from hybrid_sysid_ros.models.lagged import Lagged
-from hybrid_sysid_ros.models.linear import Friction, Linear
+from hybrid_sysid_ros.models.linear import REACH, Friction, Linear
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.options import Option, Options, complete
 from hybrid_sysid_ros.models.recurrent import Recurrent
+from hybrid_sysid_ros.models.region import Region
 from hybrid_sysid_ros.models.residual import ResidualHybrid
 from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.support.errors import UserError
@@ -34,6 +35,14 @@ _UNITS = Option(default=8, low=1, high=32, kind="int", description="of the netwo
 _EVERYWHERE = Option(
     default=0, low=0, high=1, kind="int", description="1: a network on all rates, not only where friction is"
 )
+_BLOCKS = {
+    "affine_rules": Option(
+        default=0, low=0, high=20, kind="int", description="Takagi-Sugeno rules in place of the network, 0: none"
+    ),
+    "linked_rules": Option(
+        default=0, low=0, high=40, kind="int", description="fuzzy-neural (DIFNN) ones in place of it, 0: none"
+    ),
+}
 _INPUT_BIAS = Option(
     default=0.0,
     low=0.0,
@@ -43,7 +52,7 @@ _INPUT_BIAS = Option(
 )
 _MEMBERS = Option(default=1, low=1, high=10, kind="int", description="networks of other seeds in the mean")
 _FIT = {"starts": _STARTS, "input_bias": _INPUT_BIAS}
-_NETWORK = {"units": _UNITS, "scale": _SCALE, "everywhere": _EVERYWHERE, "ridge": _RIDGE, **_FIT}
+_NETWORK = {"units": _UNITS, **_BLOCKS, "scale": _SCALE, "everywhere": _EVERYWHERE, "ridge": _RIDGE, **_FIT}
 _ANCHORED = {
     **_NETWORK,
     "units": replace(_UNITS, default=4),
@@ -224,9 +233,20 @@ def assemble(
     base = _physics(row, box, physics, boxes, design.get("physics") or {})
     if row.network == "residual":
         return ResidualHybrid.of(base, design, weights)
-    on = tuple(design["on"])
-    scales = (1.0,) * (len(features_of(base)) + len(on))
-    return Hybrid(physics=base, on=on, units=int(design["units"]), scales=scales, network_weights=weights)
+    on, features = tuple(design["on"]), len(features_of(base))
+    return Hybrid(
+        physics=base,
+        on=on,
+        block=block_of(design, features, len(on)),
+        scales=(1.0,) * (features + len(on)),
+        network_weights=weights,
+        region=Region.everywhere(features) if set(on) <= set(corrected_by(base, {})) else None,
+    )
+
+
+def corrected_by(system: System, options: Mapping[str, Any]) -> tuple[str, ...]:
+    """The closures of a system that a hybrid adds to; none where it adds to rates."""
+    return () if options.get("everywhere") else tuple(item.name for item in system.closures)
 
 
 def rates_of(system: System, *, everywhere: bool) -> tuple[str, ...]:
@@ -266,9 +286,11 @@ def build(
     own = physics.with_values([item.start for item in physics.parameters])
     n, at = len(own.declared_states), np.zeros(len(scales)) if centre is None else centre
     a, b = linearised(own, np.append(at[:n], np.zeros(len(own.states) - n)), at[n:])
-    # What inputs do to each rate; where they act through other states only, what these do.
-    effects = np.abs(b) @ scales[n:]
-    effects = np.where(effects > 0.0, effects, np.abs(a) @ scales[:n])
+    # What inputs do to each rate; where that is nothing, or out of an entry's reach from what states do, then these.
+    # What states do to a velocity says little: springs between positions cancel.
+    effects, through = np.abs(b) @ scales[n:], np.abs(a) @ scales[:n]
+    moves = np.isin(np.arange(n), [*own.kinematics.values()])
+    effects = np.where(effects > np.where(moves, 0.0, through / REACH), effects, through)
     efforts = tuple(scale_of(value) if value > 0.0 else 1.0 for value in effects)
     design: dict[str, Any] = {"scales": [*map(scale_of, scales), *efforts], "unshown": unshown}
     system = _physics(row, box, physics, boxes, design)
@@ -276,21 +298,25 @@ def build(
         system = system.begun(_entries(system, a, b))
     system = system.with_values([item.start for item in system.parameters])
     if row.network:
-        having = {item.name for item in system.declared_states}
-        chosen_rates = rates_of(own, everywhere=row.everywhere or bool(chosen.get("everywhere")))
-        on = tuple(name for name in chosen_rates if name in having)
-        names = [item.name for item in own.declared_states]
-        sizes = [scale_of(float(chosen.get("scale", 1.0)) * efforts[names.index(name)]) for name in on]
+        on, sizes = corrected_by(system, chosen), [float(chosen.get("scale", 1.0))] * len(system.closures)
+        region = Region.everywhere(len(features_of(system))) if on else None
+        if not on:
+            having = {item.name for item in system.declared_states}
+            chosen_rates = rates_of(own, everywhere=row.everywhere or bool(chosen.get("everywhere")))
+            on = tuple(name for name in chosen_rates if name in having)
+            names = [item.name for item in own.declared_states]
+            sizes = [scale_of(float(chosen.get("scale", 1.0)) * efforts[names.index(name)]) for name in on]
         sized = dict(zip((item.name for item in (*own.declared_states, *own.inputs)), scales.tolist(), strict=True))
         by_name = np.array([sized.get(item.name, 1.0) for item in features_of(system)])
         seen = features if system.features and features is not None else by_name
-        block = Softsign(features=len(seen), units=int(chosen["units"]), outputs=len(on))
+        block = block_of(chosen, len(seen), len(on))
         system = Hybrid(
             physics=system,
             on=on,
-            units=block.units,
+            block=block,
             scales=(*map(scale_of, seen), *sizes),
-            network_weights=block.initial(seed, output=0.05),
+            network_weights=block.initial(seed, output=0.05) if isinstance(block, Softsign) else np.zeros(block.size),
+            region=region,
         )
     return system.without([term for term in system.terms if not chosen.get(term, 1)])
 

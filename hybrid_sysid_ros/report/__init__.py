@@ -1,14 +1,13 @@
 """Reports: an HTML page about a model and its loop, a replay, an accuracy or a film; it needs no network to be read."""
 
 from hybrid_sysid_ros.report.accuracy_page import accuracy_rows, write_accuracy
+from hybrid_sysid_ros.report.loop_section import ClosedLoopSection, closed_loop_section
 from hybrid_sysid_ros.report.rendering import check_available, write
 from hybrid_sysid_ros.report.replay_page import write_replay
 from hybrid_sysid_ros.report.sections import (
-    ClosedLoopSection,
     FreeRun,
     IdentificationSection,
     Provenance,
-    closed_loop_section,
     identification_section,
     provenance,
 )

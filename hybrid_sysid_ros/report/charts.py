@@ -92,7 +92,7 @@ def second_scale(output: Variable, display: Display) -> tuple[str, float] | None
     angle = output.unit.startswith("rad")
     unit = output.unit.replace("rad", "°", 1) if angle else output.unit
     scale = math.degrees(display.scale) if angle else display.scale
-    return None if unit == display.unit or not unit else (unit, scale)
+    return None if unit == display.unit.replace("deg", "°", 1) or not unit else (unit, scale)
 
 
 def scaled(

@@ -40,9 +40,9 @@ def free_run(run: FreeRun) -> go.Figure:
     figure, display = panels(heights=[0.67, 0.33], height=330), run.display
     measured, simulated = display.shown(run.measured), display.shown(run.simulated)
     line(figure, 1, run.time, measured, "measured", MEASURED)
-    line(figure, 1, run.simulated_time, simulated, "free run", MODEL)
+    line(figure, 1, run.simulated_time, simulated, run.kind, MODEL)
     residuals = display.shown(run.residuals)
-    line(figure, 2, run.residual_time, residuals, f"measured {MINUS} free run", ERROR, legend=False)
+    line(figure, 2, run.residual_time, residuals, f"measured {MINUS} {run.kind}", ERROR, legend=False)
     scaled(figure, 1, [measured, simulated], run.output.name, run.output, display)
     scaled(figure, 2, [residuals], "residual", run.output, display, symmetric=True)
     return timed(figure, 2)
@@ -110,7 +110,7 @@ def friction(section: IdentificationSection) -> go.Figure:
 
 
 def horizons(lines: Sequence[HorizonErrors], display: Display) -> go.Figure:
-    """RMSE and 1 - R2 over the horizon, both logarithmic; points at the right are the free run."""
+    """RMSE and 1 - R2 over the horizon, both logarithmic; points at the right are the run over the whole record."""
     figure = make_subplots(rows=1, cols=2, horizontal_spacing=0.09)
     dress(figure, 380)
     longest = max(float(item.seconds[-1]) for item in lines)
@@ -139,7 +139,7 @@ def horizons(lines: Sequence[HorizonErrors], display: Display) -> go.Figure:
     ticks = [t for t in (0.01, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0) if first <= t <= longest]
     for column in (1, 2):
         figure.update_xaxes(
-            type="log", tickvals=[*ticks, end], ticktext=[*(f"{t:g}" for t in ticks), "free run"],
+            type="log", tickvals=[*ticks, end], ticktext=[*(f"{t:g}" for t in ticks), "whole run"],
             title="horizon [s]", row=1, col=column,
         )  # fmt: skip
     decades = {"type": "log", "dtick": "D2", "tickfont": {"size": 11}}

@@ -22,17 +22,17 @@ from hybrid_sysid_ros.report.charts import (
     scaled,
     timed,
 )
-from hybrid_sysid_ros.report.sections import ClosedLoopSection
+from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
 TAIL_POINTS = 600  # of a distribution at most
 
 
 def tracking(section: ClosedLoopSection) -> go.Figure:
-    """Each tracked output with its reference, its tracking error, and the inputs with their bounds."""
+    """Each tracked output with its reference, its tracking error, what else has bounds, and the inputs with theirs."""
     loop, rig = section.loop, section.rig
     tracked, inputs = loop.tracked, len(rig.actuators)
-    weights = [0.46, 0.24] * len(tracked) + [0.3] * inputs
+    weights = [0.46, 0.24] * len(tracked) + [0.3] * (len(section.bounds) + inputs)
     figure = panels(heights=[weight / sum(weights) for weight in weights], height=round(540 * sum(weights)))
     for number, k in enumerate(tracked):
         row, output, display = 1 + 2 * number, rig.system.outputs[k], rig.display[k]
@@ -43,8 +43,10 @@ def tracking(section: ClosedLoopSection) -> go.Figure:
         line(figure, row + 1, loop.time, error, f"reference {MINUS} measured", ERROR, legend=False)
         scaled(figure, row, [reference, measured], output.name, output, display)
         scaled(figure, row + 1, [error], "error", output, display, symmetric=True)
+    for row, (k, limits) in enumerate(section.bounds.items(), start=1 + 2 * len(tracked)):
+        _bounded(figure, row, loop, k, limits)
     for j in range(inputs):
-        _input(figure, 1 + 2 * len(tracked) + j, loop, j)
+        _input(figure, 1 + 2 * len(tracked) + len(section.bounds) + j, loop, j)
     for name, value in section.rmse.items():
         window = section.windows[name]
         axis = 1 + 4 * tracked.index(window.output)  # of the output's panel: a row has two axes
@@ -115,6 +117,17 @@ def delays(section: ClosedLoopSection) -> go.Figure:
     )  # fmt: skip
     figure.update_layout(showlegend=False)
     return figure
+
+
+def _bounded(figure: go.Figure, row: int, loop: LoopRecord, k: int, limits: tuple[float, float]) -> None:
+    """An output with its bounds."""
+    output, display = loop.rig.system.outputs[k], loop.rig.display[k]
+    measured = display.shown(loop.outputs[:, k])
+    bounds = [float(display.shown(np.float64(limit))) for limit in limits if np.isfinite(limit)]
+    line(figure, row, loop.time, measured, "measured", MEASURED, legend=False)
+    for bound in bounds:
+        figure.add_hline(y=bound, line={"color": BOUND, "width": 1, "dash": "dot"}, row=row, col=1)
+    scaled(figure, row, [measured, np.array(bounds)], output.name, output, display)
 
 
 def _input(figure: go.Figure, row: int, loop: LoopRecord, index: int, inside: NDArray[np.bool_] | None = None) -> None:

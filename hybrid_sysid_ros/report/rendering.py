@@ -12,7 +12,8 @@ import numpy as np
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.identifiability import at_bound
 from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
-from hybrid_sysid_ros.report.sections import ClosedLoopSection, FreeRun, IdentificationSection, Provenance
+from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
+from hybrid_sysid_ros.report.sections import FREE, FreeRun, IdentificationSection, Provenance
 from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.files import written_file
 
@@ -102,6 +103,8 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
         "prefix": prefix,
         "model": section.model,
         "runs": [_run(run, section) for run in runs],
+        "kind": runs[0].kind if runs else FREE,
+        "free": not runs or runs[0].kind == FREE,
         "adapted": section.adapted,
         "inputs": section.model.system.inputs,
         "free_runs": [drawn(figures.free_run(run), f"{prefix}free-run-{number}") for number, run in enumerate(runs)],

@@ -27,14 +27,12 @@ from hybrid_sysid_ros.identification.validation.residual_tests import (
 )
 from hybrid_sysid_ros.identification.validation.resimulation import Resimulation, resimulations
 from hybrid_sysid_ros.identification.validation.scores import initial_state
+from hybrid_sysid_ros.identification.validation.unstable import stabilised_run
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.models.residual import ResidualHybrid
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.rigs.excitation import Schedule
-from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import Display
-from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
 Array = NDArray[np.float64]
 
@@ -47,10 +45,7 @@ TESTS = {
     "phi_(s^2)'e^2": "e² · s²",
 }
 """Titles of the residual tests: residual e, input u, reference r, and s, the reference where there is one, else u."""
-SAME_REFERENCE = 1e-3
-"""Largest median distance of a loop's reference from one of the rig's, by that one's peak."""
-SMOOTH = ("sine", "multisine", "swept_sine")
-"""Kinds of references without jumps."""
+FREE, HELD = "free run", "run under the stabiliser"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,6 +83,8 @@ class FreeRun:
     """The experiment done again in closed loop."""
     skipped: str
     """Why it was not."""
+    kind: str = FREE
+    """What ran: free, or under the stabiliser of a rig that is unstable."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,44 +120,6 @@ class IdentificationSection:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Window:
-    """Where tracking of an output is judged or shown, from and to [s]."""
-
-    output: int
-    start: float
-    stop: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class ClosedLoopSection:
-    """A recorded loop."""
-
-    loop: LoopRecord
-    windows: Mapping[str, Window] = field(default_factory=dict)
-    """Where tracking is judged, by name."""
-    zooms: Mapping[str, Window] = field(default_factory=dict)
-    """What is shown larger, by name."""
-
-    @property
-    def rig(self) -> Rig:
-        """The rig in the loop."""
-        return self.loop.rig
-
-    @property
-    def rmse(self) -> dict[str, float]:
-        """Tracking errors of the windows, as the outputs are shown."""
-        return {
-            name: self.loop.tracking_rmse(item.start, item.stop, output=item.output)
-            for name, item in self.windows.items()
-        }
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Their units."""
-        return {name: self.rig.display[item.output].unit for name, item in self.windows.items()}
-
-
-@dataclass(frozen=True, kw_only=True)
 class Provenance:
     """Where a report comes from; hashes and versions by name."""
 
@@ -187,17 +146,23 @@ def identification_section(
 
 
 def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRun]:
-    """The outputs of a model's free run over a part of a record, scored and tested.
+    """The outputs of a model's free run over a part of a record, scored and tested; of an unstable rig's model of a run
+    that its stabiliser closes.
 
     Raises:
         UserError: the record does not fit the model's sampling.
     """
     system, sampling, rig = model.system, model.sampling, rigs.load(model.rig)
     experiment, used = experiment_of(model, record, part=part), part.of(record, model.sampling)
-    starts = np.array([[0, 0, 1 + len(experiment.inputs), 0]])
-    first = initial_state(system, experiment)[None]
-    _, simulated = rollouts(system, starts, first, experiment.inputs, step=sampling.step)
-    residuals = experiment.outputs - simulated[:: sampling.every]
+    stabiliser = rig.experiments.stabiliser
+    if stabiliser is None:
+        starts = np.array([[0, 0, 1 + len(experiment.inputs), 0]])
+        first = initial_state(system, experiment)[None]
+        _, simulated = rollouts(system, starts, first, experiment.inputs, step=sampling.step)
+    else:
+        simulated = stabilised_run(system, experiment, stabiliser)
+    whole = simulated[:: sampling.every]
+    residuals = experiment.outputs - whole
     inputs = experiment.inputs.reshape(-1, sampling.every, len(system.inputs)).mean(axis=1)
     stride = round(sampling.period / used.sampling_time)
     again, skipped = resimulations(system, [(record, part)], rig, sampling=sampling)
@@ -215,7 +180,7 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRun]:
                 digest=record.digest,
                 part=part,
                 seen=_seen(model, record, part),
-                scores=score(experiment.outputs[:, k], simulated[:: sampling.every, k]),
+                scores=score(experiment.outputs[:, k], whole[:, k]),
                 time=used.time,
                 measured=used.output[:, k],
                 simulated_time=np.asarray(sampling.step * np.arange(len(simulated))),
@@ -223,66 +188,13 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRun]:
                 residual_time=np.asarray(sampling.period * np.arange(experiment.samples)),
                 residuals=residuals[:, k],
                 tests=_tests(residuals[:-1, k], inputs, names, None if reference is None else reference[::stride]),
-                horizons=replace(k_step_errors(system, experiment, output=k), name=name),
+                horizons=replace(k_step_errors(system, experiment, output=k, whole=whole), name=name),
                 again=again.get(record.name) if k == 0 else None,
                 skipped=skipped.get(record.name, ""),
+                kind=FREE if stabiliser is None else HELD,
             )
         )
     return found
-
-
-def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopSection:
-    """A recorded loop, judged on the windows of the rig's reference that it followed, if any, else as a whole.
-
-    rig: by default the one that the loop was read with.
-    """
-    rig, time = rig or loop.rig, loop.time
-    windows: dict[str, Window] = {}
-    smooth: set[str] = set()
-    for schedule in rig.references.values():
-        if _followed(loop, schedule):
-            for piece in schedule.segments:
-                windows[piece.name] = Window(output=piece.output, start=piece.start, stop=piece.stop)
-                smooth |= {piece.name} if piece.excitation.kind in SMOOTH else set()
-    if not windows:
-        several = len(loop.tracked) > 1
-        names = {k: f"whole, {rig.system.outputs[k].name}" if several else "whole" for k in loop.tracked}
-        windows = {name: Window(output=k, start=0.0, stop=float(time[-1])) for k, name in names.items()}
-    known = np.isfinite(loop.reference) & (time >= 0.0)[:, None]
-    windows = {
-        name: item
-        for name, item in windows.items()
-        if (known[:, item.output] & loop.within(item.start, item.stop)).any()
-    }
-    zooms = {}
-    for name, item in windows.items():
-        begin, end = item.start + 2.0, min(item.start + 6.0, item.stop)
-        if name not in smooth:
-            begin, end = _largest_step(loop, item)
-        zooms[name] = Window(output=item.output, start=begin, stop=end)
-    return ClosedLoopSection(loop=loop, windows=windows, zooms=zooms)
-
-
-def _followed(loop: LoopRecord, schedule: Schedule) -> bool:
-    """Whether a loop followed a schedule of its rig."""
-    wanted = schedule(loop.time)
-    begun = loop.time >= 0.0
-    for k in loop.tracked:
-        shown = loop.rig.display[k].shown(loop.reference[:, k])
-        inside = begun & np.isfinite(shown)
-        peak = max(float(np.max(np.abs(wanted[:, k]))), 1e-12)
-        if not inside.any() or np.median(np.abs(shown - wanted[:, k])[inside]) > SAME_REFERENCE * peak:
-            return False
-    return bool(loop.tracked)
-
-
-def _largest_step(loop: LoopRecord, window: Window) -> tuple[float, float]:
-    """Around the reference's largest jump in a window."""
-    reference = loop.reference[:, window.output]
-    inside = np.isfinite(reference) & loop.within(window.start + 0.5, window.stop)
-    jump = np.abs(np.diff(np.nan_to_num(reference))) * (inside[1:] & inside[:-1])
-    middle = float(loop.time[int(np.argmax(jump))]) if inside.sum() > 1 else window.start
-    return max(middle - 0.4, 0.0), middle + 0.9
 
 
 def provenance(model: Model, command: str, *, hashes: Mapping[str, str] | None = None) -> Provenance:

@@ -26,7 +26,7 @@ from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, re
 SECTIONS = (
     "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
     "policy_training", "policy_certificate", "demo", "travel", "disturbances", "drawing", "faults", "modes", "validity",
-    "scene",
+    "scene", "offsets",
 )  # fmt: skip
 BEYOND = 1e9
 """No state, input or output of a rig is that large, whatever its unit."""
@@ -68,6 +68,8 @@ class Rig:
     """By state: the signal that moves it while the rig is simulated, which no model knows."""
     validity: NDArray[np.float64] | None = None
     """Lowest and highest value of each state where its equations mean something (2, states)."""
+    offsets: Mapping[str, float] = field(default_factory=dict)
+    """States to whose rates something is added that no model knows: its drift [unit of the state/s/sqrt(s)]."""
     modes: Mapping[str, NamedMode] = field(default_factory=dict)
     """By name: the modes in which it moves about an equilibrium."""
 
@@ -212,6 +214,7 @@ def _read(found: folders.RigFolder) -> Rig:
         if section(content, "validity", where)
         else None,
         disturbances=_disturbances(section(content, "disturbances", where), system, f"{where}: disturbances"),
+        offsets=_offsets(section(content, "offsets", where), system, f"{where}: offsets"),
         joints=joints,
         namespace=namespace,
         signals=signals.ordered(system.inputs, system.outputs),
@@ -295,6 +298,15 @@ def _disturbances(told: Mapping[str, Any], system: System, where: str) -> dict[i
         if not signal.endless:
             raise UserError(f"{where}.{name}: a {signal.kind} comes to an end: take another kind, or give it a period")
         found[index_of(name, system.declared_states, where, "state")] = signal
+    return found
+
+
+def _offsets(told: Mapping[str, Any], system: System, where: str) -> dict[str, float]:
+    """How fast offsets of the rates of states drift."""
+    found = {}
+    for name in told:
+        index_of(name, system.declared_states, where, "state")
+        found[name] = _above_zero(told, name, where)
     return found
 
 

@@ -21,6 +21,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.configuration import by_state, listed
+from hybrid_sysid_ros.runtime.in_loop import controlled
 
 
 def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: Problem) -> Tolerances:
@@ -51,12 +52,13 @@ def certification_of(folder: Path, model: Path | None, *, seed: int = 0, seconds
     imitation = policy.load(folder, model=loaded, certified=False)
     alike = [item.name for item in rig.system.states] == [item.name for item in loaded.system.states]
     plant, words = (rig.system, f"the rig {rig.name}") if alike else (loaded.system, "the model")
-    distribution, criteria = _certified(rig, loaded.system, imitation.problem, plant=f"{words}, its parameters spread")
+    system = controlled(rig, loaded.system)
+    distribution, criteria = _certified(rig, system, imitation.problem, plant=f"{words}, its parameters spread")
     return Certification(
         policy=imitation,
         seal=seal,
-        plant=plant,
-        model=loaded.system,
+        plant=controlled(rig, plant),
+        model=system,
         distribution=distribution if seconds is None else replace(distribution, seconds=seconds),
         criteria=criteria,
         tolerances=check_tolerances(configuration.defaults(rig.name, "controller"), rig, imitation.problem),

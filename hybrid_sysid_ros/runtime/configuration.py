@@ -7,9 +7,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from hybrid_sysid_ros.control import Problem
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.wrappers import offset_of
 from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import Parameter, check_rules, defaults, parameters
@@ -26,6 +29,8 @@ CAMERA = "camera"
 """Channel of an estimator for a second sensor of the rig's first output."""
 OWN_NOISE = 0.05
 """Process noise of a state without a unit that a model has beside the rig's [1/sqrt(s)]."""
+AT_FIRST = 10.0
+"""What is believed of an offset at first, in what it drifts in a second: as much as it drifts in 100 s."""
 NONE = 1e9
 """A bound of a state from which on it is none."""
 
@@ -38,9 +43,9 @@ def in_si(values: Sequence[float], rig: Rig) -> tuple[float, ...]:
 def estimator_tuning(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> Tuning:
     """Tuning of the estimators from the parameters of the node `estimator`; outputs come into SI.
 
-    system: the model that the estimator predicts with, by default the rig's own. Of the states that it has alone, those
-    without a unit, such as hidden units of a network, drift by OWN_NOISE, others not. Raises UserError where `followed`
-    is no list of NAME=DRIFT.
+    system: the model that the estimator predicts with, by default the rig's own. Of the states that it has alone,
+    offsets drift as the rig says, those without a unit, such as hidden units of a network, by OWN_NOISE, others not.
+    Raises UserError where `followed` is no list of NAME=DRIFT.
     """
     system, camera = system or rig.system, rig.display[0].scale * values["camera_noise"]
     states, inputs, outputs = len(rig.system.states), len(rig.actuators), len(rig.sensors)
@@ -52,7 +57,7 @@ def estimator_tuning(values: Mapping[str, Any], rig: Rig, system: System | None 
         return in_si(listed(values, name, "parameter", outputs), rig)
 
     noise = listed(values, "process_noise", "parameter", states)
-    drifts = dict(zip((item.name for item in rig.system.states), noise, strict=True))
+    drifts = dict(zip((item.name for item in rig.system.states), noise, strict=True)) | offset_drifts(rig)
     return Tuning(
         measurement_noise=of_outputs("measurement_noise"),
         process_noise=tuple(drifts.get(item.name, 0.0 if item.unit else OWN_NOISE) for item in system.states),
@@ -101,14 +106,15 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
         known = {state: value if abs(value) < none else math.copysign(math.inf, value) for state, value in given}
         return tuple(known.get(item.name, other) for item in system.states)
 
+    low, high = rig.limits
     return Problem(
         horizon=values["horizon"],
         period=values["period"],
         substeps=_substeps(values, system),
         output_weights=listed(values, "output_weight", "parameter", outputs),
         rate_weights=of_inputs("rate_weight"),
-        input_low=tuple(actuator.low for actuator in rig.actuators),
-        input_high=tuple(actuator.high for actuator in rig.actuators),
+        input_low=tuple(np.maximum(low, of_inputs("input_low")).tolist()),
+        input_high=tuple(np.minimum(high, of_inputs("input_high")).tolist()),
         output_scales=tuple(display.scale for display in rig.display),
         smoothing=values["smoothing"],
         max_iterations=values["max_iterations"],
@@ -128,9 +134,17 @@ def _substeps(values: Mapping[str, Any], system: System) -> int:
 
 
 def by_state(values: Sequence[float], rig: Rig, model: System) -> tuple[float, ...]:
-    """Numbers of the rig's states for those of a model of it, by their names; 0 for states that it has alone."""
+    """Numbers of the rig's states for those of a model of it, by their names; for states that it has alone 0, but for
+    offsets what an estimator believes of them at first.
+    """
     known = dict(zip((item.name for item in rig.system.states), values, strict=True))
+    known |= {name: AT_FIRST * drift for name, drift in offset_drifts(rig).items()}
     return tuple(known.get(item.name, 0.0) for item in model.states)
+
+
+def offset_drifts(rig: Rig) -> dict[str, float]:
+    """Of the rig's offsets, by the names of the states that they are."""
+    return {offset_of(name): drift for name, drift in rig.offsets.items()}
 
 
 def spread_of(rig: Rig, model: System | None = None) -> Spread:

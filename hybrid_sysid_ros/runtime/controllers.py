@@ -13,10 +13,12 @@ from hybrid_sysid_ros.control import Controller, ExactMpc, Problem
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.checking import check_tolerances
 from hybrid_sysid_ros.runtime.configuration import mpc_problem, shipped
+from hybrid_sysid_ros.runtime.in_loop import controlled, driving
 from hybrid_sysid_ros.support.errors import UserError
 
 Warn = Callable[[str], object]
@@ -30,6 +32,7 @@ class ConfiguredController:
     controller: Controller
     problem: Problem
     network: Policy | None = None
+    supervisor: Supervisor | None = None
 
 
 def policy_folder(rig: Rig, settings: Mapping[str, Any]) -> Path | None:
@@ -50,26 +53,29 @@ def controller_of(
     """
     if settings["picture"]:
         return _by_picture(rig, model, settings)
-    asked, interior = mpc_problem(settings, rig, model.system), settings["solver"] == "ipopt"
+    system = controlled(rig, model.system)
+    asked, interior = mpc_problem(settings, rig, system), settings["solver"] == "ipopt"
     path = policy_folder(rig, settings)
     if path is None:
         if settings["policy_path"]:  # whoever turns to it later should not find then that it does not fit
             policy.load(Path(settings["policy_path"]), model=model)
-        made = _interior_point(model, asked, settings, warn) if interior else _exact(model, asked, settings)
-        return ConfiguredController(controller=made, problem=asked)
+        made = _interior_point(system, asked, settings, warn) if interior else _exact(system, asked, settings)
+        return ConfiguredController(controller=driving(rig, system, made), problem=asked)
     if interior:
         raise UserError(f"parameter solver is ipopt, policy {settings['policy']}: ipopt works alone, policy:=exact")
     network = policy.load(path, model=model)
     _look_at(network, path, asked, settings, warn)
     if settings["policy"] == "network":
-        return ConfiguredController(controller=network, problem=network.problem, network=network)
+        return ConfiguredController(controller=driving(rig, system, network), problem=network.problem, network=network)
     tolerances = check_tolerances(settings, rig, network.problem)
-    supervisor = Supervisor(network, _exact(model, network.problem, settings), tolerances)
-    return ConfiguredController(controller=supervisor, problem=network.problem, network=network)
+    supervisor = Supervisor(network, _exact(system, network.problem, settings), tolerances)
+    return ConfiguredController(
+        controller=driving(rig, system, supervisor), problem=network.problem, network=network, supervisor=supervisor
+    )
 
 
-def _exact(model: Model, problem: Problem, settings: Mapping[str, Any]) -> ExactMpc:
-    return ExactMpc(model.system, problem, **_pace(settings))
+def _exact(system: System, problem: Problem, settings: Mapping[str, Any]) -> ExactMpc:
+    return ExactMpc(system, problem, **_pace(settings))
 
 
 def _pace(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -91,13 +97,13 @@ def _by_picture(rig: Rig, model: Model, settings: Mapping[str, Any]) -> Configur
     return ConfiguredController(controller=PictureMpc(system, problem, **_pace(settings)), problem=problem)
 
 
-def _interior_point(model: Model, problem: Problem, settings: Mapping[str, Any], warn: Warn) -> Controller:
+def _interior_point(system: System, problem: Problem, settings: Mapping[str, Any], warn: Warn) -> Controller:
     """IPOPT on the exact MPC's problem: slow, so it is for lockstep, and loaded only where it is asked for."""
     from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 
     if not settings["lockstep"]:
         warn("solver ipopt takes longer than a measurement's period: it is for lockstep")
-    return InteriorPointMpc(model.system, problem)
+    return InteriorPointMpc(system, problem)
 
 
 def _look_at(network: Policy, path: Path, asked: Problem, settings: Mapping[str, Any], warn: Warn) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -10,36 +10,39 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hybrid_sysid_ros.control import Controller
-from hybrid_sysid_ros.control.closed_loop import ClosedLoop, simulate_loop
+from hybrid_sysid_ros.control.cascade import Cascade
+from hybrid_sysid_ros.control.closed_loop import ClosedLoop, Reference, simulate_loop
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation import METHODS
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.runtime.in_loop import believed
 
 
 def simulated_loop(
     rig: Rig,
     model: Model,
     controller: Controller,
-    reference: Callable[[ArrayLike], Array],
+    reference: Reference,
     *,
     duration: float,
     seed: int = 0,
     plant: Plant | None = None,
     settings: Mapping[str, Any] | None = None,
 ) -> ClosedLoop:
-    """A loop of ``duration`` [s] under a controller at its own period, without delays of computation.
+    """A loop of ``duration`` [s] under a controller at its own period, or above a stabiliser at the estimator's rate,
+    without delays of computation.
 
     reference: times (samples,) [s] in, the outputs as they are shown (samples, p) out. plant: the simulated rig by
     default. settings: parameters of the node `estimator`, the rig's by default.
     """
-    rig.steps(controller.period, "the period of the controller")
-    values = settings or configuration.defaults(rig, "estimator")
+    model, values = believed(rig, model), settings or configuration.defaults(rig, "estimator")
+    period = 1.0 / values["rate"] if isinstance(controller, Cascade) else controller.period
+    rig.steps(period, "the period of the controller")
     tuning = configuration.estimator_tuning(values, rig, model.system)
-    estimator = METHODS[values["method"]](model.system, tuning, period=controller.period, latency=0.0)
+    estimator = METHODS[values["method"]](model.system, tuning, period=period, latency=0.0)
     scales = np.array([display.scale for display in rig.display])
     controller.reset()
     return simulate_loop(
@@ -49,7 +52,7 @@ def simulated_loop(
         lambda t: scales * reference(t),
         inputs=len(rig.system.inputs),
         duration=duration,
-        period=controller.period,
+        period=period,
         lead=model.system.delay,
     )
 

@@ -19,8 +19,9 @@ from hybrid_sysid_ros.models.hybrid import Hybrid
 from tests.structures import Cart
 
 for units in map(int, sys.argv[1:]):
-    weights = Softsign(features=4, units=units).initial(units, output=1.0)
-    hybrid = Hybrid(physics=Cart(), on=("velocity",), units=units, scales=(1.0,) * 5, network_weights=weights)
+    block = Softsign(features=4, units=units)
+    weights = block.initial(units, output=1.0)
+    hybrid = Hybrid(physics=Cart(), on=("velocity",), block=block, scales=(1.0,) * 5, network_weights=weights)
     starts, x, u = np.array([[0, 0, 3, 0]]), np.array([[0.3, 2.0]]), np.full((2, 2), 0.5)
     told = Sensitivities(hybrid, parameters=(), states=())
     slopes, moved = np.empty((3, 2, told.count)), []

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.network_plant import WEIGHTS, NetworkPlant, layers
 from hybrid_sysid_ros.core import Perceptron, Softsign, System, sloped, stepped
 from hybrid_sysid_ros.core.blocks import Block
-from hybrid_sysid_ros.core.networks import GatedUnits, LinkedRules, Memberships, Polynomial
+from hybrid_sysid_ros.core.networks import AffineRules, GatedUnits, LinkedRules, Memberships, Polynomial
 from hybrid_sysid_ros.core.steppers import Sampled
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.support.errors import UserError
@@ -107,6 +107,13 @@ def fuzzy_c_means(block, weights, z):
     return 1.0 / np.sum((d[:, None] / d) ** 2, axis=1)
 
 
+def takagi_sugeno(block, weights, z):
+    """Takagi and Sugeno (1985): the consequents' mean, weighed by the memberships."""
+    h = fuzzy_c_means(block, weights[: 2 * block.rules * len(z)], z)
+    rows = weights[2 * block.rules * len(z) :].reshape(block.outputs, block.rules, -1)
+    return (rows[:, :, 0] + rows[:, :, 1:] @ z) @ h
+
+
 def centre_of_area(block, weights, z):
     """As the five layers are written."""
     terms = weights.reshape(block.features + block.outputs, 2, -1)
@@ -124,6 +131,7 @@ def centre_of_area(block, weights, z):
 
 LEARNT = {
     "memberships": (Memberships(features=2, rules=4), fuzzy_c_means),
+    "affine rules": (AffineRules(features=2, rules=3, outputs=2), takagi_sugeno),
     "linked rules": (
         LinkedRules(
             rules=((0, 1), (1, 1), (2, 0)), links=(((0, 0), (1, 1), (2, 1), (0, 2)), ((0, 2), (2, 0))), terms=3
@@ -144,7 +152,7 @@ def test_what_a_fit_learns_has_slopes_by_features_and_weights(name):
         weights, z = random.normal(size=block.size), random.normal(size=block.features)
         out, by_features, by_weights = through(block, weights, z)
         np.testing.assert_allclose(
-            out, written(block, weights, z), rtol=1e-13, atol=1e-9 if name == "memberships" else 1e-14
+            out, written(block, weights, z), rtol=1e-13, atol=1e-9 if name in ("memberships", "affine rules") else 1e-14
         )
         np.testing.assert_allclose(by_features, moved(lambda z: written(block, weights, z), z), rtol=1e-6, atol=1e-7)  # noqa: B023
         np.testing.assert_allclose(by_weights, moved(lambda w: written(block, w, z), weights), rtol=1e-6, atol=1e-7)  # noqa: B023

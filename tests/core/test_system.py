@@ -127,7 +127,7 @@ def test_a_network_is_bounded_however_far_it_is_asked(name):
     system: Any = structure(name)
     silent = system.with_weights(np.zeros(len(system.weights)))
     outputs = len(system.on)
-    output_weights = system.weights.reshape(system.units, -1)[:, -outputs:]
+    output_weights = system.weights.reshape(system.block.units, -1)[:, -outputs:]
     bound = np.array(system.scales[-outputs:]) @ np.sum(np.abs(output_weights), axis=0)
     random = np.random.default_rng(1)
     for _ in range(200):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.commander import texts
+from hybrid_sysid_ros.language.commands import Repeat
 from hybrid_sysid_ros.language.plan import Ability, Plan, plan_of
 from hybrid_sysid_ros.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -27,8 +28,8 @@ class Reading:
     def plan(self, text: str) -> Plan | None:
         try:
             sentence = self.grammar.read(text, self.vocabulary)
-            if sentence.is_stop:
-                return None
+            if sentence.is_stop or any(isinstance(item, Repeat) for item in sentence.commands):
+                return None  # an interpreter repeats what was said before, and here nothing was
             start = np.zeros(len(self.vocabulary.outputs))
             return plan_of(sentence.commands, start, self.vocabulary, self.ability)
         except UserError:

@@ -9,17 +9,20 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_are
 
-from benchmarks.winged_cone import autopilot, flights
+from benchmarks.winged_cone import autopilot, control, flights
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.core.equilibrium import equilibrium
 from hybrid_sysid_ros.identification.validation.refollowing import follow_again
 from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.experiments import driven, excitation
 from hybrid_sysid_ros.rigs.experiments import simulate as record_of
 from hybrid_sysid_ros.rigs.modes import name_of
 from hybrid_sysid_ros.rigs.plant import Plant
+from hybrid_sysid_ros.rigs.winged_cone.system import engine
+from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 
 SPEED, PATH, HEIGHT, ANGLE, PITCH, THROTTLE, THROTTLE_RATE = range(7)
@@ -96,11 +99,8 @@ def test_at_mach_15_the_vehicle_s_coefficients_are_the_frozen_ones(rig):
     height = 33_528.0
     speed = 15.0 * (2.9495e-8 * height**2 - 9.16e-4 * height + 303.5808)
     for a in np.radians([0.5, 1.8, 4.0]):
-        for b in (0.2, 0.9, 1.5):
-            forces = [
-                [float(value) for value in system.forces(speed, height, a, b, 0.0)] for system in (frozen, vehicle)
-            ]
-            np.testing.assert_allclose(forces[0], forces[1], rtol=1e-3)
+        forces = [[float(value) for value in system.forces(speed, height, a, 0.0)] for system in (frozen, vehicle)]
+        np.testing.assert_allclose(forces[0], forces[1], rtol=1e-3)
         for q in (0.0, 0.05):
             one, other = (float(system.moment(speed, height, a, q)) for system in (frozen, vehicle))
             assert one == pytest.approx(other, rel=2e-3, abs=2e-7)
@@ -108,8 +108,12 @@ def test_at_mach_15_the_vehicle_s_coefficients_are_the_frozen_ones(rig):
 
 def test_thrust_goes_on_where_the_throttle_passes_1_and_is_lost_at_large_angles(rig):
     def thrust(a, b):
-        return float(rig.system.forces(4590.29, 33_528.0, np.radians(a), b, 0.0)[2])
+        return float(rig.system.forces(4590.29, 33_528.0, np.radians(a), 0.0)[2] * engine(b))
 
+    for b, published in ((0.2, 0.02576 * 0.2), (0.9, 0.02576 * 0.9), (1.5, 0.0224 + 0.00336 * 1.5)):
+        assert float(rig.structures["constant_air"].forces(0.0, 0.0, 0.0, 0.0)[2] * engine(b)) == pytest.approx(
+            published, rel=1e-3
+        )
     assert thrust(1.8, 1.0 - 1e-9) == pytest.approx(thrust(1.8, 1.0 + 1e-9))
     assert thrust(4.8, 0.5) / thrust(1.8, 0.5) == pytest.approx(0.56, abs=0.01)
     assert abs(thrust(6.3, 0.5)) < 0.01 * thrust(1.8, 0.5)
@@ -215,3 +219,38 @@ def test_a_bag_of_a_flight_has_commands_and_is_flown_again_by_the_vehicle_itself
     slow = replace(record, time=record.time[::2], input=record.input[::2], output=record.output[::2], channels={})
     with pytest.raises(UserError, match=r"sampled every 0\.04 s, the feedback works every 0\.02 s"):
         follow_again(rig.system, slow, rig, sampling=Sampling(step=0.02, period=0.04))
+
+
+def test_the_quasi_steady_engine_is_the_engine_where_it_was_told_to_be(rig):
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        x, u = random.normal(size=5) * [30.0, 0.01, 500.0, 0.02, 0.02], random.uniform(-0.1, 1.0, 2) * [1.0, 0.2]
+        whole = rig.structures["known_air"].law([*x, u[0], 0.0], u)
+        quick = rig.structures["known_air_quasi_steady"].law(x, u)
+        np.testing.assert_allclose(np.array(quick, dtype=float), np.array(whole[:5], dtype=float), rtol=1e-14)
+
+
+@pytest.fixture(scope="module")
+def shipped(rig):
+    return load_model(configuration.shipped(rig.name, "model"))
+
+
+@pytest.mark.parametrize("number", [0, 63, 500])
+def test_the_mpc_flies_both_steps_on_plants_it_does_not_know(rig, shipped, number):
+    """Two opposite corners of what is uncertain, and one between."""
+    plant = replace(rig, system=control.plant(rig.system, number))
+    found = control.measures(rig, control.flown(plant, shipped, control.mpc_of(rig, shipped), seed=number))
+    told = dict(zip(control.MEASURES, found, strict=True))
+    assert told["speed settling"] <= 25.0
+    assert told["height settling"] <= 33.0
+    assert told["highest angle"] <= 4.8
+    assert told["speed final"] < 0.3
+    assert told["height final"] < 3.0
+    assert told["failed"] == told["not converged"] == 0
+
+
+def test_the_corners_are_all_there(rig):
+    found = {tuple(control.plant(rig.system, k).values[:6].tolist()) for k in range(64)}
+    assert len(found) == 64
+    bounds = [(item.low, item.high) for item in rig.system.parameters[:6]]
+    assert all(value in pair for corner in found for value, pair in zip(corner, bounds, strict=True))

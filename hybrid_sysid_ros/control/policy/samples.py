@@ -178,7 +178,8 @@ class _Expert:
         return plan if plan.status is Status.SOLVED else mpc.control(*asked)
 
     def samples(self, cost: float) -> Samples:
-        """What was kept; cost: mean stage cost of the loop."""
+        """What was kept; cost: mean stage cost of the loop. One that ran away teaches nothing."""
+        self._kept &= np.isfinite(cost)
         arrays = {name: values[self._kept] for name, values in self._found.items()}
         costs, dropped = np.full(int(self._kept.sum()), cost), np.array([np.sum(~self._kept)])
         return Samples(**arrays, costs=costs, dropped=dropped)

@@ -48,54 +48,18 @@ class Memberships(Block):
         rules, features = self.rules, self.features
 
         @inner
-        def closeness(w: Any, at: int, z: Any, i: int) -> float:
-            """Inverse of the squared distance from a centre."""
-            distance = NEAREST
-            for j in range(features):
-                d = (z[j] - w[at + 2 * i * features + j]) * math.exp(-w[at + (2 * i + 1) * features + j])
-                distance += d * d
-            return 1.0 / distance  # type: ignore[no-any-return]
-
-        @inner
         def value(w: Any, at: int, z: Any, y: Any) -> None:
-            total = 0.0
-            for i in range(rules):
-                y[i] = closeness(w, at, z, i)
-                total += y[i]
-            for i in range(rules):
-                y[i] /= total
+            shares(w, at, z, rules, features, y)
 
         @inner
         def slopes(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
-            # dh_i = h_i (a_i - sum_k h_k a_k), with a_i = d log g_i
-            value(w, at, z, y)
-            mean = scratch(features)
-            for j in range(features):
-                mean[j] = 0.0
-            for i in range(rules):
-                g = closeness(w, at, z, i)
-                for j in range(features):
-                    scale = math.exp(-w[at + (2 * i + 1) * features + j])
-                    by_z[i * features + j] = -2.0 * g * scale * scale * (z[j] - w[at + 2 * i * features + j])
-                    mean[j] += y[i] * by_z[i * features + j]
-            for i in range(rules):
-                for j in range(features):
-                    by_z[i * features + j] = y[i] * (by_z[i * features + j] - mean[j])
+            share_slopes(w, at, z, rules, features, y, by_z)
 
         @inner
         def weight_slopes(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
             h = scratch(rules)
-            value(w, at, z, h)
-            mean = 0.0
-            for i in range(rules):
-                mean += factors[i] * h[i]
-            for i in range(rules):
-                by_log = 2.0 * h[i] * (factors[i] - mean) * closeness(w, at, z, i)
-                for j in range(features):
-                    scale = math.exp(-w[at + (2 * i + 1) * features + j])
-                    d = (z[j] - w[at + 2 * i * features + j]) * scale
-                    row[start + 2 * i * features + j] += by_log * d * scale
-                    row[start + (2 * i + 1) * features + j] += by_log * d * d
+            shares(w, at, z, rules, features, h)
+            add_weight_slopes(w, at, z, rules, features, h, factors, row, start)
 
         return value, slopes, weight_slopes
 
@@ -107,6 +71,61 @@ class Memberships(Block):
             close.append(1.0 / (NEAREST + sum(item * item for item in d)))
         total = sum(close)
         return [g / total for g in close]
+
+
+@inner
+def closeness(w: Any, at: int, z: Any, features: int, i: int) -> float:
+    """Inverse of the squared distance from the centre of rule i."""
+    distance = NEAREST
+    for j in range(features):
+        d = (z[j] - w[at + 2 * i * features + j]) * math.exp(-w[at + (2 * i + 1) * features + j])
+        distance += d * d
+    return 1.0 / distance  # type: ignore[no-any-return]
+
+
+@inner
+def shares(w: Any, at: int, z: Any, rules: int, features: int, h: Any) -> None:
+    """The memberships h (rules,)."""
+    total = 0.0
+    for i in range(rules):
+        h[i] = closeness(w, at, z, features, i)
+        total += h[i]
+    for i in range(rules):
+        h[i] /= total
+
+
+@inner
+def share_slopes(w: Any, at: int, z: Any, rules: int, features: int, h: Any, by_z: Any) -> None:
+    """And their derivatives by z (rules x features), along rows: dh_i = h_i (a_i - sum_k h_k a_k), a_i = d log g_i."""
+    shares(w, at, z, rules, features, h)
+    for i in range(rules):
+        g = closeness(w, at, z, features, i)
+        for j in range(features):
+            scale = math.exp(-w[at + (2 * i + 1) * features + j])
+            by_z[i * features + j] = -2.0 * g * scale * scale * (z[j] - w[at + 2 * i * features + j])
+    for j in range(features):
+        mean = 0.0
+        for i in range(rules):
+            mean += h[i] * by_z[i * features + j]
+        for i in range(rules):
+            by_z[i * features + j] = h[i] * (by_z[i * features + j] - mean)
+
+
+@inner
+def add_weight_slopes(
+    w: Any, at: int, z: Any, rules: int, features: int, h: Any, factors: Any, row: Any, start: int
+) -> None:
+    """Add sum_i factors[i] dh_i/dw to row[start:], h the memberships."""
+    mean = 0.0
+    for i in range(rules):
+        mean += factors[i] * h[i]
+    for i in range(rules):
+        by_log = 2.0 * h[i] * (factors[i] - mean) * closeness(w, at, z, features, i)
+        for j in range(features):
+            scale = math.exp(-w[at + (2 * i + 1) * features + j])
+            d = (z[j] - w[at + 2 * i * features + j]) * scale
+            row[start + 2 * i * features + j] += by_log * d * scale
+            row[start + (2 * i + 1) * features + j] += by_log * d * d
 
 
 def packed(centres: Array, widths: Array) -> Array:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.core.networks.memberships import packed
-from hybrid_sysid_ros.identification.clustering import k_means
+from hybrid_sysid_ros.identification.clustering import HALF, k_means
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.selection.regression import Regression, least_squares
 from hybrid_sysid_ros.models.difnn import Difnn
@@ -19,9 +19,6 @@ Array = NDArray[np.float64]
 
 RIDGE = 1e-6
 """Pull of the outputs' centres to those of their clusters, by the number of rows."""
-
-HALF = float(np.sqrt(np.log(2.0)))
-"""Distance over the width at which exp(-(d / b)^2) is a half."""
 
 
 def select_links(

@@ -20,8 +20,10 @@ from hybrid_sysid_ros.support.parallel import Lost, Workers
 if TYPE_CHECKING:
     from hybrid_sysid_ros.identification.selection.study import Evaluation, Study
 
-COSTLY = ("members", "starts")
-"""Options that only buy less chance with more time: there is nothing to search in them."""
+UNSEARCHED = ("members", "starts", "affine_rules", "linked_rules")
+"""Options that only buy less chance with more time, so that there is nothing to search in them, and those that make
+another structure.
+"""
 
 FAILURES = 5
 """Failed evaluations, and no other, after which a search is given up: the mistake is not in the options."""
@@ -94,7 +96,7 @@ class Objective:
     def space(self) -> Mapping[str, Option]:
         """The options that are searched. Raises UserError for an unknown structure."""
         known = options_of(self.structure, self.rig.system, self.rig.structures)
-        return {name: option for name, option in known.items() if name not in COSTLY}
+        return {name: option for name, option in known.items() if name not in UNSEARCHED}
 
     @property
     def problem(self) -> dict[str, Any]:

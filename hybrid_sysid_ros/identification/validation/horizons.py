@@ -34,18 +34,23 @@ class HorizonErrors:
     rollouts: int
     """Number of initial samples."""
     free_run: Scores
-    """Of the free run over the whole record, which long horizons approach."""
+    """Of the free run over the whole record, or another run that was given, which long horizons approach."""
 
 
 def k_step_errors(
-    system: System, experiment: Experiment, horizons: Sequence[int] | None = None, *, output: int = 0
+    system: System,
+    experiment: Experiment,
+    horizons: Sequence[int] | None = None,
+    *,
+    output: int = 0,
+    whole: Array | None = None,
 ) -> HorizonErrors:
     """Errors k samples ahead: simulations from every sample, with the measured state as initial one.
 
     horizons: in samples, 1 to :data:`LONGEST` (or half of the record) by default. All horizons share the initial
     samples, those from which the longest one ends within the record. The measured state is raw: at short horizons its
     noise is part of the error; states that the record does not show are those of the free run.
-    output: which one.
+    output: which one. whole: outputs (samples, outputs) of a run over the whole record, by default the free run.
     Ljung (1999), System Identification, 2nd ed., sections 3.2 and 16.5: k-step-ahead prediction without a noise model.
 
     Raises:
@@ -71,7 +76,7 @@ def k_step_errors(
     with np.errstate(over="ignore", invalid="ignore"):
         squares = np.mean((simulated - measured[begins[:, None] + ahead]) ** 2, axis=0)
     squares[~np.isfinite(squares)] = np.inf
-    scores = score(measured, simulated_run[:, output])
+    scores = score(measured, (simulated_run if whole is None else whole)[:, output])
     return HorizonErrors(
         name=experiment.name,
         horizons=ahead,

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from hybrid_sysid_ros.core import RungeKutta, System, bounded
 from hybrid_sysid_ros.core.mathematics import Scalar, cos, exp, sided, sin
@@ -40,10 +41,13 @@ class ConstantAirCone(System):
     a' = q - g',  q' = M / I,  b'' = w^2 (bc - b) - 2 z w b',  r = h + R
     L, D, T = rho V^2 S / 2 (CL, CD, CT),  M = rho V^2 S c / 2 [CM + ce (de - a)]
 
-    CL = .6203 a,  CD = .6450 a^2 + .0043378 a + .003772,  CT = .02576 b, from full throttle on .0224 + .00336 b
+    CL = .6203 a,  CD = .6450 a^2 + .0043378 a + .003772,  CT = .02576 e(b)
+    e(b) = b, from full throttle on 1 + .15 / 1.15 (b - 1)
     CM = -.035 a^2 + .036617 a + 5.3261e-6 + c q / (2 V) (-6.796 a^2 + .3015 a - .2289)
 
     Speed V, path angle g, height h, angle of attack a, pitch rate q, throttle b; commands bc and elevator de.
+
+    What a hybrid may correct: CL, CD, CT at full throttle, CM, as functions of a, de, Mach number and q.
     """
 
     states = (
@@ -52,6 +56,8 @@ class ConstantAirCone(System):
     )  # fmt: skip
     inputs = ("throttle_command [1]", "elevator [rad]")
     outputs = ("speed", "path_angle", "height", "angle_of_attack", "pitch_rate")
+    features = ("angle_of_attack", "elevator", "mach [1]", "pitch_rate")
+    closures = ("lift [1]", "drag [1]", "full_thrust [1]", "moment [1]")
     stepper = RungeKutta()
     operating_point = {
         "speed": SPEED,
@@ -84,8 +90,9 @@ class ConstantAirCone(System):
         a, q, b, de = ANGLE + x[3], x[4], THROTTLE + x[5], ELEVATOR + u[1]
         r = h + RADIUS
         pressure = 0.5 * self.air(h) * v * v * self.area
-        lift, drag, thrust = (pressure * item for item in self.forces(v, h, a, b, de))
-        moment = pressure * self.chord * (self.moment(v, h, a, q) + self.elevator_moment * (de - a))
+        cl, cd, ct, cm = self.closure(x, u)
+        lift, drag, thrust = pressure * cl, pressure * cd, pressure * ct * engine(b)
+        moment = pressure * self.chord * (cm + self.elevator_moment * (de - a))
         path_rate = (lift + thrust * sin(a)) / (self.mass * v) - (GRAVITY - v * v * r) * cos(g) / (v * r * r)
         return (
             (thrust * cos(a) - drag) / self.mass - GRAVITY * sin(g) / (r * r),
@@ -97,17 +104,22 @@ class ConstantAirCone(System):
             self.engine_rate**2 * (u[0] - x[5]) - 2.0 * self.engine_damping * self.engine_rate * x[6],
         )
 
+    def feature(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        """Angle of attack, elevator and Mach number as deviations from level flight, and pitch rate."""
+        return x[3], u[1], (SPEED + x[0]) / sound(HEIGHT + x[2]) - SPEED / sound(HEIGHT), x[4]
+
+    def closure(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        """CL, CD, CT at full throttle, and CM without the elevator's part."""
+        v, h, a, q = SPEED + x[0], HEIGHT + x[2], ANGLE + x[3], x[4]
+        return (*self.forces(v, h, a, ELEVATOR + u[1]), self.moment(v, h, a, q))
+
     def air(self, h: Scalar) -> Scalar:
         """Density rho at a height [kg/m^3]."""
         return 0.012537 * self.density
 
-    def forces(self, v: Scalar, h: Scalar, a: Scalar, b: Scalar, de: Scalar) -> Sequence[Scalar]:
-        """CL, CD and CT."""
-        return (
-            0.6203 * a,
-            0.6450 * a * a + 0.0043378 * a + 0.003772,
-            0.02576 + sided(b - 1.0, 0.00336, 0.02576, over=CORNER),
-        )
+    def forces(self, v: Scalar, h: Scalar, a: Scalar, de: Scalar) -> Sequence[Scalar]:
+        """CL, CD and CT at full throttle."""
+        return 0.6203 * a, 0.6450 * a * a + 0.0043378 * a + 0.003772, 0.02576
 
     def moment(self, v: Scalar, h: Scalar, a: Scalar, q: Scalar) -> Scalar:
         """CM without the elevator's part."""
@@ -124,12 +136,24 @@ class KnownAirCone(ConstantAirCone):
 
 
 @dataclass(frozen=True, kw_only=True)
+class QuasiSteadyCone(KnownAirCone):
+    """The same whose engine is where it is told to be, b = bc: for plans by the second, of which it takes a tenth."""
+
+    states: ClassVar[Any] = (
+        "speed [m/s]", "path_angle [rad]", "height [m]", "angle_of_attack [rad]", "pitch_rate [rad/s]",
+    )  # fmt: skip
+
+    def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return super().law([*x, u[0], 0.0], u)[: len(x)]
+
+
+@dataclass(frozen=True, kw_only=True)
 class WingedCone(KnownAirCone):
     """The vehicle itself: coefficients that change with Mach number and height.
 
     CL = a (.493 + 1.91 / M) + kl (-.23558 a^2 - .0045181 a - .0291335) de
     CD = .0082 (171 a^2 + 1.15 a + 1) (.0012 M^2 - .054 M + 1)
-    CT = .0105 (1 + 17 / M) [1 - kt 164 (a - .0315)^2] (1.15 b, from full throttle on 1 + .15 b)
+    CT = .012075 (1 + 17 / M) [1 - kt 164 (a - .0315)^2] e(b)
     CM = 1e-4 (.06 - exp(-M / 3)) (-6565 a^2 + 6875 a + 1) + c q / (2 V) (1.37 - .025 M) (-6.83 a^2 + .303 a - .23)
 
     M = V / (2.9495e-8 h^2 - 9.16e-4 h + 303.5808). Thrust is gone at a = 6.3 deg: nothing beyond 6 deg means anything.
@@ -140,15 +164,12 @@ class WingedCone(KnownAirCone):
     thrust_loss: float = bounded(1.0, 0.0, 1.0, unit="1", fixed=True)
     """kt: loss of thrust where the air comes from another side; 0: without."""
 
-    def forces(self, v: Scalar, h: Scalar, a: Scalar, b: Scalar, de: Scalar) -> Sequence[Scalar]:
+    def forces(self, v: Scalar, h: Scalar, a: Scalar, de: Scalar) -> Sequence[Scalar]:
         mach = v / sound(h)
         return (
             a * (0.493 + 1.91 / mach) - self.elevator_lift * (0.23558 * a * a + 0.0045181 * a + 0.0291335) * de,
             0.0082 * (171.0 * a * a + 1.15 * a + 1.0) * (0.0012 * mach * mach - 0.054 * mach + 1.0),
-            0.0105
-            * (1.0 + 17.0 / mach)
-            * (1.0 - self.thrust_loss * 164.0 * (a - 0.0315) ** 2)
-            * (1.15 + sided(b - 1.0, 0.15, 1.15, over=CORNER)),
+            0.012075 * (1.0 + 17.0 / mach) * (1.0 - self.thrust_loss * 164.0 * (a - 0.0315) ** 2),
         )
 
     def moment(self, v: Scalar, h: Scalar, a: Scalar, q: Scalar) -> Scalar:
@@ -157,10 +178,19 @@ class WingedCone(KnownAirCone):
         return 1e-4 * (0.06 - exp(-mach / 3.0)) * (-6565.0 * a * a + 6875.0 * a + 1.0) + damping
 
 
+def engine(b: Scalar) -> Scalar:
+    """Thrust at a throttle, in that at full throttle."""
+    return 1.0 + sided(b - 1.0, 0.15 / 1.15, 1.0, over=CORNER)
+
+
 def sound(h: Scalar) -> Scalar:
     """Its speed at a height [m/s]."""
     return 2.9495e-8 * h * h - 9.16e-4 * h + 303.5808
 
 
 SYSTEM = WingedCone()
-STRUCTURES = {"constant_air": ConstantAirCone(), "known_air": KnownAirCone()}
+STRUCTURES = {
+    "constant_air": ConstantAirCone(),
+    "known_air": KnownAirCone(),
+    "known_air_quasi_steady": QuasiSteadyCone(),
+}

@@ -1,0 +1,61 @@
+"""A slow controller above a fast stabiliser."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hybrid_sysid_ros.control.controller import Controller, Plan
+from hybrid_sysid_ros.core.wrappers import Stabilised
+from hybrid_sysid_ros.support.arrays import Array
+
+ROUNDING = 1e-6
+"""Of times, in periods."""
+
+
+class Cascade:
+    """u = v - K x: a controller of a stabilised system asks for v once in each of its periods, the stabiliser answers
+    every state.
+
+    So a horizon of long intervals is predicted as it is driven, with the input that is held through each of them. A
+    rig that is unstable stays within reach of its stabiliser between two plans, and a prediction over many times its
+    time constant means something (Rossiter, Kouvaritakis, Rice 1998, Automatica 34(1)).
+    """
+
+    def __init__(self, controller: Controller, system: Stabilised, limits: tuple[Array, Array]) -> None:
+        """controller: of the stabilised system. limits: lowest and highest value of each input of the rig (m,)."""
+        self.controller = controller
+        self.horizon, self.period = controller.horizon, controller.period
+        self._gains = np.array(system.gains)
+        self._low, self._high = limits
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self.controller.reset()
+        self._plan: Plan | None = None
+        self._age, self._fresh = 0.0, False
+
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+        """See :class:`~hybrid_sysid_ros.control.controller.Controller`. The plan says what the stabiliser will make of
+        it along the predicted states.
+        """
+        if self._plan is None or self._age > (1.0 - ROUNDING) * self.period:
+            before = previous_input + self._gains @ state if self._plan is None else self._plan.input
+            self._plan = self.controller.control(state, disturbance, before, preview)
+            self._age, self._fresh = 0.0, True
+        plan, inputs = self._plan, self._plan.inputs
+        if len(plan.states) == len(inputs):
+            inputs = inputs - np.vstack([state, plan.states[:-1]]) @ self._gains.T
+        return plan._replace(input=self.held(state, plan.input), inputs=np.clip(inputs, self._low, self._high))
+
+    def held(self, state: Array, added: Array | float = 0.0) -> Array:
+        """What the stabiliser answers a state with, and what is added to it (m,), within the limits."""
+        inputs = added - self._gains @ state
+        return np.clip(inputs if np.isfinite(inputs).all() else np.nan_to_num(inputs), self._low, self._high)
+
+    def prepare(self, elapsed: float) -> None:
+        """Let time pass; after a new plan also what the controller prepares for its next one."""
+        self._age += elapsed
+        if self._fresh:
+            self._fresh = False
+            self.controller.prepare(self.period)

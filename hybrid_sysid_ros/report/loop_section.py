@@ -1,0 +1,127 @@
+"""What a report tells of a recorded loop, worked out; nothing here draws."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hybrid_sysid_ros.control import Problem
+from hybrid_sysid_ros.rigs.excitation import Schedule
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.configuration import defaults, mpc_problem
+from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
+
+SAME_REFERENCE = 1e-3
+"""Largest median distance of a loop's reference from one of the rig's, by that one's peak."""
+SMOOTH = ("sine", "multisine", "swept_sine")
+"""Kinds of references without jumps."""
+STEP_SHOWN, SMOOTH_SHOWN = (1.0, 2.25), (5.0, 15.0)
+"""What is shown larger: before and after a step, or from and to in a smooth part, in horizons of the controller."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Window:
+    """Where tracking of an output is judged or shown, from and to [s]."""
+
+    output: int
+    start: float
+    stop: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClosedLoopSection:
+    """A recorded loop."""
+
+    loop: LoopRecord
+    windows: Mapping[str, Window] = field(default_factory=dict)
+    """Where tracking is judged, by name."""
+    zooms: Mapping[str, Window] = field(default_factory=dict)
+    """What is shown larger, by name."""
+    bounds: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    """Of outputs that no reference tells but the controller holds within bounds: lowest and highest value [SI]."""
+
+    @property
+    def rig(self) -> Rig:
+        """The rig in the loop."""
+        return self.loop.rig
+
+    @property
+    def rmse(self) -> dict[str, float]:
+        """Tracking errors of the windows, as the outputs are shown."""
+        return {
+            name: self.loop.tracking_rmse(item.start, item.stop, output=item.output)
+            for name, item in self.windows.items()
+        }
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Their units."""
+        return {name: self.rig.display[item.output].unit for name, item in self.windows.items()}
+
+
+def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopSection:
+    """A recorded loop, judged on the windows of the rig's reference that it followed, if any, else as a whole.
+
+    rig: by default the one that the loop was read with.
+    """
+    rig, time = rig or loop.rig, loop.time
+    windows: dict[str, Window] = {}
+    smooth: set[str] = set()
+    for schedule in rig.references.values():
+        if _followed(loop, schedule):
+            for piece in schedule.segments:
+                windows[piece.name] = Window(output=piece.output, start=piece.start, stop=piece.stop)
+                smooth |= {piece.name} if piece.excitation.kind in SMOOTH else set()
+    if not windows:
+        several = len(loop.tracked) > 1
+        names = {k: f"whole, {rig.system.outputs[k].name}" if several else "whole" for k in loop.tracked}
+        windows = {name: Window(output=k, start=0.0, stop=float(time[-1])) for k, name in names.items()}
+    known = np.isfinite(loop.reference) & (time >= 0.0)[:, None]
+    windows = {
+        name: item
+        for name, item in windows.items()
+        if (known[:, item.output] & loop.within(item.start, item.stop)).any()
+    }
+    problem = mpc_problem(defaults(rig, "controller"), rig)
+    horizon, zooms = problem.horizon * problem.period, {}
+    for name, item in windows.items():
+        begin, end = item.start + SMOOTH_SHOWN[0] * horizon, min(item.start + SMOOTH_SHOWN[1] * horizon, item.stop)
+        if name not in smooth:
+            begin, end = _largest_step(loop, item, horizon)
+        zooms[name] = Window(output=item.output, start=begin, stop=end)
+    return ClosedLoopSection(loop=loop, windows=windows, zooms=zooms, bounds=_bounds(loop, rig, problem))
+
+
+def _bounds(loop: LoopRecord, rig: Rig, problem: Problem) -> dict[int, tuple[float, float]]:
+    """Bounds of the outputs that are states, as the rig's file tells them."""
+    names = [item.name for item in rig.system.states]
+    limits = dict(zip(names, zip(problem.state_low, problem.state_high, strict=True), strict=True))
+    return {
+        k: limits[item.name]
+        for k, item in enumerate(rig.system.outputs)
+        if k not in loop.tracked and np.isfinite(limits.get(item.name, (-np.inf, np.inf))).any()
+    }
+
+
+def _followed(loop: LoopRecord, schedule: Schedule) -> bool:
+    """Whether a loop followed a schedule of its rig."""
+    wanted = schedule(loop.time)
+    begun = loop.time >= 0.0
+    for k in loop.tracked:
+        shown = loop.rig.display[k].shown(loop.reference[:, k])
+        inside = begun & np.isfinite(shown)
+        peak = max(float(np.max(np.abs(wanted[:, k]))), 1e-12)
+        if not inside.any() or np.median(np.abs(shown - wanted[:, k])[inside]) > SAME_REFERENCE * peak:
+            return False
+    return bool(loop.tracked)
+
+
+def _largest_step(loop: LoopRecord, window: Window, horizon: float) -> tuple[float, float]:
+    """Around the reference's largest jump in a window, by the length of the controller's horizon [s]."""
+    reference = loop.reference[:, window.output]
+    inside = np.isfinite(reference) & loop.within(window.start + 0.5, window.stop)
+    jump = np.abs(np.diff(np.nan_to_num(reference))) * (inside[1:] & inside[:-1])
+    middle = float(loop.time[int(np.argmax(jump))]) if jump.any() else window.start
+    return max(middle - STEP_SHOWN[0] * horizon, 0.0), middle + STEP_SHOWN[1] * horizon
