@@ -115,7 +115,7 @@ def test_windows_grow_as_the_fastest_mode_does(record):
 class Warming(Upright):
     """It warms as it leans, which no sensor shows."""
 
-    states = ("angle [rad]", "rate [rad/s]", "warmth [K]")
+    states = ("angle [rad]", "rate [rad/s]", "warmth [K]")  # type: ignore[assignment]
     outputs = ("angle", "rate")
 
     def law(self, x, u):

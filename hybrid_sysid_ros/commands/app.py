@@ -24,6 +24,7 @@ COMMANDS = [
     LateCommand("parameters", f"{HERE}.parameters", "Write the ROS parameter file of a rig's nodes."),
     LateCommand("check", f"{HERE}.check", "Check the installation in a quarter of a minute."),
     LateCommand("view", f"{HERE}.view", "Show a running rig on a page of this computer."),
+    LateCommand("mockup", f"{HERE}.mockup", "From what is known beforehand to a verdict: models, shots, a controller."),
     LateCommand("demo", f"{HERE}.demo", "From bags to a controlled rig: identify, run the loop, report."),
 ]
 POLICY_COMMANDS = [

@@ -13,7 +13,7 @@ from rich.table import Table
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.camera.film import CRF
 from hybrid_sysid_ros.camera.imager import Camera
-from hybrid_sysid_ros.commands.demo import Plan, make_folder, run_loop, timing_of, tracked, write_text
+from hybrid_sysid_ros.commands.demo import run_loop, timing_of, tracked, write_text
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.commands.video import ahead_table, table_of
 from hybrid_sysid_ros.models import load as load_model
@@ -23,9 +23,10 @@ from hybrid_sysid_ros.rigs.scene import scene_of
 from hybrid_sysid_ros.runtime import configuration, pictures_ahead, session, sight, video_record
 from hybrid_sysid_ros.runtime.filming import filmed
 from hybrid_sysid_ros.runtime.pictures_ahead import AHEAD, Judged, Summary
+from hybrid_sysid_ros.runtime.plan import Plan
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.video_record import VideoRecord, calibrated
-from hybrid_sysid_ros.support.files import check_file, check_folder, sha256
+from hybrid_sysid_ros.support.files import check_file, check_folder, make_folder, sha256
 from hybrid_sysid_ros.vision.angle_reader import AngleReader
 from hybrid_sysid_ros.vision.footage import followed, picked
 from hybrid_sysid_ros.vision.layers import KIND

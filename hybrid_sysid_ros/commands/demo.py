@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,20 +18,19 @@ from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.identification import Part, Scores, evaluate, identify
 from hybrid_sysid_ros.identification.identify import experiment_of, scores_of
-from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.models.options import Options
 from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, session
 from hybrid_sysid_ros.runtime.in_loop import controlled, driving
+from hybrid_sysid_ros.runtime.plan import Plan, Records
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.runtime.training import train_policy
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import beside, check_file, check_folder, written_file
+from hybrid_sysid_ros.support.files import beside, check_file, check_folder, make_folder, written_file
 from hybrid_sysid_ros.support.progress import progress_bars
-from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
 
 Out = Annotated[
     Path | None, typer.Option("--out", help="Folder for the results; out/demo, out/demo_RIG or out/demo_camera.")
@@ -42,79 +40,6 @@ Camera = Annotated[
 ]
 Train = Annotated[bool, typer.Option("--train", help="Train model and policy afresh.")]
 OUT = Path("out/demo")
-SHIPPED_BAGS = Path(__file__).resolve().parents[2] / "bags"
-KEYS = ("learn", "part", "test", "structure", "options", "step", "period", "reference", "scored")
-"""Of the section demo of rig.yaml."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Records:
-    """What a demo learns from and is scored on."""
-
-    training: Sequence[Record]
-    part: Part
-    """Of each training record."""
-    tests: Sequence[tuple[Record, Part]]
-    names: Mapping[str, str] = field(default_factory=dict)
-    """What the summary calls a record, where that is another name than its own."""
-    source: str = "simulated"
-    """simulated or real."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Plan:
-    """The section demo of a rig's file."""
-
-    learn: tuple[str, ...]
-    """Bags to learn from."""
-    part: Part
-    """Of each; it is scored on the rest."""
-    test: tuple[str, ...]
-    """Bags that it is scored on as a whole."""
-    structure: str
-    options: Options
-    """Of the structure."""
-    sampling: Sampling
-    reference: str
-    """Which one of the rig's the loop follows."""
-    scored: tuple[str, ...]
-    """Its parts where tracking is judged."""
-
-    @classmethod
-    def of(cls, rig: Rig) -> Plan:
-        """Raises UserError where the section is missing or names what is not there."""
-        told, where = rig.section("demo"), f"{rig.file}: demo"
-        if not told:
-            raise UserError(f"{where}: is missing: give it bags to learn from, {{learn: [NAME, ...]}}")
-        refuse_unknown(told, KEYS, where)
-        usual = Sampling()
-        step, period = (numbers(told.get(key, getattr(usual, key)), where, count=1)[0] for key in ("step", "period"))
-        schedule = rig.schedule(str(told.get("reference") or rig.reference))
-        scored = _names(told, "scored", where) or tuple(schedule.windows)
-        for name in scored:
-            if name not in schedule.windows:
-                raise UserError(f"{where}.scored: {schedule.name} has no part {name}: {', '.join(schedule.windows)}")
-        return cls(
-            learn=_names(told, "learn", where),
-            part=Part.parse(str(told.get("part", "0:0.5"))),
-            test=_names(told, "test", where),
-            structure=str(told.get("structure", "hybrid")),
-            options={key: numbers(value, where, count=1)[0] for key, value in section(told, "options", where).items()},
-            sampling=Sampling(step=step, period=period),
-            reference=schedule.name,
-            scored=scored,
-        )
-
-    def places(self, rig: Rig) -> tuple[list[Path], list[Path]]:
-        """Those to learn from and those to test. Raises UserError where one is missing."""
-        return [_bag(rig, name) for name in self.learn], [_bag(rig, name) for name in self.test]
-
-    def records(self, rig: Rig) -> Records:
-        """The bags, from the rig's folder or those that ship. Raises UserError where one is missing."""
-        learnt, kept = ([bags.read(place, rig.signals) for place in places] for places in self.places(rig))
-        rest = Part(start=self.part.stop) if self.part.stop < 1.0 else Part(stop=self.part.start)
-        halves = [(record, rest) for record in learnt if (self.part.start, self.part.stop) != (0.0, 1.0)]
-        return Records(training=learnt, part=self.part, tests=[*halves, *((record, Part()) for record in kept)])
 
 
 def command(rig: RigName = "", out: Out = None, train: Train = False, camera: Camera = False) -> None:
@@ -230,33 +155,6 @@ def tracked(section: report.ClosedLoopSection, plan: Plan) -> dict[str, Any]:
         "unit": next(iter(named.values())) if len(set(named.values())) == 1 else named,
         "tracking_rmse": {name: round(rmse[name], 4) for name in scored},
     }
-
-
-def _names(told: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:
-    """A list of names. Raises UserError for anything else."""
-    found = told.get(key, [])
-    if not isinstance(found, list) or not all(isinstance(item, str) for item in found):
-        raise UserError(f"{where}.{key} is {found!r}: it needs a list of names")
-    return tuple(found)
-
-
-def _bag(rig: Rig, name: str) -> Path:
-    """A bag by its name."""
-    places = [folder / name for folder in (rig.folder / "bags", SHIPPED_BAGS)]
-    for place in places:
-        if place.is_dir():
-            return place
-    raise UserError(
-        f"{rig.file}: demo: no bag {name} in {places[0].parent}: record it there, or hybrid-sysid simulate it"
-    )
-
-
-def make_folder(path: Path) -> None:
-    """Make a folder, or raise UserError before any work is done for it."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"{path}: can't be made a folder ({error.strerror}); choose another --out") from error
 
 
 def _train(model: Model, folder: Path) -> None:

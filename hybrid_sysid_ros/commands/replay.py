@@ -13,12 +13,11 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
-from hybrid_sysid_ros.commands.demo import make_folder
 from hybrid_sysid_ros.commands.terminal import Recover, RigName, console, print_table, status
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.runtime import replaying, session
 from hybrid_sysid_ros.runtime.comparison import SETTLED, Comparison, compare
-from hybrid_sysid_ros.support.files import check_file, check_folder, sha256, written_file
+from hybrid_sysid_ros.support.files import check_file, check_folder, make_folder, sha256, written_file
 
 BAG, NUMBERS, PAGE = "replayed", "replay.json", "report.html"
 

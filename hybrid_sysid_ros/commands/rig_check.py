@@ -96,7 +96,7 @@ def _values(rig: Rig) -> Iterator[str]:
 
 
 def _demo(rig: Rig) -> None:
-    from hybrid_sysid_ros.commands.demo import Plan  # takes a second
+    from hybrid_sysid_ros.runtime.plan import Plan  # takes a second
 
     Plan.of(rig).places(rig)
 

@@ -1,7 +1,8 @@
-"""Reports: an HTML page about a model and its loop, a replay, an accuracy or a film; it needs no network to be read."""
+"""Reports: HTML pages of a model and its loop, a replay, an accuracy, a film, a mock-up; each needs no network."""
 
 from hybrid_sysid_ros.report.accuracy_page import accuracy_rows, write_accuracy
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection, closed_loop_section
+from hybrid_sysid_ros.report.mockup_page import write_mockup
 from hybrid_sysid_ros.report.rendering import check_available, write
 from hybrid_sysid_ros.report.replay_page import write_replay
 from hybrid_sysid_ros.report.sections import (
@@ -25,6 +26,7 @@ __all__ = [
     "provenance",
     "write",
     "write_accuracy",
+    "write_mockup",
     "write_replay",
     "write_video",
 ]

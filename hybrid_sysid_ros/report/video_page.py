@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
 from hybrid_sysid_ros.report.rendering import TEMPLATES, check_available, closed_content, drawn, write_page
-from hybrid_sysid_ros.report.sections import ClosedLoopSection, Provenance
+from hybrid_sysid_ros.report.sections import Provenance
 from hybrid_sysid_ros.runtime.pictures_ahead import AHEAD, Judged, Summary
 from hybrid_sysid_ros.runtime.video_record import VideoRecord, calibrated, contradictions
 from hybrid_sysid_ros.vision.layers import Layers

@@ -26,7 +26,7 @@ from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, re
 SECTIONS = (
     "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
     "policy_training", "policy_certificate", "demo", "travel", "disturbances", "drawing", "faults", "modes", "validity",
-    "scene", "offsets",
+    "scene", "offsets", "mockup",
 )  # fmt: skip
 BEYOND = 1e9
 """No state, input or output of a rig is that large, whatever its unit."""

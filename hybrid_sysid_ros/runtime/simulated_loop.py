@@ -57,8 +57,10 @@ def simulated_loop(
     )
 
 
-def predicted_plant(rig: Rig, system: System, *, disturbance: ArrayLike = 0.0) -> Plant:
-    """A rig that is what a model of it says, with its actuators and stops, and sensors without noise.
+def predicted_plant(
+    rig: Rig, system: System, *, disturbance: ArrayLike = 0.0, seed: int = 0, noisy: bool = False
+) -> Plant:
+    """A rig that is what a model of it says, with its actuators and stops; noisy: with its sensors' noise, by the seed.
 
     disturbance: constant offset of each input (m,).
     """
@@ -66,4 +68,4 @@ def predicted_plant(rig: Rig, system: System, *, disturbance: ArrayLike = 0.0) -
     columns = [travel.get(item.name, np.array([-np.inf, np.inf])) for item in system.states]
     step = rig.step if system.sampling_time is None else system.sampling_time
     predicted = replace(rig, system=system, step=step, travel=np.stack(columns, axis=1))
-    return Plant(predicted, seed=0, bias=disturbance, noisy=False, disturbed=False)
+    return Plant(predicted, seed=seed, bias=disturbance, noisy=noisy, disturbed=False)

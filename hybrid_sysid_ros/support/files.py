@@ -186,3 +186,11 @@ def _concerns(error: OSError, target: Path, container: Path | None) -> bool:
     if error.filename is None or container is None:
         return True
     return str(error.filename).startswith((str(container), str(target)))
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder, or raise UserError before any work is done for it."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{path}: can't be made a folder ({error.strerror}); choose another --out") from error

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.demo import OUT, Out, Records, Train, demo
+from hybrid_sysid_ros.commands.demo import OUT, Out, Train, demo
+from hybrid_sysid_ros.runtime.plan import Records
 from studies.beam_lecture.lecture import RIG, arrange, read_folder, table_name
 
 
