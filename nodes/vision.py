@@ -49,8 +49,8 @@ class VisionNode(RigNode):
             raise UserError(f"{folder}: the layers are of the rig {layers.geometry.rig}, not of {self.rig.name}")
         self.sources = {"loop": Source(folder)}
         self.reader = AngleReader(layers)
-        self.reader.read(layers.drawn(layers.geometry.low).astype(np.uint8))  # compiles
-        jpeg.decoded(jpeg.encoded(np.zeros((16, 16), dtype=np.uint8), 80))  # loads its codec
+        drawn = layers.drawn(layers.geometry.low).astype(np.uint8)
+        self.reader.read(jpeg.decoded(jpeg.encoded(drawn, 80)))  # loads the codec, and compiles for what it gives
         entry = f"{layers.geometry.joint}_{CAMERA}"
         slots = Slots([Place(entry, "position"), Place(f"{entry}_{DEVIATION}", "position")])
         self.writer = JointWriter(slots, self.signature)

@@ -22,10 +22,11 @@ from hybrid_sysid_ros.runtime.sight import frame_noise
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.vision.angle_reader import AngleReader
 from hybrid_sysid_ros.vision.footage import LEARNED_FROM
+from hybrid_sysid_ros.vision.layers import Layers, Plane
 from hybrid_sysid_ros.vision.learning import learn
 from hybrid_sysid_ros.vision.likeness import structural_similarity
 from hybrid_sysid_ros.vision.regression import Film
-from hybrid_sysid_ros.vision.renderer import LayerRenderer
+from hybrid_sysid_ros.vision.renderer import LayerRenderer, Renderer
 
 SEEDS = (1, 2, 3)
 BIN = 4
@@ -45,23 +46,54 @@ class Learned:
 
     model: PictureModel
     reader: AngleReader
+    """Of the camera's pictures,"""
+    small: AngleReader
+    """and of binned ones."""
     black_box: BlackBox
     mean: Picture
     seconds: float
     """Of processor time for model and layers."""
 
 
-def binned(done: Experiment) -> Experiment:
-    """The same, its pictures with BIN by BIN pixels in one."""
-    film = done.seen.film
-    count, rows, columns = film.shape
-    parts = (film[k].reshape(rows // BIN, BIN, columns // BIN, BIN).mean(axis=(1, 3)) for k in range(count))
-    return replace(done, seen=replace(done.seen, film=np.stack([np.round(part).astype(np.uint8) for part in parts])))
+class BinnedRenderer(Renderer):
+    """Another renderer's pictures, BIN by BIN pixels in one."""
+
+    def __init__(self, renderer: Renderer) -> None:
+        self.renderer = renderer
+
+    def take(self, time: float, times: Array, angles: Array) -> Picture:
+        return binned(self.renderer.take(time, times, angles))
+
+
+def binned(picture: Picture) -> Picture:
+    """A picture with BIN by BIN pixels in one."""
+    rows, columns = picture.shape
+    found: Picture = np.round(picture.reshape(rows // BIN, BIN, columns // BIN, BIN).mean(axis=(1, 3))).astype(np.uint8)
+    return found
+
+
+def small(layers: Layers) -> Layers:
+    """Layers of binned pictures, by which these are read."""
+    sprite = [(0, -size % BIN) for size in layers.alpha.shape]
+
+    def planes(plane: Plane) -> Plane:
+        rows, columns = plane.shape
+        return plane.reshape(rows // BIN, BIN, columns // BIN, BIN).mean(axis=(1, 3), dtype=np.float32)
+
+    given, off = layers.geometry, (BIN - 1) / 2
+    geometry = replace(
+        given, pivot_x=(given.pivot_x - off) / BIN, pivot_y=(given.pivot_y - off) / BIN,
+        first_u=(given.first_u + off) / BIN, first_v=(given.first_v + off) / BIN, noise=given.noise / BIN,
+    )  # fmt: skip
+    alpha, texture = (planes(np.pad(plane, sprite)) for plane in (layers.alpha, layers.texture))
+    return Layers(geometry=geometry, background=planes(layers.background), alpha=alpha, texture=texture)
 
 
 def learned(rig: Rig, seed: int) -> Learned:
-    """From two experiments and their films, without an encoder."""
-    done = [binned(experiment_with(rig, kind, seed)) for kind in LEARNED]
+    """From two experiments and their films, without an encoder; motion and layers as the camera has its pictures, the
+    black box as they are predicted.
+    """
+    done = [experiment_with(rig, kind, seed) for kind in LEARNED]
     began = process_time()
     layers, _ = learn(steady(done[0].seen.film, LEARNED_FROM), rig, readout=CASE.camera.readout)
     reader = AngleReader(layers)
@@ -70,14 +102,21 @@ def learned(rig: Rig, seed: int) -> Learned:
     model = identify([by_camera(item, reader, zero) for item in done], rig, "gray", sampling=Sampling(), seed=seed)
     seconds = process_time() - began
     layers = replace(layers, geometry=replace(layers.geometry, zero=zero))
-    films = [item.seen.film for item in done]
+    films = [small_film(item.seen.film) for item in done]
+    renderer = BinnedRenderer(LayerRenderer(layers, exposure=CASE.camera.exposure))
     return Learned(
-        model=PictureModel(model=model, renderer=LayerRenderer(layers, exposure=CASE.camera.exposure)),
+        model=PictureModel(model=model, renderer=renderer),
         reader=AngleReader(layers),
+        small=AngleReader(small(layers)),
         black_box=BlackBox(films, [inputs_of(item) for item in done], seconds=MORE * seconds, seed=seed),
         mean=np.round(np.concatenate(films).mean(axis=0)).astype(np.uint8),
         seconds=seconds,
     )
+
+
+def small_film(film: Film) -> Film:
+    """A film of binned pictures."""
+    return np.stack([binned(picture) for picture in film])
 
 
 def inputs_of(done: Experiment) -> Array:
@@ -99,25 +138,25 @@ def watched(done: Experiment, reader: AngleReader) -> tuple[Watched, Watched]:
         times=done.seen.times, seen=done.seen.times + np.array([layers.row_time(row) for row in rows]),
         positions=positions,
     )  # fmt: skip
-    return seen, replace(seen, positions=done.seen.truth((rows + 0.5) * BIN - 0.5))
+    return seen, replace(seen, positions=done.seen.truth(rows))
 
 
 def scored(rig: Rig, found: Learned, kind: str, seed: int) -> tuple[dict[str, dict[str, float]], float]:
     """Means over a record by how far ahead, and pictures a second."""
-    done = binned(experiment_with(rig, kind, seed))
-    film, motion = done.seen.film, done.seen.motion
+    done = experiment_with(rig, kind, seed)
+    film, motion = small_film(done.seen.film), done.seen.motion
     seen, true = watched(done, found.reader)
-    noise, inputs = frame_noise(rig, film.shape[2]), inputs_of(done)
+    noise, inputs = frame_noise(rig, CASE.camera.width), inputs_of(done)
     began = process_time()
     count = sum(1 for _ in looks(found.model, rig, done.record, seen, noise=noise, ahead=WHOLE))
     speed = count / (process_time() - began)
     rows: dict[float, list[dict[str, float]]] = {seconds: [] for seconds in AHEAD}
     pictures = dict(enumerate(film))
     for look in looks(found.model, rig, done.record, seen, noise=noise):
-        row, band = judged(look, pictures, found.mean, found.reader, true), found.reader.swept
+        row, band = judged(look, pictures, found.mean, found.small, true), found.small.swept
         box = by_black_box(found.black_box, film, inputs, look)
         best = found.model.renderer.take(done.seen.times[look.frame], motion.times, motion.angles)
-        reading = found.reader.read(box)
+        reading = found.small.read(box)
         rows[look.ahead].append(
             {
                 "likeness": row.likeness,

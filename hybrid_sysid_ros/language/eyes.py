@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+from hybrid_sysid_ros.camera import jpeg
 from hybrid_sysid_ros.language.commands import Goal, Look, Move
 from hybrid_sysid_ros.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.support.errors import UserError
@@ -25,7 +26,8 @@ class Eyes:
         from hybrid_sysid_ros.runtime.goal_picture import reader_of  # late: it loads scipy's optimisers
 
         made = reader_of(self.vocabulary.rig, self.folder)
-        made.read(made.layers.drawn(made.layers.geometry.low).astype("uint8"))  # compiles
+        drawn = made.layers.drawn(made.layers.geometry.low).astype("uint8")
+        made.read(jpeg.decoded(jpeg.encoded(drawn, 80)))  # compiles for what a file gives
         return made
 
     @cached_property

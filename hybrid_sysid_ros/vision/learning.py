@@ -34,6 +34,8 @@ PASSES = 6  # of sharpening in a round
 COARSE = 4  # texels: the spacing at which a sprite's outline is looked for
 FEWEST = 40
 """Pictures that a learner needs."""
+NARROWEST = 240
+"""Columns of a picture: at 160 the first angles of a beam have come out mirrored."""
 LEAST_MASS = 0.03  # of the ring with most, of one that the sprite reaches
 FARTHEST_PIVOT = 10.0  # pixels: how far the scene's pivot may be off, a standard deviation
 SEEN_MOVE = 0.1  # pixels: how well a picture says where the sprite lies
@@ -49,11 +51,13 @@ def learn(
     The first angles are those by which what differs from the median is turned about the scene's pivot; then background,
     sprite, angles and pivot are improved in turn, each in closed form. readout [s]: see :class:`~.layers.Geometry`.
 
-    Raises UserError where there are too few pictures, nothing moves, or what moves does not turn.
+    Raises UserError where there are too few pictures, or too small ones, nothing moves, or what moves does not turn.
     """
     if len(film) < FEWEST:
         raise UserError(f"{len(film)} pictures are too few to learn layers from: {FEWEST} at least")
     scene, (_, rows, columns) = scene_of(rig), film.shape
+    if columns < NARROWEST:
+        raise UserError(f"pictures of {columns}x{rows} pixels are too small to learn layers from: {NARROWEST} columns")
     pivot = np.array(scene.pivot) * columns - 0.5
     progress("median")
     lights = _lights(film)

@@ -55,3 +55,9 @@ def test_few_pictures_are_refused() -> None:
     film, _, _ = _film(10)
     with pytest.raises(UserError, match="too few"):
         learn(film, RIG, readout=CAMERA.readout)
+
+
+def test_small_pictures_are_refused() -> None:
+    film, _, _ = _film(45)
+    with pytest.raises(UserError, match="160x90 pixels are too small"):
+        learn(np.ascontiguousarray(film[:, ::2, ::2]), RIG, readout=CAMERA.readout)
