@@ -82,6 +82,7 @@ def test_the_stabiliser_answers_every_state_within_the_limits(stabilised):
     for state in ([0.0, 0.0], [0.05, -0.1], [1.0, 1.0], [-1.0, -1.0]):
         plan = asked(cascade, np.array(state))
         assert plan.input[0] == np.clip(1.0 - np.dot(GAINS[0], state), -4.0, 4.0)
+        assert cascade.held(np.array(state))[0] == np.clip(-np.dot(GAINS[0], state), -4.0, 4.0)  # when it is stopped
         cascade.prepare(0.0)
 
 
