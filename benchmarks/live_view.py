@@ -21,7 +21,7 @@ from rich.table import Table
 from benchmarks import browser, result
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.errors import UserError
 
 NAME = "live_view"
@@ -58,13 +58,13 @@ def loop(seconds: float, *, view: bool, page: bool) -> dict[str, Any]:
     shown = Page(seconds)
     if page:
         shown.start()
-    outcome = session.run(
+    outcome = Run(
         rate=RATE,
         duration=seconds,
         reference="steps",
         view=0 if view else None,
         tell=shown.tell,
-    )
+    ).go()
     if outcome.interrupted:
         raise KeyboardInterrupt
     plant, told = outcome.diagnostics["plant"], outcome.diagnostics.get("view", {})
@@ -160,7 +160,7 @@ def set_points(count: int) -> dict[str, Any]:
 
     sender = threading.Thread(target=send, daemon=True)
     sender.start()
-    session.run(rate=RATE, duration=8.0 + 0.06 * count, reference="constant", view=0, tell=shown.tell)
+    Run(rate=RATE, duration=8.0 + 0.06 * count, reference="constant", view=0, tell=shown.tell).go()
     sender.join(10.0)
     if trouble:
         raise trouble[0]

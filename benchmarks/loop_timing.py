@@ -15,7 +15,8 @@ from rich.table import Table
 
 from benchmarks import result
 from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.runtime import processes, session
+from hybrid_sysid_ros.runtime import processes
+from hybrid_sysid_ros.runtime.run import Run
 
 NAME = "loop_timing"
 RATE = 200.0  # Hz, what the rig runs at
@@ -26,7 +27,7 @@ NODES = ("plant", "estimator", "controller")
 
 def measure(rate: float, seconds: float, **options: Any) -> dict[str, Any]:
     """Run the loop and return what its nodes counted; options: of session.run."""
-    outcome = session.run(rate=rate, duration=seconds, reference="steps", tell=lambda line: None, **options)
+    outcome = Run(rate=rate, duration=seconds, reference="steps", tell=lambda line: None, **options).go()
     if outcome.interrupted:
         raise KeyboardInterrupt
     plant = outcome.diagnostics["plant"]

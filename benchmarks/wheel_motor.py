@@ -28,9 +28,10 @@ from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig, load
-from hybrid_sysid_ros.runtime import configuration, session
+from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.checking import check_tolerances
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
+from hybrid_sysid_ros.runtime.run import Run
 
 Array = NDArray[np.float64]
 
@@ -102,14 +103,14 @@ def processes(rig: Rig, name: str) -> dict[str, Any]:
     rows, timing = {}, {}
     for reference in (STEPS, SINES):
         with tempfile.TemporaryDirectory() as folder:
-            outcome = session.run(
+            outcome = Run(
                 rig=rig.source,
                 policy=name,
                 reference=reference,
                 bag=Path(folder) / "bag",
                 parameters=UNFORESEEN if reference == STEPS else {},
                 tell=lambda line: None,
-            )
+            ).go()
             if outcome.interrupted or outcome.bag is None:
                 raise KeyboardInterrupt
             loop = LoopRecord.from_bag(outcome.bag, rig)

@@ -11,8 +11,8 @@ pytest.importorskip("PIL", reason="needs the extra video")
 
 from hybrid_sysid_ros.camera.imager import Camera
 from hybrid_sysid_ros.rigs.rig import load
-from hybrid_sysid_ros.runtime import session
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
+from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.errors import UserError
 from tests.camera_bench import painted_layers
 
@@ -23,10 +23,10 @@ SECONDS = 4.0
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_a_camera_takes_the_sensor_s_place(domain: int, tmp_path: Path, lockstep: bool) -> None:
     painted_layers(RIG, Camera()).save(tmp_path / "layers")
-    outcome = session.run(
+    outcome = Run(
         camera=True, layers=tmp_path / "layers", policy="exact", reference="sine", duration=SECONDS,
         bag=tmp_path / "bag", lockstep=lockstep, domain=domain, tell=lambda line: None,
-    )  # fmt: skip
+    ).go()  # fmt: skip
     frames = outcome.diagnostics["vision"]
     assert frames["frames"] >= 30 * (SECONDS - 1.5)  # the bag ends when the reference does
     assert frames["lost_frames"] == frames["unreadable_frames"] == 0
@@ -39,4 +39,4 @@ def test_a_camera_takes_the_sensor_s_place(domain: int, tmp_path: Path, lockstep
 
 def test_a_rig_without_a_picture_of_its_output_is_refused(domain: int) -> None:
     with pytest.raises(UserError, match="a camera sees the position of"):
-        session.run(rig="wheel_motor", camera=True, domain=domain)
+        Run(rig="wheel_motor", camera=True, domain=domain).go()

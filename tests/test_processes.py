@@ -18,7 +18,7 @@ import pytest
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.runtime.run import Outcome, Run
 from hybrid_sysid_ros.support.errors import UserError
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
@@ -57,31 +57,31 @@ def wait_until_ready(process: subprocess.Popen[str]) -> None:
 
 
 @dataclass(frozen=True)
-class Run:
+class Seen:
     """What came of a session, what it told, and the seconds of its progress."""
 
-    outcome: session.Outcome
+    outcome: Outcome
     lines: list[str]
     seconds: list[float]
 
 
 @pytest.fixture(scope="module")
-def run(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Run:
+def run(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Seen:
     """Two seconds in real time: the shipped network under supervision."""
     lines: list[str] = []
     seconds: list[float] = []
-    outcome = session.run(
+    outcome = Run(
         reference="sine",
         duration=2.0,
         bag=tmp_path_factory.mktemp("run") / "bag",
         domain=domain,
         tell=lines.append,
         progress=lambda elapsed, duration: seconds.append(elapsed),
-    )
-    return Run(outcome, lines, seconds)
+    ).go()
+    return Seen(outcome, lines, seconds)
 
 
-def test_the_whole_loop_runs_in_real_time_and_leaves_a_bag(run: Run) -> None:
+def test_the_whole_loop_runs_in_real_time_and_leaves_a_bag(run: Seen) -> None:
     assert not run.outcome.interrupted
     assert 1.9 < run.seconds[-1] < 5.0
     assert "done after 2 s" in " ".join(run.lines)
@@ -103,7 +103,7 @@ def test_a_node_of_the_loop_loads_nothing_that_it_does_not_need(node: str) -> No
     assert HEAVY.isdisjoint(loaded)
 
 
-def test_nothing_is_compiled_once_the_nodes_are_ready(run: Run) -> None:
+def test_nothing_is_compiled_once_the_nodes_are_ready(run: Seen) -> None:
     """Compiling takes seconds, and each is a hundred missed commands."""
     for node in ("estimator", "controller"):
         assert run.outcome.diagnostics[node]["execution_ms_max"] < 500.0
@@ -242,13 +242,13 @@ def test_parameters_come_from_a_file_too(start, tmp_path: Path) -> None:
 
 def test_a_session_tells_what_keeps_a_node_from_starting(domain: int, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"ended with status 2: .*nowhere"):
-        session.run(model=tmp_path / "nowhere", policy="exact", domain=domain, tell=lambda line: None)
+        Run(model=tmp_path / "nowhere", policy="exact", domain=domain, tell=lambda line: None).go()
     with pytest.raises(UserError, match="parameter rate is 5000"):
-        session.run(rate=5e3, domain=domain)
+        Run(rate=5e3, domain=domain).go()
     with pytest.raises(UserError, match="controller: unknown parameter speed"):
-        session.run(domain=domain, parameters={"controller": {"speed": 1.0}})
+        Run(domain=domain, parameters={"controller": {"speed": 1.0}}).go()
     with pytest.raises(UserError, match="ROS domain 233"):
-        session.run(domain=233)
+        Run(domain=233).go()
 
 
 def test_a_session_says_where_the_bag_of_a_killed_recorder_is(domain: int, tmp_path: Path) -> None:
@@ -261,7 +261,7 @@ def test_a_session_says_where_the_bag_of_a_killed_recorder_is(domain: int, tmp_p
                     os.kill(int(process.name), signal.SIGKILL)
 
     with pytest.raises(UserError, match=rf"recorder ended .* in {bag}$"):
-        session.run(bag=bag, domain=domain, progress=kill)
+        Run(bag=bag, domain=domain, progress=kill).go()
     with bags.bag.opened(bag, recover=True) as recovered:
         assert sum(topic.messages for topic in recovered.topics.values()) > 0
 
@@ -281,14 +281,14 @@ def test_a_session_ends_well_when_it_is_interrupted(domain: int, model_folder: P
             os.kill(os.getpid(), signal.SIGTERM)
 
     before = threading.active_count()
-    outcome = session.run(
+    outcome = Run(
         model=model_folder,
         policy_path=policy_folder,
         policy="network",
         lockstep=True,
         domain=domain,
         progress=interrupt,
-    )
+    ).go()
     assert outcome.interrupted
     assert outcome.diagnostics["plant"]["commands"] > 0
     assert threading.active_count() == before
@@ -297,8 +297,8 @@ def test_a_session_ends_well_when_it_is_interrupted(domain: int, model_folder: P
 def test_no_node_outlives_its_session(domain: int, model_folder: Path, policy_folder: Path) -> None:
     """However that ends: here it is killed."""
     given = f"model={str(model_folder)!r}, policy_path={str(policy_folder)!r}, policy='network', reference='constant'"
-    code = f"session.run({given}, domain={domain}, progress=lambda seconds, duration: print('on', flush=True))"
-    command = [sys.executable, "-c", f"from hybrid_sysid_ros.runtime import session; {code}"]
+    code = f"Run({given}, domain={domain}, progress=lambda seconds, duration: print('on', flush=True)).go()"
+    command = [sys.executable, "-c", f"from hybrid_sysid_ros.runtime.run import Run; {code}"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
         assert running.stdout is not None
         next(line for line in running.stdout if line == "on\n")
@@ -312,7 +312,7 @@ def test_no_node_outlives_its_session(domain: int, model_folder: Path, policy_fo
 
 
 def test_all_nodes_run_in_one_process_with_the_parameters_of_each(domain: int) -> None:
-    outcome = session.run(composed=True, lockstep=True, duration=1.0, reference="sine", domain=domain)
+    outcome = Run(composed=True, lockstep=True, duration=1.0, reference="sine", domain=domain).go()
     assert outcome.diagnostics["reference"]["kind"] == "sine"
     assert outcome.diagnostics["plant"]["commands"] == pytest.approx(200, abs=25)
     assert outcome.diagnostics["controller"]["commands"] >= outcome.diagnostics["plant"]["commands"]

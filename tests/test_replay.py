@@ -17,9 +17,10 @@ from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime import belongings, configuration, session
+from hybrid_sysid_ros.runtime import belongings, configuration
 from hybrid_sysid_ros.runtime.comparison import compare, unit_of
 from hybrid_sysid_ros.runtime.configuration import shipped
+from hybrid_sysid_ros.runtime.run import Run
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
 
@@ -43,10 +44,10 @@ ESTIMATES, COMMANDS = 1e-9, 1e-6  # that a replay in lockstep must be as near as
 def loop(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A second and a half in lockstep, under the shipped network and its supervision, with a bias to estimate."""
     bag = tmp_path_factory.mktemp("run") / "loop"
-    session.run(
+    Run(
         reference="sine", duration=1.5, lockstep=True, bag=bag, domain=domain, tell=lambda line: None,
         parameters={"plant": {"bias": [0.3]}, "estimator": {"process_noise": [0.002]}},
-    )  # fmt: skip
+    ).go()  # fmt: skip
     return bag
 
 

@@ -10,10 +10,11 @@ import pytest
 
 from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded, rollouts, simulate, stepped
 from hybrid_sysid_ros.core.mathematics import sin
+from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.fitting import Fit, fit
 from hybrid_sysid_ros.identification.grouping import groups
-from hybrid_sysid_ros.identification.shooting import Shooting, Windows, fastest_growth, feedback_of
+from hybrid_sysid_ros.identification.shooting import Shooting, Windows, fastest_growth
 from hybrid_sysid_ros.identification.validation.unstable import (
     UnstableError,
     check_free_run,

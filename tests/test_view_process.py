@@ -19,7 +19,7 @@ pytest.importorskip("websockets", reason="needs websockets: install hybrid_sysid
 
 from websockets.sync.client import ClientConnection, connect
 
-from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.runtime.run import Run, view
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.view.tables import unpacked
 
@@ -79,7 +79,7 @@ def test_a_run_is_seen_and_driven_from_its_page(domain: int) -> None:
 
     visitor = Visitor(watch)
     visitor.start()
-    outcome = session.run(reference="sine", duration=6.0, view=0, domain=domain, tell=visitor.tell)
+    outcome = Run(reference="sine", duration=6.0, view=0, domain=domain, tell=visitor.tell).go()
     visitor.visited()
     assert nodes == {"plant", "estimator", "controller", "reference", "view"}
     assert outcome.diagnostics["view"]["pictures"] > 10
@@ -113,7 +113,7 @@ def test_stop_and_enable_of_the_page_reach_a_running_controller(domain: int) -> 
 
     visitor = Visitor(press)
     visitor.start()
-    session.run(reference="sine", duration=8.0, view=0, domain=domain, tell=visitor.tell)
+    Run(reference="sine", duration=8.0, view=0, domain=domain, tell=visitor.tell).go()
     visitor.visited()
 
 
@@ -125,7 +125,7 @@ def test_a_run_goes_on_without_its_view(domain: int) -> None:
 
     visitor = Visitor(kill)
     visitor.start()
-    outcome = session.run(reference="sine", duration=3.0, view=0, domain=domain, tell=visitor.tell)
+    outcome = Run(reference="sine", duration=3.0, view=0, domain=domain, tell=visitor.tell).go()
     visitor.visited()
     assert not outcome.interrupted
     assert any(line.startswith("view ended") and "the others go on" in line for line in visitor.lines)
@@ -136,7 +136,7 @@ def test_a_port_that_is_taken_is_told_before_anything_is_shown(domain: int) -> N
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(UserError, match=f"port {port}.*--port"):
-            session.view(rig="cam_beam", port=port, domain=domain, show=lambda url: None, tell=lambda line: None)
+            view(rig="cam_beam", port=port, domain=domain, show=lambda url: None, tell=lambda line: None)
 
 
 def _listener(port: int) -> int:

@@ -15,8 +15,8 @@ from rich.progress import track
 
 from hybrid_sysid_ros.commands.terminal import status
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime import session
 from hybrid_sysid_ros.runtime.parameters import defaults
+from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.runtime.set_points import outputs_of
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -162,7 +162,7 @@ def measured(rig: Rig, domain: int, *, times: int) -> dict[str, list[float]]:
     with ThreadPoolExecutor(1) as pool:
         acting = pool.submit(act)
         try:
-            session.run(rig=rig.source, commander=True, domain=domain, tell=status.print)
+            Run(rig=rig.source, commander=True, domain=domain, tell=status.print).go()
         finally:
             operator.close()
         acting.result()

@@ -32,9 +32,10 @@ from hybrid_sysid_ros.estimation import Estimate, ExtendedKalmanFilter
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime import configuration, session
+from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.checking import check_tolerances
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
+from hybrid_sysid_ros.runtime.run import Run
 
 Array = NDArray[np.float64]
 
@@ -173,14 +174,14 @@ def processes(rig: Rig, **options: Any) -> dict[str, Any]:
     The true speed is the rig's under the torques that the bag holds; ``replayed`` is how far its sensor was from that.
     """
     with tempfile.TemporaryDirectory() as folder:
-        outcome = session.run(
+        outcome = Run(
             rig=rig.source,
             reference=REFERENCE,
             bag=Path(folder) / "bag",
             parameters=UNFORESEEN,
             tell=lambda line: None,
             **options,
-        )
+        ).go()
         if outcome.interrupted or outcome.bag is None:
             raise KeyboardInterrupt
         loop = LoopRecord.from_bag(outcome.bag, rig)

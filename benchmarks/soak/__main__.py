@@ -41,7 +41,8 @@ from benchmarks.picture import Panel, draw
 from benchmarks.soak.trend import excess, too_late, trend
 from benchmarks.soak.watch import Watch
 from hybrid_sysid_ros.commands.terminal import print_table, status
-from hybrid_sysid_ros.runtime import processes, session
+from hybrid_sysid_ros.runtime import processes
+from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.progress import progress_bars
 
@@ -129,7 +130,7 @@ def measure(minutes: float, others: int, *, composed: bool) -> tuple[dict[str, A
                 watch.look()
                 update("seconds", int(done), int(expected))
 
-            outcome = session.run(
+            outcome = Run(
                 rig=RIG,
                 rate=RATE,
                 reference="steps",
@@ -140,7 +141,7 @@ def measure(minutes: float, others: int, *, composed: bool) -> tuple[dict[str, A
                 composed=composed,
                 tell=status.print,
                 progress=progress,
-            )
+            ).go()
         reports = told(bag, "plant")
     if len(watch.times) < 2 or "delay_ms_p50" not in outcome.diagnostics.get("plant", {}):
         raise UserError("too short to see anything")

@@ -14,9 +14,9 @@ from benchmarks import result
 from benchmarks.winged_cone import flights
 from benchmarks.winged_cone.flights import Flight
 from hybrid_sysid_ros.core import System, rollouts
+from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification import identify
 from hybrid_sysid_ros.identification.grouping import Group
-from hybrid_sysid_ros.identification.shooting import feedback_of
 from hybrid_sysid_ros.models import Model, Options, Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 

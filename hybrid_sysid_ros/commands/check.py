@@ -20,8 +20,9 @@ from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.rigs import check as rig_check
 from hybrid_sysid_ros.rigs import experiments
 from hybrid_sysid_ros.rigs.rig import Rig, load
-from hybrid_sysid_ros.runtime import processes, session
+from hybrid_sysid_ros.runtime import processes
 from hybrid_sysid_ros.runtime.configuration import shipped
+from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.errors import UserError
 
 PACKAGE = "hybrid_sysid_ros"
@@ -99,9 +100,7 @@ class Checks:
 
     def loop(self) -> str:
         """Plant, estimator, controller and reference answer one another, in lockstep."""
-        outcome = session.run(
-            rig=self.rig.source, lockstep=True, duration=LOOP_SECONDS, composed=True, tell=status.print
-        )
+        outcome = Run(rig=self.rig.source, lockstep=True, duration=LOOP_SECONDS, composed=True, tell=status.print).go()
         plant = outcome.diagnostics["plant"]
         if not plant["commands"] or plant["rejected_commands"]:
             raise UserError(f"{plant['commands']} commands, {plant['rejected_commands']} of them rejected")

@@ -26,6 +26,7 @@ from hybrid_sysid_ros.runtime import configuration, session
 from hybrid_sysid_ros.runtime.in_loop import controlled, driving
 from hybrid_sysid_ros.runtime.plan import Plan, Records
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
+from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.runtime.training import train_policy
 from hybrid_sysid_ros.support.errors import UserError
@@ -165,7 +166,7 @@ def _train(model: Model, folder: Path) -> None:
 def run_loop(bag: Path, rig: Rig, reference: str, **options: Any) -> tuple[Path, Mapping[str, Mapping[str, Any]]]:
     """The bag of the loop, and the last diagnostics of its nodes; options: of :func:`~.runtime.session.run`."""
     with progress_bars(console) as update:
-        outcome = session.run(
+        outcome = Run(
             rig=rig.source,
             reference=reference,
             bag=bag,
@@ -174,7 +175,7 @@ def run_loop(bag: Path, rig: Rig, reference: str, **options: Any) -> tuple[Path,
             tell=console.print,
             progress=lambda seconds, duration: update("reference, seconds", int(seconds), int(duration)),
             **options,
-        )
+        ).go()
     if outcome.interrupted or outcome.bag is None:
         raise KeyboardInterrupt
     return outcome.bag, outcome.diagnostics

@@ -9,7 +9,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import PORT, Overwrite, Port, RigName, console, print_table, status
-from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.errors import Interrupted
 from hybrid_sysid_ros.support.progress import progress_bars
 
@@ -52,7 +52,7 @@ def command(
             if expected:
                 update(f"{reference or 'reference'}, seconds", int(seconds), int(expected))
 
-        outcome = session.run(
+        outcome = Run(
             rig=rig,
             policy=policy,
             solver=solver,
@@ -73,7 +73,7 @@ def command(
             domain=domain,
             tell=status.print,
             progress=progress,
-        )
+        ).go()
     table = Table("node", "quantity", "value", title="last diagnostics")
     for node, values in outcome.diagnostics.items():
         for key, value in values.items():

@@ -11,7 +11,7 @@ import typer
 
 from hybrid_sysid_ros.commands.terminal import PORT, Port, RigName, console, status
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.runtime.run import view
 
 
 def command(
@@ -26,7 +26,7 @@ def command(
         if not no_browser and _has_screen():
             webbrowser.open(url)
 
-    session.view(rig=rig or rigs.default(), port=port, tell=status.print, show=show)
+    view(rig=rig or rigs.default(), port=port, tell=status.print, show=show)
 
 
 def _has_screen() -> bool:

@@ -146,3 +146,17 @@ class Drifting(Wrapper):
 def offset_of(state: str) -> str:
     """Name of the state that is the offset of another one's rate."""
     return f"{state}_offset"
+
+
+def feedback_of(system: System, stabiliser: Array) -> Array:
+    """K (inputs, outputs) as gains of the states, (inputs, states).
+
+    Raises UserError where an output that is fed back is no state.
+    """
+    names, found = [item.name for item in system.states], np.zeros((len(system.inputs), len(system.states)))
+    for column, item in enumerate(system.outputs):
+        if np.any(stabiliser[:, column]):
+            if item.name not in names:
+                raise UserError(f"stabiliser: {item.name} is fed back, but it is no state of {type(system).__name__}")
+            found[:, names.index(item.name)] = stabiliser[:, column]
+    return found

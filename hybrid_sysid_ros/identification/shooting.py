@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Sensitivities, System, rollouts
 from hybrid_sysid_ros.core.symbolic import linearised
+from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.problem import Map, Problem, Residuals
 from hybrid_sysid_ros.models import Sampling
@@ -56,20 +57,6 @@ def fastest_growth(system: System) -> float:
         return 0.0
     transition, _ = linearised(system, np.zeros(len(system.states)), np.zeros(len(system.inputs)))
     return float(max(np.max(np.linalg.eigvals(transition).real, initial=0.0), 0.0))
-
-
-def feedback_of(system: System, stabiliser: Array) -> Array:
-    """K (inputs, outputs) as gains of the states, (inputs, states).
-
-    Raises UserError where an output that is fed back is no state.
-    """
-    names, found = [item.name for item in system.states], np.zeros((len(system.inputs), len(system.states)))
-    for column, item in enumerate(system.outputs):
-        if np.any(stabiliser[:, column]):
-            if item.name not in names:
-                raise UserError(f"stabiliser: {item.name} is fed back, but it is no state of {type(system).__name__}")
-            found[:, names.index(item.name)] = stabiliser[:, column]
-    return found
 
 
 def check_sampling(sampling: Sampling, name: str) -> None:

@@ -7,8 +7,7 @@ from dataclasses import replace
 from hybrid_sysid_ros.control import Controller
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.wrappers import Drifting, Stabilised
-from hybrid_sysid_ros.identification.shooting import feedback_of
+from hybrid_sysid_ros.core.wrappers import Drifting, Stabilised, feedback_of
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, rollouts
+from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.experiment import Experiment
-from hybrid_sysid_ros.identification.shooting import Windows, fastest_growth, feedback_of, held_inputs, settled
+from hybrid_sysid_ros.identification.shooting import Windows, fastest_growth, held_inputs, settled
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, free_run_states, initial_state
 from hybrid_sysid_ros.support.errors import UserError
 
