@@ -48,7 +48,7 @@ MEASURES = (
 )  # fmt: skip
 CHUNK, KEPT = 10, Path("out/winged_cone_mpc")
 """Plants between two looks, and where finished flights are kept until the end."""
-TIMED, EVERY, REPEATS = 3, 4, 2
+TIMED, EVERY, REPEATS = 3, 4, 4
 """Plants on which solutions are timed; every which problem of them is IPOPT's as well; and how often each flight goes
 the same way again: of each call the fastest counts, for the machine has other work."""
 

@@ -27,6 +27,7 @@ FONT = {
     "color": TEXT,
 }
 MINUS = "\N{MINUS SIGN}"
+LONG_NAME = 12  # letters
 POINTS = 16_000  # of a line at most
 
 
@@ -95,6 +96,11 @@ def second_scale(output: Variable, display: Display) -> tuple[str, float] | None
     return None if unit == display.unit.replace("deg", "°", 1) or not unit else (unit, scale)
 
 
+def titled(name: str, unit: str) -> str:
+    """Title of an axis: a name and its unit, one below the other where a low panel has no room for them in a line."""
+    return f"{name}{'<br>' if len(name) > LONG_NAME else ' '}[{unit}]"
+
+
 def scaled(
     figure: go.Figure, row: int, values: Sequence[Array], name: str, output: Variable, display: Display,
     *, symmetric: bool = False,
@@ -108,7 +114,8 @@ def scaled(
     margin = max(0.06 * (high - low), 1e-6)
     low, high = low - margin, high + margin
     axis = {"fixedrange": True, "row": row, "col": 1, "nticks": 6}  # two axes can only be zoomed apart
-    figure.update_yaxes(title=f"{name} [{display.unit or '1'}]", range=[low, high], secondary_y=False, **axis)
+    title = titled(name, display.unit or "1")
+    figure.update_yaxes(title=title, range=[low, high], secondary_y=False, **axis)
     second = second_scale(output, display)
     if second is None:
         figure.update_yaxes(visible=False, row=row, col=1, secondary_y=True)

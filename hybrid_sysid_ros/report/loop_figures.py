@@ -21,6 +21,7 @@ from hybrid_sysid_ros.report.charts import (
     panels,
     scaled,
     timed,
+    titled,
 )
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
@@ -139,5 +140,5 @@ def _input(figure: go.Figure, row: int, loop: LoopRecord, index: int, inside: ND
         figure.add_hline(y=bound, line={"color": BOUND, "width": 1, "dash": "dot"}, row=row, col=1)
     margin = 0.06 * (actuator.high - actuator.low)
     ends = [actuator.low - margin, actuator.high + margin]
-    figure.update_yaxes(title=f"{item.name} [{item.unit}]", range=ends, row=row, col=1, secondary_y=False)
+    figure.update_yaxes(title=titled(item.name, item.unit), range=ends, row=row, col=1, secondary_y=False)
     figure.update_yaxes(visible=False, row=row, col=1, secondary_y=True)

@@ -20,7 +20,7 @@ from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.configuration import by_state, listed
+from hybrid_sysid_ros.runtime.configuration import NONE, by_state, listed
 from hybrid_sysid_ros.runtime.in_loop import controlled
 
 
@@ -33,7 +33,7 @@ def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: Problem) -> T
     return Tolerances(
         cost=values["check_cost"],
         floor=problem.horizon * _noise_cost(rig, problem),
-        violation=float(np.min(_noise(rig))),
+        violation=_violation(values, rig),
         disturbance=tuple(values["check_disturbance"]),
         patience=values["check_patience"],
     )
@@ -86,6 +86,14 @@ def _certified(rig: Rig, model: System, problem: Problem, *, plant: str) -> tupl
         cost_floor=_noise_cost(rig, problem),
     )
     return distribution, criteria
+
+
+def _violation(values: Mapping[str, Any], rig: Rig) -> float:
+    """The least noise of the outputs that are states with bounds, of all outputs where no such one is measured."""
+    limits = zip(rig.system.states, values["state_low"], values["state_high"], strict=True)
+    bounded = {item.name for item, low, high in limits if max(low, -high) > -NONE}
+    noise = dict(zip((item.name for item in rig.system.outputs), _noise(rig).tolist(), strict=True))
+    return min(value for name, value in noise.items() if name in bounded or not bounded & noise.keys())
 
 
 def _noise(rig: Rig) -> NDArray[np.float64]:

@@ -30,7 +30,7 @@ from hybrid_sysid_ros.runtime.shots import Fired, Range
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
 
-KEYS = ("learn", "test", "seconds", "rate", "tolerance")
+KEYS = ("learn", "test", "seconds", "rate", "structure", "options", "tolerance")
 """Of the section mockup of rig.yaml."""
 CONFIDENCE = 0.99
 """Of the bound on the share of plants that are kept."""
@@ -69,6 +69,11 @@ class Setup:
         plan, where = Plan.of(rig), f"{rig.file}: mockup"
         told = section(rig.content, "mockup", str(rig.file))
         refuse_unknown(told, KEYS, where)
+        if "structure" in told:
+            options = {
+                name: numbers(value, where, count=1)[0] for name, value in section(told, "options", where).items()
+            }
+            plan = replace(plan, structure=str(told["structure"]), options=options)
         known = list(rig.experiments.excitations)
         if len(known) < 2:
             raise UserError(f"{rig.file}: experiments.excitations: needs two at least, one of them to test on")
@@ -283,7 +288,7 @@ def _predicts(found: Found) -> Criterion:
     return Criterion(
         name="the model predicts better than what was known beforehand",
         kept=share < 1.0,
-        words=f"errors {100 * (1 - share):.0f} % smaller ({found.ahead}, unseen experiments, geometric mean)",
+        words=f"errors {share:.3g} times the prior's ({found.ahead}, unseen experiments, geometric mean)",
     )
 
 

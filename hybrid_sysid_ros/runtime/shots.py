@@ -96,8 +96,9 @@ class Range:
         end = END * settings["horizon"] * settings["period"]
         display = self.rig.display[segment.output]
         error = display.shown(loop.outputs[:, segment.output] - loop.references[:, segment.output])
-        inside = (loop.time >= segment.start) & (loop.time < segment.stop)
-        last = inside & (loop.time >= segment.stop - end)
+        stop = min(segment.stop, self.schedule.duration)
+        inside = (loop.time >= segment.start) & (loop.time < stop)
+        last = inside & (loop.time >= stop - end)
         with np.errstate(over="ignore", invalid="ignore"):
             return float(np.mean(error[last])), float(np.sqrt(np.mean(error[inside] ** 2)))
 
