@@ -98,7 +98,7 @@ def test_stop_and_enable_of_the_page_reach_a_running_controller(domain: int) -> 
                 answer = page.recv(timeout=PATIENCE)
                 if isinstance(answer, str):
                     told = json.loads(answer)
-                    done[told["id"]] = told["done"]
+                    done[told["answer"]] = told["done"]
                     continue
                 _, arrays = unpacked(answer)
                 inputs.extend(arrays["command"][:, 1].tolist() if "command" in arrays else [])

@@ -35,7 +35,7 @@ COARSE = 4  # texels: the spacing at which a sprite's outline is looked for
 FEWEST = 40
 """Pictures that a learner needs."""
 NARROWEST = 240
-"""Columns of a picture: at 160 the first angles of a beam have come out mirrored."""
+"""Columns of a picture: at 160 the first angles have come out mirrored."""
 LEAST_MASS = 0.03  # of the ring with most, of one that the sprite reaches
 FARTHEST_PIVOT = 10.0  # pixels: how far the scene's pivot may be off, a standard deviation
 SEEN_MOVE = 0.1  # pixels: how well a picture says where the sprite lies
