@@ -15,7 +15,7 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.accuracy import Accuracy, Discrepancy, assess
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
-from hybrid_sysid_ros.identification import identify
+from hybrid_sysid_ros.identification import Part, identify
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.shooting import windows_of
 from hybrid_sysid_ros.identification.validation.scores import score_free_run
@@ -30,7 +30,7 @@ from hybrid_sysid_ros.runtime.shots import Fired, Range
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
 
-KEYS = ("learn", "test", "seconds", "rate", "structure", "options", "tolerance")
+KEYS = ("learn", "part", "test", "seconds", "rate", "structure", "options", "tolerance")
 """Of the section mockup of rig.yaml."""
 CONFIDENCE = 0.99
 """Of the bound on the share of plants that are kept."""
@@ -51,6 +51,8 @@ class Setup:
     """How the rig's demo identifies, and which reference it follows."""
     learn: tuple[str, ...]
     """Experiments to learn from."""
+    part: Part
+    """Of each of these."""
     test: tuple[str, ...]
     """Experiments to test the models on."""
     seconds: float
@@ -88,6 +90,7 @@ class Setup:
             rig=rig,
             plan=plan,
             learn=_chosen(told, "learn", known[:-1], known, where),
+            part=Part.parse(str(told.get("part", "0:1"))),
             test=_chosen(told, "test", known[-1:], known, where),
             seconds=numbers(told.get("seconds", 40.0), f"{where}.seconds", count=1)[0],
             rate=numbers(told.get("rate", 1.0 / plan.sampling.step), f"{where}.rate", count=1)[0],
@@ -221,7 +224,12 @@ def identified(setup: Setup, structure: str, records: Sequence[Record], folder: 
     there = _there(setup, structure, records, folder)
     if there is not None:
         return there
-    given: dict[str, Any] = {"sampling": setup.plan.sampling, "options": options, "seed": setup.seed}
+    given: dict[str, Any] = {
+        "sampling": setup.plan.sampling,
+        "part": setup.part,
+        "options": options,
+        "seed": setup.seed,
+    }
     identify(records, setup.rig, structure, **given).save(folder)
     return load_model(folder, rig=setup.rig.source)
 
@@ -234,7 +242,8 @@ def _there(setup: Setup, structure: str, records: Sequence[Record], folder: Path
     options = dict(setup.plan.options) if structure == setup.plan.structure else {}
     same = [str(entry["sha256"]) for entry in model.records] == [record.digest for record in records]
     same = same and model.structure == structure and model.sampling == setup.plan.sampling
-    same = same and model.fit["seed"] == setup.seed
+    part = [setup.part.start, setup.part.stop]
+    same = same and model.fit["seed"] == setup.seed and all(entry["part"] == part for entry in model.records)
     return model if same and all(model.fit["options"].get(name) == value for name, value in options.items()) else None
 
 
