@@ -40,13 +40,14 @@ SOON = 1.0
 def tried(stage: Stage, name: str) -> dict[str, Any]:
     """One fault, and what was seen."""
     stage.calm(CALM)
-    stage.begun, lines, memory = time.monotonic(), len(stage.lines), stage.memory()
+    stage.begun = calm = time.monotonic()
+    lines, memory = len(stage.lines), stage.memory()
     fault, words = EVERY[name]
     fault(stage)
     before, over = stage.begun, time.monotonic()
     recovered = stage.wait_until_back(over)
     time.sleep(0.6)  # the diagnostics of the last moments
-    usual = {phrase for said in stage.said if before - CALM <= said.time < before for phrase in phrases(said)}
+    usual = {phrase for said in stage.said if calm - CALM <= said.time < calm for phrase in phrases(said)}
     later = [said for said in stage.said if before <= said.time]
     named = [(said, phrase) for said in later for phrase in phrases(said) - usual if re.search(words, phrase)]
     traces = [line for line in stage.lines[lines:] if "Traceback" in line]
