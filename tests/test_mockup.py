@@ -54,7 +54,7 @@ def exact(sled: Rig) -> Model:
 
 def fired(where: Range, count: int) -> Fired:
     rows = where(range(count))
-    return Fired(where=where, miss=rows["miss"], rmse=rows["rmse"], sound=rows["sound"], peak=rows["peak"])
+    return Fired(where=where, miss=rows["miss"], rmse=rows["rmse"], sound=rows["sound"])
 
 
 def test_a_shot_repeats_by_its_number_whatever_was_fired_before(sled, exact):

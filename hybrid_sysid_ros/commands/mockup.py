@@ -103,7 +103,7 @@ class Fleet:
                 found[numbers_of] = result
                 update(name, min(BATCH * len(found), count), count)
         rows = {key: np.concatenate([found[item][key] for item in items]) for key in found[items[0]]}
-        return Fired(where=where, miss=rows["miss"], rmse=rows["rmse"], sound=rows["sound"], peak=rows["peak"])
+        return Fired(where=where, miss=rows["miss"], rmse=rows["rmse"], sound=rows["sound"])
 
     def _workers(self, work: Callable[[tuple[int, ...]], Arrays]) -> Workers[tuple[int, ...], Arrays]:
         if self.cluster:

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.core import Parameter, System, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar, clip
 from hybrid_sysid_ros.core.parameters import of_data
-from hybrid_sysid_ros.core.steppers import Motion
+from hybrid_sysid_ros.core.wrappers import Wrapper
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.vision.renderer import Renderer
 
@@ -31,7 +31,7 @@ OUTPUT = "picture"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pictured(System):
+class Pictured(Wrapper):
     """A system whose output r(q) is the root of how far its picture at a position q is from a goal.
 
         r(q)^2 = c sum over pixels (I(q) - goal)^2 + what no position takes away,   r < 0 below the best position,
@@ -40,7 +40,6 @@ class Pictured(System):
     of r is of parameters, so that all goals share their compiled code.
     """
 
-    physics: System
     position: str
     """The state that moves the picture."""
     span: float
@@ -51,14 +50,13 @@ class Pictured(System):
     """r at the OFFSETS from there (knots,)."""
 
     def __post_init__(self) -> None:
-        for name in ("states", "inputs", "contacts", "stepper", "delays", "doubtful_terms"):
-            object.__setattr__(self, name, getattr(self.physics, name))
+        super().__post_init__()
         unit = next(item.unit for item in self.states if item.name == self.position)
         object.__setattr__(self, "outputs", (Variable(name=OUTPUT, unit=unit),))
 
     @property
     def form(self) -> tuple[Any, ...]:
-        return (type(self), self.physics.form, self.position, self.span, len(self.roots))
+        return (type(self), self.within.form, self.position, self.span, len(self.roots))
 
     @property
     def plain_outputs(self) -> bool:
@@ -68,26 +66,16 @@ class Pictured(System):
     def parameters(self) -> tuple[Parameter, ...]:
         names = ("best", *(f"root_{k}" for k in range(len(self.roots))))
         unit = self.outputs[0].unit
-        return (*self.physics.parameters, *(replace(of_data(name, unit), low=-1e12) for name in names))
+        return (*self.within.parameters, *(replace(of_data(name, unit), low=-1e12) for name in names))
 
     @property
     def values(self) -> Array:
-        return np.concatenate([self.physics.values, [self.best, *self.roots]])
+        return np.concatenate([self.within.values, [self.best, *self.roots]])
 
     def bound(self, values: Sequence[Scalar]) -> Pictured:
-        physical = len(self.physics.parameters)
+        physical = len(self.within.parameters)
         best, *roots = values[physical:]
-        return replace(self, physics=self.physics.bound(values[:physical]), best=best, roots=tuple(roots))
-
-    @property
-    def weights(self) -> Array:
-        return self.physics.weights
-
-    def with_weights(self, weights: Array) -> Pictured:
-        return replace(self, physics=self.physics.with_weights(weights))
-
-    def motion(self) -> Motion:
-        return self.physics.motion()
+        return replace(self, within=self.within.bound(values[:physical]), best=best, roots=tuple(roots))
 
     def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
         """R between the knots: each line counts as far as the position has come along it."""
@@ -130,4 +118,4 @@ def pictured(
     root = np.sign(offsets) * np.sqrt(np.maximum(table, 0.0))
     scale = float(np.mean(np.abs(offsets)) / max(np.mean(np.abs(root)), 1e-9))
     roots = tuple(float(value) for value in scale * root)
-    return Pictured(physics=system, position=position, span=high - low, best=best, roots=roots)
+    return Pictured(within=system, position=position, span=high - low, best=best, roots=roots)

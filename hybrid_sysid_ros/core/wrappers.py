@@ -1,4 +1,4 @@
-"""Systems about another system: held by a stabiliser, and with offsets of its rates."""
+"""Wrappers: systems about another system, held by a stabiliser, or with offsets of its rates."""
 
 from __future__ import annotations
 
@@ -54,6 +54,9 @@ class Wrapper(System):
 
     def with_weights(self, weights: Array) -> System:
         return replace(self, within=self.within.with_weights(weights))
+
+    def motion(self) -> Motion:
+        return self.within.motion()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import beta
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.accuracy import Accuracy, Discrepancy, assess
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
+from hybrid_sysid_ros.control.safety.certificate import binomial_bound
 from hybrid_sysid_ros.identification import Part, identify
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.shooting import windows_of
@@ -28,7 +28,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.plan import Plan
 from hybrid_sysid_ros.runtime.shots import Fired, Range
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
+from hybrid_sysid_ros.support.structured import named_numbers, numbers, refuse_unknown, section
 
 KEYS = ("learn", "part", "test", "seconds", "rate", "structure", "options", "tolerance")
 """Of the section mockup of rig.yaml."""
@@ -72,17 +72,12 @@ class Setup:
         told = section(rig.content, "mockup", str(rig.file))
         refuse_unknown(told, KEYS, where)
         if "structure" in told:
-            options = {
-                name: numbers(value, where, count=1)[0] for name, value in section(told, "options", where).items()
-            }
-            plan = replace(plan, structure=str(told["structure"]), options=options)
+            plan = replace(plan, structure=str(told["structure"]), options=named_numbers(told, "options", where))
         known = list(rig.experiments.excitations)
         if len(known) < 2:
             raise UserError(f"{rig.file}: experiments.excitations: needs two at least, one of them to test on")
         windows = rig.schedule(plan.reference).windows
-        tolerance = {
-            name: numbers(value, where, count=1)[0] for name, value in section(told, "tolerance", where).items()
-        }
+        tolerance = named_numbers(told, "tolerance", where)
         for name in tolerance:
             if name not in windows:
                 raise UserError(f"{where}.tolerance: {plan.reference} has no part {name}: it has {', '.join(windows)}")
@@ -140,7 +135,7 @@ class Found:
 def mockup(
     setup: Setup, out: Path, fire: Fire, counts: Mapping[str, int], discrepancy: Discrepancy, tell: Tell = print
 ) -> Found:
-    """The workflow; models and bags that an earlier run left in the folder ``out`` are not made again.
+    """The workflow; models that an earlier run left in the folder ``out`` are not made again.
 
     fire: fires shots. counts: of live and simulated ones and of plants. tell: gets a line at each step.
 
@@ -221,29 +216,26 @@ def records_of(setup: Setup, names: Sequence[str], folder: Path) -> list[Record]
 def identified(setup: Setup, structure: str, records: Sequence[Record], folder: Path) -> Model:
     """The model of a folder, where that is one of these records, else a new one."""
     options = dict(setup.plan.options) if structure == setup.plan.structure else {}
-    there = _there(setup, structure, records, folder)
+    given: dict[str, Any] = {"sampling": setup.plan.sampling, "options": options, "seed": setup.seed}
+    there = _there(setup, structure, records, folder, options)
     if there is not None:
         return there
-    given: dict[str, Any] = {
-        "sampling": setup.plan.sampling,
-        "part": setup.part,
-        "options": options,
-        "seed": setup.seed,
-    }
-    identify(records, setup.rig, structure, **given).save(folder)
+    identify(records, setup.rig, structure, part=setup.part, **given).save(folder)
     return load_model(folder, rig=setup.rig.source)
 
 
-def _there(setup: Setup, structure: str, records: Sequence[Record], folder: Path) -> Model | None:
+def _there(
+    setup: Setup, structure: str, records: Sequence[Record], folder: Path, options: Mapping[str, float]
+) -> Model | None:
     try:
         model = load_model(folder, rig=setup.rig.source)
     except UserError:
         return None
-    options = dict(setup.plan.options) if structure == setup.plan.structure else {}
-    same = [str(entry["sha256"]) for entry in model.records] == [record.digest for record in records]
-    same = same and model.structure == structure and model.sampling == setup.plan.sampling
     part = [setup.part.start, setup.part.stop]
-    same = same and model.fit["seed"] == setup.seed and all(entry["part"] == part for entry in model.records)
+    learnt = [(entry["sha256"], entry["part"]) for entry in model.records]
+    same = learnt == [(record.digest, part) for record in records]
+    same = same and model.structure == structure and model.sampling == setup.plan.sampling
+    same = same and model.fit["seed"] == setup.seed
     return model if same and all(model.fit["options"].get(name) == value for name, value in options.items()) else None
 
 
@@ -303,7 +295,7 @@ def _predicts(found: Found) -> Criterion:
 
 def _holds(fired: Fired, who: str) -> Criterion:
     kept, count = int(fired.sound.all(axis=1).sum()), len(fired.sound)
-    bound = float(beta.ppf(1.0 - CONFIDENCE, kept, count - kept + 1)) if kept else 0.0
+    bound = binomial_bound(kept, count, 1.0 - CONFIDENCE)
     return Criterion(
         name=f"{who} is held, within its travel and validity",
         kept=kept == count,

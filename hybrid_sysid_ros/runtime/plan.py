@@ -14,7 +14,7 @@ from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.options import Options
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
+from hybrid_sysid_ros.support.structured import named_numbers, numbers, refuse_unknown, section
 
 SHIPPED_BAGS = Path(__file__).resolve().parents[2] / "bags"
 KEYS = ("learn", "part", "test", "structure", "options", "step", "period", "reference", "scored")
@@ -71,7 +71,7 @@ class Plan:
             part=Part.parse(str(told.get("part", "0:0.5"))),
             test=_names(told, "test", where),
             structure=str(told.get("structure", "hybrid")),
-            options={key: numbers(value, where, count=1)[0] for key, value in section(told, "options", where).items()},
+            options=named_numbers(told, "options", where),
             sampling=Sampling(step=step, period=period),
             reference=schedule.name,
             scored=scored,

@@ -87,7 +87,6 @@ class Range:
             "miss": [miss for miss, _ in judged],
             "rmse": [rmse for _, rmse in judged],
             "sound": [bool(np.all(np.isfinite(loop.outputs))), plant.stopped == 0, self._valid(loop)],
-            "peak": np.max(np.abs(loop.inputs), axis=0),
         }
 
     def _judged(self, loop: ClosedLoop, segment: Segment) -> tuple[float, float]:
@@ -135,8 +134,6 @@ class Fired:
     """(shots, windows), over the window."""
     sound: Array
     """(shots, 3): ended in numbers, touched no stop, stayed where the equations mean something."""
-    peak: Array
-    """(shots, inputs), largest magnitude."""
 
     @property
     def windows(self) -> Mapping[str, str]:

@@ -97,6 +97,14 @@ def numbers(value: Any, where: str, *, count: int) -> tuple[float, ...]:
     return tuple(float(item) for item in items) * (count if len(items) == 1 else 1)
 
 
+def named_numbers(content: Mapping[str, Any], key: str, where: str) -> dict[str, float]:
+    """A section of numbers by their names, empty where it is not there. Raises UserError where one is no number."""
+    return {
+        name: numbers(value, f"{where}.{key}.{name}", count=1)[0]
+        for name, value in section(content, key, where).items()
+    }
+
+
 def _checked(hint: Any, value: Any, where: str) -> Any:
     choices = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     if value is None and NoneType in choices:
