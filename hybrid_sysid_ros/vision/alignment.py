@@ -11,8 +11,8 @@ from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.vision.layers import Plane
 
-STEPS = 12  # of an alignment, at most
-SETTLED = 0.002  # pixels at the sprite's end: a step that ends an alignment
+STEPS, FIRST_STEPS = 12, 4  # of an alignment at most, and of that of a candidate
+SETTLED = 0.01  # pixels at the sprite's end: a step that ends an alignment
 FARTHEST = 2.0  # pixels at the sprite's end, in one step
 CAPPED = 40.0  # counts: a larger difference says no more to a scan
 BISQUARE = 4.685  # deviations, beyond which a difference has no weight (Beaton and Tukey 1974): 95 % efficient
@@ -81,10 +81,10 @@ def scanned(
 @inner
 def aligned(
     picture: NDArray[np.uint8], background: Plane, alpha: Plane, texture: Plane, first: tuple[float, float],
-    pivot: tuple[float, float], gains: Array, points: Points, angle: float, reach: float, out: Array,
+    pivot: tuple[float, float], gains: Array, points: Points, angle: float, reach: float, steps: int, out: Array,
 ) -> None:  # fmt: skip
-    """Gauss-Newton from an angle on. out: angle [rad], its variance, mean capped difference [counts], mean row, and the
-    share of the points that the layers explain.
+    """Gauss-Newton from an angle on, in so many steps at most. out: angle [rad], its variance, mean capped difference
+    [counts], mean row, and the share of the points that the layers explain.
 
     The variance is that of correlated differences, as codecs make them: points of one block of texels count as one
     (White 1980, clustered).
@@ -96,7 +96,7 @@ def aligned(
     histogram = np.zeros(BINS, dtype=np.int64)
     deviation = 0.0
     out[1] = out[2] = out[3] = out[4] = np.nan
-    for step in range(STEPS):
+    for step in range(steps):
         c, s = math.cos(angle), -math.sin(angle)
         limit = BISQUARE * deviation
         gradient = curvature = rows = total = weights = 0.0
@@ -192,11 +192,11 @@ def read_angle(
     spread = max(angles.shape[0] // 40, 1)
     for _ in range(min(TRIED, angles.shape[0])):
         k = int(np.argmin(costs))
-        aligned(picture, background, alpha, texture, first, pivot, gains, few, angles[k], reach, out)
+        aligned(picture, background, alpha, texture, first, pivot, gains, few, angles[k], reach, FIRST_STEPS, out)
         if out[2] < least:
             best, least = out[0], out[2]
         costs[max(k - spread, 0) : k + spread + 1] = 1e9
-    aligned(picture, background, alpha, texture, first, pivot, gains, points, best, reach, out)
+    aligned(picture, background, alpha, texture, first, pivot, gains, points, best, reach, STEPS, out)
 
 
 @kernel
@@ -205,4 +205,4 @@ def align_from(
     pivot: tuple[float, float], gains: Array, points: Points, angle: float, reach: float, out: Array,
 ) -> None:  # fmt: skip
     """Alignment from a known angle on."""
-    aligned(picture, background, alpha, texture, first, pivot, gains, points, angle, reach, out)
+    aligned(picture, background, alpha, texture, first, pivot, gains, points, angle, reach, STEPS, out)

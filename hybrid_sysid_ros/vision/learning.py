@@ -199,13 +199,13 @@ def _outlined(
 def _regressed(film: Film, gains: Array, angles: Array, layers: Layers) -> Layers:
     """Sprite and background anew, from angles (pictures,) and gains (pictures, rows)."""
     background, alpha, texture = (np.array(plane) for plane in (layers.background, layers.alpha, layers.texture))
+    noise = layers.geometry.noise
     if texture.any():
         swept = AngleReader(layers).swept
-        regress_background(film, gains, angles, alpha, texture, layers.pivot, layers.first, swept, background)
+        regress_background(film, gains, angles, alpha, texture, layers.pivot, layers.first, swept, noise, background)
         wanted = np.ones(alpha.shape, dtype=bool)
     else:
         wanted = alpha > 0.0
-    noise = layers.geometry.noise
     regress_texels(film, gains, angles, background, layers.pivot, layers.first, wanted, noise, alpha, texture)
     near = alpha > 0.02
     for axis in (0, 1):

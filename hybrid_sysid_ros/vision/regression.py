@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core.compilation import kernel
+from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.vision.layers import Plane
 
@@ -16,7 +16,13 @@ Film = NDArray[np.uint8]
 FEWEST = 0.2  # share of the pictures that must show a texel
 BRIGHT = 60.0  # counts, above which a difference counts no more
 FAINT = 2.0  # counts, by which it must differ at least
-MOST = 0.75  # share of the pictures in which a texel of the sprite must differ from the background
+KEPT = 0.6
+"""Share of the pictures that tell a texel or a pixel, those that go together best: so many show no passer-by there."""
+OF_KEPT = 0.463  # rms of the smallest KEPT of normal differences, in deviations of all
+CONCENTRATED = 3  # steps of concentration
+PLAIN = 1.5  # deviations of the noise, below which what is left of least squares has no outliers in it
+SURE = 3.0  # deviations, within which differences count in the end
+WHOLE = 0.9  # of a pixel's background, seen in a picture that tells its median
 HIDDEN = 0.05  # share of a pixel's background that must be seen, summed over the pictures, to be told
 
 
@@ -29,8 +35,7 @@ def median_picture(film: Film, lights: Array) -> Plane:
         for x in range(columns):
             for k in range(count):
                 values[k] = film[k, y, x] / lights[k]
-            values.sort()
-            found[y, x] = 0.5 * (values[count // 2] + values[(count - 1) // 2])
+            found[y, x] = np.partition(values, count // 2)[count // 2]
     return found
 
 
@@ -59,6 +64,65 @@ def polar_maps(
     return maps
 
 
+@inner
+def line(seen: Array, behind: Array, noise: float, apart: Array) -> tuple[float, float]:
+    """Slope, from 0 to 1, and level of seen = slope behind + level, (n,) each. noise: of ``seen``; apart: room for n.
+
+    Least squares where that explains all; otherwise least trimmed squares (Rousseeuw 1984): concentration steps from
+    the two ways in which a texel may be, hiding and clear, then least squares over all that lies near.
+    """
+    slope, level, total = _fitted(seen, behind, 0.0, 0.0, np.inf, noise)
+    count = seen.shape[0]
+    if total < count * (PLAIN * noise) ** 2:
+        return slope, level
+    kept, least = max(int(KEPT * count), 1), np.inf
+    for start in (0.0, 1.0):
+        tried, height = start, _middle(seen, behind, start, apart)
+        total = 0.0
+        for _ in range(CONCENTRATED):
+            for n in range(count):
+                apart[n] = abs(seen[n] - tried * behind[n] - height)
+            limit = np.partition(apart[:count], kept - 1)[kept - 1]
+            tried, height, total = _fitted(seen, behind, tried, height, limit, noise)
+        if total < least:
+            least, slope, level = total, tried, height
+    deviation = max(math.sqrt(least / kept) / OF_KEPT, noise)
+    slope, level, _ = _fitted(seen, behind, slope, level, SURE * deviation, noise)
+    return slope, level
+
+
+@inner
+def _middle(seen: Array, behind: Array, slope: float, apart: Array) -> float:
+    """Median of what is left of ``seen``."""
+    count = seen.shape[0]
+    for n in range(count):
+        apart[n] = seen[n] - slope * behind[n]
+    return np.partition(apart[:count], count // 2)[count // 2]  # type: ignore[no-any-return]
+
+
+@inner
+def _fitted(
+    seen: Array, behind: Array, slope: float, level: float, limit: float, noise: float
+) -> tuple[float, float, float]:
+    """Slope and level anew, by least squares over what lies within ``limit`` of the line, and the sum of the squares
+    that are left of that.
+    """
+    weights = sum_b = sum_i = bb = bi = ii = 0.0
+    for n in range(seen.shape[0]):
+        if abs(seen[n] - slope * behind[n] - level) <= limit:
+            weights += 1.0
+            sum_b += behind[n]
+            sum_i += seen[n]
+            bb += behind[n] ** 2
+            bi += behind[n] * seen[n]
+            ii += seen[n] ** 2
+    mean_b, mean_i = sum_b / weights, sum_i / weights
+    bb, bi = max(bb - weights * mean_b**2, 0.0), bi - weights * mean_b * mean_i
+    ii = max(ii - weights * mean_i**2, 0.0)
+    slope = min(max(bi / (bb + weights * noise**2), 0.0), 1.0)
+    return slope, mean_i - slope * mean_b, max(ii - 2.0 * slope * bi + slope**2 * bb, 0.0)
+
+
 @kernel
 def regress_texels(
     film: Film, gains: Array, angles: Array, background: Plane, pivot: tuple[float, float], first: tuple[float, float],
@@ -71,13 +135,14 @@ def regress_texels(
     """
     count, rows, columns = film.shape
     seen, behind, apart = np.empty(count), np.empty(count), np.empty(count)
+    cosines, sines = np.cos(angles), -np.sin(angles)
     for i in range(wanted.shape[0]):
         for k in range(wanted.shape[1]):
             if not wanted[i, k]:
                 continue
             u, v, used = first[0] + k, first[1] + i, 0
             for n in range(count):
-                c, s = math.cos(angles[n]), -math.sin(angles[n])
+                c, s = cosines[n], sines[n]
                 x, y = pivot[0] + u * c - v * s, pivot[1] + u * s + v * c
                 left, up = math.floor(x), math.floor(y)
                 if left < 0 or up < 0 or left >= columns - 1 or up >= rows - 1:
@@ -92,55 +157,33 @@ def regress_texels(
             alpha[i, k] = texture[i, k] = 0.0
             if used < FEWEST * count:
                 continue
-            # twice, the second time without what lies far from the line, such as somebody's arm
-            slope = level = 0.0
-            limit = 1e9
-            for turn in range(2):
-                weights = sum_b = sum_i = 0.0
-                for n in range(used):
-                    if abs(seen[n] - slope * behind[n] - level) <= limit:
-                        weights += 1.0
-                        sum_b += behind[n]
-                        sum_i += seen[n]
-                mean_b, mean_i = sum_b / weights, sum_i / weights
-                bb = bi = 0.0
-                for n in range(used):
-                    if abs(seen[n] - slope * behind[n] - level) <= limit:
-                        b, d = behind[n] - mean_b, seen[n] - mean_i
-                        bb += b * b
-                        bi += b * d
-                slope = min(max(bi / (bb + weights * noise**2), 0.0), 1.0)
-                level = mean_i - slope * mean_b
-                if turn == 0:
-                    spread = 0.0
-                    for n in range(used):
-                        spread += min(abs(seen[n] - slope * behind[n] - level), 30.0)
-                    limit = 3.0 * spread / used + 1.0
+            slope, level = line(seen[:used], behind[:used], noise, apart)
             for n in range(used):
                 apart[n] = (seen[n] - behind[n]) ** 2
-            squares = apart[:used]
-            squares.sort()
-            if np.mean(squares[: max(int(MOST * used), 1)]) > noise**2 + FAINT**2:
+            kept = max(int(KEPT * used), 1)
+            if np.mean(np.partition(apart[:used], kept - 1)[:kept]) > noise**2 + FAINT**2:
                 alpha[i, k], texture[i, k] = 1.0 - slope, max(level, 0.0)
 
 
 @kernel
 def regress_background(
     film: Film, gains: Array, angles: Array, alpha: Plane, texture: Plane, pivot: tuple[float, float],
-    first: tuple[float, float], swept: NDArray[np.bool_], background: Plane,
+    first: tuple[float, float], swept: NDArray[np.bool_], noise: float, background: Plane,
 ) -> None:  # fmt: skip
-    """B = sum (1 - a) (I - T) / sum (1 - a)^2 of each swept pixel (rows, columns), but where it is hidden always;
-    twice, the second time without what lies far from it.
+    """B = sum (1 - a) (I - T) / sum (1 - a)^2 of each swept pixel (rows, columns), but where it is hidden always; from
+    the median of what shows it whole on, without what lies far from that.
     """
     count, rows, columns = film.shape
-    values, weights = np.empty(count), np.empty(count)
+    values, weights, whole = np.empty(count), np.empty(count), np.empty(count)
+    cosines, sines = np.cos(angles), -np.sin(angles)
     for y in range(rows):
         for x in range(columns):
             if not swept[y, x]:
                 continue
+            shown = 0
             dx, dy = x - pivot[0], y - pivot[1]
             for n in range(count):
-                c, s = math.cos(angles[n]), -math.sin(angles[n])
+                c, s = cosines[n], sines[n]
                 u, v = dx * c + dy * s - first[0], -dx * s + dy * c - first[1]
                 k, i = math.floor(u), math.floor(v)
                 a = t = 0.0
@@ -151,17 +194,24 @@ def regress_background(
                     t = (1.0 - down) * ((1.0 - right) * texture[i, k] + right * texture[i, k + 1])
                     t += down * ((1.0 - right) * texture[i + 1, k] + right * texture[i + 1, k + 1])
                 values[n], weights[n] = film[n, y, x] / gains[n, y] - t, 1.0 - a
+                if a < 1.0 - WHOLE:
+                    whole[shown] = values[n] / weights[n]
+                    shown += 1
             limit, found = 1e9, background[y, x]
+            if shown > HIDDEN * count:
+                found = np.partition(whole[:shown], shown // 2)[shown // 2]
+                for n in range(shown):
+                    whole[n] = abs(whole[n] - found)
+                limit = SURE * max(np.partition(whole[:shown], shown // 2)[shown // 2] / 0.6745, noise)
             for _ in range(2):
-                above = below = spread = 0.0
+                above = below = 0.0
                 for n in range(count):
                     if abs(values[n] - weights[n] * found) <= limit:
                         above += weights[n] * values[n]
                         below += weights[n] ** 2
-                        spread += weights[n] ** 2 * min(abs(values[n] - weights[n] * found), 30.0)
                 if below < HIDDEN * count:
                     break
-                found, limit = above / below, 4.0 * spread / below + 1.0
+                found = above / below
             background[y, x] = found
 
 

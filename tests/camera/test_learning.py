@@ -45,6 +45,27 @@ def test_layers_are_learned_without_a_label() -> None:
     assert errors.mean() - math.degrees(layers.geometry.zero) == pytest.approx(0.0, abs=0.05)
 
 
+def test_somebody_who_comes_by_leaves_no_trace() -> None:
+    """12 % of the width, all of the height, to and fro: angles are as without, and what is no bar covers nothing."""
+    covered, times, imager = _film(120)
+    for picture, time in zip(covered, times, strict=True):
+        left = round((0.5 + 0.5 * math.sin(2.0 * math.pi * 0.23 * time)) * 0.88 * CAMERA.width)
+        picture[:, left : left + round(0.12 * CAMERA.width)] = 102
+    layers, _ = learn(covered, RIG, readout=CAMERA.readout)
+    reader = AngleReader(layers)
+    readings = [reader.read(picture) for picture in covered]
+    truth = [
+        imager.mean_angle(time, TIMES, ANGLES, row=reading.row) for time, reading in zip(times, readings, strict=True)
+    ]
+    errors = np.degrees([reading.angle for reading in readings]) - np.degrees(truth)
+    assert np.std(errors) < 0.04  # .02 at twice the width
+    assert np.abs(errors - errors.mean()).max() < 0.2
+    v = np.arange(len(layers.alpha)) + layers.geometry.first_v - 0.006 * CAMERA.width  # from the bar's middle
+    beside = np.abs(v) > 0.0151 / 2 * CAMERA.width + 3.0  # pixels from its edge, for the blur
+    assert beside.any()
+    assert layers.alpha[beside].max() < 0.05
+
+
 def test_a_film_in_which_nothing_moves_is_refused() -> None:
     film, _, _ = _film(45, angles=np.zeros(len(TIMES)))
     with pytest.raises(UserError, match="nothing that turns"):
