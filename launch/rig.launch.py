@@ -1,5 +1,6 @@
 """Launch a rig: ros2 launch hybrid_sysid_ros rig.launch.py [rig:=NAME_OR_PATH] [namespace:=NAME] [bag:=FOLDER] ..."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
@@ -12,6 +13,10 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch import LaunchDescription, LaunchDescriptionEntity
 
 PACKAGE = "hybrid_sysid_ros"
+BESIDE = ("view", "commander")
+"""Nodes without which a loop goes on."""
+OF_THE_LOOP = ("reference", "estimator", "controller", "plant")
+"""Those that may be composed."""
 TRUTHS = ("true", "false")
 # Name: default, choices, description.
 ARGUMENTS = {
@@ -40,17 +45,21 @@ ARGUMENTS = {
         TRUTHS,
         "true: take commands in plain language; a simulated rig is armed, a real one is not",
     ),
+    "camera": ("false", TRUTHS, "true: a camera takes the sensors' place; a real rig has a driver of its own for it"),
+    "layers": ("", (), "folder of the layers by which pictures are read; empty: the shipped ones"),
 }
 
 
-def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
-    """Plant (unless the rig is real), estimator, controller, reference and, if asked for, recorder."""
-    given = context.launch_configurations
+def parameters(given: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Of the nodes that are asked for, by node and name: plant (unless the rig is real), estimator, controller,
+    reference, and what is asked for beside them.
+    """
     asked = {name: given[name] for name, (default, *_) in ARGUMENTS.items() if given[name] != default}
     lock = {"lockstep": True} if "lockstep" in asked else {}
     latency = {"latency": 0.0} if lock else {}
     rate = {"rate": float(asked["rate"])} if "rate" in asked else {}
     model = {name: asked[name] for name in ("model",) if name in asked}
+    layers = {name: asked[name] for name in ("layers",) if name in asked}
     driven = {name: asked[name] for name in ("policy", "policy_path", "solver") if name in asked}
     readers = 3 if given["bag"] else 2  # of joint_states: estimator, reference and recorder, whom the rig waits for
     values: dict[str, dict[str, Any]] = {
@@ -59,15 +68,40 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         "controller": {**model, **driven, **lock, **latency},
         "plant": {"wait_for_readers": readers, **rate, **lock},
     }
-    seen = given["view"] == "true"
-    told = given["commander"] == "true"
-    if seen or told:
+    if given["bag"]:
+        values["recorder"] = {"path": given["bag"]}
+    if given["view"] == "true":
+        values["view"] = {}
         values["reference"]["stay"] = True
-    if told and "reference" not in asked:
-        values["reference"] |= {"kind": "constant", "amplitude": 0.0}
+    if given["commander"] == "true":
+        values["commander"] = {"armed": given["simulated"] == "true", **layers}
+        values["reference"]["stay"] = True
+        if "reference" not in asked:
+            values["reference"] |= {"kind": "constant", "amplitude": 0.0}
+    if given["camera"] == "true":
+        for name, seeing in eyes(given).items():
+            values[name] = {**lock, **values.get(name, {}), **seeing}
+        if given["bag"]:
+            values["recorder"]["further"] = "motion"
     if given["simulated"] == "false":
-        del values["plant"]
-    shared = {**({"rig": asked["rig"]} if "rig" in asked else {}), "autostart": given["autostart"] == "true"}
+        for name in ("plant", "camera"):
+            values.pop(name, None)
+    return values
+
+
+def eyes(given: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Parameters of camera and vision, and what they change in those of plant and estimator."""
+    from hybrid_sysid_ros.rigs import rig as rigs
+    from hybrid_sysid_ros.runtime import sight
+
+    return sight.parameters(rigs.load(given["rig"] or rigs.default()), given["layers"])
+
+
+def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
+    """Those that are asked for, and the end of all with the end of one without which there is no loop."""
+    given = context.launch_configurations
+    values = parameters(given)
+    shared = {**({"rig": given["rig"]} if given["rig"] else {}), "autostart": given["autostart"] == "true"}
     respawn = given["respawn"] == "true"
 
     def node(executable: str, parameters: dict[str, Any], arguments: tuple[str, ...] = (), **more: Any) -> Node:
@@ -88,15 +122,12 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             **more,
         )
 
+    found, beside = list[Node](), [node(name, values.pop(name), name=name) for name in BESIDE if name in values]
     if given["composed"] == "true":  # each takes what is its own
-        together = {name: value for parameters in values.values() for name, value in parameters.items()}
-        found = [node("composed", together, ("--nodes", *values))]
-    else:
-        found = [node(name, parameters, name=name) for name, parameters in values.items()]
-    if given["bag"]:
-        found.append(node("recorder", {"path": given["bag"]}, name="recorder"))
-    beside = [node("view", {}, name="view")] if seen else []
-    beside += [node("commander", {"armed": given["simulated"] == "true"}, name="commander")] if told else []
+        loop = {name: values.pop(name) for name in OF_THE_LOOP if name in values}
+        together = {name: value for parameters in loop.values() for name, value in parameters.items()}
+        found = [node("composed", together, ("--nodes", *loop))]
+    found += [node(name, parameters, name=name) for name, parameters in values.items()]
     if respawn:
         return [*found, *beside]
     # The reference ends when it is over, any other node when something is wrong: the rest would wait for ever.
