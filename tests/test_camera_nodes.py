@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +86,36 @@ def test_a_picture_that_is_none_is_answered_without_a_number(bench: Bench, layer
     images.publish(CompressedImage(format="jpeg", data=[1, 2, 3]))
     assert math.isnan(bench.until(lambda: readings)[0].position[0])
     assert vision.unreadable == 1
+
+
+@pytest.mark.parametrize("spoilt", ["moved", "frozen"])
+def test_a_camera_that_was_moved_or_hangs_tells_nothing(bench: Bench, layers: Path, spoilt: str) -> None:
+    """A lens that looks two degrees beside, 21 of 640 pixels at a view of 60 degrees; then all is well again."""
+    readings: list[JointState] = bench.listen("camera/joint_states")
+    images = bench.speak("camera/image_raw/compressed", CompressedImage)
+    vision: VisionNode = bench.start(VisionNode, layers=str(layers), lockstep=True)
+    bench.until(images.get_subscription_count)
+    bench.until(lambda: vision.readings and vision.readings.get_subscription_count())
+    imager, rest = Imager(scene_of(load("cam_beam")), Camera()), (np.array([-1.0, 1.0]), np.full(2, 0.03))
+
+    def picture(move: int = 0) -> bytes:
+        return jpeg.encoded(np.roll(imager.take(0.0, *rest), move, axis=1), 80)
+
+    def told(data: bytes) -> bool:
+        """Whether the node says a position by a picture."""
+        count = len(readings)
+        images.publish(CompressedImage(format="jpeg", data=array("B", data)))
+        return math.isfinite(bench.until(lambda: readings[count:])[0].position[0])
+
+    assert all(told(picture()) for _ in range(12))
+    if spoilt == "moved":
+        assert not any([told(picture(21)) for _ in range(70)][60:])
+        assert vision.displaced > 10
+    else:
+        last = picture()
+        assert [told(last) for _ in range(6)] == [True, True, False, False, False, False]
+        assert vision.frozen == 4
+    assert all([told(picture()) for _ in range(70)][60:])
 
 
 def test_a_camera_alone_gives_the_first_value(bench: Bench, model_folder: Path) -> None:

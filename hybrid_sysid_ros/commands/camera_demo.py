@@ -35,6 +35,8 @@ from hybrid_sysid_ros.vision.learning import learn
 SECONDS = 40.0
 """Of the film that is learned from."""
 CAMERA = Camera()
+NOT_READ = ("lost", "displaced", "frozen", "unreadable")
+"""Pictures that say nothing, as the vision node counts them."""
 
 
 def camera_demo(out: Path, rig: str = "") -> dict[str, Any]:
@@ -86,7 +88,7 @@ def camera_demo(out: Path, rig: str = "") -> dict[str, Any]:
     summary = {
         "camera": _seen(record),
         "closed_loop": tracked(loop, plan) | {"of": "the true position", "sensor": "camera"},
-        "frames": {key: int(diagnostics["vision"][f"{key}_frames"]) for key in ("lost", "unreadable")}
+        "frames": {key: int(diagnostics["vision"][f"{key}_frames"]) for key in NOT_READ}
         | {"read": int(diagnostics["vision"]["frames"])},
         "timing": timing_of(diagnostics["plant"]),
         "pictures_ahead": {f"{seconds:g} s": _ahead(ahead, seconds) for seconds in AHEAD},
@@ -138,7 +140,8 @@ def _table(summary: Mapping[str, Any]) -> Table:
     for part, rmse in closed["tracking_rmse"].items():
         unit = closed["unit"] if isinstance(closed["unit"], str) else closed["unit"][part]
         table.add_row(f"tracking RMSE {part}, true position", f"{rmse:.3f} {unit}")
-    table.add_row("frames lost", f"{frames['lost'] + frames['unreadable']} of {frames['read']}")
+    lost = sum(frames[key] for key in NOT_READ)
+    table.add_row("frames lost", f"{lost} of {frames['read']}")
     farthest = summary["pictures_ahead"][f"{max(AHEAD):g} s"]
     table.add_row(f"likeness of pictures {max(AHEAD):g} s ahead", f"{farthest['likeness']:.3f}")
     delay = summary["timing"]["delay_ms"]

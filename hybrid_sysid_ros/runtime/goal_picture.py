@@ -55,7 +55,7 @@ def shown_in(path: Path, reader: AngleReader, name: str = "") -> tuple[Picture, 
             f"{told}: does not show the {geometry.joint} of {geometry.rig} where its layers know it, from {low:.3g} to "
             f"{high:.3g} degrees"
         )
-    if reader.standing(picture) < STANDS:
+    if reader.standing([reader.scenery(picture)]) < STANDS:
         raise UserError(
             f"{told}: what stands in it does not look as it should: it is of another place, or the camera was moved "
             "since the layers were learned"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,9 +21,10 @@ STILL = 33  # pixels of a row that tell the light
 COVERED = 0.02  # a, above which a texel hides or colours what is behind it
 EXPLAINED = 0.35  # share of the points that the layers must explain
 LIT = 0.05  # share of the light under which the layers were learned, below which noise may pass for a sprite
+SCENERY = 5000  # pixels that the joint never comes over, by which a moved camera is known
 STANDS = 0.97
-"""Correlation of what stands in a picture with the background, below which the camera was moved by two pixels or more,
-or the picture is of something else; noise of 8 counts leaves .987."""
+"""Correlation of what stands in pictures with the background, below which the camera was moved by two pixels or more,
+or they are of something else; noise of 8 counts leaves .987 in a single one."""
 DARK = 8.0  # counts: a background below it tells nothing of the light
 
 
@@ -58,6 +60,8 @@ class AngleReader:
         self.swept = self._swept()
         """Pixels (rows, columns) that the sprite comes over, with a pixel around."""
         self._columns, self._rows = self._still(self.swept)
+        still = np.flatnonzero(~self.swept)
+        self._scenery = np.random.default_rng(0).choice(still, min(SCENERY, len(still)), replace=False)
         self.points = self._informative()
         """Texels (points, 2) that an alignment looks at, from the pivot [pixels]."""
         stride = max(len(self.points) // FEW, 1)
@@ -86,29 +90,35 @@ class AngleReader:
         align_from(picture, *self._planes, gains, self.points, angle, self._reach, self._out)
         return self._reading(gains)
 
-    def scenery(self, picture: NDArray[np.uint8]) -> float:
-        """How different what stands looks in the picture that was read last, in deviations of the noise."""
-        rows, places = np.nonzero(self._columns >= 0)
-        columns = self._columns[rows, places]
-        expected = self._gains[rows] * self.layers.background[rows, columns]
-        different = np.abs(picture[rows, columns] - expected)
-        return float(np.median(different)) / 0.6745 / self.layers.geometry.noise if len(rows) else 0.0
+    def scenery(self, picture: NDArray[np.uint8]) -> Array:
+        """What stands in a picture of the layers' size, at some pixels (pixels,); their mean is 1."""
+        shown = picture.ravel()[self._scenery].astype(np.float64)
+        return np.asarray(shown / max(float(shown.mean()), 1e-9))
 
-    def standing(self, picture: NDArray[np.uint8]) -> float:
-        """Correlation of all that stands in a picture of the layers' size with the background."""
-        still = ~self.swept
-        shown = picture[still].astype(np.float64)
-        return float(np.corrcoef(shown, self.layers.background[still])[0, 1]) if np.ptp(shown) > 0.0 else 0.0
+    def standing(self, sceneries: Sequence[Array]) -> float:
+        """Correlation of what stands in pictures with the background; of their median, so that somebody who comes by
+        does not count.
+        """
+        shown = np.median(sceneries, axis=0)
+        return float(np.corrcoef(shown, self.layers.background.ravel()[self._scenery])[0, 1]) if np.ptp(shown) else 0.0
 
     @property
     def gains(self) -> Array:
         """The light on the rows (rows,) of the picture that was read last."""
         return self._gains
 
+    @property
+    def lit(self) -> bool:
+        """Whether there was light in the picture that was read last."""
+        return self._lit(self._gains)
+
+    def _lit(self, gains: Array) -> bool:
+        first, last = self._rows
+        return bool(np.median(gains[first:last]) >= LIT)
+
     def _reading(self, gains: Array) -> Reading:
         angle, variance, difference, row, explained = self._out.tolist()
-        first, last = self._rows
-        if not (explained >= EXPLAINED and variance >= 0.0 and np.median(gains[first:last]) >= LIT):
+        if not (explained >= EXPLAINED and variance >= 0.0 and self._lit(gains)):
             angle, variance, row = math.nan, math.inf, math.nan
         return Reading(
             angle=angle, deviation=math.sqrt(variance), row=row, difference=difference, explained=max(explained, 0.0)

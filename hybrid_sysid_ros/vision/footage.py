@@ -15,7 +15,7 @@ from hybrid_sysid_ros.camera.imager import Picture
 from hybrid_sysid_ros.rigs.scene import Lamp
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.vision.angle_reader import AngleReader, Reading
+from hybrid_sysid_ros.vision.angle_reader import LIT, STANDS, AngleReader, Reading
 from hybrid_sysid_ros.vision.lamp import brightness
 from hybrid_sysid_ros.vision.learning import FEWEST
 from hybrid_sysid_ros.vision.regression import Film
@@ -24,7 +24,6 @@ LEARNED_FROM = 160
 """Pictures that layers are learned from."""
 SHOWN = 4  # pictures that are kept to be shown
 FROZEN = 3  # pictures in a row that are the same to the last bit: a camera that hangs
-MOVED = 4.0  # deviations of the noise, by which what stands must look different to have moved
 OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is told
 LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
 
@@ -104,7 +103,7 @@ def followed(
     Raises UserError where the film can't be read, has another size, or shows something else than the layers.
     """
     rows, times, lamps = list[Reading](), list[float](), list[float]()
-    frozen, shown, scenery = list[bool](), list[tuple[float, Picture, Reading]](), list[float]()
+    frozen, shown = list[bool](), list[tuple[float, Picture, Reading]]()
     before, run, every = None, 0, 1
     for time, picture in pictures(path):
         reading = reader.read(picture)
@@ -115,7 +114,6 @@ def followed(
         rows.append(reading)
         lamps.append(brightness(picture, lamp) if lamp is not None else np.nan)
         if (len(rows) - 1) % every == 0:
-            scenery.append(reader.scenery(picture))
             shown.append((time, picture, reading))
             if len(shown) >= 4 * SHOWN:
                 every, shown = 2 * every, shown[::2]
@@ -123,17 +121,19 @@ def followed(
     layers, angles = reader.layers, np.array([row.angle for row in rows])
     if len(rows) < 2:
         raise UserError(f"{path}: has one picture only")
-    strange = np.median(scenery) > MOVED
-    if np.isnan(angles).mean() > LOST:
-        why = "the camera was moved" if strange else "it shows another rig, or nothing"
+    lost, stands = float(np.isnan(angles).mean()), reader.standing([reader.scenery(item[1]) for item in shown])
+    if np.median([item[1].mean() for item in shown]) < LIT * layers.background.mean():
+        raise UserError(f"{path}: its pictures are black, {lost:.0%} of them without the joint: nothing is read")
+    if stands < STANDS:
         raise UserError(
-            f"{path}: {np.isnan(angles).mean():.0%} of its pictures are not what the layers of "
-            f"{layers.geometry.rig} explain: {why} since they were learned; learn them again (--learn)"
+            f"{path}: what stands in it is not where it was when the layers of {layers.geometry.rig} were learned "
+            f"(correlation {stands:.2f}, {STANDS:g} at least): the camera was moved, or it is another rig's film; "
+            "learn them again (--learn)"
         )
-    if strange:
+    if lost > LOST:
         raise UserError(
-            f"{path}: what stands in it looks {np.median(scenery):.1f} times as different as noise: the camera was "
-            "moved since the layers were learned; learn them again (--learn)"
+            f"{path}: {lost:.0%} of its pictures are not what the layers of {layers.geometry.rig} explain: "
+            "it shows another rig, or the joint is hidden; learn them again (--learn)"
         )
     still = np.array(frozen)
     angles[still] = np.nan

@@ -40,6 +40,8 @@ LEAST_MASS = 0.03  # of the ring with most, of one that the sprite reaches
 FARTHEST_PIVOT = 10.0  # pixels: how far the scene's pivot may be off, a standard deviation
 SEEN_MOVE = 0.1  # pixels: how well a picture says where the sprite lies
 SMALLEST_SWING = 3.0  # pixels of the sprite's end: what moves less is no motion to learn from
+ITS_REACH = (0.7, 1.4)
+"""Of the scene's sprite, between which that of what was learned lies: drawings are rough, other rigs are others."""
 NO_AXIS = 0.1  # of a sprite's second moments: it is as long as broad
 
 
@@ -51,7 +53,8 @@ def learn(
     The first angles are those by which what differs from the median is turned about the scene's pivot; then background,
     sprite, angles and pivot are improved in turn, each in closed form. readout [s]: see :class:`~.layers.Geometry`.
 
-    Raises UserError where there are too few pictures, or too small ones, nothing moves, or what moves does not turn.
+    Raises UserError where there are too few pictures, or too small ones, nothing moves, or what moves does not turn or
+    is of another size than the scene's sprite.
     """
     if len(film) < FEWEST:
         raise UserError(f"{len(film)} pictures are too few to learn layers from: {FEWEST} at least")
@@ -101,6 +104,12 @@ def learn(
         gains[good] /= np.median(gains[good])
         if turn < ROUNDS - 1:
             layers = _pivoted(film[good], gains[good], angles[good], layers, reader)
+    share = layers.reach / (columns * max(patch.reach for patch in scene.sprite))
+    if not ITS_REACH[0] < share < ITS_REACH[1]:
+        raise UserError(
+            f"what turns in the pictures reaches {share:.0%} as far from its pivot as the scene of {rig.name} says: is "
+            f"it a video of {rig.name}?"
+        )
     return replace(layers, geometry=replace(layers.geometry, zero=_zero(layers, rig))), angles
 
 

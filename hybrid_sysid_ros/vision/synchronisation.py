@@ -16,6 +16,9 @@ LOW_PASS = 15.0  # Hz, of both sensors before they are compared: hum aliases int
 GRID = 0.02  # s, of the search for the shift
 FEWEST_SECONDS = 2.0  # that film and bag have in common
 ALIKE = 0.9  # correlation, below which film and bag are of two motions
+PACES = (0.5, 2.0, 4.0, 24 / 25, 25 / 24, 24 / 30, 30 / 24, 25 / 30, 30 / 25)
+"""Times as fast as it was taken that a film may run by its own times: as slow or fast motion, or at another norm's."""
+SURELY_ALIKE = 0.99  # correlation of a film's motion at one of these with the bag's
 STEPS = 30
 BISQUARE = 4.685  # deviations; see alignment.py
 BLOCK = 1.0  # s, within which differences count as one
@@ -60,8 +63,34 @@ def synchronise(
     near: a shift to look around, as the lamp tells; without it everywhere. The noise of both is taken down by the same
     low-pass, without a delay; then least squares with robust weights over all four.
 
-    Raises UserError where they have too little in common, or are of two motions.
+    Raises UserError where they have too little in common, are of two motions, or the film's times are of another rate
+    than it was taken at.
     """
+    try:
+        return _synchronised(film, angles, bag, positions, near)
+    except UserError:
+        correlation, pace = max(_at_pace(pace, film, angles, bag, positions) for pace in PACES)
+        if correlation < SURELY_ALIKE:
+            raise
+    raise UserError(
+        f"the film runs {pace:.3g} times as fast as the bag by its own times, which are of another rate than it was "
+        "taken at: write it again with the true ones"
+    )
+
+
+def _at_pace(pace: float, film: Array, angles: Array, bag: Array, positions: Array) -> tuple[float, float]:
+    """Correlation of two motions, 0 where they are not the same, with the film's times stretched by a pace, and the
+    pace at which they are most alike near that one.
+    """
+    try:
+        found = _synchronised(pace * film, angles, bag, positions, None)
+    except UserError:
+        return 0.0, pace
+    return found.correlation, pace * (1.0 + found.rate)
+
+
+def _synchronised(film: Array, angles: Array, bag: Array, positions: Array, near: float | None) -> Synchronisation:
+    """See :func:`synchronise`."""
     known = np.isfinite(angles)
     if known.sum() < 10 or len(bag) < 10:
         raise UserError("too few frames or samples to compare the film with the bag")

@@ -46,6 +46,16 @@ def test_film_and_bag_of_two_motions_are_refused() -> None:
         synchronise(film, _motion(film, 1), bag, _motion(bag, 2))
 
 
+@pytest.mark.parametrize(("taken", "written"), [(30, 25), (60, 30), (30, 60)])
+def test_a_film_with_times_of_another_rate_is_refused(taken: int, written: int) -> None:
+    """As it comes about where pictures are numbered instead of timed."""
+    bag = _times(0.0, 40.0, 0.005)
+    true = _times(0.5, 39.0, 1 / taken)
+    noise = 7e-5 * np.random.default_rng(0).standard_normal(len(true))
+    with pytest.raises(UserError, match=f"runs {written / taken:.3g} times as fast as the bag"):
+        synchronise(np.arange(len(true)) / written, _motion(true) + noise, bag, _motion(bag))
+
+
 def test_a_motion_that_is_none_is_refused() -> None:
     bag, film = _times(0.0, 40.0, 0.005), _times(0.0, 40.0, 1 / 30)
     with pytest.raises(UserError, match="nothing moves"):

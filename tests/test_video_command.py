@@ -1,0 +1,139 @@
+"""hybrid-sysid video: a film becomes a bag; what is wrong with one is told in a line, and nothing is written."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("av", reason="needs the extra video")
+pytest.importorskip("PIL", reason="needs the extra video")
+
+from PIL import Image
+
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.camera.film import write_film
+from hybrid_sysid_ros.camera.imager import Camera, Imager, Picture
+from hybrid_sysid_ros.commands import app
+from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.rigs.scene import scene_of
+from hybrid_sysid_ros.runtime.filming import BEFORE, experiment, film
+from hybrid_sysid_ros.support.arrays import Array
+from tests.camera_bench import painted_layers
+from tests.command_line import Answer, refused
+
+RIG, CAMERA = load("cam_beam"), Camera(width=320, height=180)
+SECONDS = 6.0
+Frames = list[tuple[float, Picture]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Filmed:
+    """An experiment of the beam, its film and its layers."""
+
+    bag: Path
+    layers: Path
+    frames: Frames
+
+
+@pytest.fixture(scope="module")
+def beam(tmp_path_factory: pytest.TempPathFactory) -> Filmed:
+    folder = tmp_path_factory.mktemp("beam")
+    motion = experiment(RIG, "multisine", folder / "bag", seed=3, duration=SECONDS, rate=200.0)
+    frames = list(film(Imager(scene_of(RIG), CAMERA, seed=3), motion))
+    painted_layers(RIG, CAMERA).save(folder / "layers")
+    return Filmed(bag=folder / "bag", layers=folder / "layers", frames=frames)
+
+
+Video = Callable[..., Answer]
+
+
+@pytest.fixture
+def video(call: Callable[..., Answer], beam: Filmed, tmp_path: Path) -> Video:
+    """The command on frames; layers of the beam and its bag, where nothing else is said."""
+
+    def run(
+        frames: Frames, bag: Path | None = beam.bag, layers: Path | None = beam.layers, suffix: str = ".mp4"
+    ) -> Answer:
+        path = tmp_path / f"film{suffix}"
+        write_film(path, frames, rate=30.0)
+        places = {"--out": tmp_path / "out", "--bag": bag, "--layers": layers}
+        given = [word for name, place in places.items() if place for word in (name, str(place))]
+        return call(app.main, "hybrid-sysid", "video", str(path), *given)
+
+    return run
+
+
+def _each(frames: Frames, change: Callable[[Picture], Picture]) -> Frames:
+    return [(time, np.ascontiguousarray(change(picture))) for time, picture in frames]
+
+
+def test_positions_of_a_film_come_into_the_bag(video: Video, beam: Filmed, tmp_path: Path) -> None:
+    status, told, error = video(beam.frames)
+    assert status == 0, error
+    assert "note" not in told
+    shift = re.search(r"shift[^-0-9]+(-?[0-9.]+)", told)
+    assert shift is not None
+    assert float(shift[1]) == pytest.approx(-BEFORE, abs=1e-3)
+    assert "/cam_beam/camera/joint_states" in bags.topics(tmp_path / "out")
+
+
+@pytest.mark.parametrize("pixels", [4, 11])  # two degrees of a view of 60 are 11 of 320
+def test_a_camera_that_looks_beside_is_told(video: Video, beam: Filmed, tmp_path: Path, pixels: int) -> None:
+    for axis in (0, 1):
+        beside = _each(beam.frames, partial(np.roll, shift=pixels, axis=axis))
+        refused(video(beside), "the camera was moved", "--learn")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_camera_that_was_turned_is_told_also_without_a_bag(video: Video, beam: Filmed, tmp_path: Path) -> None:
+    def turned(picture: Picture) -> Picture:
+        return np.asarray(Image.fromarray(picture).rotate(2.0, resample=Image.Resampling.BILINEAR))
+
+    refused(video(_each(beam.frames, turned), bag=None), "the camera was moved")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_film_that_hangs_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None:
+    frames = list(beam.frames)
+    for k in range(100, 120):
+        frames[k] = (frames[k][0], frames[100][1])
+    refused(video(frames), "stands still", "cut it there")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_black_film_is_told(video: Video, beam: Filmed) -> None:
+    refused(video(_each(beam.frames, lambda picture: picture // 64)), "are black")
+
+
+def test_a_film_whose_times_are_of_another_rate_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None:
+    """25 pictures a second were written of a film of 30."""
+    refused(video([(time * 30 / 25, picture) for time, picture in beam.frames]), "0.833 times as fast as the bag")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_head_with_another_rate_than_the_times_is_noted(video: Video, beam: Filmed) -> None:
+    status, told, error = video(beam.frames[::2], suffix=".mkv")  # 15 of the 30 that the head says
+    assert status == 0, error
+    assert "these count" in told
+
+
+def test_another_bag_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None:
+    experiment(RIG, "multisine", tmp_path / "other", seed=9, duration=SECONDS, rate=200.0)
+    refused(video(beam.frames, bag=tmp_path / "other"), "motion is not the bag's")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["wheel_motor", "flexible_joint"])
+def test_a_film_of_another_rig_is_told(video: Video, tmp_path: Path, name: str) -> None:
+    times: Array = np.arange(0.0, SECONDS, 0.001, dtype=np.float64)
+    imager, angles = Imager(scene_of(load(name)), CAMERA), 0.1 * np.sin(2.0 * np.pi * 0.5 * times)
+    frames = [(time, imager.take(time, times, angles)) for time in np.arange(0.1, SECONDS - 0.1, 1.0 / 15.0).tolist()]
+    refused(video(frames), "or it is another rig's film")
+    refused(video(frames, bag=None, layers=None), "is it")  # nor can the beam's layers be learned from it
+    assert not (tmp_path / "out").exists()
