@@ -26,6 +26,7 @@ LOCKSTEP_START = SECOND  # stamp of the first measurement: 0 means "no time yet"
 EARLY = 0.1  # periods that a timer may be early; late ones never reach into the next period
 START_DELAY = 0.5  # s from all being there to the start: they may have yet to hear of one another
 READER_PATIENCE = 0.5  # s, with further readers where there is a loop
+CAMERA_PATIENCE = 0.5  # s, with a camera that does not show the rig
 FAULTS = ("bias", "sensor_out", "brake", "command_delay")
 """Parameters that make the rig worse than it is."""
 ANSWER_TIMEOUT = 5.0  # s, after which an unanswered measurement is published again
@@ -119,7 +120,16 @@ class PlantNode(RigNode):
     def wait(self) -> None:
         """Let the rig go when those that are there have had time to see it, too, or a bag would begin later than it."""
         matched = perf_counter()
-        self.when(lambda: perf_counter() - matched >= START_DELAY, self.start)
+        shown = self.frames is not None and not self.lockstep
+        self.when(lambda: perf_counter() - matched >= START_DELAY, self.show if shown else self.start)
+
+    def show(self) -> None:
+        """Let a camera see where the rig stands, so that a loop that it closes alone knows that from the first moment
+        on; in lockstep the first measurement waits for that.
+        """
+        self.frame, shown = -1, perf_counter()
+        self.motions.publish(self.motion.told(self.now()))
+        self.when(lambda: self.frame >= 0 or perf_counter() - shown > CAMERA_PATIENCE, self.start)
 
     def start(self) -> None:
         """Let the rig go."""

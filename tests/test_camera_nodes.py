@@ -163,6 +163,20 @@ def test_in_lockstep_the_plant_waits_for_frames_that_are_due(bench: Bench) -> No
     bench.until(lambda: len(measurements) > count)
 
 
+@pytest.mark.parametrize("answered", [True, False])
+def test_in_real_time_the_rig_goes_when_a_camera_has_seen_it(bench: Bench, answered: bool) -> None:
+    """Or when one that shows nothing has had its half second."""
+    measurements, motions = bench.listen("joint_states"), bench.listen("motion", JointTrajectory)
+    bench.speak("joint_command")
+    frames = bench.speak("camera/joint_states")
+    bench.start(PlantNode, camera_rate=30.0, wait_for_readers=1)
+    stamp = stamp_of(bench.until(lambda: motions)[0])
+    if answered:
+        frames.publish(joint(stamp - 12 * STEP, name=["beam_camera"], position=[0.0]))
+    waited = (stamp_of(bench.until(lambda: measurements)[0]) - stamp) / SECOND
+    assert 0.0 < waited < 0.5 if answered else waited >= 0.5
+
+
 @pytest.mark.parametrize("said", [True, False])
 def test_a_picture_is_the_goal_of_a_loop_by_camera_alone(
     bench: Bench, layers: Path, model_folder: Path, tmp_path: Path, said: bool
