@@ -54,6 +54,12 @@ class Shots:
     imager: Imager
     motion: Motion
 
+    def at_rest(self) -> Film:
+        """Pictures of the second before the motion, when the joint is known to stand where it begins."""
+        rate = self.imager.camera.rate
+        times = self.motion.times[0] - self.imager.lead - np.arange(round(rate)) / rate
+        return np.stack([self.imager.take(time, self.motion.times, self.motion.angles) for time in times])
+
     def truth(self, rows: Array) -> Array:
         """The joint's mean angle [rad] over the exposure of a row of each picture."""
         return np.array(

@@ -62,8 +62,14 @@ def experiment_with(rig: Rig, kind: str, seed: int) -> Experiment:
     return Experiment(record=record, seen=shots(rig, motion, CASE, seed=seed))
 
 
+def zero_of(done: Experiment, reader: AngleReader) -> float:
+    """Where the camera sees the joint's zero, by the hold before an experiment [rad]."""
+    held = [reader.read(picture).angle for picture in done.seen.at_rest()]
+    return float(np.mean(held) - done.seen.motion.angles[0])
+
+
 def by_camera(done: Experiment, reader: AngleReader, offset: float) -> Record:
-    """What the camera says; offset: its zero, by the hold before an experiment [rad]."""
+    """What the camera says; offset: its zero [rad]."""
     readings = [reader.read(picture) for picture in done.seen.film]
     times = done.seen.times + np.array([reader.layers.row_time(reading.row) for reading in readings])
     return done.between(times, np.array([reading.angle for reading in readings]) - offset)
@@ -89,8 +95,7 @@ def measured(rig: Rig) -> dict[str, Any]:
         test = experiment_with(rig, TESTED, seed).true()
         layers, _ = learn(steady(done[0].seen.film, LEARNED_FROM), rig, readout=CASE.camera.readout)
         reader = AngleReader(layers)
-        at_rest = [reader.read(done[0].seen.film[k]).angle for k in range(3)]
-        offset = float(np.mean(at_rest) - done[0].seen.motion.angles[0])
+        offset = zero_of(done[0], reader)
         told = {
             "camera": [by_camera(item, reader, offset) for item in done],
             "encoder": [by_encoder(item) for item in done],

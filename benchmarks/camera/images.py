@@ -11,7 +11,7 @@ from rich.table import Table
 
 from benchmarks.camera.black_box import KNOWN, BlackBox
 from benchmarks.camera.footage import steady
-from benchmarks.camera.friction import CASE, LEARNED, Experiment, by_camera, experiment_with
+from benchmarks.camera.friction import CASE, LEARNED, Experiment, by_camera, experiment_with, zero_of
 from benchmarks.result import spread
 from hybrid_sysid_ros.camera.imager import Picture
 from hybrid_sysid_ros.identification import identify
@@ -97,8 +97,7 @@ def learned(rig: Rig, seed: int) -> Learned:
     began = process_time()
     layers, _ = learn(steady(done[0].seen.film, LEARNED_FROM), rig, readout=CASE.camera.readout)
     reader = AngleReader(layers)
-    # the rig stands at first, where it is known to be
-    zero = float(np.mean([reader.read(done[0].seen.film[k]).angle for k in range(3)]) - done[0].seen.motion.angles[0])
+    zero = zero_of(done[0], reader)
     model = identify([by_camera(item, reader, zero) for item in done], rig, "gray", sampling=Sampling(), seed=seed)
     seconds = process_time() - began
     layers = replace(layers, geometry=replace(layers.geometry, zero=zero))
