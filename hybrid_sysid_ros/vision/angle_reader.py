@@ -23,8 +23,8 @@ EXPLAINED = 0.35  # share of the points that the layers must explain
 LIT = 0.05  # share of the light under which the layers were learned, below which noise may pass for a sprite
 SCENERY = 5000  # pixels that the joint never comes over, by which a moved camera is known
 STANDS = 0.97
-"""Correlation of what stands in pictures with the background, below which the camera was moved by two pixels or more,
-or they are of something else; noise of 8 counts leaves .987 in a single one."""
+"""Correlation of what stands in pictures with the background, below which the camera was moved, by four of 640 pixels
+or a degree of roll, or they are of something else; noise of 8 counts leaves .987 in a single one."""
 DARK = 8.0  # counts: a background below it tells nothing of the light
 
 
