@@ -16,7 +16,7 @@ from hybrid_sysid_ros.vision.layers import Layers, interpolated
 
 POINTS, FEW = 4000, 240  # texels that an alignment looks at, and those of a scan
 MARGIN = math.radians(3.0)  # by which a scan goes beyond what was seen
-SCAN_STEP = 3.0 / 640  # widths of the picture that the sprite's end moves from one scanned angle to the next
+SCAN_STEP = 1.5 / 640  # widths of the picture that the sprite's end moves from one scanned angle to the next
 STILL = 33  # pixels of a row that tell the light
 COVERED = 0.02  # a, above which a texel hides or colours what is behind it
 EXPLAINED = 0.35  # share of the points that the layers must explain

@@ -58,6 +58,16 @@ def test_light_does_not_move_the_angle(reader: AngleReader, dim: float) -> None:
     assert math.degrees(reader.layers.position(reading.angle) + 0.04) == pytest.approx(0.0, abs=0.015)
 
 
+def test_who_hides_the_middle_does_not_lose_the_sprite(reader: AngleReader) -> None:
+    """There the sprite moves least, and its ends, which are left, must be met by a scan to a pixel or two."""
+    imager = Imager(scene_of(RIG), CAMERA, seed=5)
+    for angle in np.linspace(-0.11, 0.11, 45):
+        picture = imager.take(1.5, TIMES, np.full(len(TIMES), angle))
+        picture[:, 260:340] = 102
+        found = reader.layers.position(reader.read(picture).angle)
+        assert math.degrees(found - angle) == pytest.approx(0.0, abs=0.05)
+
+
 def test_nothing_is_found_in_the_dark_and_in_another_rigs_picture(reader: AngleReader) -> None:
     dark = np.zeros((360, 640), dtype=np.uint8)
     other = Imager(scene_of(load("wheel_motor")), CAMERA).take(1.5, TIMES, np.zeros(len(TIMES)))
