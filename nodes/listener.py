@@ -46,6 +46,14 @@ class Listener:
             self._exchange = exchange
             exchange.hear(self._name, self._callback)
 
+    def drain(self) -> None:
+        """Hear all that waits for its turn."""
+        subscription = self._subscription
+        if subscription is not None:
+            with subscription.handle:
+                while (taken := subscription.handle.take_message(self._kind, True)) is not None:
+                    self._callback(*taken)
+
     def publishers(self) -> int:
         """How many there are whose messages come here."""
         near = self._exchange.publishers(self._name) if self._exchange is not None else 0
