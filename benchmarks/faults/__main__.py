@@ -89,6 +89,8 @@ def played(names: Sequence[str], *, clocked: bool) -> dict[str, dict[str, Any]]:
                 status.print(name)
                 try:
                     found[name] = tried(stage, name)
+                    for phrase in found[name]["usual"]:
+                        status.print(f"{name}: said before, for {PATIENCE:g} s: {phrase}")
                     stage.alive()
                 except UserError as error:
                     found[name] = {**LOST, **found.get(name, {}), "held": False, "named": str(error)}
