@@ -203,7 +203,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
 
     @cached_property
     def aside(self) -> MutuallyExclusiveCallbackGroup:
-        """What goes on in another thread than the loop's: see :class:`process.Services`."""
+        """What goes on in another thread than the loop's: see :class:`executors.Services`."""
         return MutuallyExclusiveCallbackGroup()
 
     @cached_property
