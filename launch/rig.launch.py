@@ -7,9 +7,11 @@ from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, Reg
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.launch_context import LaunchContext
+from launch.logging import get_logger
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from hybrid_sysid_ros.support import errors
 from launch import LaunchDescription, LaunchDescriptionEntity
 
 PACKAGE = "hybrid_sysid_ros"
@@ -100,6 +102,10 @@ def eyes(given: Mapping[str, str]) -> dict[str, dict[str, Any]]:
 def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Those that are asked for, and the end of all with the end of one without which there is no loop."""
     given = context.launch_configurations
+    # Launch says nothing of what nobody declares; a file that includes this one may have more.
+    for text in context.argv:
+        if (name := text.partition(":=")[0]) not in ARGUMENTS:
+            get_logger(PACKAGE).warning(f"rig.launch.py has no argument {name}: {errors.known(name, ARGUMENTS)}")
     values = parameters(given)
     shared = {**({"rig": given["rig"]} if given["rig"] else {}), "autostart": given["autostart"] == "true"}
     respawn = given["respawn"] == "true"
