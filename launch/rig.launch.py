@@ -6,9 +6,11 @@ from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, Reg
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch.launch_context import LaunchContext
+from launch.logging import get_logger
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from hybrid_sysid_ros.support import errors
 from launch import LaunchDescription, LaunchDescriptionEntity
 
 PACKAGE = "hybrid_sysid_ros"
@@ -46,6 +48,11 @@ ARGUMENTS = {
 def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Plant (unless the rig is real), estimator, controller, reference and, if asked for, recorder."""
     given = context.launch_configurations
+    for (
+        text
+    ) in context.argv:  # launch says nothing of what nobody declares; a file that includes this one may have more
+        if (name := text.partition(":=")[0]) not in ARGUMENTS:
+            get_logger(PACKAGE).warning(f"rig.launch.py has no argument {name}: {errors.known(name, ARGUMENTS)}")
     asked = {name: given[name] for name, (default, *_) in ARGUMENTS.items() if given[name] != default}
     lock = {"lockstep": True} if "lockstep" in asked else {}
     latency = {"latency": 0.0} if lock else {}

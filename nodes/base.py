@@ -60,6 +60,8 @@ class RigNode(ManagedNode):
         """Folders that were read, by the task that they are for."""
         self.changed: dict[str, str] = {}
         """What has become of those that are not the same any more."""
+        self.strangers: Sequence[str] = ()
+        """Peers that nothing passes to or from, a line each."""
         self.troubles: dict[str, Troubles] = {}
         self._ros_clock = self.get_clock()
         self._diagnostics = self.publication("/diagnostics")
@@ -173,6 +175,14 @@ class RigNode(ManagedNode):
         """See whether what was read is still there."""
         self.changed = {task: words for task, source in self.sources.items() if (words := source.changed())}
 
+    def look_at_peers(self) -> None:
+        """See which peers there are that nothing passes to or from; a new one is logged."""
+        found = self.unmatched()
+        for words in found:
+            if words not in self.strangers:
+                self.get_logger().warning(words)
+        self.strangers = found
+
     def watch_sources(self) -> None:
         """Look at them again and again; in a thread of its own, for a disk may not answer."""
         while not self.finished.done():
@@ -183,12 +193,14 @@ class RigNode(ManagedNode):
         """What the node says of each of its tasks, and of what they have read."""
         if not self.active:
             return [self.idle()]
-        found, changed = {task.name: task for task in self.health()}, self.changed
+        found = {task.name: task for task in self.health()}
+        first, notes = next(iter(found)), list(self.changed.items())
         for name in self.sources.keys() - found.keys():
             found[name] = Task(name=name)
         if self._ros_clock.ros_time_is_active and not self.now():
-            changed = {**changed, next(iter(found)): "use_sim_time is true, and nothing has come on /clock"}
-        for name, words in changed.items():
+            notes.append((first, "use_sim_time is true, and nothing has come on /clock"))
+        notes += [(first, words) for words in self.strangers]
+        for name, words in notes:
             task = found[name]
             words = words if task.level == OK else f"{task.message}; {words}"
             found[name] = replace(task, level=max(task.level, WARN), message=words)
@@ -203,6 +215,7 @@ class RigNode(ManagedNode):
     def report(self) -> dict[str, object]:
         """Publish the diagnostics; return their values by key. Beside the loop, which it would hold up by 1 ms."""
         with self._speaking:
+            self.look_at_peers()
             tasks, node = self.tasks(), self.get_fully_qualified_name().strip("/")
             message = DiagnosticArray(status=[task.status(node, self.rig.name) for task in tasks])
             message.header.stamp = self.get_clock().now().to_msg()

@@ -23,16 +23,23 @@ def main() -> int:
     try:
         return int(import_module(module).main())
     except ModuleNotFoundError as error:
-        other = shutil.which("python3")
-        if other and Path(other).parent != Path(sys.executable).parent and not os.environ.get(SECOND_TRY):
-            os.environ[SECOND_TRY] = "1"
-            os.execv(other, [other, "-m", module, *sys.argv[1:]])
+        start_again(module)
         print(
             f"error: {sys.executable} has no module {error.name}: activate the environment that hybrid_sysid_ros's "
             "dependencies were installed into, or install them for this Python (docs/install.md)",
             file=sys.stderr,
         )
         return 2
+
+
+def start_again(module: str) -> None:
+    """Become a module with the same arguments under the Python in front, where that is another one and was not tried
+    yet.
+    """
+    other = shutil.which("python3")
+    if other and Path(other).parent != Path(sys.executable).parent and not os.environ.get(SECOND_TRY):
+        os.environ[SECOND_TRY] = "1"
+        os.execv(other, [other, "-m", module, *sys.argv[1:]])
 
 
 if __name__ == "__main__":

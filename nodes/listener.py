@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
+from hybrid_sysid_ros.nodes import peers
 from hybrid_sysid_ros.nodes.exchange import Exchange
 from hybrid_sysid_ros.nodes.topics import OVERRIDES
 
@@ -32,6 +34,8 @@ class Listener:
     ) -> None:
         """kind: of the messages; topic: its name, for rclpy to resolve; soon: calls something outside of callbacks."""
         self._node, self._kind, self._topic, self._callback = node, kind, topic, callback
+        self._name = node.resolve_topic_name(topic)
+        self._refused = False
         self._soon = soon
         self._exchange: Exchange | None = None
         self._subscription: Subscription | None = self._subscribed(quality, OVERRIDES)
@@ -39,24 +43,46 @@ class Listener:
     def share(self, exchange: Exchange) -> None:
         """Hear those of this process through an exchange, too."""
         if self._subscription is not None:
-            self._exchange, self._name = exchange, self._subscription.topic_name
+            self._exchange = exchange
             exchange.hear(self._name, self._callback)
+
+    def drain(self) -> None:
+        """Hear all that waits for its turn."""
+        subscription = self._subscription
+        if subscription is not None:
+            with subscription.handle:
+                while (taken := subscription.handle.take_message(self._kind, True)) is not None:
+                    self._callback(*taken)
 
     def publishers(self) -> int:
         """How many there are whose messages come here."""
         near = self._exchange.publishers(self._name) if self._exchange is not None else 0
         return near + (self._subscription.get_publisher_count() if self._subscription is not None else 0)
 
-    def make_do(self) -> None:
-        """Ask for no more than best effort."""
+    def unmatched(self) -> list[str]:
+        """Publishers whose messages can't come here, and why, a line each."""
+        subscription = self._subscription
+        if not self._refused or subscription is None:
+            return []
+        return peers.unmatched(self._name, subscription.qos_profile, self._publishers())
+
+    def _publishers(self) -> list[Any]:
+        return list(self._node.get_publishers_info_by_topic(self._name))
+
+    def make_do(self, policy: QoSPolicyKind) -> None:
+        """Ask for no more than best effort, where that is what a publisher offers; policy: what it was refused for."""
+        self._refused = True
+        offers = [peer for peer in self._publishers() if peer.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT]
         if self._subscription is None or self._is_best_effort(self._subscription):
             return
-        self._node.get_logger().warning(
-            f"{self._subscription.topic_name}: a publisher offers best effort: heard so from now on"
-        )
+        if not offers and policy != QoSPolicyKind.RELIABILITY:
+            return
+        who = ", ".join(map(peers.name_of, offers)) or "a publisher"
+        self._node.get_logger().warning(f"{self._name}: {who} offers best effort: heard so from now on")
         quality = self._subscription.qos_profile
         self._unsubscribe()
         quality.reliability = ReliabilityPolicy.BEST_EFFORT
+        self._refused = False
         self._subscription = self._subscribed(quality)
 
     @staticmethod
@@ -76,7 +102,10 @@ class Listener:
             self._subscription = None
 
     def _subscribed(self, quality: QoSProfile, overrides: QoSOverridingOptions | None = None) -> Subscription:
-        events = SubscriptionEventCallbacks(incompatible_qos=lambda event: self._soon(self.make_do))
+        def refused(event: Any) -> None:
+            self._soon(partial(self.make_do, event.last_policy_kind))
+
+        events = SubscriptionEventCallbacks(incompatible_qos=refused)
         return self._node.create_subscription(
             self._kind,
             self._topic,

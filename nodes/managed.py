@@ -12,6 +12,7 @@ from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleNodeMixin
@@ -22,7 +23,7 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
-from hybrid_sysid_ros.nodes import topics
+from hybrid_sysid_ros.nodes import peers, topics
 from hybrid_sysid_ros.nodes.exchange import Exchange, Outlet
 from hybrid_sysid_ros.nodes.listener import Listener
 from hybrid_sysid_ros.support.errors import UserError
@@ -61,6 +62,8 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self._handed: deque[tuple[Callable[[], object], Answer[Any]]] = deque()
         self._wake = self.create_guard_condition(self._take_over)
         self._opened: list[Publisher] = []
+        self._refused: dict[str, QoSProfile] = {}
+        """How topics are offered that somebody asks for otherwise."""
         self._listeners: list[Listener] = []
         self._ticking: list[Timer] = []
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -191,6 +194,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
             if isinstance(publisher, Outlet):
                 publisher.close()
                 publisher = publisher.publisher
+            self._refused.pop(publisher.topic_name, None)
             self.destroy_publisher(publisher)
         for timer in self._ticking:
             self.destroy_timer(timer)
@@ -199,7 +203,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
 
     @cached_property
     def aside(self) -> MutuallyExclusiveCallbackGroup:
-        """What goes on in another thread than the loop's: see :class:`process.Services`."""
+        """What goes on in another thread than the loop's: see :class:`executors.Services`."""
         return MutuallyExclusiveCallbackGroup()
 
     @cached_property
@@ -227,14 +231,30 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self.get_logger().error("".join(format_exception(error)))
         return f"{type(error).__name__}: {error}"[:LONGEST]
 
-    def create_publisher(self, *arguments: Any, **options: Any) -> Any:
-        """Its group is that of what the middleware tells of it, of readers that ask for another quality above all."""
-        return super().create_publisher(*arguments, **{"callback_group": self.aside, **options})
+    def create_publisher(self, kind: Any, topic: str, quality: QoSProfile, **options: Any) -> Any:
+        """Its group is that of what the middleware tells of it: of readers that ask for another quality above all."""
+        name = self.resolve_topic_name(topic)
+        events = PublisherEventCallbacks(incompatible_qos=lambda event: self._refused.update({name: quality}))
+        return super().create_publisher(
+            kind, topic, quality, **{"callback_group": self.aside, "event_callbacks": events, **options}
+        )
 
     def publication(self, topic: str) -> Publisher:
         """Publisher of a topic, for as long as the node is there."""
         quality, overrides = self.quality(topic), topics.OVERRIDES
         return self.create_publisher(topics.TYPES[topic], topic, quality, qos_overriding_options=overrides)
+
+    def unmatched(self) -> list[str]:
+        """Peers that ask for another quality of service than this node offers, or offer less than it asks for: nothing
+        passes between them and it. A line each.
+        """
+        heard = [line for listener in list(self._listeners) for line in listener.unmatched()]
+        said = [
+            line
+            for name, quality in list(self._refused.items())
+            for line in peers.unmatched(name, quality, self.get_subscriptions_info_by_topic(name))
+        ]
+        return heard + said
 
     def quality(self, topic: str) -> QoSProfile:
         """How a topic is offered."""

@@ -21,7 +21,7 @@ RIG = Parameter(name="rig", default="", description="the rig, by its name or by 
 OF_ROS = ("use_sim_time", "start_type_description_service")
 OF_QUALITY = "qos_overrides."
 Take = Callable[[Mapping[str, Any], Sequence[str]], None]
-"""Takes checked values by name; and the names of those that are no live parameters."""
+"""Takes checked values by name; and the names of those that are no live parameters, and other than before."""
 
 
 def declare(
@@ -70,7 +70,7 @@ def _change(
         given = {change.name: known[change.name].checked(change.value) for change in changes if change.name in known}
         check_rules(known, {**values, **given})
         if given:
-            take(given, [name for name in given if not known[name].live])
+            take(given, [name for name, value in given.items() if not known[name].live and value != values[name]])
     except Exception as error:  # whatever it is, the node goes on with what it has
         return SetParametersResult(successful=False, reason=told(error))
     return SetParametersResult(successful=True)

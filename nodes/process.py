@@ -11,25 +11,20 @@ import socket
 import sys
 from collections.abc import Callable, Sequence
 from threading import Thread, get_ident
-from time import sleep
-from traceback import format_exception
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import rclpy
-from rclpy.callback_groups import CallbackGroup
-from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from hybrid_sysid_ros.nodes import middleware
+from hybrid_sysid_ros.nodes.executors import Loop, Services, ended
 from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
 
 if TYPE_CHECKING:
     from hybrid_sysid_ros.nodes.base import RigNode
 
-SERVICE_PERIOD = 2e-3  # s, at least between two answers to parameter services, however many are asked
 SWITCH_INTERVAL = 2e-4  # s, that another thread may keep the loop from going on
 PATIENCE = 2.0  # s, of an interrupt with a node that starts
 LAST_PATIENCE = 10.0  # s, with threads at the end
@@ -81,63 +76,6 @@ def _end_with_starter() -> None:
     while os.read(0, 1024):  # not through sys.stdin, whose lock a thread may hold when Python ends
         pass
     os.kill(os.getpid(), signal.SIGTERM)
-
-
-class Loop(SingleThreadedExecutor):
-    """All of some nodes but what goes on aside."""
-
-    def __init__(self, nodes: Sequence[RigNode]) -> None:
-        super().__init__()
-        self._aside = frozenset(group for node in nodes for group in (node.aside, node.patient))
-        self._exchange = nodes[0].exchange
-        for node in nodes:
-            self.add_node(node)
-
-    def can_execute(self, entity: Any) -> bool:
-        return entity.callback_group not in self._aside and super().can_execute(entity)
-
-    def turn(self) -> None:
-        """Wait for something to do and do it, with all that follows in this process."""
-        self.spin_once()
-        if self._exchange is not None and self._exchange.deliver():
-            self.wake()
-
-
-class Services(SingleThreadedExecutor):
-    """What nodes do beside the loop, by groups, each in a thread of its own: no storm of questions and no report holds
-    the loop up, and nothing that takes long a stop.
-
-    So are the events of their publishers, which would cost the loop more than its messages, at each of them.
-    """
-
-    def __init__(self, nodes: Sequence[RigNode], groups: Sequence[CallbackGroup]) -> None:
-        super().__init__()
-        self._nodes_aside = list(nodes)
-        self._aside = frozenset(groups)
-
-    def get_nodes(self) -> list[Node]:
-        return list(self._nodes_aside)  # not added: a node has one executor, the loop's
-
-    def can_execute(self, entity: Any) -> bool:
-        return entity.callback_group in self._aside and super().can_execute(entity)
-
-    def serve(self) -> None:
-        """Answer, one after the other, until the context or this executor ends; what goes wrong is logged, and the next
-        one answered.
-        """
-        while self.context.ok() and not ended(self._nodes_aside):
-            try:
-                self.spin_once(timeout_sec=0.1)
-            except (ExternalShutdownException, ShutdownException):
-                return
-            except Exception as error:
-                self._nodes_aside[0].get_logger().error("".join(format_exception(error)))
-            sleep(SERVICE_PERIOD)
-
-
-def ended(nodes: Sequence[RigNode]) -> bool:
-    """Whether one of the nodes has nothing more to do: without it the others wait for ever."""
-    return any(node.finished.done() for node in nodes)
 
 
 def _serve(nodes: Sequence[RigNode], ending: Interruption) -> None:

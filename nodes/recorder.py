@@ -28,7 +28,7 @@ from hybrid_sysid_ros.support.errors import UserError
 DEPTH = 10_000  # messages that wait for the recorder: it comes after the loop
 NICENESS = 10  # of the process
 SEARCH_PERIOD = 0.5  # s
-FLUSH_PERIOD = 0.25  # s, between two times that all is on the disk which came before the last one
+FLUSH_PERIOD = 0.25  # s, between two times that all is on the disk which came before the last two
 QUEUE_BYTES = 1 << 26  # of messages that wait for the disk; what is over is lost
 SLOW = 0.2  # s, that the disk takes for one block, from which on it is called slow
 PATIENCE = 10.0  # s, with the disk at the end
@@ -55,9 +55,10 @@ class RecorderNode(RigNode):
     its experiment: what comes waits in memory until the disk answers again, and what finds no room there is lost. At
     the end the bag is closed as well as may be, and the node ends with an error if something is missing in it.
 
-    Messages of several topics come a little out of order. They lie in the bag in the order in which the middleware got
-    them: what has come since the last block waits for the next one. What the nodes of the loop have read, parameters
-    and the folders that these name, is kept in the bag with them.
+    Messages of several topics come out of order, more so where this process has to wait. They lie in the bag in the
+    order in which the middleware got them: now and then all that it has is taken, and what came before the last time
+    can be written. What the nodes of the loop have read, parameters and the folders that these name, is kept in the bag
+    with them.
     """
 
     NAME = "recorder"
@@ -73,6 +74,10 @@ class RecorderNode(RigNode):
         self.waiting: deque[Entry] = deque()
         self.held: list[Entry] = []
         """In the order in which they came; others may still come before them."""
+        self.drained = self.settled = 0
+        """When all that the middleware had was taken for the last time, and the time before [ns]: nothing is missing
+        that came before that.
+        """
         self.qualities: dict[str, list[Quality]] = {}
         """How each topic was offered when its first message came."""
         self.belongings: deque[tuple[str, bytes]] = deque()
@@ -93,6 +98,7 @@ class RecorderNode(RigNode):
                 self.searched.add(name)
         if self.searched:
             self.every(SEARCH_PERIOD, self.search)
+        self.every(FLUSH_PERIOD, self.drain)
         self.inquiry = Inquiry(self, ASKED, self.learn)
         split = Split(size=self.settings["split_bytes"], seconds=self.settings["split_seconds"])
         self.recording = Recording(path, replace=self.settings["overwrite"], split=split)
@@ -116,6 +122,13 @@ class RecorderNode(RigNode):
         self.queued += len(data)
         logged = information["received_timestamp"] or time.time_ns()
         self.waiting.append(Entry(logged, information["source_timestamp"], name, kind, data))
+
+    def drain(self) -> None:
+        """Take all that the middleware has."""
+        begun = time.time_ns()
+        for listener in list(self._listeners):
+            listener.drain()
+        self.drained, self.settled = begun, self.drained
 
     def learn(self, name: str, values: Mapping[str, Any]) -> None:
         """Keep what a node has read."""
@@ -169,12 +182,12 @@ class RecorderNode(RigNode):
         return not last
 
     def write_due(self, *, last: bool) -> None:
-        """Write what has come before the last block, and whatever belongs before that; at last all."""
-        newest = max((entry.logged for entry in self.held), default=0)
+        """Write what nothing can come before any more; at last all."""
+        settled = self.settled
         for _ in range(len(self.waiting)):
             self.held.append(self.waiting.popleft())
         self.held.sort(key=attrgetter("logged"))
-        due = len(self.held) if last else bisect_right(self.held, newest, key=attrgetter("logged"))
+        due = len(self.held) if last else bisect_right(self.held, settled, key=attrgetter("logged"))
         written = 0
         try:
             for entry in self.held[:due]:
@@ -190,6 +203,7 @@ class RecorderNode(RigNode):
     def deactivate(self) -> None:
         """Write the rest and end the bag. Raises UserError where it could not be written."""
         self.inquiry.close()
+        self.drain()
         self.ended.set()
         self.writer.join(PATIENCE)
         if self.writer.is_alive():

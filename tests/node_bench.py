@@ -12,13 +12,13 @@ from typing import Any
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from hybrid_sysid_ros.nodes import middleware, plant
 from hybrid_sysid_ros.nodes.base import RigNode
+from hybrid_sysid_ros.nodes.executors import Executor
 from hybrid_sysid_ros.nodes.messages import nanoseconds, set_nanoseconds
 
 PATIENCE = 20.0  # s of waiting for an event
@@ -34,7 +34,7 @@ class Bench:
         middleware.prepare()
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
-        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor = Executor(context=self.context)
         self.nodes: list[Node] = []
         self.heard: dict[str, list[Any]] = {}
         self.probe = Node("probe", context=self.context, namespace=namespace)

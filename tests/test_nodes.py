@@ -134,6 +134,14 @@ def test_a_change_is_refused_with_a_reason_or_applied(bench: Bench) -> None:
     assert node.settings["bias"] == [0.2]
 
 
+def test_what_a_node_says_of_its_parameters_can_be_set_again(bench: Bench) -> None:
+    """As by `ros2 param dump` and `load`: what is read when it is configured is no change where it is the same."""
+    node = bench.start(PlantNode)
+    told = [node.get_parameter(name) for name in node.settings if name != "rig"]
+    assert len(told) >= 20
+    assert all(result.successful for result in node.set_parameters(told))
+
+
 def test_topics_are_relative_names(bench: Bench) -> None:
     remapped = ["--ros-args", "-r", "reference:=/wish", "-r", "__node:=dreamer"]
     for options, name in (

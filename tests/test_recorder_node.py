@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags import durable
@@ -174,3 +175,21 @@ def test_a_slow_disk_holds_nobody_up(bench: Bench, tmp_path: Path, monkeypatch: 
     recorder.close()
     written = bags.topics(tmp_path / "bag")["/cam_beam/joint_states"].messages
     assert written == recorder.recording.kept == 22 - recorder.lost
+
+
+def test_what_a_recorder_is_late_with_lies_in_its_place(bench: Bench, tmp_path: Path, monkeypatch: Any) -> None:
+    """It has many messages of one topic to take, one by one, while fresh ones come of another."""
+    monkeypatch.setattr(room, "FLUSH_PERIOD", 0.01)
+    recorder = bench.start(RecorderNode, path=str(tmp_path / "bag"), topics="joint_states joint_command")
+    queued, fresh = bench.speak("joint_states"), bench.speak("joint_command")
+    bench.until(lambda: queued.get_subscription_count() and fresh.get_subscription_count())
+    for k in range(2000):
+        queued.publish(joint(SECOND + k, position=[0.0]))
+    for k in range(300):
+        fresh.publish(joint(SECOND + k, effort=[0.0]))
+        bench.executor.spin_once(timeout_sec=0.0)
+    recorder.close()
+    assert recorder.recording.kept == 2300  # also those that waited for their turn when it ended
+    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as stream:
+        messages = [message for _, _, message in make_reader(stream).iter_messages(log_time_order=False)]
+    assert [message.log_time for message in messages] == sorted(message.log_time for message in messages)

@@ -29,6 +29,7 @@ LOST: dict[str, Any] = {
     **dict.fromkeys(("bounded", "inside_travel"), False),
     **dict.fromkeys(("named_after_s", "recovered_after_s"), math.inf),
     "grown_mb": 0.0,
+    "usual": [],
 }
 """What is said of a fault after which the loop was not there any more."""
 CALM = 2.0
@@ -60,6 +61,7 @@ def tried(stage: Stage, name: str) -> dict[str, Any]:
         "lasted_s": over - before,
         "grown_mb": max(found - memory.get(process, found) for process, found in stage.memory().items()),
         "held": not traces and math.isfinite(recovered),
+        "usual": sorted(usual),
     }
 
 
@@ -87,6 +89,8 @@ def played(names: Sequence[str], *, clocked: bool) -> dict[str, dict[str, Any]]:
                 status.print(name)
                 try:
                     found[name] = tried(stage, name)
+                    for phrase in found[name]["usual"]:
+                        status.print(f"{name}: said before, for {PATIENCE:g} s: {phrase}")
                     stage.alive()
                 except UserError as error:
                     found[name] = {**LOST, **found.get(name, {}), "held": False, "named": str(error)}

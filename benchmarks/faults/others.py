@@ -93,14 +93,14 @@ def estimate(value: float) -> Fault:
 def reference(value: float, *, points: int = 2, offset: float = 0.0, spacing: int = SECOND // 1000) -> Fault:
     """References of somebody else, while the rig's own is away."""
 
-    def make(stage: Stage, k: int) -> JointTrajectory:
+    def make(stage: Stage, k: int) -> bytes:
         message = JointTrajectory(joint_names=[stage.joint])
         set_nanoseconds(message.header.stamp, now(stage) + round(offset * SECOND))
         for k in range(points):
             point = JointTrajectoryPoint(positions=[value])
             set_nanoseconds(point.time_from_start, k * spacing)
             message.points.append(point)
-        return message
+        return bytes(serialize_message(message))  # not while it is timed
 
     def fault(stage: Stage) -> None:
         stage.end("reference")

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from hybrid_sysid_ros.support import yaml_text
+from hybrid_sysid_ros.support import errors, yaml_text
 from hybrid_sysid_ros.support.errors import UserError
 
 T = TypeVar("T")
@@ -84,7 +84,7 @@ def refuse_unknown(content: Mapping[Any, Any], known: tuple[str, ...], where: st
     """Raise UserError for a key that is none of the known ones."""
     unknown = [str(key) for key in content if key not in known]
     if unknown:
-        raise UserError(f"{where}: unknown key {unknown[0]!r}: known are {', '.join(known)}")
+        raise UserError(f"{where}: unknown key {unknown[0]!r}: {errors.known(unknown[0], known)}")
 
 
 def numbers(value: Any, where: str, *, count: int) -> tuple[float, ...]:

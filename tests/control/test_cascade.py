@@ -10,27 +10,12 @@ import pytest
 from hybrid_sysid_ros.control import ExactMpc, Plan, Problem, Status
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.steady_motion import steady_motion
-from hybrid_sysid_ros.core import RungeKutta, System, bounded, simulate
+from hybrid_sysid_ros.core import RungeKutta, System, simulate
 from hybrid_sysid_ros.core.wrappers import Drifting, Stabilised
+from tests.upright import GAINS, Upright
 
-GAINS = ((16.0, 5.0),)
 SAMPLE, PERIOD, HORIZON = 0.02, 0.5, 8
 LIMITS = np.array([-4.0]), np.array([4.0])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Upright(System):
-    """q'' = r^2 q + u: open, an error grows by e in a third of a second."""
-
-    states = ("angle [rad]", "speed [rad/s]")
-    inputs = ("torque [rad/s^2]",)
-    outputs = ("angle",)
-    stepper = RungeKutta()
-
-    rate: float = bounded(3.0, 0.1, 10.0, unit="rad/s")
-
-    def law(self, x, u):
-        return x[1], self.rate**2 * x[0] + u[0]
 
 
 class Asked:

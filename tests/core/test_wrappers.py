@@ -8,29 +8,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from hybrid_sysid_ros.core import Dry, RungeKutta, System, bounded, simulate, sloped
+from hybrid_sysid_ros.core import Dry, System, simulate, sloped
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.core.wrappers import Drifting, Stabilised
 from hybrid_sysid_ros.support.errors import UserError
+from tests.upright import GAINS, RATE, Upright
 
-RATE = 3.0
-GAINS = ((16.0, 5.0),)
 STEP = 0.01
-
-
-@dataclass(frozen=True, kw_only=True)
-class Upright(System):
-    """q'' = r^2 q + u: what stands on end falls."""
-
-    states = ("angle [rad]", "speed [rad/s]")
-    inputs = ("torque [rad/s^2]",)
-    outputs = ("angle",)
-    stepper = RungeKutta()
-
-    rate: float = bounded(RATE, 0.1, 10.0, unit="rad/s")
-
-    def law(self, x, u):
-        return x[1], self.rate**2 * x[0] + u[0]
 
 
 @dataclass(frozen=True, kw_only=True)

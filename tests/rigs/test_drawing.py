@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.rigs.drawing import Drawing
+from hybrid_sysid_ros.rigs.folder import names
 from hybrid_sysid_ros.rigs.joints import Joint, Joints
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.errors import UserError
 from tests.rigs.toys import Lags, rig_of
 
-NAMES = ("cam_beam", "flexible_joint", "drill_string", "wheel_motor")
+NAMES = tuple(names())
 
 
 def of(**drawing: Any) -> Drawing:

@@ -12,11 +12,12 @@ import pytest
 
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
+from hybrid_sysid_ros.rigs.folder import names
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime.parameters import defaults
 from hybrid_sysid_ros.view import layouts
 
-NAMES = ("cam_beam", "flexible_joint", "drill_string", "wheel_motor")
+NAMES = tuple(names())
 
 
 def names_of(name: str) -> dict[str, list[str]]:

@@ -1,0 +1,19 @@
+"""Where the Python that runs the tests lacks what only pip has, as that of colcon may, the one in front runs them."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from typing import Any
+
+from hybrid_sysid_ros.nodes.executable import SECOND_TRY, start_again
+
+
+def pytest_addoption(parser: Any, pluginmanager: Any) -> None:
+    """Start again, before the tests' own conftest.py is imported, which needs it all."""
+    if importlib.util.find_spec("casadi") is None:
+        capture = pluginmanager.getplugin("capturemanager")
+        if capture is not None:  # it holds the standard output
+            capture.suspend_global_capture(in_=True)
+        start_again("pytest")
+    os.environ.pop(SECOND_TRY, None)  # not for what the tests start

@@ -1,0 +1,76 @@
+"""What the package says of itself: its executables and what it depends on, in the places where tools look."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    tomllib = pytest.importorskip("tomli", reason="needs Python 3.11 to read pyproject.toml")
+
+ROOT = Path(__file__).parents[1]
+MANIFEST = ElementTree.parse(ROOT / "package.xml").getroot()
+DEPENDS = {item.text for item in MANIFEST.findall("exec_depend")}
+ROS = "_(msgs|srvs|interfaces)$|^rcl|^launch"
+NAMES = {"PyYAML": "yaml"}
+"""What apt calls a library otherwise than PyPI does."""
+
+
+def imported(folder: str) -> set[str]:
+    """Packages that are imported anywhere in a folder."""
+    found: set[str] = set()
+    for path in (ROOT / folder).glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {item.name.partition(".")[0] for item in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                found.add(node.module.partition(".")[0])
+    return found
+
+
+def requirements(text: str) -> dict[str, str]:
+    """Versions by the name of the library."""
+    return dict(re.findall(r"^([\w.-]+)\s*(.*)$", text, re.M))
+
+
+def test_the_manifest_names_every_package_of_ros_that_is_imported() -> None:
+    ros = {
+        name
+        for name in imported("nodes") | imported("launch")
+        if re.search("_(msgs|srvs|interfaces)$|^rcl|^launch", name)
+    }
+    assert ros <= DEPENDS
+    assert {"rclpy", "launch", "sensor_msgs"} <= ros
+
+
+def test_what_pip_brings_to_a_sourced_ros_is_what_the_package_needs() -> None:
+    """All but what apt has in a version that will do: of Ubuntu 24.04 these."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    needed = requirements("\n".join([*project["dependencies"], *extras["report"], *extras["view"]]))
+    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    sourced = page.partition("## On a sourced Jazzy")[2].partition("colcon build")[0]
+    told = requirements("\n".join(re.findall(r"'([^']+)'", sourced)))
+    by_apt = {"numpy", "scipy", "PyYAML", "rich"}
+    assert told == {name: version for name, version in needed.items() if name not in by_apt}
+    for name in by_apt:
+        assert f"python3-{NAMES.get(name, name)}" in DEPENDS
+
+
+def test_every_node_with_a_main_is_an_executable_wherever_tools_look() -> None:
+    setup = (ROOT / "setup.py").read_text(encoding="utf-8")
+    listed = re.search(r"NODES = \((.*?)\)", setup, re.S)
+    assert listed is not None
+    nodes = set(re.findall(r'"(\w+)"', listed[1]))
+    assert {path.name for path in (ROOT / "resource" / "executables").iterdir()} == nodes
+    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    for node in nodes:
+        assert re.search(r"^main = |^def main", (ROOT / "nodes" / f"{node}.py").read_text(encoding="utf-8"), re.M)
+        assert f"`{node}`" in page
