@@ -15,6 +15,7 @@ from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.mockup import Setup
 from hybrid_sysid_ros.runtime.shots import Fired, Range, drawn
 from tests.command_line import refused
 
@@ -110,6 +111,11 @@ def test_from_a_prior_to_a_verdict_and_again_without_work(call, sled, tmp_path, 
     assert [told["shots"][name]["count"] for name in ("prior", "simulated", "live", "uncertain")] == [10, 10, 5, 10]
     assert told["kept"] == all(line["kept"] for line in told["verdict"])
     assert any("sine ends within 60 mm" in line["criterion"] for line in told["verdict"])
+    real = Setup.of(sled, 0).reality.named
+    for row in told["parameters"]:
+        assert row["real"] == real[row["name"]]
+    mass = next(row for row in told["parameters"] if row["name"] == "mass")
+    assert abs(mass["value"] - mass["real"]) < 0.1 * abs(mass["prior"] - mass["real"])
     page = (tmp_path / "out" / "verdict.html").read_text()
     assert "fit for use" in page
     monkeypatch.setattr(Range, "__call__", lambda self, numbers: pytest.fail("fired again"))
@@ -117,6 +123,17 @@ def test_from_a_prior_to_a_verdict_and_again_without_work(call, sled, tmp_path, 
     status, _, error = mockup(*counts)
     assert status == 0, error
     assert json.loads((tmp_path / "out" / "verdict.json").read_text()) == told
+
+
+def test_what_the_rig_really_is_is_drawn_about_what_it_is_thought_to_be(sled):
+    """By the deviation of policy_training, 2 %: seeds are independent, and one seed always draws the same."""
+    thought = sled.system.named
+    drawn_ones = [Setup.of(sled, seed).reality.named for seed in range(300)]
+    assert Setup.of(sled, 7).reality.named == drawn_ones[7]
+    shares = np.array([[real[name] / value for name, value in thought.items()] for real in drawn_ones])
+    np.testing.assert_allclose(shares.mean(axis=0), 1.0, atol=4.0 * 0.02 / np.sqrt(300))
+    np.testing.assert_allclose(shares.std(axis=0), 0.02, rtol=0.2)
+    assert sled.system.named == thought
 
 
 def test_what_is_not_there_is_told_in_a_line(call, sled, tmp_path):

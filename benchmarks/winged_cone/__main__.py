@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 
 from benchmarks import parts, result
-from benchmarks.winged_cone import autopilot, control, hybrids, identification
+from benchmarks.winged_cone import autopilot, control, hybrids, identification, regions
 from hybrid_sysid_ros.rigs.rig import Rig
 
 
@@ -38,10 +38,16 @@ def _hybrids(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
     return found, hybrids.tables(found)
 
 
+def _regions(rig: Rig) -> tuple[dict[str, Any], Sequence[Table]]:
+    found = regions.measured(rig)
+    return found, regions.tables(found)
+
+
 PARTS = {
     "autopilot": _autopilot,
     "identification": _identification,
     "hybrids": _hybrids,
+    "regions": _regions,
     "mpc": _mpc,
     "mpc_timing": _mpc_timing,
 }

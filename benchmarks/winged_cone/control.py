@@ -21,6 +21,7 @@ from benchmarks import result
 from benchmarks.timed import Timed
 from benchmarks.winged_cone import flights
 from benchmarks.winged_cone.autopilot import ANGLE_OF_ATTACK, STATES, STEPS, judged
+from benchmarks.winged_cone.flights import RIG
 from hybrid_sysid_ros.control import Controller, ExactMpc, Problem, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
@@ -36,7 +37,6 @@ from hybrid_sysid_ros.support import parallel
 
 Array = NDArray[np.float64]
 
-RIG = "winged_cone"
 PLANTS = 1000
 SETTLING, FLOWN = 12.0, 40.0
 """Seconds of level flight, in which the estimator learns of the plant, and seconds from the steps on."""

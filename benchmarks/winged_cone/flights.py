@@ -19,6 +19,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 
 Array = NDArray[np.float64]
 
+RIG = "winged_cone"
 UNCERTAIN = ("mass", "inertia", "area", "chord", "density", "elevator_moment")
 """Parameters, each anywhere within its bounds."""
 SETTLING = 150.0

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks import result
 from benchmarks.winged_cone import flights
 from benchmarks.winged_cone.identification import HORIZONS, MANOEUVRES, fitted, scores
 from hybrid_sysid_ros.models import Options
-from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.rigs.rig import Rig, load
+from hybrid_sysid_ros.support import parallel
 
+Array = NDArray[np.float64]
+
+KEPT = Path("out/winged_cone_hybrids")
+"""Where finished fits are kept until the end."""
 NETWORK, RULES, LINKED = {"units": 8}, {"affine_rules": 4}, {"linked_rules": 15}
 ALONE = {"everywhere": 1}
 """On all rates of a linear system, which is fitted with it: no physics."""
@@ -38,27 +45,45 @@ QUICK = ("P0", "P1", "P1 + network", "P1 + Takagi-Sugeno")
 KEYS = (*HORIZONS, "CL")
 
 
-def run(rig: Rig, method: str, plant: int, seed: int) -> dict[str, Any]:
+def run(item: tuple[str, int, int]) -> dict[str, Array]:
     """One method on one plant by the record of one seed: the record's commands and noise, and where its fit begins."""
-    structure, options = METHODS[method]
+    method, plant, seed = item
+    rig, (structure, options) = load(flights.RIG), METHODS[method]
     truth = flights.plant(rig.system, 100 + plant)
     model, deviation = fitted(rig, truth, structure, seed, options)
+    found = scores(model.system, rig, truth, deviation)
     return {
-        "plant": plant,
-        "seed": seed,
-        "numbers": model.free_numbers,
-        "chi_squared": model.fit["chi_squared"],
-        "seconds": model.fit["seconds"],
-        "scores": scores(model.system, rig, truth, deviation),
+        "fit": np.array([model.free_numbers, model.fit["chi_squared"], model.fit["seconds"]]),
+        "scores": np.array([[found[manoeuvre][key] for key in KEYS] for manoeuvre in MANOEUVRES]),
     }
 
 
 def measured(rig: Rig) -> dict[str, Any]:
-    """All methods on plants and seeds."""
-    pairs = [(plant, seed) for plant in PLANTS for seed in SEEDS]
-    return summary(
-        {name: [run(rig, name, *pair) for pair in pairs if name in QUICK or pair[0] == pair[1]] for name in METHODS}
+    """All methods on plants and seeds; an interrupted run goes on from its finished fits."""
+    items = [(name, p, s) for name in METHODS for p in PLANTS for s in SEEDS if name in QUICK or p == s]
+    store: parallel.Store[dict[str, Array]] = parallel.Store(
+        KEPT, f"{rig.system} {rig.content['experiments']} {METHODS}"
     )
+    found = parallel.run(run, items, store=store)
+    store.remove()
+    runs: dict[str, list[dict[str, Any]]] = {name: [] for name in METHODS}
+    for (name, plant, seed), arrays in zip(items, found, strict=True):
+        numbers, chi_squared, seconds = arrays["fit"].tolist()
+        errors = {
+            manoeuvre: dict(zip(KEYS, row, strict=True))
+            for manoeuvre, row in zip(MANOEUVRES, arrays["scores"].tolist(), strict=True)
+        }
+        runs[name].append(
+            {
+                "plant": plant,
+                "seed": seed,
+                "numbers": round(numbers),
+                "chi_squared": chi_squared,
+                "seconds": seconds,
+                "scores": errors,
+            }
+        )
+    return summary(runs)
 
 
 Runs = Mapping[str, Sequence[Mapping[str, Any]]]
@@ -106,20 +131,21 @@ def tables(found: Mapping[str, Any]) -> list[Table]:
     for key in KEYS:
         table = Table("", *MANOEUVRES, title=f"{key}: errors in training deviations, mean (range)")
         for name, rows in found["errors"].items():
-            table.add_row(name, *(_told(rows[manoeuvre][key]) for manoeuvre in MANOEUVRES))
+            table.add_row(name, *(told(rows[manoeuvre][key]) for manoeuvre in MANOEUVRES))
         shown.append(table)
     for over, title in (("over_best_single", "the best single method of the same run"), ("over_physics", "P1")):
         for name, rows in found[over].items():
             table = Table("", *MANOEUVRES, title=f"{name}: errors over those of {title}, mean (range)")
             for key in KEYS:
-                table.add_row(key, *(_told(rows[manoeuvre][key]) for manoeuvre in MANOEUVRES))
+                table.add_row(key, *(told(rows[manoeuvre][key]) for manoeuvre in MANOEUVRES))
             shown.append(table)
     table = Table("", "numbers", "chi2", "seconds", title="fits, mean (range)")
     for name, runs in found["runs"].items():
         seconds = np.mean([item["seconds"] for item in runs])
-        table.add_row(name, str(runs[0]["numbers"]), _told(found["chi_squared"][name]), f"{seconds:.0f}")
+        table.add_row(name, str(runs[0]["numbers"]), told(found["chi_squared"][name]), f"{seconds:.0f}")
     return [*shown, table]
 
 
-def _told(value: Mapping[str, float]) -> str:
+def told(value: Mapping[str, float]) -> str:
+    """A spread."""
     return f"{value['mean']:.3g} ({value['min']:.2g}-{value['max']:.2g})"

@@ -118,6 +118,7 @@ def _content(found: Found) -> dict[str, Any]:
         "structure": found.setup.plan.structure,
         "kept": all(line.kept for line in found.verdict),
         "verdict": [{"criterion": line.name, "kept": line.kept, "words": line.words} for line in found.verdict],
+        "parameters": list(report.parameter_rows(found)),
         "errors": {"of": found.ahead, **found.errors},
         "shots": {
             name: {

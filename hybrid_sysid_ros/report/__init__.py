@@ -2,7 +2,7 @@
 
 from hybrid_sysid_ros.report.accuracy_page import accuracy_rows, write_accuracy
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection, closed_loop_section
-from hybrid_sysid_ros.report.mockup_page import write_mockup
+from hybrid_sysid_ros.report.mockup_page import parameter_rows, write_mockup
 from hybrid_sysid_ros.report.rendering import check_available, write
 from hybrid_sysid_ros.report.replay_page import write_replay
 from hybrid_sysid_ros.report.sections import (
@@ -23,6 +23,7 @@ __all__ = [
     "check_available",
     "closed_loop_section",
     "identification_section",
+    "parameter_rows",
     "provenance",
     "write",
     "write_accuracy",

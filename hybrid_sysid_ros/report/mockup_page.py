@@ -26,7 +26,7 @@ def write_mockup(path: Path | str, found: Found, provenance: Provenance) -> Path
         "title": f"{found.setup.rig.name}: {'fit for use' if kept else 'not fit for use'}",
         "found": found,
         "errors": list(_errors(found)),
-        "parameters": list(_parameters(found)),
+        "parameters": list(parameter_rows(found)),
         "rows": list(accuracy_rows(found.accuracy)),
         "misses": drawn(mockup_figures.misses(found), "misses"),
         "tracking": drawn(mockup_figures.tracking(found), "tracking"),
@@ -49,9 +49,10 @@ def _errors(found: Found) -> Iterator[dict[str, Any]]:
             yield {"record": record, "output": name, "unit": units[name], "numbers": values}
 
 
-def _parameters(found: Found) -> Iterator[dict[str, Any]]:
+def parameter_rows(found: Found) -> Iterator[dict[str, Any]]:
+    """Each identified parameter beside what was known before and what the rig really is, None where that has none."""
     model, prior = found.models[found.setup.plan.structure], found.models["prior"].system.named
-    errors, values = model.standard_errors, model.system.named
+    errors, values, real = model.standard_errors, model.system.named, found.setup.reality.named
     for item in model.system.parameters:
         if item.name in errors and item.name in prior:
             yield {
@@ -59,6 +60,7 @@ def _parameters(found: Found) -> Iterator[dict[str, Any]]:
                 "unit": item.unit,
                 "prior": prior[item.name],
                 "value": values[item.name],
+                "real": real.get(item.name),
                 "error": errors[item.name],
             }
 

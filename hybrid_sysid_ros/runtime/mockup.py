@@ -15,6 +15,8 @@ from hybrid_sysid_ros.accuracy import Accuracy, Discrepancy, assess
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.safety.certificate import binomial_bound
+from hybrid_sysid_ros.control.scenarios import plant_near
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification import Part, identify
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.shooting import windows_of
@@ -25,6 +27,7 @@ from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.structures import structure_of
 from hybrid_sysid_ros.rigs.experiments import simulate
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.plan import Plan
 from hybrid_sysid_ros.runtime.shots import Fired, Range
 from hybrid_sysid_ros.support.errors import UserError
@@ -47,6 +50,8 @@ class Setup:
     """What is to be done."""
 
     rig: Rig
+    reality: System
+    """What the rig is, and nobody in the mock-up knows."""
     plan: Plan
     """How the rig's demo identifies, and which reference it follows."""
     learn: tuple[str, ...]
@@ -66,7 +71,8 @@ class Setup:
     @classmethod
     def of(cls, rig: Rig, seed: int) -> Setup:
         """By the sections demo and mockup of a rig's file; without the latter all experiments but the last are learnt
-        from. Raises UserError for what is not there.
+        from. What the rig really is, is drawn by the seed: its system with each free physical parameter moved by the
+        deviation of policy_training. Raises UserError for what is not there.
         """
         plan, where = Plan.of(rig), f"{rig.file}: mockup"
         told = section(rig.content, "mockup", str(rig.file))
@@ -83,6 +89,7 @@ class Setup:
                 raise UserError(f"{where}.tolerance: {plan.reference} has no part {name}: it has {', '.join(windows)}")
         return cls(
             rig=rig,
+            reality=plant_near(rig.system, configuration.spread_of(rig).parameters, np.random.default_rng(seed)),
             plan=plan,
             learn=_chosen(told, "learn", known[:-1], known, where),
             part=Part.parse(str(told.get("part", "0:1"))),
@@ -160,7 +167,7 @@ def mockup(
     tell("4 firing shots of the model and of the rig")
     simulated = Range(model=model, seed=setup.seed + 1, predicted=True, **given)
     fired["simulated"] = fire(simulated, counts["simulated"], "shots of the model")
-    real = Range(model=model, seed=setup.seed + 2, **given)
+    real = Range(model=model, seed=setup.seed + 2, reality=setup.reality, **given)
     fired["live"] = fire(real, counts["live"], "shots of the rig")
     accuracy = assess(fired["simulated"].shots("simulated"), fired["live"].shots("live"), discrepancy, seed=setup.seed)
     tell(f"5 closing the loop on {counts['plants']} plants that the identification does not tell apart")
@@ -206,9 +213,10 @@ def prior_of(setup: Setup, box: str) -> Model:
 def records_of(setup: Setup, names: Sequence[str], folder: Path) -> list[Record]:
     """Experiments driven on the rig, as bags in a folder, each with a seed of its own."""
     known, found = list(setup.rig.experiments.excitations), []
+    real = replace(setup.rig, system=setup.reality)
     for name in names:
         place, seed = folder / name, setup.seed + known.index(name)
-        simulate(setup.rig, name, place, seed=seed, duration=setup.seconds, rate=setup.rate, overwrite=True)
+        simulate(real, name, place, seed=seed, duration=setup.seconds, rate=setup.rate, overwrite=True)
         found.append(bags.read(place, setup.rig.signals))
     return found
 

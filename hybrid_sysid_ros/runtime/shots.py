@@ -30,7 +30,7 @@ END = 1.0
 class Range:
     """Where shots are fired: a reference of a rig, followed by the exact MPC on a model.
 
-    A shot's plant is the rig itself, or what stands in for it, each physical parameter moved by the deviation of the
+    A shot's plant is the rig, or what stands in for it, each physical parameter moved by the deviation of the
     rig's policy_training; so are its beginning (push) and a constant offset of its inputs (disturbance).
     """
 
@@ -39,6 +39,8 @@ class Range:
     """What estimator and controller know."""
     schedule: Schedule
     seed: int
+    reality: System | None = None
+    """What the rig is; its own system by default."""
     predicted: bool = False
     """Whether the model stands in for the rig, as in a simulation of what will happen."""
     doubted: bool = False
@@ -63,10 +65,15 @@ class Range:
             self.rig, self.model, made.controller, self.schedule, duration=duration, plant=plant
         ), plant
 
+    @property
+    def real(self) -> System:
+        """What the rig is."""
+        return self.rig.system if self.reality is None else self.reality
+
     def plant(self, number: int) -> Plant:
         """Of a shot."""
         random, stands_in = np.random.default_rng((self.seed, number)), self.predicted or self.doubted
-        system = self.model.system if stands_in else self.rig.system
+        system = self.model.system if stands_in else self.real
         spread = configuration.spread_of(self.rig, system).sized(system)
         if self.doubted:
             system = drawn(self.model, random)
@@ -115,7 +122,7 @@ class Range:
     def content(self) -> dict[str, Any]:
         """All that its shots depend on, as plain data."""
         return {
-            "rig": [repr(self.rig.system), dict(self.rig.content)],
+            "rig": [repr(self.real), dict(self.rig.content)],
             "model": [self.model.structure, self.model.system.values.tolist(), self.model.system.weights.tolist()],
             "schedule": self.schedule.name,
             "seed": self.seed,

@@ -25,7 +25,7 @@ SLOW = 0.1
 is taken in.
 """
 
-STALLED, PATIENCE = 0.5, 3
+STALLED, PATIENCE = 0.5, 8
 """Share of the residual from which on a step with curvature was a bad one, and steps before that counts."""
 
 COARSE = 30.0
