@@ -58,6 +58,7 @@ class Visitor(threading.Thread):
 def test_a_run_is_seen_and_driven_from_its_page(domain: int) -> None:
     rows: dict[str, int] = {}
     nodes: set[str] = set()
+    heads: list[Any] = []
 
     def watch(page: ClientConnection) -> None:
         page.recv(timeout=PATIENCE)
@@ -70,6 +71,7 @@ def test_a_run_is_seen_and_driven_from_its_page(domain: int) -> None:
                 assert json.loads(answer)["done"] is not None
                 continue
             head, arrays = unpacked(answer)
+            heads.append(head)
             for name, count, _ in head["tables"]:
                 rows[name] = rows.get(name, 0) + count
             nodes.update(item["node"] for item in head["news"].values())
@@ -82,7 +84,7 @@ def test_a_run_is_seen_and_driven_from_its_page(domain: int) -> None:
     outcome = Run(reference="sine", duration=6.0, view=0, domain=domain, tell=visitor.tell).go()
     visitor.visited()
     assert nodes == {"plant", "estimator", "controller", "reference", "view"}
-    assert outcome.diagnostics["view"]["pictures"] > 10
+    assert outcome.diagnostics["view"]["pictures"] == len(heads)
     assert 0.0 < outcome.diagnostics["view"]["cpu_share"] < 1.0
 
 
