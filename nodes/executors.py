@@ -68,7 +68,7 @@ class Loop(Executor):
             self.add_node(node)
 
     def can_execute(self, entity: Any) -> bool:
-        return entity.callback_group not in self._aside
+        return entity.callback_group not in self._aside and super().can_execute(entity)
 
     def turn(self) -> None:
         """Wait for something to do and do it, with all that follows in this process."""
@@ -93,7 +93,7 @@ class Services(Executor):
         return list(self._nodes_aside)  # not added: a node has one executor, the loop's
 
     def can_execute(self, entity: Any) -> bool:
-        return entity.callback_group in self._aside
+        return entity.callback_group in self._aside and super().can_execute(entity)
 
     def serve(self) -> None:
         """Answer, one after the other, until the context or this executor ends; what goes wrong is logged, and the next

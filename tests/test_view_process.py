@@ -85,7 +85,7 @@ def test_a_run_is_seen_and_driven_from_its_page(domain: int) -> None:
     visitor.visited()
     assert nodes == {"plant", "estimator", "controller", "reference", "view"}
     assert outcome.diagnostics["view"]["pictures"] == len(heads)
-    assert 0.0 < outcome.diagnostics["view"]["cpu_share"] < 1.0
+    assert 0.0 < outcome.diagnostics["view"]["cpu_share"] < 0.5  # no message wakes it
 
 
 def test_stop_and_enable_of_the_page_reach_a_running_controller(domain: int) -> None:
