@@ -13,6 +13,8 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
+from hybrid_sysid_ros.nodes.collector import Uncalled
+
 if TYPE_CHECKING:
     from hybrid_sysid_ros.nodes.base import RigNode
 
@@ -68,7 +70,9 @@ class Loop(Executor):
             self.add_node(node)
 
     def can_execute(self, entity: Any) -> bool:
-        return entity.callback_group not in self._aside and super().can_execute(entity)
+        # One thread spins: of its groups none is ever busy, which asking each of them twice a turn would only cost.
+        group = entity.callback_group
+        return group not in self._aside and not isinstance(group, Uncalled)
 
     def turn(self) -> None:
         """Wait for something to do and do it, with all that follows in this process."""
@@ -93,7 +97,7 @@ class Services(Executor):
         return list(self._nodes_aside)  # not added: a node has one executor, the loop's
 
     def can_execute(self, entity: Any) -> bool:
-        return entity.callback_group in self._aside and super().can_execute(entity)
+        return entity.callback_group in self._aside
 
     def serve(self) -> None:
         """Answer, one after the other, until the context or this executor ends; what goes wrong is logged, and the next
