@@ -182,8 +182,8 @@ class RecorderNode(RigNode):
         return not last
 
     def write_due(self, *, last: bool) -> None:
-        """Write what nothing can come before any more; all at last, and while half of the memory is taken: out of order is
-        better than lost.
+        """Write what nothing can come before any more; all at last, and while half of the memory is taken: out of order
+        is better than lost.
         """
         settled, full = self.settled, 2 * (self.queued - self.unqueued) > QUEUE_BYTES
         for _ in range(len(self.waiting)):
