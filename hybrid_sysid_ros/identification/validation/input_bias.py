@@ -61,8 +61,8 @@ def adapt(system: System, record: Record, *, sampling: Sampling, spans: Array, s
     state, in that of the simulation so far. Nothing after that moment is seen, and both are scored on the same samples.
 
     spans: from the lowest to the highest value of each input, (inputs,). Raises UserError for a record that does not
-    leave ten samples before that moment and as many after it, and for an output that is constant after it; UnstableError
-    where a free run says nothing, with a bias as without.
+    leave ten samples before that moment and as many after it, and for an output that is constant after it;
+    UnstableError where a free run says nothing, with a bias as without.
     """
     every = scored_every(record, sampling)
     cut = round(seconds / sampling.period) if np.isfinite(seconds) else 0
