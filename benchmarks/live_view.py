@@ -28,6 +28,7 @@ NAME = "live_view"
 RATE = 200.0  # Hz
 SETTLED = 2.0  # s, of a page before its pictures are counted
 SET_POINTS = 100
+UNTOUCHED = 12.0  # s, of the reference before the first of them comes, and behind the last
 
 
 class Page(threading.Thread):
@@ -155,12 +156,14 @@ def set_points(count: int) -> dict[str, Any]:
                         time.sleep(2e-4)
                     page.recv()
                     time.sleep(0.037)
+                page.send('{"do": "experiment", "kind": "constant"}')  # which has an end: a set-point has none
+                page.recv()
         except BaseException as error:
             trouble.append(error)
 
     sender = threading.Thread(target=send, daemon=True)
     sender.start()
-    Run(rate=RATE, duration=8.0 + 0.06 * count, reference="constant", view=0, tell=shown.tell).go()
+    Run(rate=RATE, duration=UNTOUCHED, reference="constant", view=0, tell=shown.tell).go()
     sender.join(10.0)
     if trouble:
         raise trouble[0]

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import argparse
 import os
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter, sleep
 from typing import Any
 
@@ -25,15 +27,18 @@ COMPOSED = (200.0, 500.0)  # Hz, all in one process
 NODES = ("plant", "estimator", "controller")
 
 
-def measure(rate: float, seconds: float, **options: Any) -> dict[str, Any]:
-    """Run the loop and return what its nodes counted; options: of session.run."""
-    outcome = Run(rate=rate, duration=seconds, reference="steps", tell=lambda line: None, **options).go()
+def measure(rate: float, seconds: float, *, recorded: bool = False, **options: Any) -> dict[str, Any]:
+    """Run the loop and return what its nodes counted; recorded: by a recorder beside it; options: of a Run."""
+    with TemporaryDirectory() as folder:
+        bag = Path(folder) / "bag" if recorded else None
+        outcome = Run(rate=rate, duration=seconds, reference="steps", tell=lambda line: None, bag=bag, **options).go()
     if outcome.interrupted:
         raise KeyboardInterrupt
     plant = outcome.diagnostics["plant"]
     return {
         "rate_hz": rate,
         "composed": options.get("composed", False),
+        "recorded": recorded,
         "seconds": seconds,
         "measurements": plant["measurements"],
         "missed_commands": plant["missed_commands"],
@@ -80,7 +85,7 @@ def table(runs: list[dict[str, Any]]) -> Table:
         delay = run["delay_ms"]
         shown.add_row(
             f"{run['rate_hz']:g} Hz",
-            "one" if run["composed"] else "four",
+            ("one" if run["composed"] else "four") + (" and a recorder" if run["recorded"] else ""),
             f"{run['seconds']:g} s",
             f"{run['missed_commands']} of {run['measurements']}",
             str(run["overruns"]),
@@ -105,6 +110,7 @@ def main() -> int:
     for rate in (RATE, *OTHERS):
         seconds = options.seconds if rate == RATE else options.seconds / 4
         runs.append(measure(rate, seconds, **given))
+    runs.insert(1, measure(RATE, options.seconds / 2, recorded=True, **given))
     for rate in COMPOSED:
         runs.append(measure(rate, options.seconds / 2, composed=True, **given))
     idle = floor(RATE, options.seconds, priority)

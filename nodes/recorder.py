@@ -182,12 +182,14 @@ class RecorderNode(RigNode):
         return not last
 
     def write_due(self, *, last: bool) -> None:
-        """Write what nothing can come before any more; at last all."""
-        settled = self.settled
+        """Write what nothing can come before any more; all at last, and while half of the memory is taken: out of order
+        is better than lost.
+        """
+        settled, full = self.settled, 2 * (self.queued - self.unqueued) > QUEUE_BYTES
         for _ in range(len(self.waiting)):
             self.held.append(self.waiting.popleft())
         self.held.sort(key=attrgetter("logged"))
-        due = len(self.held) if last else bisect_right(self.held, settled, key=attrgetter("logged"))
+        due = len(self.held) if last or full else bisect_right(self.held, settled, key=attrgetter("logged"))
         written = 0
         try:
             for entry in self.held[:due]:

@@ -21,6 +21,7 @@ from hybrid_sysid_ros.support.errors import UserError
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.serialization import serialize_message
 
 from hybrid_sysid_ros.nodes import recorder as room
 from hybrid_sysid_ros.nodes.controller import ControllerNode
@@ -193,3 +194,18 @@ def test_what_a_recorder_is_late_with_lies_in_its_place(bench: Bench, tmp_path: 
     with (tmp_path / "bag" / "bag_0.mcap").open("rb") as stream:
         messages = [message for _, _, message in make_reader(stream).iter_messages(log_time_order=False)]
     assert [message.log_time for message in messages] == sorted(message.log_time for message in messages)
+
+
+def test_a_recorder_rather_writes_out_of_order_than_loses(bench: Bench, tmp_path: Path, monkeypatch: Any) -> None:
+    """Others may always still come before what it has, and its memory is half full."""
+    monkeypatch.setattr(RecorderNode, "drain", lambda self: None)
+    monkeypatch.setattr(room, "QUEUE_BYTES", 30 * len(serialize_message(joint(SECOND, position=[0.0]))))
+    recorder = bench.start(RecorderNode, path=str(tmp_path / "bag"), topics="joint_states")
+    publisher = bench.speak("joint_states")
+    bench.until(publisher.get_subscription_count)
+    for sent in (20, 40, 60):
+        for k in range(sent - 20, sent):
+            publisher.publish(joint(SECOND + k, position=[0.0]))
+        bench.until(lambda wanted=sent: recorder.recording.kept == wanted)
+    assert recorder.lost == 0
+    recorder.close()
