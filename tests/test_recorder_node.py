@@ -203,9 +203,11 @@ def test_a_recorder_rather_writes_out_of_order_than_loses(bench: Bench, tmp_path
     recorder = bench.start(RecorderNode, path=str(tmp_path / "bag"), topics="joint_states")
     publisher = bench.speak("joint_states")
     bench.until(publisher.get_subscription_count)
-    for sent in (20, 40, 60):
-        for k in range(sent - 20, sent):
-            publisher.publish(joint(SECOND + k, position=[0.0]))
-        bench.until(lambda wanted=sent: recorder.recording.kept == wanted)
+    sent = 0
+    for _ in range(3):
+        for _ in range(20):
+            publisher.publish(joint(SECOND + sent, position=[0.0]))
+            sent += 1
+        bench.until(lambda: recorder.recording.kept == sent)
     assert recorder.lost == 0
     recorder.close()
