@@ -15,26 +15,32 @@ from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.runtime.parameters import parameters
 
 PERIOD = 0.25  # s, between two looks who is there
+PATIENCE = 8  # looks, with an answer: one that is lost, as where a service does not know its client yet, never comes
 
 Heard = Callable[[str, dict[str, Any]], None]
 
 
 class Inquiry:
-    """Asks each of some nodes once, as soon as it is there, for all that nodes.yaml declares of it and for its rig."""
+    """Asks each of some nodes, as soon as it is there, for all that nodes.yaml declares of it and for its rig, until it
+    has answered once.
+    """
 
     def __init__(self, node: RigNode, names: Iterable[str], heard: Heard) -> None:
         """names: of nodes in the namespace of `node`. heard: gets the name and parameters of each that answers."""
         self._node, self._heard = node, heard
         self._wanted = {name: ["rig", *parameters(node.rig, name)] for name in names}
         self._silent = {name: self._client(name) for name in self._wanted}
-        self._asked: set[str] = set()
+        self._asked: dict[str, int] = {}
+        """At which look each was asked last."""
+        self._looks = 0
         self._timer = node.every(PERIOD, self.look)
 
     def look(self) -> None:
         """Ask who is there."""
+        self._looks += 1
         for name, client in self._silent.items():
-            if name not in self._asked and client.service_is_ready():
-                self._asked.add(name)
+            if self._looks - self._asked.get(name, -PATIENCE) >= PATIENCE and client.service_is_ready():
+                self._asked[name] = self._looks
                 answer = client.call_async(GetParameters.Request(names=self._wanted[name]))
                 answer.add_done_callback(partial(self._answered, name))
 
@@ -49,8 +55,10 @@ class Inquiry:
 
     def _answered(self, name: str, answer: Future) -> None:
         values = answer.result().values
+        if name not in self._silent:  # it has answered twice
+            return
         if len(values) < len(self._wanted[name]):  # it has not declared them yet: ask again
-            self._asked.discard(name)
+            self._asked.pop(name, None)
             return
         self._node.soon(partial(self._node.destroy_client, self._silent.pop(name)))
         if not self._silent:

@@ -22,7 +22,7 @@ from hybrid_sysid_ros.camera.imager import Camera, Imager, Picture
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.rigs.scene import scene_of
-from hybrid_sysid_ros.runtime.filming import BEFORE, experiment, film
+from hybrid_sysid_ros.runtime.filming import BEFORE, Motion, experiment, film
 from hybrid_sysid_ros.support.arrays import Array
 from tests.camera_bench import painted_layers
 from tests.command_line import Answer, refused
@@ -39,6 +39,7 @@ class Filmed:
     bag: Path
     layers: Path
     frames: Frames
+    motion: Motion
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +48,7 @@ def beam(tmp_path_factory: pytest.TempPathFactory) -> Filmed:
     motion = experiment(RIG, "multisine", folder / "bag", seed=3, duration=SECONDS, rate=200.0)
     frames = list(film(Imager(scene_of(RIG), CAMERA, seed=3), motion))
     painted_layers(RIG, CAMERA).save(folder / "layers")
-    return Filmed(bag=folder / "bag", layers=folder / "layers", frames=frames)
+    return Filmed(bag=folder / "bag", layers=folder / "layers", frames=frames, motion=motion)
 
 
 Video = Callable[..., Answer]
@@ -113,6 +114,58 @@ def test_a_film_that_hangs_is_told(video: Video, beam: Filmed, tmp_path: Path) -
 
 def test_a_black_film_is_told(video: Video, beam: Filmed) -> None:
     refused(video(_each(beam.frames, lambda picture: picture // 64)), "are black")
+
+
+def test_black_pictures_are_told_as_such(video: Video, beam: Filmed) -> None:
+    frames = [(time, picture if k < 100 or k >= 110 else 0 * picture) for k, (time, picture) in enumerate(beam.frames)]
+    refused(video(frames), "is black, or shows no joint", "cut it there")
+
+
+def test_a_black_picture_does_not_hide_the_lamp(video: Video, beam: Filmed) -> None:
+    frames = [(time, 0 * picture if k == 100 else picture) for k, (time, picture) in enumerate(beam.frames)]
+    status, told, error = video(frames)
+    assert status == 0, error
+    assert "1 of" in told
+    assert "lamp on" in told
+
+
+def test_a_camera_that_is_moved_meanwhile_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None:
+    frames = [
+        (time, picture if k < 120 else np.ascontiguousarray(np.roll(picture, 4, axis=1)))
+        for k, (time, picture) in enumerate(beam.frames)
+    ]
+    refused(video(frames), "s on is not where it was", "the camera was moved", "cut it there")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("onset", [1.0, -0.6])
+def test_a_lamp_at_another_time_is_noted(video: Video, beam: Filmed, onset: float) -> None:
+    """The motion tells the time, the lamp whether it may be believed."""
+    imager, motion = Imager(scene_of(RIG), CAMERA, seed=3), beam.motion
+    times = np.append([-BEFORE - 1.0, -1e-9], motion.times)
+    angles = np.append([motion.angles[0]] * 2, motion.angles)
+    taken = [(time, imager.take(time - BEFORE, times, angles, onset=onset)) for time, _ in beam.frames]
+    status, told, error = video(taken)
+    assert status == 0, error
+    found = re.search(r"the lamp goes on ([0-9.]+) s (after|before) the bag begins", " ".join(told.split()))
+    assert found is not None
+    assert (1 if found[2] == "after" else -1) * float(found[1]) == pytest.approx(
+        onset, abs=0.02
+    )  # between two exposures
+
+
+def test_times_that_run_as_no_clock_does_are_noted(video: Video, beam: Filmed) -> None:
+    """31 pictures a second were written of a film of 30."""
+    status, told, error = video([(time * 30 / 31, picture) for time, picture in beam.frames])
+    assert status == 0, error
+    assert "3.33% slow beside the bag's" in " ".join(told.split())
+
+
+def test_times_that_a_film_rounds_are_no_other_rate(video: Video, beam: Filmed) -> None:
+    """Matroska counts milliseconds: pictures of 30 a second are 33 or 34 apart."""
+    status, told, error = video(beam.frames, suffix=".mkv")
+    assert status == 0, error
+    assert "note" not in told
 
 
 def test_a_film_whose_times_are_of_another_rate_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None:

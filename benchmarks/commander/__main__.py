@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from random import Random
 from time import perf_counter, process_time
 from typing import Any
@@ -21,6 +21,7 @@ from hybrid_sysid_ros.rigs import folder as folders
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.parameters import defaults
 from hybrid_sysid_ros.runtime.shipped import TRAINED
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.support.errors import UserError
@@ -127,8 +128,21 @@ def carried_out(interpreter: Interpreter, random: Random, wanted: int) -> dict[s
 def stopping(arguments: argparse.Namespace) -> Found:
     """Stops of the default rig, in processes in real time."""
     rig = rigs.load(rigs.default())
-    found = stops.measured(rig, DOMAIN, times=arguments.stops)
-    return {way: {"ms": result.percentiles(1e3 * np.array(taken))} for way, taken in found.items()}
+    found = stops.measured(rig, DOMAIN, times=arguments.stops, seed=arguments.seed)
+    every = [one for ways in found.values() for each in ways.values() for one in each]
+    passed = [count for _, count in every]
+    return {
+        "stops": len(every),
+        "period_ms": 1e3 / defaults(rig, "plant")["rate"],
+        "ms": milliseconds(every),
+        "commands_meanwhile": {str(count): passed.count(count) for count in sorted(set(passed))},
+        "states": {state: {way: milliseconds(each) for way, each in ways.items()} for state, ways in found.items()},
+    }
+
+
+def milliseconds(found: Sequence[tuple[float, int]]) -> dict[str, float]:
+    """What stops took."""
+    return result.percentiles([1e3 * taken for taken, _ in found])
 
 
 PARTS: Mapping[str, Callable[[argparse.Namespace], Found]] = {
@@ -156,7 +170,7 @@ def main() -> int:
     parser.add_argument("--simulated", type=int, default=40, help="plans of random texts at each simulated rig")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--repeats", type=int, default=10)
-    parser.add_argument("--stops", type=int, default=10, help="in each of the ways")
+    parser.add_argument("--stops", type=int, default=3, help="in each state and way")
     asked = parser.parse_args()
     for name in asked.parts:
         if name not in PARTS:

@@ -19,6 +19,7 @@ SUFFIXES = (".mp4", ".mov", ".mkv")
 TICKS = 90_000  # of a film's time in a second
 CRF = 18  # of H.264, 0 (lossless) to 51
 LARGEST = 8192  # pixels along a side
+MISSING = 1.0  # s before the end that a film's head says, at which its pictures end at the earliest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,11 +51,12 @@ def pictures(path: Path) -> Iterator[tuple[float, Picture]]:
     """
     with extra("video"):
         import av
-    count, last = 0, -np.inf
+    count, last, stated = 0, -np.inf, 0.0
     try:
         with av.open(str(path)) as container:
             stream = _stream(container, path)
             stream.thread_type = "AUTO"
+            stated = _end_of(container, stream)
             for frame in container.decode(stream):
                 if frame.pts is None or frame.time is None:
                     raise UserError(f"{path}: frame {count} has no time: write the film again with time stamps")
@@ -72,6 +74,11 @@ def pictures(path: Path) -> Iterator[tuple[float, Picture]]:
         raise _unreadable(path, error) from error
     if not count:
         raise UserError(f"{path}: holds no frame")
+    if last < stated - MISSING:
+        raise UserError(
+            f"{path}: is cut: its pictures end at {last:.3g} s, where its head says {stated:.3g} s; copy it again, or "
+            "write what there is as a film of its own"
+        )
 
 
 def write_film(path: Path, film: Iterable[tuple[float, Picture]], *, rate: float, crf: int = CRF) -> int:
@@ -106,6 +113,14 @@ def _stream(container: Any, path: Path) -> Any:
     if max(stream.codec_context.width, stream.codec_context.height) > LARGEST:
         raise UserError(f"{path}: its pictures are larger than {LARGEST} pixels: scale it down")
     return stream
+
+
+def _end_of(container: Any, stream: Any) -> float:
+    """When a film's pictures end by what its head says [s]; 0 where it says nothing of them."""
+    if stream.duration is not None:
+        return float(((stream.start_time or 0) + stream.duration) * stream.time_base)
+    alone = len(container.streams) == 1 and container.duration is not None
+    return float(((container.start_time or 0) + container.duration) * 1e-6) if alone else 0.0
 
 
 def _unreadable(path: Path, error: Exception) -> UserError:

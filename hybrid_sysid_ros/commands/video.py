@@ -94,7 +94,7 @@ def command(
     told = shlex.join(["hybrid-sysid", *sys.argv[1:]])
     written = video_record.at_rate(record, rate) if rate else record
     video_record.write(written, described, scene.joint, bag, out, replace=overwrite, made_by=told)
-    for remark in [*footage.remarks(), *video_record.contradictions(record, None)]:
+    for remark in [*footage.remarks(), *video_record.contradictions(record)]:
         console.print(f"note: {remark}")
     print_table(table_of(record))
     if ahead:

@@ -49,9 +49,9 @@ def write_video(
     content = {
         "title": title,
         "rows": rows,
-        "remarks": [*footage.remarks(), *contradictions(record, None)],
+        "remarks": [*footage.remarks(), *contradictions(record)],
         "positions": drawn(figures.positions(record), "positions"),
-        "lamp": drawn(figures.lamp(record), "lamp") if np.isfinite(footage.lamp).all() else "",
+        "lamp": drawn(figures.lamp(record), "lamp") if np.isfinite(footage.lamp).any() else "",
         "pictures": [
             (time, reading, figures.overlaid(picture, reading, layers), figures.left(picture, reading, layers))
             for time, picture, reading in footage.shown

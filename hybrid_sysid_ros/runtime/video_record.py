@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from hybrid_sysid_ros.vision.synchronisation import Synchronisation, synchronise
 
 START = 1_000_000_000  # ns: the first stamp of a bag without another one to go by
 MOST_FILLED = 3  # pictures in a row without an angle that are filled in between their neighbours
+CLOCKS = 1e-3  # by which two clocks may differ in pace, at most
 APART = 5.0  # deviations, by which lamp and motion may tell other shifts
 
 
@@ -54,17 +56,16 @@ def joined(footage: Footage, layers: Layers, rig: Rig, bag: Path | None, *, expo
     Raises UserError where the bag has no position of the joint, or film and bag do not go together.
     """
     lamp: Onset | None = None
-    if np.isfinite(footage.lamp).all():
+    lit = np.isfinite(footage.lamp)
+    if lit.any():
         scene = scene_of(rig)
         assert scene.lamp is not None
         row = scene.lamp.at[1] * layers.background.shape[1] - 0.5
-        try:
-            lamp = onset(footage.times + layers.row_time(row), footage.lamp, exposure=exposure)
-        except UserError:
-            lamp = None
+        with suppress(UserError):
+            lamp = onset(footage.times[lit] + layers.row_time(row), footage.lamp[lit], exposure=exposure)
     geometry = layers.geometry
+    angles, filled = _filled(footage)
     if bag is None:
-        angles, filled = _filled(footage)
         positions = geometry.scale * (angles - geometry.zero)
         stamps = START + np.round(1e9 * (footage.seen - footage.times[0])).astype(np.int64)
         return VideoRecord(
@@ -73,7 +74,6 @@ def joined(footage: Footage, layers: Layers, rig: Rig, bag: Path | None, *, expo
         )  # fmt: skip
     origin, times, encoder = encoder_of(rig, geometry.joint, bag)
     found = synchronise(footage.seen, footage.angles, times, encoder)
-    angles, filled = _filled(footage)
     return VideoRecord(
         footage=footage,
         onset=lamp,
@@ -121,7 +121,7 @@ def _filled(footage: Footage) -> tuple[Array, NDArray[np.bool_]]:
     for k, missing in enumerate(lost):
         run = run + 1 if missing else 0
         if run > MOST_FILLED:
-            what = "stands still, frozen to the last bit," if footage.frozen[k] else "has no angle"
+            what = "stands still, frozen to the last bit," if footage.frozen[k] else "is black, or shows no joint,"
             raise UserError(
                 f"the film {what} from {footage.times[k - run + 1]:.3g} s on for more than {MOST_FILLED} pictures"
                 ": cut it there"
@@ -130,15 +130,23 @@ def _filled(footage: Footage) -> tuple[Array, NDArray[np.bool_]]:
     return np.interp(footage.seen, footage.seen[at], footage.angles[at]), lost
 
 
-def contradictions(record: VideoRecord, started: float | None) -> Iterator[str]:
-    """What lamp and motion say of the time that does not go together; started: of the experiment, in the bag's [s]."""
+def contradictions(record: VideoRecord) -> Iterator[str]:
+    """What is odd about the film's time: its pace, or a lamp that goes on at another time than the bag begins."""
     if record.onset is None:
         yield "no lamp goes on in the film: its time is told by the motion alone"
-    elif record.synchronisation is not None and started is not None:
-        by_motion = float(record.synchronisation.time(np.array([record.onset.time]))[0])
-        most = APART * float(np.hypot(record.onset.deviation, record.synchronisation.deviations[0]))
-        if abs(by_motion - started) > most:
-            yield f"the lamp goes on {1e3 * (by_motion - started):+.0f} ms after the experiment's begin in the bag"
+    if (found := record.synchronisation) is None:
+        return
+    if abs(found.rate) > CLOCKS:
+        yield (
+            f"the film's times run {abs(found.rate):.2%} {'slow' if found.rate > 0.0 else 'fast'} beside the bag's, as "
+            "no clock does: they are of another rate than it was taken at, which is put right"
+        )
+    if record.onset is not None:
+        late = float(found.time(np.array([record.onset.time]))[0])
+        most = APART * float(np.hypot(record.onset.deviation, found.deviations[0]))
+        if abs(late) > most:
+            when = f"{abs(late):.3f} s {'after' if late > 0.0 else 'before'}"
+            yield f"the lamp goes on {when} the bag begins, as the motion has it: the time is that of the motion"
 
 
 def at_rate(record: VideoRecord, rate: float) -> VideoRecord:

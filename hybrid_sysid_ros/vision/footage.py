@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +23,10 @@ from hybrid_sysid_ros.vision.regression import Film
 LEARNED_FROM = 160
 """Pictures that layers are learned from."""
 SHOWN = 4  # pictures that are kept to be shown
+LOOKS, APART = 16, 10
+"""Pictures, and how far apart, by which a moved camera is known; who comes by is in less than half of them."""
 FROZEN = 3  # pictures in a row that are the same to the last bit: a camera that hangs
+GAP = 1.5  # times as far apart as most are pictures between which one is missing
 OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is told
 LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
 
@@ -43,9 +46,9 @@ class Footage:
     explained: Array
     """Share of the pixels that the layers explain."""
     lamp: Array
-    """Brightness of the lamp [counts]; NaN without one."""
+    """Brightness of the lamp [counts]; NaN without one, and where there is no light in the picture."""
     frozen: NDArray[np.bool_]
-    """Pictures that were the same as those before; their angles are not used."""
+    """Pictures that were the same as those before, but for black ones; their angles are not used."""
     shown: tuple[tuple[float, Picture, Reading], ...]
     """Some of them, with their times and what was read."""
     stated_rate: float
@@ -53,8 +56,9 @@ class Footage:
 
     @property
     def rate(self) -> float:
-        """Pictures a second, by their times [Hz]."""
-        return 1.0 / float(np.median(np.diff(self.times)))
+        """Pictures a second, by their times [Hz], without gaps; a median alone would be of times that are rounded."""
+        apart = np.diff(self.times)
+        return 1.0 / float(apart[apart < GAP * np.median(apart)].mean())
 
     @property
     def lost(self) -> int:
@@ -103,16 +107,18 @@ def followed(
     Raises UserError where the film can't be read, has another size, or shows something else than the layers.
     """
     rows, times, lamps = list[Reading](), list[float](), list[float]()
-    frozen, shown = list[bool](), list[tuple[float, Picture, Reading]]()
+    frozen, shown, sceneries = list[bool](), list[tuple[float, Picture, Reading]](), list[Array]()
     before, run, every = None, 0, 1
     for time, picture in pictures(path):
         reading = reader.read(picture)
         run = run + 1 if before is not None and np.array_equal(picture, before) else 0
         before = picture
-        frozen.append(run >= FROZEN - 1)
+        frozen.append(reader.lit and run >= FROZEN - 1)
         times.append(time)
         rows.append(reading)
-        lamps.append(brightness(picture, lamp) if lamp is not None else np.nan)
+        lamps.append(brightness(picture, lamp) if lamp is not None and reader.lit else np.nan)
+        if (len(rows) - 1) % APART == 0:
+            sceneries.append(reader.scenery(picture))
         if (len(rows) - 1) % every == 0:
             shown.append((time, picture, reading))
             if len(shown) >= 4 * SHOWN:
@@ -121,15 +127,17 @@ def followed(
     layers, angles = reader.layers, np.array([row.angle for row in rows])
     if len(rows) < 2:
         raise UserError(f"{path}: has one picture only")
-    lost, stands = float(np.isnan(angles).mean()), reader.standing([reader.scenery(item[1]) for item in shown])
+    lost = float(np.isnan(angles).mean())
     if np.median([item[1].mean() for item in shown]) < LIT * layers.background.mean():
         raise UserError(f"{path}: its pictures are black, {lost:.0%} of them without the joint: nothing is read")
-    if stands < STANDS:
-        raise UserError(
-            f"{path}: what stands in it is not where it was when the layers of {layers.geometry.rig} were learned "
-            f"(correlation {stands:.2f}, {STANDS:g} at least): the camera was moved, or it is another rig's film; "
-            "learn them again (--learn)"
-        )
+    for first in range(0, max(len(sceneries) - LOOKS // 2, 1), LOOKS // 2):
+        stands = reader.standing(sceneries[first : first + LOOKS])
+        if stands < STANDS:
+            raise UserError(
+                f"{path}: what stands in it {_when(times, first)}is not where it was when the layers of "
+                f"{layers.geometry.rig} were learned (correlation {stands:.2f}, {STANDS:g} at least): the camera was "
+                f"moved, or it is another rig's film; {'cut it there' if first else 'learn them again (--learn)'}"
+            )
     if lost > LOST:
         raise UserError(
             f"{path}: {lost:.0%} of its pictures are not what the layers of {layers.geometry.rig} explain: "
@@ -150,6 +158,11 @@ def followed(
         shown=tuple(good[:: max(len(good) // SHOWN, 1)][:SHOWN]),
         stated_rate=format_of(path).rate,
     )
+
+
+def _when(times: Sequence[float], first: int) -> str:
+    """What is said of a scenery that is not the first."""
+    return f"from {times[first * APART]:.3g} s on " if first else ""
 
 
 def _unwrapped(angles: Array) -> Array:

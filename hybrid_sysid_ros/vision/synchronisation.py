@@ -16,7 +16,7 @@ LOW_PASS = 15.0  # Hz, of both sensors before they are compared: hum aliases int
 GRID = 0.02  # s, of the search for the shift
 FEWEST_SECONDS = 2.0  # that film and bag have in common
 ALIKE = 0.9  # correlation, below which film and bag are of two motions
-PACES = (0.5, 2.0, 4.0, 24 / 25, 25 / 24, 24 / 30, 30 / 24, 25 / 30, 30 / 25)
+PACES = (1 / 8, 1 / 4, 1 / 2, 2.0, 4.0, 24 / 25, 25 / 24, 24 / 30, 30 / 24, 25 / 30, 30 / 25)
 """Times as fast as it was taken that a film may run by its own times: as slow or fast motion, or at another norm's."""
 SURELY_ALIKE = 0.99  # correlation of a film's motion at one of these with the bag's
 STEPS = 30

@@ -59,3 +59,14 @@ def test_a_film_that_is_not_there_and_a_folder_are_told(tmp_path: Path) -> None:
 def test_a_film_has_a_suffix_of_one(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="ends in"):
         write_film(tmp_path / "film.txt", [], rate=30.0)
+
+
+def test_a_film_that_ends_before_its_head_says_is_refused(tmp_path: Path) -> None:
+    """A Matroska file that is cut ends like a whole one."""
+    random, whole, cut = np.random.default_rng(0), tmp_path / "whole.mkv", tmp_path / "cut.mkv"
+    frames = [(k / 30.0, random.integers(0, 256, (90, 160), dtype=np.uint8)) for k in range(180)]
+    write_film(whole, frames, rate=30.0)
+    assert len(list(pictures(whole))) == len(frames)
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    with pytest.raises(UserError, match=r"is cut: .* its head says 6 s"):
+        list(pictures(cut))

@@ -46,7 +46,7 @@ def test_film_and_bag_of_two_motions_are_refused() -> None:
         synchronise(film, _motion(film, 1), bag, _motion(bag, 2))
 
 
-@pytest.mark.parametrize(("taken", "written"), [(30, 25), (60, 30), (30, 60)])
+@pytest.mark.parametrize(("taken", "written"), [(30, 25), (60, 30), (30, 60), (120, 30)])
 def test_a_film_with_times_of_another_rate_is_refused(taken: int, written: int) -> None:
     """As it comes about where pictures are numbered instead of timed."""
     bag = _times(0.0, 40.0, 0.005)
