@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import Dry, System, rollouts
+from hybrid_sysid_ros.core import Dry, System, rollouts, stepped
 from hybrid_sysid_ros.identification.validation.input_bias import adapt, estimate
+from hybrid_sysid_ros.identification.validation.unstable import UnstableError
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.errors import UserError
 from tests.one_joint import Linear, narx, recurrent
+from tests.upright import GAINS, Upright
 
 SAMPLING = Sampling(step=0.005, period=0.05)
 SECONDS = 20.0
@@ -127,3 +129,16 @@ def test_maps_from_sample_to_sample_have_biases_too():
 def test_a_record_that_leaves_no_rest_is_refused(seconds):
     with pytest.raises(UserError, match="parted"):
         adapt(Sled(), experiment(Sled(), 0.0), sampling=SAMPLING, spans=np.array([1.0]), seconds=seconds)
+
+
+def test_a_model_whose_free_run_says_nothing_tells_no_bias():
+    """Errors of its beginning grow by e in a third of a second: what is seen in 5 s says nothing of the next 15."""
+    random, h = np.random.default_rng(0), SAMPLING.step
+    time = np.linspace(0.0, SECONDS, round(SECONDS / h) + 1)
+    states, torque, fallen = np.zeros((len(time), 2)), np.zeros((len(time), 1)), Upright()
+    for k in range(len(time) - 1):
+        torque[k] = 0.3 * random.normal() - np.array(GAINS) @ states[k]
+        states[k + 1] = stepped(fallen, states[k], torque[k], step=h)
+    record = Record(name="held", time=time, input=torque, output=states[:, :1])
+    with pytest.raises(UnstableError, match="held: an open free run over 20 s says nothing"):
+        adapt(fallen, record, sampling=SAMPLING, spans=np.array([20.0]), seconds=5.0)

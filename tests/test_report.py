@@ -13,6 +13,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part, Scores, evaluate
 from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.report.figures import residual_tests
 from hybrid_sysid_ros.report.rendering import significant
 from hybrid_sysid_ros.report.sections import TESTS
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -247,6 +248,20 @@ def test_a_model_alone_makes_a_report(section, model, tmp_path):
     page = Page(path.read_text(encoding="utf-8"))
     assert "closed-loop" not in page.ids
     assert all(address[1:] in page.ids for address in page.addresses)
+
+
+def test_outputs_of_a_record_count_as_one_and_stand_beside_their_panels(section, model, tmp_path):
+    """A panel is some twenty characters high."""
+    run = section.runs[0]
+    outputs = ("bit_speed", "speed_of_the_uppermost_of_its_discs")
+    runs = [dataclasses.replace(run, record="long", name=f"{model.rig}_braked_random_steps, {y}") for y in outputs]
+    two = dataclasses.replace(section, runs=runs)
+    path = report.write(tmp_path / "report.html", two, None, report.provenance(model, "evaluate"))
+    assert "<p>1 record in free run" in path.read_text(encoding="utf-8")
+    figure = residual_tests(two)
+    titles = [axis.title.text for axis in figure.select_yaxes(col=1)]
+    assert titles[0] == "braked_random_steps<br>bit_speed"
+    assert all(len(line) <= 20 for title in titles for line in title.split("<br>"))
 
 
 def test_a_model_that_diverges_makes_a_report(model, first, tmp_path):

@@ -8,7 +8,7 @@ from itertools import count
 
 import numpy as np
 import pytest
-from linear_policies import BEAM, BROKEN_BY, CASES, broken_policy, exact_policy  # type: ignore[import-not-found]
+from linear_policies import BEAM, BROKEN_BY, CASES, SMALL, broken_policy, exact_policy  # type: ignore[import-not-found]
 from small_policies import PROBLEM, TWO, policy_of  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.control import ExactMpc, Status
@@ -29,6 +29,10 @@ from hybrid_sysid_ros.support.errors import UserError
 
 ABSURD = [1e3, -1e6, 1e12, 1e300, np.inf, -np.inf, np.nan]
 TOLERANCES = Tolerances(cost=0.05, floor=0.5, violation=1e-4, disturbance=(1.0,), patience=3)
+FENCE = 0.01
+LIMITS = {"state_low": (-FENCE, -1e3), "state_high": (FENCE, 1e3), "soft_quadratic": (1e-3,) * 2}
+FENCED = dataclasses.replace(BEAM, problem=dataclasses.replace(BEAM.problem, **LIMITS))
+"""The beam with bounds of its position that cost next to nothing, so the exact law is still linear."""
 
 
 @pytest.fixture(params=CASES)
@@ -109,6 +113,16 @@ def test_the_tolerance_is_a_share_and_a_floor(case):
         assert checked(case, worse, instance, best, short) == COSTLIER
 
 
+def creeping_policy(case, units):
+    """All of its inputs are the one before, and so much more."""
+    law, (n, m) = exact_policy(case), case.b.shape
+    (gains, zeros), (matrix, bias) = law.layers
+    kept = np.zeros_like(gains)
+    kept[: len(bias), n + m] = SMALL
+    half = 0.5 * (case.problem.input_high[0] - case.problem.input_low[0])
+    return dataclasses.replace(law, layers=((kept, zeros), (matrix, np.full(len(bias), units / half))))
+
+
 def policy_shifted(policy, units):
     """The same law, all of its inputs so much higher."""
     hidden, (matrix, bias) = policy.layers
@@ -129,15 +143,35 @@ def test_it_tells_why(case):
     assert checked(case, law, (state, d * np.nan, previous, preview), best) == OUT_OF_RANGE
 
 
-def test_a_state_out_of_its_bounds_is_not_feasible_unless_the_last_plan_is_as_far_out():
-    limits = {"state_low": (-0.01, -1e3), "state_high": (0.01, 1e3), "soft_quadratic": (1e-3,) * 2}
-    case = dataclasses.replace(BEAM, problem=dataclasses.replace(BEAM.problem, **limits))
-    policy, centre = exact_policy(case), case.system.centre
-    rest = np.zeros(2), np.zeros(1), np.array([centre])
-    far = np.full((case.problem.horizon, 1), 0.05)
-    towards = case.plan(flat((*rest, far)))
-    assert checked(case, policy, (*rest, far), np.full(case.problem.horizon, centre)) == INFEASIBLE
-    assert checked(case, policy, (*rest, far), towards) == ACCEPTED
+def test_a_state_may_be_out_of_its_bounds_by_the_tolerance_wherever_the_last_plan_leads():
+    policy, centre = exact_policy(FENCED), FENCED.system.centre
+    rest, far = (np.zeros(2), np.zeros(1), np.array([centre])), np.full((FENCED.problem.horizon, 1), 0.05)
+    x, outside, towards = np.zeros(2), 0.0, FENCED.plan(flat((*rest, far)))
+    for u in towards:
+        x = FENCED.a @ x + FENCED.b @ u + FENCED.offset
+        outside = max(outside, x[0] - FENCE)
+    just, short = (TOLERANCES._replace(violation=outside + more, floor=1e6) for more in (1e-9, -1e-9))
+    for last_plan in (np.full(FENCED.problem.horizon, centre), towards, towards + 1.0):
+        assert checked(FENCED, policy, (*rest, far), last_plan, just) == ACCEPTED
+        assert checked(FENCED, policy, (*rest, far), last_plan, short) == INFEASIBLE
+
+
+def test_plans_that_are_each_a_little_further_out_than_the_last_one_do_not_creep_out():
+    """As long as a network drives, no state gets beyond the tolerance, whatever it answers: here the last input and a
+    little more, of which each step takes the plan out by less than is allowed.
+    """
+    supervisor = supervisor_of(FENCED, creeping_policy(FENCED, 0.002), TOLERANCES._replace(floor=1e6))
+    x, u, reference = np.zeros(2), np.array([FENCED.system.centre]), np.zeros((FENCED.problem.horizon, 1))
+    most = 0.0
+    for _ in range(150):
+        plan = supervisor.control(x, np.zeros(1), u, reference)
+        supervisor.prepare(FENCED.problem.period)
+        u = plan.input
+        x = FENCED.a @ x + FENCED.b @ u + FENCED.offset
+        most = max(most, x[0] - FENCE)
+    assert most <= TOLERANCES.violation + 1e-9
+    assert supervisor.reasons[REASONS[INFEASIBLE]] > 0  # it tried
+    assert supervisor.layers["policy"] > 75
 
 
 def test_a_simulation_that_runs_away_is_not_feasible(case):

@@ -49,6 +49,8 @@ def test_any_rig_has_its_equilibrium(trim):
             ("no equilibrium at",),
         ),
         (("winged_cone", "--at", "speed=-2600", "--at", "height=0"), ("angle_of_attack is", "deg", "is valid from")),
+        (("winged_cone", "--at", "speed=-1e4"), ("speed is -1e+04 m/s", "is valid from")),  # it would fly backwards
+        (("winged_cone", "--at", "height=-34000"), ("height is -3.4e+04 m", "is valid from")),  # and underground
     ],
 )
 def test_what_can_t_be_is_told_in_a_line(trim, arguments, words):

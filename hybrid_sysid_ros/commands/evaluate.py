@@ -60,13 +60,13 @@ def command(
     described = load_rig(loaded.rig)
     chosen = Part.parse(part)
     records = terminal.read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling)
-    scores, ahead = _scored(loaded, records, chosen, described)
     low, high = described.limits
     shared: dict[str, Any] = {"sampling": loaded.sampling, "spans": high - low, "seconds": adapted}
     runs = {
         record.name: adapt(loaded.system, chosen.of(record, loaded.sampling), **shared)
         for record in (records if adapted else ())
     }
+    scores, ahead = _scored(loaded, records, chosen, described)
     biases = {name: run.content(loaded.system) for name, run in runs.items()}
     loops, skipped = _loops(loaded, records, chosen, described)
     for reason in skipped.values():

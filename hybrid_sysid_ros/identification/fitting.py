@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.identification.condensing import Condensed
 from hybrid_sysid_ros.identification.covariance import covariances
 from hybrid_sysid_ros.identification.experiment import Experiment, check_range
 from hybrid_sysid_ros.identification.problem import Map, Problem
@@ -34,6 +35,9 @@ ANCHOR = 3.0
 ITERATIONS, COARSE, FINE = 40, 1e-3, 1e-6
 """Limits of each stage. The last one of a physical structure is fine, for its parameters' sake; a network that is
 stopped early simulates unseen records as well, in half the time."""
+
+MANY = 100
+"""Weights, which all have priors, from which on the optimiser is given a condensed problem."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,13 +160,19 @@ def _solve(problem: Problem, horizon: int | None, point: Array, limits: tuple[fl
     """limits: tolerance and iterations."""
     tolerance, iterations = limits
     lower, upper = problem.bounds
-    return least_squares(
-        problem.residuals(horizon),
+    residuals, jacobian = problem.residuals(horizon), problem.jacobian(horizon, run)
+    many = len(problem.system.weights) >= MANY
+    asked = Condensed(residuals, jacobian) if many else None
+    found = least_squares(
+        asked.residuals if asked else residuals,
         np.clip(point, lower, upper),
-        problem.jacobian(horizon, run),
+        asked.jacobian if asked else jacobian,
         bounds=(lower, upper),
         method="trf",
         ftol=tolerance,
         xtol=tolerance,
         max_nfev=iterations,
     )
+    if many:
+        found.fun, found.jac = residuals(found.x), jacobian(found.x)
+    return found

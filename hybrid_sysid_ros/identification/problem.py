@@ -254,12 +254,16 @@ class Problem:
 
             list(run(simulate, shares))
             self.evaluations += 1
-            return np.nan_to_num(np.clip(out * weight[:, None], -1e6, 1e6))
+            out *= weight[:, None]
+            np.clip(out, -1e6, 1e6, out=out)
+            out[np.isnan(out)] = 0.0
+            return out
 
         def evaluate(at: Array) -> Array:
             result = np.zeros((rows + len(at), len(at)))
             out = tangent(at)
-            result[:rows, : self.shared] = (out[:, :, : self.shared] * self.scales).reshape(rows, self.shared)
+            by_sample = result[:rows].reshape(*out.shape[:2], len(at))
+            np.multiply(out[:, :, : self.shared], self.scales, out=by_sample[:, :, : self.shared])
             for kind, unit in enumerate(self.nuisance_units):
                 change = unit * out[:, :, self.shared + kind] * inside[:, None]
                 for record in range(records):

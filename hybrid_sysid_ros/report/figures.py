@@ -31,6 +31,9 @@ from hybrid_sysid_ros.rigs.sensor import Display
 
 MEMBERSHIP_POINTS = 201
 
+LABEL = 20
+"""Characters beside a low panel."""
+
 FREE_RUN_AT = 2.2
 """Where the free run's value is drawn, in longest horizons."""
 
@@ -63,15 +66,22 @@ def residual_tests(section: IdentificationSection) -> go.Figure:
         for column, name in enumerate(columns, start=1):
             if name in run.tests:
                 stems(figure, row, column, run.tests[name], period)
-        label = run.name.removeprefix(f"{section.model.rig}_")  # beside a low panel a long one would run into the next
+        label = _beside(run, section.model.rig)
         figure.update_yaxes(title={"text": label, "font": {"size": 10}, "standoff": 4}, row=row, col=1)
     dress(figure, 100 + 118 * len(runs))
     figure.update_xaxes(showticklabels=True, nticks=5, tickfont={"size": 9})
     figure.update_yaxes(nticks=4, tickfont={"size": 9})
     figure.update_xaxes(title={"text": "lag [s]", "standoff": 4}, row=len(runs))
-    figure.update_layout(showlegend=False, margin={"l": 62, "r": 12, "t": 50, "b": 44})
+    figure.update_layout(showlegend=False, margin={"l": 74, "r": 12, "t": 50, "b": 44})
     figure.update_annotations(font={"size": 12, "color": TEXT})
     return figure
+
+
+def _beside(run: FreeRun, rig: str) -> str:
+    """What a run is called beside a low panel, where a long name would run into the next one: record over output."""
+    record, _, output = run.name.removeprefix(f"{rig}_").partition(", ")
+    parts = (part if len(part) <= LABEL else f"{part[: LABEL - 1]}…" for part in (record, output) if part)
+    return "<br>".join(parts)
 
 
 def memberships(system: TakagiSugeno) -> go.Figure:

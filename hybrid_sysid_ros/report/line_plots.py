@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM, GAP = 230, 170, 52, 34, 40, 14
 LEAST = 0.1
 """Of what is shown upwards, as part of its largest value: what hardly changes is shown as that."""
+NOTHING = 1e-9
+"""What is no larger is rounding: shown as zero between -1 and 1."""
 LINE, SECOND, GRID, TEXT = "#1f4e79", "#8b95a1", "#e1e5ea", "#2b3440"
 
 
@@ -53,7 +55,8 @@ def _plot(plot: Plot, left: int) -> list[str]:
     low, high = (edge([edge(x) for x, _ in lines]) for edge in (np.min, np.max))
     bottom, top = (edge([edge(y) for _, y in lines]) for edge in (np.min, np.max))
     middle, largest = 0.5 * (top + bottom), max(abs(float(top)), abs(float(bottom)))
-    half = 0.56 * max(float(top - bottom), LEAST * largest, 1e-9)
+    shown = max(float(top - bottom), LEAST * largest)
+    half = 0.56 * (shown if shown > NOTHING else 1.0)
     bottom, top = middle - half, middle + half
 
     def across(x: Array) -> Array:

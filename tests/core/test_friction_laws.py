@@ -10,12 +10,66 @@ from hybrid_sysid_ros.support.errors import UserError
 COULOMB, STATIC, STRIBECK_SPEED, VISCOUS = 1.0, 1.5, 0.05, 0.4
 
 
-@pytest.mark.parametrize("name", ["stribeck", "lugre", "maxwell"])
-def test_steady_friction_is_stribeck_s_curve(name):
-    curve = friction_over_speed(law(name), speeds=5)
-    fast = np.abs(curve.x) > 0.01  # below, bristles are still bending
-    expected = COULOMB + (STATIC - COULOMB) * np.exp(-((curve.x / STRIBECK_SPEED) ** 2)) + VISCOUS * np.abs(curve.x)
-    np.testing.assert_allclose(curve.y[fast], (np.sign(curve.x) * expected)[fast], rtol=2e-3)
+LIGHT = {"coulomb": COULOMB, "static": STATIC}
+HEAVY = {"coulomb": 2000.0, "static": 3000.0}
+SOFT, HARD, SLOW = {"stiffness": 2.0}, {"stiffness": 1e8}, {"attraction": 0.01}
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("stribeck", LIGHT),
+        ("stribeck", HEAVY),
+        ("lugre", LIGHT),
+        ("lugre", HEAVY),
+        ("lugre", LIGHT | SOFT),
+        ("lugre", LIGHT | HARD),
+        ("maxwell", LIGHT),
+        ("maxwell", LIGHT | SOFT | SLOW),
+    ],
+)
+def test_steady_friction_is_stribeck_s_curve(name, values):
+    """Whatever bends, and for how long: also where it bends by far more than the block is led."""
+    curve = friction_over_speed(law(name, values), speeds=5)
+    excess = (values["static"] - values["coulomb"]) * np.exp(-((curve.x / STRIBECK_SPEED) ** 2))
+    expected = np.sign(curve.x) * (values["coulomb"] + excess + VISCOUS * np.abs(curve.x))
+    np.testing.assert_allclose(curve.y, expected, rtol=2e-3)
+
+
+@pytest.mark.parametrize("values", [{}, {"stiffness": 2.0}, {"coulomb": 5000.0}])
+def test_steady_friction_of_dahl_is_coulomb_s(values):
+    curve = friction_over_speed(law("dahl", values), speeds=5)
+    expected = np.sign(curve.x) * (values.get("coulomb", COULOMB) + VISCOUS * np.abs(curve.x))
+    np.testing.assert_allclose(curve.y, expected, rtol=2e-3)
+
+
+@pytest.mark.parametrize("values", [{}, {"memory": 5.0}, {"rest_time": 1e4}])
+def test_steady_friction_of_an_ageing_contact_is_that_of_its_age(values):
+    """a = 1 / (1 + |v| T / L)."""
+    curve, system = friction_over_speed(law("ageing", values), speeds=5), law("ageing", values)
+    speed = np.abs(curve.x)
+    age = 1.0 / (1.0 + speed * system.named["rest_time"] / system.named["memory"])
+    expected = np.sign(curve.x) * (COULOMB + (STATIC - COULOMB) * age + VISCOUS * speed)
+    np.testing.assert_allclose(curve.y, expected, rtol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["dahl", "lugre", "maxwell"])
+def test_soft_bristles_break_away_at_their_level(name):
+    """Pulled slowly, however far they bend before; a level that falls with speed has begun to, by then."""
+    system = law(name, {"stiffness": 20.0})
+    found = break_away(system, slowest=0.02, fastest=0.02, rates=1).y[0]
+    assert found == pytest.approx(system.named.get("static", COULOMB), rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["dahl", "lugre", "maxwell"])
+@pytest.mark.parametrize("stiffness", [50.0, 1e4, 1e8])
+def test_before_sliding_a_loop_shows_how_stiff_bristles_are(name, stiffness):
+    """Just after a reversal friction falls as all of them bend back together: they are on the plot at any stiffness."""
+    bare = {"viscous": 0.0} | ({"damping": 0.0} if name == "lugre" else {})
+    loop = pre_sliding(law(name, {"stiffness": stiffness} | bare))
+    top = int(np.argmax(loop.x))
+    slope = np.diff(loop.y[top : top + 6]).sum() / np.diff(loop.x[top : top + 6]).sum()
+    assert 0.5 * stiffness < slope < 2.5 * stiffness
 
 
 def test_dahl_s_loop_is_its_closed_form():
@@ -35,6 +89,18 @@ def test_dahl_s_loop_is_its_closed_form():
 @pytest.mark.parametrize("name", ["coulomb", "dahl"])
 def test_break_away_of_a_constant_level_is_that_level_at_any_rate(name):
     np.testing.assert_allclose(break_away(law(name), rates=4).y, COULOMB, rtol=2e-2)
+
+
+def test_friction_of_a_block_that_swings_is_stefanski_s_in_every_phase():
+    """[Fc + (Fs - Fc) exp(-a1 |v| / (|v'| + a2)) sgn(v v')] sgn v along the swing that the drive prescribes."""
+    time, turn = 1e-4 * np.arange(80_000.0), 0.5 * np.pi
+    place, speed = 0.01 * np.sin(turn * time), 0.01 * turn * np.cos(turn * time)
+    friction, _ = led(law("stefanski", {"viscous": 0.0}), place, speed)
+    acceleration = -(turn**2) * place
+    decay = np.exp(-10.0 * np.abs(speed) / (np.abs(acceleration) + 0.5))
+    expected = np.sign(speed) * (COULOMB + (STATIC - COULOMB) * decay * np.sign(speed * acceleration))
+    moves = (time > 1.0) & (np.abs(speed) > 0.001) & (np.abs(acceleration) > 0.001)
+    np.testing.assert_allclose(friction[moves], expected[moves], atol=5e-3)
 
 
 @pytest.mark.parametrize("name", ["ageing", "lugre", "maxwell"])

@@ -21,7 +21,7 @@ from hybrid_sysid_ros.rigs.experiments import driven, excitation
 from hybrid_sysid_ros.rigs.experiments import simulate as record_of
 from hybrid_sysid_ros.rigs.modes import name_of
 from hybrid_sysid_ros.rigs.plant import Plant
-from hybrid_sysid_ros.rigs.winged_cone.system import engine
+from hybrid_sysid_ros.rigs.winged_cone.system import engine, sound
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -71,6 +71,18 @@ def test_it_flies_level_where_published_and_its_modes_are_those(rig, row):
     assert named["height"] == [pytest.approx(real, abs=1e-5)]
     assert named["phugoid"][0].real == pytest.approx(decay, abs=1e-6)
     assert named["phugoid"][0].imag == pytest.approx(swing, abs=1e-5)
+
+
+def test_where_it_is_valid_its_speed_of_sound_is_that_of_the_standard_atmosphere(rig):
+    """Layers of 1976: heights [m] where the slope of the temperature [K] changes; 1.4 and 287.05 J/kg K."""
+    low, high = rig.validity[:, HEIGHT] + rig.system.operating_point["height"]
+    heights = np.linspace(low, high, 200)
+    geopotential = 6_356_766.0 * heights / (6_356_766.0 + heights)
+    corners = [288.15, 216.65, 216.65, 228.65, 270.65, 270.65]
+    kelvin = np.interp(geopotential, [0.0, 11e3, 20e3, 32e3, 47e3, 51e3], corners)
+    np.testing.assert_allclose(sound(heights), np.sqrt(1.4 * 287.05287 * kelvin), rtol=0.015)
+    speeds = rig.validity[:, SPEED] + rig.system.operating_point["speed"]
+    np.testing.assert_allclose(speeds / sound(rig.system.operating_point["height"]), [5.0, 25.0], atol=0.01)
 
 
 def test_the_origin_is_level_flight_of_the_frozen_model(rig):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,10 +18,14 @@ EVERY = 400
 """Steps from one drawn point to the next."""
 STIFF, STIFF_DAMPER = 1e6, 1e3
 """N/m, N s/m per kg of a drive that leads the block."""
-SETTLED = 0.7
-"""Part of a run after which it is steady."""
-SLID = 0.02
-"""m: a block has broken away, far beyond what elements and bristles bend."""
+HEAVY, STIFFER = 1000.0, 100.0
+"""kg per N of friction of a block that is led, and times as stiff as its bristles that its drive must be."""
+LED, SETTLED = 1.0, 0.7
+"""Seconds at a steady speed, and the part of them after which friction is read."""
+SWING, FARTHEST = 4.0, 0.05
+"""Way of a block that is led to and fro, in those by which bristles or elements bend, and at most [m]."""
+SLID, WAYS = 0.02, 10.0
+"""A block has broken away after so many m, or so many of those ways."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,15 +47,15 @@ def _both_ways(speeds: Array, friction: Array) -> Line:
 
 
 def _led_steadily(system: Block, speed: float) -> float:
-    seconds = float(np.clip(0.05 / speed, 0.5, 10.0))
-    time = _times(seconds)
-    friction, _ = led(system, speed * time, np.full(len(time), speed))
+    """It has slid for long already: what the drive's own beginning disturbs is over before SETTLED."""
+    time = _times(LED)
+    friction, _ = led(system, speed * time, np.full(len(time), speed), system.sliding(speed))
     return float(friction[int(SETTLED * len(friction)) :].mean())
 
 
-def pre_sliding(system: Block, *, amplitude: float = 0.01, period: float = 4.0) -> Line:
+def pre_sliding(system: Block, *, period: float = 4.0) -> Line:
     """Friction [N] over the place [m] of a block that is led to and fro, the third time half as far."""
-    time = _times(3.0 * period)
+    time, amplitude = _times(3.0 * period), min(SWING * system.way, FARTHEST) or 0.5 * SLID
     swing = np.where(time < 2.0 * period, 1.0, 0.5) * amplitude
     phase = 2.0 * np.pi * time / period
     end, speed = swing * np.sin(phase), swing * 2.0 * np.pi / period * np.cos(phase)
@@ -72,8 +77,9 @@ def _broken(system: Block, rate: float) -> float:
     h = max(seconds / 50_000, 1e-5)
     force = rate * _times(seconds, h)
     states = simulate(system, _just_stopped(system), _inputs(force=force), step=h)
-    friction = force - system.mass * np.diff(states[:, 1]) / h - named["viscous"] * states[:-1, 1]
-    slid = np.flatnonzero(np.abs(states[1:, 0]) > SLID)
+    v = states[:, 1]
+    friction = force - system.mass * np.diff(v) / h - named["viscous"] * 0.5 * (v[:-1] + v[1:])
+    slid = np.flatnonzero(np.abs(states[1:, 0]) > max(SLID, WAYS * system.way))
     return float(friction[: slid[0] + 1 if len(slid) else None].max())
 
 
@@ -94,16 +100,22 @@ def stick_slip(system: Block, *, spring: float = 20.0, speed: float = 0.02, seco
     return Line(x=shown, y=places), Line(x=shown, y=speed * shown)
 
 
-def led(system: Block, end: Array, speed: Array) -> tuple[Array, Array]:
-    """Friction [N] and places [m] of a block that a stiff drive leads along ``end`` [m] with ``speed`` [m/s]."""
-    drive = replace(system, spring=STIFF * system.mass, damper=STIFF_DAMPER * system.mass)
+def led(system: Block, end: Array, speed: Array, hidden: Sequence[float] = ()) -> tuple[Array, Array]:
+    """Friction [N] and places [m] of a block that a stiff drive leads along ``end`` [m] with ``speed`` [m/s]; hidden:
+    states at the beginning, zero by default. The block is so heavy that friction changes its motion by nothing.
+    """
+    named = system.named
+    level, bristles = named.get("static", named.get("coulomb", 0.0)), named.get("stiffness", 0.0)
+    mass = max(system.mass, HEAVY * level, STIFFER * bristles / STIFF)
+    drive = replace(system, mass=mass, spring=STIFF * mass, damper=STIFF_DAMPER * mass)
     first = np.zeros((1, len(system.states)))
     first[0, 1] = speed[0]
+    first[0, 2 : 2 + len(hidden)] = hidden
     inputs = _inputs(end=end, end_speed=speed)
     states, _ = rollouts(drive, np.array([[0, 0, len(end) + 1, 0]]), first, inputs, step=STEP)
     place, v = states[:-1, 0], states[:-1, 1]
     pull = drive.spring * (end - place) + drive.damper * (speed - v)
-    return pull - system.mass * np.diff(states[:, 1]) / STEP, states[1:, 0]
+    return pull - mass * np.diff(states[:, 1]) / STEP, states[1:, 0]
 
 
 def _times(seconds: float, h: float = STEP) -> Array:

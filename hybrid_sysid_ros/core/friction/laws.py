@@ -42,6 +42,15 @@ class Block(System):
     damper: float = bounded(0.0, 0.0, 1e5, unit="N s/m")
     """c."""
 
+    @property
+    def way(self) -> float:
+        """By which bristles or elements are bent before all of them slide [m]; 0: there are none."""
+        return 0.0
+
+    def sliding(self, speed: float) -> tuple[float, ...]:
+        """Hidden states of a block that has slid at a speed [m/s] above 0 for long."""
+        return ()
+
     def law(self, x: Vector, u: Vector) -> Vector:
         led = self.spring * (u[1] - x[0]) + self.damper * (u[2] - x[1])
         return x[1], (u[0] + led) / self.mass
@@ -86,8 +95,8 @@ class _Static(CoulombLaw):
         super().check()
         if self.static < self.coulomb:
             raise UserError(
-                f"static friction of {self.static:g} N is below Coulomb friction of {self.coulomb:g} N: it must be as "
-                "high at least, for what moves would rub more than what rests"
+                f"static friction of {self.static:g} N is below Coulomb friction of {self.coulomb:g} N, so that what "
+                "moves would rub more than what rests: raise static or lower coulomb"
             )
 
 
@@ -101,7 +110,11 @@ class StribeckLaw(_Static):
     """vs."""
 
     def level(self, x: Vector, u: Vector) -> Scalar:
-        return stribeck(x[1], self.coulomb, self.static, self.stribeck_speed) / self.mass
+        return self.friction(x[1]) / self.mass
+
+    def friction(self, speed: Scalar) -> Scalar:
+        """At a steady speed [m/s], without the viscous one [N]."""
+        return stribeck(speed, self.coulomb, self.static, self.stribeck_speed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +129,13 @@ class DahlLaw(CoulombLaw):
 
     def bristles(self, x: Vector, u: Vector) -> Scalar:
         return self.stiffness / self.mass
+
+    @property
+    def way(self) -> float:
+        return self.coulomb / self.stiffness
+
+    def sliding(self, speed: float) -> tuple[float, ...]:
+        return (self.way,)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,6 +157,13 @@ class LugreLaw(StribeckLaw):
 
     def bristle_rate(self, x: Vector, u: Vector) -> Scalar:
         return self.damping / self.mass
+
+    @property
+    def way(self) -> float:
+        return self.static / self.stiffness
+
+    def sliding(self, speed: float) -> tuple[float, ...]:
+        return (self.friction(speed) / self.stiffness,)
 
 
 def _element(index: int) -> object:
@@ -169,6 +196,17 @@ class MaxwellLaw(StribeckLaw):
     def rate(self, x: Vector, u: Vector) -> Scalar:
         return self.attraction / self.mass
 
+    @property
+    def way(self) -> float:
+        return self._bent(self.static)[-1]
+
+    def sliding(self, speed: float) -> tuple[float, ...]:
+        return self._bent(self.friction(speed))
+
+    def _bent(self, friction: float) -> tuple[float, ...]:
+        """Deflections of the elements that share a friction [N] equally."""
+        return tuple(friction / ELEMENTS / k for k in fading_stiffnesses(self.stiffness, ELEMENTS))
+
 
 @dataclass(frozen=True, kw_only=True)
 class StefanskiLaw(_Static):
@@ -197,6 +235,9 @@ class StefanskiLaw(_Static):
     def static_level(self, x: Vector, u: Vector) -> Scalar:
         return self.static / self.mass
 
+    def sliding(self, speed: float) -> tuple[float, ...]:
+        return (0.0,)
+
 
 @dataclass(frozen=True, kw_only=True)
 class AgeingLaw(_Static):
@@ -221,6 +262,10 @@ class AgeingLaw(_Static):
 
     def excess(self, x: Vector, u: Vector) -> Scalar:
         return (self.static - self.coulomb) / self.mass
+
+    def sliding(self, speed: float) -> tuple[float, ...]:
+        renewal = speed * self.rest_time / self.memory
+        return (renewal / (1.0 + renewal),)
 
 
 LAWS: Mapping[str, Block] = {

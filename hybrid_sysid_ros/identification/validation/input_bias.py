@@ -14,6 +14,7 @@ from hybrid_sysid_ros.core import Recurrence, System, rollouts
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.part import scored_every
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states
+from hybrid_sysid_ros.identification.validation.unstable import check_free_run
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -60,7 +61,8 @@ def adapt(system: System, record: Record, *, sampling: Sampling, spans: Array, s
     state, in that of the simulation so far. Nothing after that moment is seen, and both are scored on the same samples.
 
     spans: from the lowest to the highest value of each input, (inputs,). Raises UserError for a record that does not
-    leave ten samples before that moment and as many after it, and for an output that is constant after it.
+    leave ten samples before that moment and as many after it, and for an output that is constant after it;
+    UnstableError where a free run says nothing, with a bias as without.
     """
     every = scored_every(record, sampling)
     cut = round(seconds / sampling.period) if np.isfinite(seconds) else 0
@@ -70,6 +72,7 @@ def adapt(system: System, record: Record, *, sampling: Sampling, spans: Array, s
             f"{record.name}: {record.duration:.2f} s can't be parted at {seconds:g} s: each part needs at least "
             f"{10 * sampling.period:g} s; adapt on another time"
         )
+    check_free_run(system, prepare(record, system, sampling))
     seen = _first(record, cut * every + 1)
     bias = estimate(system, seen, sampling=sampling, spans=spans)
     none = np.zeros(len(bias))

@@ -1,0 +1,62 @@
+"""A least-squares problem of many rows as one of few, which an optimiser can't tell from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cholesky
+
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+Function = Callable[[Array], Array]
+
+SHIFTS = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
+"""Of the largest diagonal entry of the normal equations, added to all, until rounding leaves them positive definite."""
+
+
+class Condensed:
+    """Residuals f (rows,) and Jacobian J (rows, n) in a basis whose first vector is f / |f|.
+
+        f~ = (|f|, 0, ..., 0),   J~ = [f'J / |f|; R],   R'R = J'J - J'f f'J / f'f       n + 1 rows
+
+    |f|, J'f and J'J stay what they are, and steps depend on nothing else. Normal equations and their Cholesky factor
+    cost a sixth of the singular value decomposition of J, of which the optimiser then makes one of R alone; they square
+    the condition of J, so this is for problems whose priors hold every direction.
+    """
+
+    def __init__(self, residuals: Function, jacobian: Function) -> None:
+        self._residuals, self._jacobian = residuals, jacobian
+        self._point: Array = np.zeros(0)
+        self._errors: Array = np.zeros(0)
+
+    def residuals(self, point: Array) -> Array:
+        """f~, (n + 1,)."""
+        found: Array = np.zeros(len(point) + 1)
+        found[0] = np.linalg.norm(self._at(point))
+        return found
+
+    def jacobian(self, point: Array) -> Array:
+        """J~, (n + 1, n)."""
+        errors, slopes = self._at(point), self._jacobian(point)
+        along = errors @ slopes / max(float(np.linalg.norm(errors)), 1e-300)
+        return np.asarray(np.vstack([along, _root(slopes.T @ slopes - np.outer(along, along))]))
+
+    def _at(self, point: Array) -> Array:
+        """f, which the optimiser asks for before it asks for J at the same point."""
+        if not np.array_equal(point, self._point):
+            self._point, self._errors = point.copy(), self._residuals(point)
+        return self._errors
+
+
+def _root(normal: Array) -> Array:
+    """R of normal = R'R."""
+    largest = normal.diagonal().max()
+    for shift in SHIFTS:
+        try:
+            return np.asarray(cholesky(normal + shift * largest * np.eye(len(normal)), check_finite=False))
+        except LinAlgError:
+            continue
+    raise UserError("identification: the errors do not tell what is learned; take fewer units")
