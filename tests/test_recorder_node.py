@@ -6,6 +6,7 @@ import errno
 import os
 import shutil
 import threading
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -203,11 +204,13 @@ def test_a_recorder_rather_writes_out_of_order_than_loses(bench: Bench, tmp_path
     recorder = bench.start(RecorderNode, path=str(tmp_path / "bag"), topics="joint_states")
     publisher = bench.speak("joint_states")
     bench.until(publisher.get_subscription_count)
-    sent = 0
-    for _ in range(3):
-        for _ in range(20):
-            publisher.publish(joint(SECOND + sent, position=[0.0]))
-            sent += 1
-        bench.until(lambda: recorder.recording.kept == sent)
+
+    def are_kept(count: int) -> bool:
+        return bool(recorder.recording.kept == count)
+
+    for sent in (20, 40, 60):
+        for k in range(sent - 20, sent):
+            publisher.publish(joint(SECOND + k, position=[0.0]))
+        bench.until(partial(are_kept, sent))
     assert recorder.lost == 0
     recorder.close()

@@ -135,7 +135,7 @@ def followed(
         if stands < STANDS:
             raise UserError(
                 f"{path}: what stands in it {_when(times, first)}is not where it was when the layers of "
-                f"{layers.geometry.rig} were learned (correlation {stands:.2f}, {STANDS:g} at least): the camera was "
+                f"{layers.geometry.rig} were learned (correlation {stands:.3f}, {STANDS:g} at least): the camera was "
                 f"moved, or it is another rig's film; {'cut it there' if first else 'learn them again (--learn)'}"
             )
     if lost > LOST:
