@@ -226,6 +226,7 @@ BAD = {
     "wrong covariance": (sealed(lambda c, a: a.update(covariance=np.eye(2))), r"model\.yaml: .*covariance"),
     "wrong period": (sealed(lambda c, a: c["sampling"].update(period=0.012)), r"model\.yaml: sampling: the period"),
     "wrong input": (sealed(lambda c, a: c["sampling"].update(input="guessed")), r"model\.yaml: sampling: input"),
+    "a size without end": (sealed(lambda c, a: c["design"].update(units=float("inf"))), r"model\.yaml: .*infinity"),
     "unknown key": (sealed(lambda c, a: c["sampling"].update(extra=1)), r"model\.yaml: .*extra"),
 }
 

@@ -45,7 +45,7 @@ def load(folder: Path) -> Metadata:
         return _of(yaml_text.read(folder / FILE)["rosbag2_bagfile_information"], folder)
     except yaml_text.TextError as error:
         raise DamagedError(f"{FILE} {error}") from error
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         reason = str(error) if isinstance(error, DamagedError) else f"{error!r} is missing or malformed"
         raise DamagedError(f"{FILE}: {reason}") from error
 

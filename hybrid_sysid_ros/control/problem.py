@@ -139,7 +139,7 @@ def _numbers(name: str, values: Any) -> Values:
     """A tuple of numbers from what a file or a caller gives."""
     try:
         found = tuple(float(value) for value in (values if isinstance(values, Sequence | np.ndarray) else (values,)))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise UserError(f"mpc: {name} is {values!r}; it needs numbers") from error
     if not found or any(math.isnan(value) for value in found):
         raise UserError(f"mpc: {name} is {values!r}; it needs numbers")

@@ -151,7 +151,7 @@ def load(folder: Path | str, *, rig: str | Path = "") -> Model:
         )
     except UserError as error:
         raise UserError(f"{Path(folder) / 'model.yaml'}: {error}") from error
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise UserError(f"{Path(folder) / 'model.yaml'}: {error!r} is missing or malformed; fit again") from error
 
 

@@ -258,7 +258,7 @@ def load(folder: Path | str, *, model: Model | None = None, certified: bool = Tr
         )
     except UserError as error:
         raise UserError(f"{path}: {error}; train it again") from error
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, IndexError, AttributeError) as error:
         raise UserError(f"{path}: {error!r} is missing or malformed; train it again") from error
     if model is not None and policy.model != model.seal:
         raise UserError(f"{path}: was trained for another model; train it for this one (hybrid-sysid policy train)")
