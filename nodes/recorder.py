@@ -57,8 +57,8 @@ class RecorderNode(RigNode):
 
     Messages of several topics come out of order, more so where this process has to wait. They lie in the bag in the
     order in which the middleware got them: now and then all that it has is taken, and what came before the last time
-    can be written. What the nodes of the loop have read, parameters and the folders that these name, is kept in the bag
-    with them.
+    can be written; all of it where half of the memory is taken. What the nodes of the loop have read, parameters and
+    the folders that these name, is kept in the bag with them.
     """
 
     NAME = "recorder"
