@@ -62,8 +62,6 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Tell the accuracy from simulated and live shots, by what is declared of the simulation beforehand."""
-    if not 0.0 < level < 1.0:
-        raise UserError(f"--level {level:g}: needs a probability between 0 and 1, such as 0.9")
     discrepancy = Discrepancy(mean=mean_off, spread=spread_off)
     if page is not None:
         check_file(page, suffix=".html")
@@ -86,7 +84,7 @@ def command(
         if page is not None:
             console.print(f"report: {page}")
     if found.contradictions:
-        status.print(f"warning: {', and '.join(found.contradictions)}: {_cure(found)}")
+        status.print(f"warning: {', and '.join(found.contradictions)}: {found.cure}")
 
 
 def _further(interval: str, width: Width, texts: list[str], found: Accuracy) -> Iterator[dict[str, Any]]:
@@ -112,17 +110,11 @@ def _wanted(text: str, shots: Shots) -> tuple[str, int, float]:
 
 
 def _strata(path: Path) -> Strata:
-    table = read(path)
+    table = read(path, row="stratum")
     if sorted(table.names) != COLUMNS:
         raise UserError(f"{path}: has the columns {', '.join(table.names)}: it needs {' and '.join(COLUMNS)}")
     shares, successes = (table.values[:, table.names.index(name)] for name in COLUMNS)
     return Strata(shares=shares, successes=successes)
-
-
-def _cure(found: Accuracy) -> str:
-    if found.looks_like_a_unit:
-        return "check that both files have the same units"
-    return "look for the cause, or take what the live shots say alone; what they show is no reason to declare more"
 
 
 def _content(found: Accuracy, wanted: list[dict[str, Any]], strata: Strata | None, shots: int) -> dict[str, Any]:
