@@ -58,11 +58,20 @@ def test_json_has_every_number(accuracy, folder: Path):
 
 
 def test_the_page_shows_every_number_and_needs_no_network(accuracy, folder: Path):
-    status, out, _ = accuracy("simulated.csv", "live.csv", *DECLARED, "--report", "out/accuracy.html")
+    (folder / "strata.csv").write_text("success;share\n.2;.3\n.6;.5\n.9;.2\n")
+    more = ("--until", "x=0.5", "--strata", "strata.csv")
+    status, out, _ = accuracy("simulated.csv", "live.csv", *DECLARED, *more, "--report", "out/accuracy.html")
     assert status == 0
     assert "circular error probable about the mean [m]" in out
     page = (folder / "out" / "accuracy.html").read_text(encoding="utf-8")
-    for word in ("systematic error of x [m]", "circular error probable", "p-value", "live.csv --mean-off 0.5"):
+    for word in (
+        "systematic error of x [m]",
+        "circular error probable",
+        "p-value",
+        "live.csv --mean-off 0.5",
+        "at most 0.5 m wide",
+        "28, 58, 14",
+    ):
         assert word in page
     assert page.count('class="plotly-graph-div"') == 3
     places = re.findall(r' id="([^"]*)"', page.rpartition("</head>")[2])

@@ -17,6 +17,7 @@ from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.mockup import Setup
 from hybrid_sysid_ros.runtime.shots import Fired, Range, drawn
+from hybrid_sysid_ros.support.errors import UserError
 from tests.command_line import refused
 
 TEMPLATE = Path(rigs.__file__).parent / "_template"
@@ -85,6 +86,13 @@ def test_a_rig_that_something_pulls_is_found_out(sled, exact):
     live = fired(Range(rig=dataclasses.replace(sled, actuators=weak), seed=1, **given), 8)
     found = assess(simulated.shots("simulated"), live.shots("live"), Discrepancy(mean=0.2, spread=0.1))
     assert found.contradictions
+
+
+def test_shots_of_a_loop_that_ran_away_are_told_in_a_line(sled, exact):
+    where = Range(rig=sled, model=exact, schedule=sled.schedule(), seed=1)
+    miss = np.array([[0.1, 0.2], [np.nan, 0.1], [np.inf, 0.3]])
+    with pytest.raises(UserError, match=r"live: 2 of 3 shots ended in no numbers.* of moves.* \S*rig\.yaml"):
+        Fired(where=where, miss=miss, rmse=miss, sound=np.isfinite(miss)).shots("live")
 
 
 def test_parameters_are_drawn_by_their_covariance_and_kept_in_their_bounds(exact):

@@ -122,6 +122,11 @@ class Accuracy:
         return "look for the cause, or take what the live shots say alone; what they show is no reason to declare more"
 
 
+def fewest(coordinates: int) -> int:
+    """Shots that so many coordinates need at least."""
+    return max(FEWEST, coordinates + 1)
+
+
 def assess(simulated: Shots, live: Shots, discrepancy: Discrepancy, *, level: float = 0.9, seed: int = 0) -> Accuracy:
     """Accuracy from simulated and live shots of the same coordinates.
 
@@ -136,7 +141,7 @@ def assess(simulated: Shots, live: Shots, discrepancy: Discrepancy, *, level: fl
     d = len(live.names)
     if d > MOST:
         raise UserError(f"{live.name}: has {d} coordinates, more than {MOST}: take those that matter")
-    least = max(FEWEST, d + 1)
+    least = fewest(d)
     for shots in (simulated, live):
         if len(shots.values) < least:
             raise UserError(

@@ -76,7 +76,7 @@ def command(
     if page is not None:
         hashes = {"simulated shots": sha256(simulated), "live shots": sha256(live)}
         source = report.Provenance(command=shlex.join(["hybrid-sysid", *sys.argv[1:]]), hashes=hashes)
-        report.write_accuracy(page, found, source)
+        report.write_accuracy(page, found, source, [*_remarks(found, told)])
     if as_json:
         console.print_json(json.dumps(told))
     else:
@@ -182,16 +182,23 @@ def _show(found: Accuracy, told: dict[str, Any]) -> None:
     values = (f"{p:.3g}" if math.isfinite(p) else "-" for p in (conflict.mean, conflict.spread))
     differs.add_row("p-value of all", *values)
     print_table(differs)
-    units = dict(zip(live.names, live.units, strict=True))
+    for remark in _remarks(found, told):
+        console.print(remark)
+
+
+def _remarks(found: Accuracy, told: dict[str, Any]) -> Iterator[str]:
+    """How many more shots, and what strata save, a sentence each."""
+    units = dict(zip(found.live.names, found.live.units, strict=True))
     for item in told["further_shots"]:
         unit = f" {units[item['of']]}".rstrip()
-        console.print(
-            f"{item['shots']} more shots until the interval of the {item['interval']} of {item['of']} is at most "
+        shots = "shot" if item["shots"] == 1 else "shots"
+        yield (
+            f"{item['shots']} more {shots} until the interval of the {item['interval']} of {item['of']} is at most "
             f"{item['width']:g}{unit} wide, with a probability of {100.0 * ASSURANCE:g} %"
         )
     if "strata" in told:
         shared = told["strata"]
-        console.print(
+        yield (
             f"stratified: K_a {shared['efficiency']:.3f}, {100.0 * shared['saved']:.0f} % of the live shots saved; "
             f"of {sum(shared['allocation'])} shots the strata get {', '.join(map(str, shared['allocation']))}"
         )

@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 from scipy import stats
 
 from hybrid_sysid_ros.accuracy import Accuracy, NormalInverseWishart, mean_width, spread_width
-from hybrid_sysid_ros.accuracy.estimate import FEWEST
+from hybrid_sysid_ros.accuracy.estimate import fewest
 from hybrid_sysid_ros.report.charts import MEASURED, MODEL, REFERENCE, Array, dress, line, logarithmic, panels
 
 AHEAD = 2.0
@@ -52,8 +52,7 @@ def sequence(found: Accuracy, coordinate: int) -> go.Figure:
     figure = panels(heights=[0.5, 0.5], height=460)
     shots, level = found.live.values, found.level
     nothing = NormalInverseWishart.reference(shots.shape[1])
-    first = max(FEWEST, shots.shape[1] + 1)
-    counts = np.arange(first, len(shots) + 1)
+    counts = np.arange(fewest(shots.shape[1]), len(shots) + 1)
     further = np.unique(np.linspace(0, max(AHEAD * len(shots), 10.0), 40).astype(int))
     for row, width in enumerate((mean_width, spread_width), 1):
         widths = []

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.accuracy import Accuracy, Discrepancy, assess
+from hybrid_sysid_ros.accuracy import Accuracy, Discrepancy, assess, fewest
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.safety.certificate import binomial_bound
@@ -150,6 +150,10 @@ def mockup(
     """
     rig, plan = setup.rig, setup.plan
     schedule, box = rig.schedule(plan.reference), _box(setup)
+    least = fewest(len(schedule.windows))
+    for name in ("live", "simulated"):
+        if counts[name] < least:
+            raise UserError(f"--{name} {counts[name]}: the parts of {schedule.name} need {least} shots at least")
     prior = prior_of(setup, box)
     given: dict[str, Any] = {"rig": rig, "schedule": schedule}
     fired: dict[str, Fired] = {}
