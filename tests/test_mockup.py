@@ -150,13 +150,21 @@ def test_what_is_not_there_is_told_in_a_line(call, sled, tmp_path):
     for file in ("system.py", "rig.yaml"):
         (folder / file).write_text((sled.folder / file).read_text())
 
-    def refuse(old: str, new: str, *words: str) -> None:
+    def refuse(old: str, new: str, *words: str, counts: tuple[str, ...] = ()) -> None:
         (folder / "rig.yaml").write_text((sled.folder / "rig.yaml").read_text().replace(old, new))
         rigs._LOADED.pop(folder.resolve(), None)
-        refused(call(app.main, "hybrid-sysid", "mockup", str(folder), "--out", str(tmp_path / "out")), *words)
+        refused(call(app.main, "hybrid-sysid", "mockup", str(folder), "--out", str(tmp_path / "out"), *counts), *words)
 
     refuse("{sine: 60.0}", "{sinus: 60.0}", "tolerance: moves has no part sinus")
     refuse("seconds: 10.0", "learn: [nothing]", "mockup.learn", "multisine, random_steps, swept_sine")
     refuse("mockup: {", "demo: {structure: magic}\nmockup: {", "structure 'magic' is unknown")
     refuse("policy_training:", "policy_trainings:", "policy_training")
+    refuse("seconds: 10.0", "seconds: -10.0", "mockup.seconds is -10", "1 to 86400")
+    refuse("seconds: 10.0", "options: {units: 3}", "mockup.options", "name one beside")
+    refuse("seconds: 10.0", "rate: 0", "mockup.rate is 0")
+    refuse("seconds: 10.0", "rate: 333", "mockup.rate 333 Hz: its period", "no multiple")
+    refuse("{sine: 60.0}", "{sine: -60.0}", "mockup.tolerance.sine is -60", "above 0")
+    refuse("seconds: 10.0", "learn: [multisine], test: [multisine]", "multisine can't be in both")
+    third = "frequency: 0.3}\n      third: {start: 3.5, stop: 4.0, kind: constant, level: 0.0}"
+    refuse("frequency: 0.3}", third, "--live 3: the parts of moves need 4 shots", counts=("--live", "3"))
     refused(call(app.main, "hybrid-sysid", "mockup", "no_such_rig", "--out", str(tmp_path / "out")), "no_such_rig")
