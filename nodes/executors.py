@@ -134,7 +134,9 @@ def _call(take: Take, entity: Any) -> None:
 class Loop(Executor):
     """All of some nodes but what goes on aside."""
 
-    def __init__(self, nodes: Sequence[RigNode]) -> None:
+    def __init__(self, nodes: Sequence[RigNode], services: Sequence[Services] = ()) -> None:
+        """services: what the nodes do beside."""
+        self._services = services
         super().__init__()
         self._aside = frozenset(group for node in nodes for group in (node.aside, node.patient))
         self._exchange = nodes[0].exchange
@@ -146,6 +148,12 @@ class Loop(Executor):
         # One thread spins: of its groups none is ever busy, which asking each of them twice a turn would only cost.
         group = entity.callback_group
         return group not in self._aside and not isinstance(group, Uncalled)
+
+    def wake(self) -> None:
+        """Look anew what there is to wait for, here and beside: nodes know of one executor."""
+        super().wake()
+        for item in self._services:
+            item.wake()
 
     def turn(self) -> None:
         """Wait for something to do and do it, with all that follows in this process."""
@@ -177,7 +185,6 @@ class Services(Executor):
         """
         while self.context.ok() and not ended(self._nodes_aside):
             try:
-                self._changed = True  # perhaps: nodes wake the loop for what they make, not this
                 self.spin_once(timeout_sec=LOOK_PERIOD)
             except (ExternalShutdownException, ShutdownException):
                 return
