@@ -65,7 +65,7 @@ def spikes(record: Record, rig: Rig, signals: Signals) -> list[str]:
     """What to say of outputs with samples that leave their neighbours by as much as the rest of the record moves."""
     found = []
     for channel in _outputs(record, rig, signals):
-        around = median_filter(channel.values, AROUND, mode="mirror")
+        around = median_filter(channel.values, AROUND, mode="reflect")
         usual = np.percentile(channel.values, MIDDLE)
         low, high = min(around.min(), usual[0]), max(around.max(), usual[1])
         away = np.abs(channel.values - around) > SPAN * (high - low)
