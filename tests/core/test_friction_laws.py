@@ -144,6 +144,14 @@ def test_before_sliding_friction_is_a_loop_within_its_level(name):
     assert np.max(np.abs(loop.y)) <= STATIC + VISCOUS * 0.02
 
 
+@pytest.mark.parametrize("damping", [1e3, 1e5])
+def test_bristles_of_great_damping_are_a_damper_before_they_slide(damping):
+    """F = s1 z', z' = v, where the swing sets out: what is drawn are no spikes of the solution."""
+    system = law("lugre", {"damping": damping})
+    speed = 4.0 * system.way * 2.0 * np.pi / 4.0
+    assert np.max(np.abs(pre_sliding(system).y)) == pytest.approx(damping * speed, rel=0.02)
+
+
 @pytest.mark.parametrize("name", [name for name, system in LAWS.items() if "static" in system.named])
 def test_static_friction_below_coulomb_friction_is_refused(name):
     with pytest.raises(UserError, match="below Coulomb friction"):
