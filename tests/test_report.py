@@ -13,11 +13,11 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part, Scores, evaluate
 from hybrid_sysid_ros.models import Model, Sampling
-from hybrid_sysid_ros.report.figures import residual_tests
-from hybrid_sysid_ros.report.rendering import significant
+from hybrid_sysid_ros.report.figures import horizons, residual_tests
+from hybrid_sysid_ros.report.rendering import seconds, significant
 from hybrid_sysid_ros.report.sections import TESTS
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.rigs.excitation import multisine
+from hybrid_sysid_ros.rigs.excitation import Excitation, multisine
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.support.errors import UserError
 from studies.beam_lecture.page import write_protocol
@@ -202,6 +202,40 @@ def test_an_experiment_without_a_reference_says_why_it_is_not_done_again(model, 
     assert set(section.runs[0].tests) == set(TESTS) - {"phi_re"}
     path = report.write(tmp_path / "report.html", section, None, report.provenance(model, "evaluate"))
     assert "skipped: <first> & only: has no channel reference" in Page(path.read_text(encoding="utf-8")).text
+
+
+def test_one_reason_for_all_records_is_given_once(model, section, tmp_path):
+    """A rig without a loop of its own has no experiment that could be done again."""
+    runs = [dataclasses.replace(run, again=None, skipped="no loop") for run in section.runs]
+    found = dataclasses.replace(section, runs=[*runs, *runs])
+    path = report.write(tmp_path / "report.html", found, None, report.provenance(model, "evaluate"))
+    page = Page(path.read_text(encoding="utf-8")).text
+    assert (page.count("skipped: no loop."), page.count("output R²")) == (1, 0)
+
+
+def test_a_narrow_logarithmic_axis_has_all_digits_as_ticks(section):
+    """7 to 14 rpm would have one tick, 10, of 1, 2 and 5."""
+    lines = [run.horizons for run in section.runs]
+    flat = [dataclasses.replace(item, rmse=np.linspace(7e-3, 8e-3, len(item.rmse))) for item in lines]
+    flat = [dataclasses.replace(item, free_run=dataclasses.replace(item.free_run, rmse=9e-3)) for item in flat]
+    wide = [dataclasses.replace(item, rmse=np.geomspace(1e-3, 1.0, len(item.rmse))) for item in lines]
+    ticks = [horizons(found, RIG.display[0]).layout.yaxis.dtick for found in (flat, wide)]
+    assert ticks == ["D1", "D2"]
+
+
+@pytest.mark.parametrize(("value", "told"), [(0.03, "0.03"), (0.187, "0.19"), (15.74, "15.7"), (0.0, "0")])
+def test_a_short_time_keeps_its_digits(value, told):
+    assert seconds(value) == told
+
+
+def test_a_loop_of_a_rig_that_is_disturbed_says_so(section, model, tmp_path):
+    """A hand on the drill string's brake, which would else be taken for a poor controller."""
+    loop, brake = loop_of(), dataclasses.replace(RIG, disturbances={1: Excitation(kind="pulses", numbers={})})
+    for rig, told in ((RIG, 0), (brake, 1)):
+        closed = report.closed_loop_section(dataclasses.replace(loop, rig=rig))
+        path = report.write(tmp_path / "report.html", section, closed, report.provenance(model, "run"))
+        page = Page(path.read_text(encoding="utf-8")).text
+        assert page.count("disturbed, of which no model is told: velocity [rad/s]") == told
 
 
 def test_errors_over_the_horizon_end_in_those_of_the_free_run(section, text):

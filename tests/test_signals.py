@@ -7,7 +7,7 @@ import pytest
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.signals import Signal, Signals
-from hybrid_sysid_ros.commands.terminal import read_records
+from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError

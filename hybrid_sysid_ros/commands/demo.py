@@ -193,7 +193,7 @@ def _table(summary: dict[str, Any]) -> Table:
     for run in ("free_run", "stabilised_run"):
         for record, r2 in identified.get(f"{run}_r2", {}).items():
             table.add_row(f"{run.replace('_', ' ')} R2 {record}", f"{r2:.3f}")
-    table.add_row("time of the fit", f"{identified['fit_seconds']:.1f} s")
+    table.add_row("time of the fit", f"{identified['fit_seconds']:.2g} s")
     unit = summary["closed_loop"]["unit"]
     for part, rmse in summary["closed_loop"]["tracking_rmse"].items():
         table.add_row(f"tracking RMSE {part}", f"{rmse:.3f} {unit if isinstance(unit, str) else unit[part]}")

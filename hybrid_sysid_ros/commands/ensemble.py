@@ -10,6 +10,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.ensemble import DEVIATIONS, Ensemble, ensemble
@@ -30,7 +31,8 @@ def command(
     measured.
     """
     loaded = [load_model(folder, rig=rig) for folder in model]
-    records = terminal.read_records(bag, loaded[0].rig, signals, recover, read_period, loaded[0].sampling)
+    given = bag, loaded[0].rig, signals, recover, read_period, loaded[0].sampling
+    records = read_records(*given, model=loaded[0])
     found = {record.name: ensemble(loaded, record, part=Part.parse(part)) for record in records}
     labels = [str(folder) for folder in model]
     if as_json:

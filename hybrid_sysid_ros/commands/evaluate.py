@@ -14,6 +14,7 @@ from rich.table import Table
 from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part, evaluate
 from hybrid_sysid_ros.identification.identify import experiment_of
@@ -59,7 +60,7 @@ def command(
     loaded = load_model(model, rig=rig)
     described = load_rig(loaded.rig)
     chosen = Part.parse(part)
-    records = terminal.read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling)
+    records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling, model=loaded)
     low, high = described.limits
     shared: dict[str, Any] = {"sampling": loaded.sampling, "spans": high - low, "seconds": adapted}
     runs = {

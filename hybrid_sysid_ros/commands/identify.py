@@ -13,6 +13,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part, identify
 from hybrid_sysid_ros.identification.grouping import Group
@@ -30,6 +31,7 @@ from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.files import check_file, check_folder
 
 SHOWN = 10  # speeds
+EXPLAINED = 0.5  # R2 below which a model is none of the record that it was fitted to
 
 
 def command(
@@ -64,7 +66,7 @@ def command(
     speeds = speeds_of(other) if other is not None else None
     sampling = terminal.sampling_of(step, period, input_handling)
     described = load_rig(rig)
-    records = terminal.read_records(bag, rig, signals, recover, read_period, sampling)
+    records = read_records(bag, rig, signals, recover, read_period, sampling)
     with status.status("compiling") as spinner:
 
         def progress(stage: str, evaluations: int, error: float) -> None:
@@ -91,8 +93,12 @@ def command(
     for group in model.fit.get("groups", ()):
         console.print(f"known together: {Group(**group)}")
     for name, scores in model.scores.items():
-        if not scores["r2"] > 0.0:
-            console.print(f"doubt: over {name}, which it was fitted to, its run is worse than a constant: no model")
+        for output, own in scores.get("outputs", {described.system.outputs[0].name: scores}).items():
+            if not own["r2"] > EXPLAINED:
+                console.print(
+                    f"doubt: over {name}, which it was fitted to, R2 of its run is {own['r2']:.2f} for {output}: "
+                    "no model, or the record has other units or scales than the rig"
+                )
     title = "training" if described.experiments.stabiliser is None else "training, closed by the stabiliser"
     print_table(terminal.score_table({name: dict(scores) for name, scores in model.scores.items()}, described, title))
     if isinstance(model.system, ResidualHybrid):

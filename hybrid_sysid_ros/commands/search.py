@@ -10,6 +10,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands import terminal
+from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.selection.search import Evaluate, Objective, Outcome, named, search
@@ -60,7 +61,7 @@ def command(
         check_folder(out, marker="model.yaml", replace=overwrite)
     sampling = terminal.sampling_of(step, period, input_handling)
     objective = Objective(
-        records=terminal.read_records(bag, rig, signals, recover, read_period, sampling),
+        records=read_records(bag, rig, signals, recover, read_period, sampling),
         rig=load_rig(rig),
         structure=structure,
         sampling=sampling,

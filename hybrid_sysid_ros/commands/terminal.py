@@ -1,4 +1,4 @@
-"""What all commands share: where and how they print, their common options, and how they read bags."""
+"""What all commands share: where and how they print, and their common options."""
 
 from __future__ import annotations
 
@@ -10,13 +10,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.models import STRUCTURES, Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.support.errors import UserError
 
 PLAIN: dict[str, Any] = {"markup": False, "emoji": False}
 """Names are shown as they are: a record may be called run[red] or a:b:c."""
@@ -131,23 +127,3 @@ def bias_table(biases: Mapping[str, dict[str, Any]], rig: Rig, seconds: float) -
 def sampling_of(step: float, period: float, handling: str) -> Sampling:
     """How records meet a simulation, from a command's options. Raises UserError where they don't fit together."""
     return Sampling(step=step, period=period, input=cast(Any, handling))
-
-
-def read_records(
-    paths: list[Path], rig: str, signals: Path | None, recover: bool, period: float, sampling: Sampling
-) -> list[Record]:
-    """The records of bags, by a rig's signals or a file of the user's.
-
-    period: of the samples that are kept [s], 0 for all. Raises UserError for two bags of one name, for signals that
-    state another unit than the rig's, and where the sampling wants an input as it was at the samples, but the period
-    leaves means only.
-    """
-    if period and sampling.input == "sampled":
-        raise UserError("--read-period keeps means of the input, but the model reads it sampled; leave one out")
-    names = [bags.name_of(path) for path in paths]
-    if twins := {name for name in names if names.count(name) > 1}:
-        raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
-    described = load_rig(rig)
-    chosen = Signals.load(signals) if signals is not None else described.signals
-    chosen = chosen.ordered(described.system.inputs, described.system.outputs)
-    return [bags.read(path, chosen, period=period or None, recover=recover) for path in paths]

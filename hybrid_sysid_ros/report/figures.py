@@ -37,6 +37,9 @@ LABEL = 20
 FREE_RUN_AT = 2.2
 """Where the free run's value is drawn, in longest horizons."""
 
+NARROW = 4.0
+"""Times that a logarithmic axis may span and still have all digits as its ticks: of 1, 2 and 5 there would be one."""
+
 
 def free_run(run: FreeRun) -> go.Figure:
     """Measured and simulated output above, their difference below."""
@@ -152,8 +155,10 @@ def horizons(lines: Sequence[HorizonErrors], display: Display) -> go.Figure:
             type="log", tickvals=[*ticks, end], ticktext=[*(f"{t:g}" for t in ticks), "whole run"],
             title="horizon [s]", row=1, col=column,
         )  # fmt: skip
-    decades = {"type": "log", "dtick": "D2", "tickfont": {"size": 11}}
-    figure.update_yaxes(title=f"RMSE [{display.unit}]", row=1, col=1, **decades)
-    figure.update_yaxes(title=f"1 {MINUS} R²", row=1, col=2, **decades)
+    for column, title in ((1, f"RMSE [{display.unit}]"), (2, f"1 {MINUS} R²")):
+        shown = np.concatenate([np.asarray(trace.y, dtype=float) for trace in figure.select_traces(col=column)])
+        shown = shown[np.isfinite(shown) & (shown > 0.0)]
+        digits = "D1" if len(shown) and shown.max() < NARROW * shown.min() else "D2"  # all of them, or 1, 2 and 5
+        figure.update_yaxes(title=title, type="log", dtick=digits, tickfont={"size": 11}, row=1, col=column)
     figure.update_layout(legend={"y": 1.02}, margin={"t": 70}, hovermode="closest")
     return figure

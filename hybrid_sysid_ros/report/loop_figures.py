@@ -54,7 +54,8 @@ def tracking(section: ClosedLoopSection) -> go.Figure:
         figure.add_annotation(
             x=(window.start + min(window.stop, loop.time[-1])) / 2, y=1.0, xref="x",
             yref=f"y{axis if axis > 1 else ''} domain", yanchor="bottom",
-            text=f"{name}: RMSE {value:.3f} {section.units[name]}", showarrow=False, font={"size": 12},
+            text=f"{name.replace('_', ' ')}: RMSE {value:.3f} {section.units[name]}", showarrow=False,
+            font={"size": 12},
         )  # fmt: skip
     figure.update_layout(margin={"t": 48}, legend={"y": 1.05})
     return timed(figure, len(weights))

@@ -48,6 +48,12 @@ class ClosedLoopSection:
         return self.loop.rig
 
     @property
+    def disturbed(self) -> list[str]:
+        """States that the rig's disturbances move, with their units."""
+        states = (self.rig.system.declared_states[k] for k in self.rig.disturbances)
+        return [f"{item.name} [{item.unit}]" for item in states]
+
+    @property
     def rmse(self) -> dict[str, float]:
         """Tracking errors of the windows, as the outputs are shown."""
         return {

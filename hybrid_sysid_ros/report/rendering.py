@@ -76,7 +76,7 @@ def write_page(path: Path | str, template: Path, content: Mapping[str, Any], **f
         trim_blocks=True,
     )
     environment.filters.update(
-        filters, significant=significant, probability=probability, part=part_text, sentence=sentence
+        filters, significant=significant, probability=probability, part=part_text, sentence=sentence, seconds=seconds
     )
     text = environment.get_template(template.name).render(plotly=get_plotlyjs(), **content)
     with written_file(path) as partial:
@@ -139,6 +139,11 @@ def significant(value: float | None, digits: int = 4) -> str:
         places = digits - 1 - (math.floor(math.log10(abs(value))) if value else 0)
         text = f"{value:.{max(places, 0)}f}"
     return text.replace("-", "\N{MINUS SIGN}")
+
+
+def seconds(value: float) -> str:
+    """A time [s]: tenths, and of less than one two digits that count."""
+    return f"{value:.1f}" if value >= 1.0 else f"{value:.2g}"
 
 
 def probability(value: float) -> str:

@@ -38,6 +38,8 @@ SHORTEST = 4.0
 """A record that can be parted in halves [s]."""
 MOST, LONGEST = 0.15, 0.25
 """Share of the samples, and time on end [s], that cleaning may replace."""
+APART = 0.2
+"""Share of the angle by which top and bit may turn differently; in the record they turn alike to 4e-4."""
 _UNREADABLE = (MatReadError, ValueError, TypeError, KeyError, IndexError, EOFError, OSError, struct.error, zlib.error)
 
 
@@ -99,7 +101,8 @@ def cleaned(top: Array, period: float, *, name: str = "top speed") -> tuple[Arra
 def load(folder: Path) -> tuple[Record, Cleaning]:
     """The record of a folder, with the cleaned top as input and the bit's speed and torque as outputs.
 
-    Raises UserError where the file is missing, unreadable or lacks a channel, and for spikes beyond cleaning.
+    Raises UserError where the file is missing, unreadable or lacks a channel, for spikes beyond cleaning, and where top
+    and bit don't turn alike.
     """
     path = next((place for place in (folder / FILE, folder / FILE.name, folder) if place.is_file()), None)
     if path is None:
@@ -123,6 +126,12 @@ def load(folder: Path) -> tuple[Record, Cleaning]:
             f"{path}: {CHANNELS['time']} is no {SHORTEST:g} s in even steps, which the study needs; fetch it again"
         )
     top, found = cleaned(RPM * arrays["top"], period, name=f"{path}: {CHANNELS['top']}")
+    turned, bit_turned = (period * float(speed.sum()) for speed in (top, RPM * arrays["bit"]))
+    if abs(turned - bit_turned) > APART * max(abs(turned), abs(bit_turned)):
+        raise UserError(
+            f"{path}: {CHANNELS['top']} turns by {turned:.4g} rad, {CHANNELS['bit']} by {bit_turned:.4g} rad, and they "
+            "are the ends of one shaft: one of them is not in rpm; convert it"
+        )
     outputs = np.column_stack([RPM * arrays["bit"], arrays["torque"]])
     time = period * np.arange(len(top), dtype=np.float64)
     record = Record(
@@ -138,5 +147,8 @@ def _numbers(path: Path, channel: str, value: Array) -> Array:
     array = np.asarray(value, dtype=float).ravel()
     wrong = ~np.isfinite(array)
     if wrong.any():
-        raise UserError(f"{path}: {channel} is not finite at sample {int(np.argmax(wrong))}, {int(wrong.sum())} in all")
+        raise UserError(
+            f"{path}: {channel} is not finite at sample {int(np.argmax(wrong))}, {int(wrong.sum())} of {len(array)} "
+            "are not; fetch it again"
+        )
     return array

@@ -13,6 +13,7 @@ COULOMB, STATIC, STRIBECK_SPEED, VISCOUS = 1.0, 1.5, 0.05, 0.4
 LIGHT = {"coulomb": COULOMB, "static": STATIC}
 HEAVY = {"coulomb": 2000.0, "static": 3000.0}
 SOFT, HARD, SLOW = {"stiffness": 2.0}, {"stiffness": 1e8}, {"attraction": 0.01}
+SOFTEST = {"stiffness": 1e-3}
 
 
 @pytest.mark.parametrize(
@@ -86,9 +87,19 @@ def test_dahl_s_loop_is_its_closed_form():
     np.testing.assert_allclose(friction[down], back, atol=1e-2)
 
 
-@pytest.mark.parametrize("name", ["coulomb", "dahl"])
-def test_break_away_of_a_constant_level_is_that_level_at_any_rate(name):
-    np.testing.assert_allclose(break_away(law(name), rates=4).y, COULOMB, rtol=2e-2)
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("coulomb", {}),
+        ("dahl", {}),
+        ("dahl", {"stiffness": 1.0}),
+        ("dahl", SOFTEST),
+        ("dahl", SOFTEST | {"viscous": 50.0}),
+    ],
+)
+def test_break_away_of_a_constant_level_is_that_level_at_any_rate(name, values):
+    """However far bristles bend before: a block is pushed until it has slid by far more than that."""
+    np.testing.assert_allclose(break_away(law(name, values), rates=4).y, COULOMB, rtol=2e-2)
 
 
 def test_friction_of_a_block_that_swings_is_stefanski_s_in_every_phase():
@@ -131,6 +142,14 @@ def test_before_sliding_friction_is_a_loop_within_its_level(name):
     area = np.abs(np.sum(loop.y[1:] * np.diff(loop.x)))
     assert area > 0.0
     assert np.max(np.abs(loop.y)) <= STATIC + VISCOUS * 0.02
+
+
+@pytest.mark.parametrize("damping", [1e3, 1e5])
+def test_bristles_of_great_damping_are_a_damper_before_they_slide(damping):
+    """F = s1 z', z' = v, where the swing sets out: what is drawn are no spikes of the solution."""
+    system = law("lugre", {"damping": damping})
+    speed = 4.0 * system.way * 2.0 * np.pi / 4.0
+    assert np.max(np.abs(pre_sliding(system).y)) == pytest.approx(damping * speed, rel=0.02)
 
 
 @pytest.mark.parametrize("name", [name for name, system in LAWS.items() if "static" in system.named])

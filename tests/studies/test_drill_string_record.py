@@ -99,8 +99,12 @@ def test_what_is_no_such_record_is_refused(tmp_path):
     with pytest.raises(UserError, match="different numbers of samples"):
         load(tmp_path)
     written(tmp_path, Bit_Torque=np.where(np.arange(6000) == 70, np.nan, 1.0))
-    with pytest.raises(UserError, match="Bit_Torque is not finite at sample 70, 1 in all"):
+    with pytest.raises(UserError, match="Bit_Torque is not finite at sample 70, 1 of 6000 are not; fetch it again"):
         load(tmp_path)
+    for channel in ("Top_Speed", "Bit_Speed"):
+        written(tmp_path, **{channel: top_speed()[1]})  # in rad/s
+        with pytest.raises(UserError, match=r"Top_Speed turns by [\d.]+ rad, Bit_Speed by [\d.]+ rad, .* in rpm"):
+            load(tmp_path)
     written(tmp_path, Time=np.where(np.arange(6000) == 70, 0.0, PERIOD * np.arange(6000)))
     with pytest.raises(UserError, match=r"Time is no 4 s in even steps"):
         load(tmp_path)

@@ -73,13 +73,15 @@ def break_away(system: Block, *, slowest: float = 0.3, fastest: float = 300.0, r
 def _broken(system: Block, rate: float) -> float:
     named = system.named
     most = 3.0 * max(named.get("static", 0.0), named.get("coulomb", 0.0), 0.1)
-    seconds = most / rate + 1.0
+    far = max(SLID, WAYS * system.way)
+    inertia, viscous = (6.0 * system.mass * far / rate) ** (1.0 / 3.0), (2.0 * named["viscous"] * far / rate) ** 0.5
+    seconds = most / rate + inertia + viscous + 1.0  # to leave friction behind, and to slide so far against the others
     h = max(seconds / 50_000, 1e-5)
     force = rate * _times(seconds, h)
     states = simulate(system, _just_stopped(system), _inputs(force=force), step=h)
     v = states[:, 1]
     friction = force - system.mass * np.diff(v) / h - named["viscous"] * 0.5 * (v[:-1] + v[1:])
-    slid = np.flatnonzero(np.abs(states[1:, 0]) > max(SLID, WAYS * system.way))
+    slid = np.flatnonzero(np.abs(states[1:, 0]) > far)
     return float(friction[: slid[0] + 1 if len(slid) else None].max())
 
 

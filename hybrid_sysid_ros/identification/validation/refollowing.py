@@ -49,7 +49,7 @@ def follow_again(system: System, record: Record, rig: Rig, *, sampling: Sampling
     """
     feedback = rig.experiments.feedback
     if feedback is None or any(sensor.low_pass for sensor in rig.sensors):
-        raise UserError(f"re-simulation: rig {rig.name} has no feedback (experiments.feedback) without low-passes")
+        raise UserError(f"rig {rig.name} has no feedback (experiments.feedback) without low-passes")
     if abs(record.sampling_time / feedback.period - 1.0) > 1e-6:
         raise UserError(
             f"{record.name}: is sampled every {record.sampling_time:g} s, the feedback works every {feedback.period:g} "

@@ -72,9 +72,9 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
     """
     ticks = rig.steps(sampling.step, "re-simulation: the model's step")
     if not rig.experiments.loops:
-        raise UserError(f"re-simulation: rig {rig.name} has no loop (experiments.loops) to simulate again")
+        raise UserError(f"rig {rig.name} has no loop (experiments.loops) to simulate again")
     if len(system.inputs) != 1 or len(system.outputs) != 1:
-        raise UserError(f"re-simulation: only loops of one input and output are simulated again; {rig.name} has more")
+        raise UserError(f"only loops of one input and output are simulated again; {rig.name} has more")
     filtered = _low_pass(rig)
     recorded = "filtered" in record.channels
     if not recorded:
@@ -166,9 +166,9 @@ def _low_pass(rig: Rig) -> LowPass:
     """The filter behind which the rig's controller measures."""
     found = rig.sensors[0].low_pass
     if not rig.experiments.loops or found is None:
-        raise UserError(f"re-simulation: rig {rig.name} has no loop behind a low-pass that could be done again")
+        raise UserError(f"rig {rig.name} has no loop behind a low-pass that could be done again")
     if rig.experiments.loops[0].integral:
-        raise UserError(f"re-simulation: the loop of rig {rig.name} has an integral part, which can't be done again")
+        raise UserError(f"the loop of rig {rig.name} has an integral part, which can't be done again")
     return found
 
 

@@ -1,0 +1,47 @@
+"""How commands read bags, and what they say of what is strange in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.commands.terminal import status
+from hybrid_sysid_ros.identification.plausibility import check_limits, spikes, strangeness
+from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.errors import UserError
+
+
+def read_records(
+    paths: list[Path],
+    rig: str,
+    signals: Path | None,
+    recover: bool,
+    period: float,
+    sampling: Sampling,
+    *,
+    model: Model | None = None,
+) -> list[Record]:
+    """The records of bags, by a rig's signals or a file of the user's. What is strange in them is told.
+
+    period: of the samples that are kept [s], 0 for all. model: is to meet them. Raises UserError for two bags of one
+    name, for signals that state another unit than the rig's, for inputs that its actuators don't give, and where the
+    sampling wants an input as it was at the samples, but the period leaves means only.
+    """
+    if period and sampling.input == "sampled":
+        raise UserError("--read-period keeps means of the input, but the model reads it sampled; leave one out")
+    names = [bags.name_of(path) for path in paths]
+    if twins := {name for name in names if names.count(name) > 1}:
+        raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
+    described = load_rig(rig)
+    chosen = Signals.load(signals) if signals is not None else described.signals
+    chosen = chosen.ordered(described.system.inputs, described.system.outputs)
+    records = [bags.read(path, chosen, period=period or None, recover=recover) for path in paths]
+    for record in records:
+        check_limits(record, described, chosen)
+        strange = [] if model is None else strangeness(record, model, described, chosen)
+        for line in (*spikes(record, described, chosen), *strange):
+            status.print(f"doubt: {line}")
+    return records

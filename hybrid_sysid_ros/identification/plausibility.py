@@ -1,0 +1,125 @@
+"""Plausibility: what a record says that its rig has hardly done."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import label, median_filter
+
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.bags.signals import Signal, Signals
+from hybrid_sysid_ros.core import Variable
+from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.errors import UserError
+
+Array = NDArray[np.float64]
+
+PASSED = 0.5
+"""Of an actuator's span, by which a measured input may pass its ends: noise, or a limit that is not quite the rig's."""
+AROUND = 7
+"""Samples whose median a spike is far from: it is three samples long at most."""
+MIDDLE, SPAN = (2.0, 98.0), 0.75
+"""By which share of its range a spike leaves the samples around it. The range is that of these medians, or between
+these percentiles where that is more: of an oscillation close to the Nyquist frequency there is no median.
+"""
+FARTHER = 5.0
+"""Times as far as its training a model is asked about another unit: rpm for rad/s make 9.5, degrees for radians 57."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Channel:
+    """An input or output of a record, and what it was read from."""
+
+    what: str
+    """Bag, topic and field."""
+    variable: Variable
+    period: float
+    values: Array
+    """(samples,)."""
+
+    def at(self, sample: int) -> str:
+        """A sample, for messages to the user."""
+        return f"sample {sample} ({sample * self.period:.6g} s)"
+
+
+def check_limits(record: Record, rig: Rig, signals: Signals) -> None:
+    """Raise UserError for an input that no actuator of the rig gives. signals: in the order of the rig's inputs."""
+    for channel, low, high in zip(_inputs(record, rig, signals), *rig.limits, strict=True):
+        margin = PASSED * (high - low)
+        beyond = np.flatnonzero((channel.values < low - margin) | (channel.values > high + margin))
+        if len(beyond):
+            unit, farthest = channel.variable.unit, channel.values[_farthest(channel.values, beyond)]
+            raise UserError(
+                f"{channel.what}: input {channel.variable.name} goes to {farthest:.6g} {unit}, and the rig's actuator "
+                f"from {low:g} to {high:g} {unit} only: {len(beyond)} of {record.samples} samples are far beyond, the "
+                f"first at {channel.at(int(beyond[0]))}; set the scale of the signals (--signals), repair the driver, "
+                f"or correct actuators in {rig.file}"
+            )
+
+
+def spikes(record: Record, rig: Rig, signals: Signals) -> list[str]:
+    """What to say of outputs with samples that leave their neighbours by as much as the rest of the record moves."""
+    found = []
+    for channel in _outputs(record, rig, signals):
+        around = median_filter(channel.values, AROUND, mode="reflect")
+        usual = np.percentile(channel.values, MIDDLE)
+        low, high = min(around.min(), usual[0]), max(around.max(), usual[1])
+        away = np.abs(channel.values - around) > SPAN * (high - low)
+        beyond = np.flatnonzero(away)
+        if high > low and len(beyond):
+            worst = _farthest(channel.values, beyond)
+            found.append(
+                f"{channel.what}: output {channel.variable.name} has {label(away)[1]} spikes, the first at "
+                f"{channel.at(int(beyond[0]))}, the farthest to {channel.values[worst]:.6g} {channel.variable.unit} at "
+                f"{channel.at(worst)}, where all else is within {low:.4g} and {high:.4g}: repair the driver or the "
+                "sensor, or leave those parts out (--part)"
+            )
+    return found
+
+
+def strangeness(record: Record, model: Model, rig: Rig, signals: Signals) -> list[str]:
+    """What to say of inputs and outputs that go FARTHER than those that a model was trained on."""
+    found = []
+    for channel in (*_inputs(record, rig, signals), *_outputs(record, rig, signals)):
+        trained = np.abs(model.training_range.get(channel.variable.name, (np.inf, np.inf))).max()
+        beyond = np.flatnonzero(np.abs(channel.values) > FARTHER * trained)
+        if trained > 0.0 and len(beyond):
+            worst, unit = _farthest(channel.values, beyond), channel.variable.unit
+            found.append(
+                f"{channel.what}: {channel.variable.name} goes to {channel.values[worst]:.6g} {unit}, "
+                f"{abs(channel.values[worst]) / trained:.3g} times as far as what the model was trained on; "
+                f"{len(beyond)} of {record.samples} samples are beyond {FARTHER:g} times, the first at "
+                f"{channel.at(int(beyond[0]))}: is it in {unit}? if not, set its scale (--signals)"
+            )
+    return found
+
+
+def _farthest(values: Array, among: NDArray[np.intp]) -> int:
+    return int(among[np.argmax(np.abs(values[among]))])
+
+
+def _inputs(record: Record, rig: Rig, signals: Signals) -> list[Channel]:
+    return _channels(record, record.input, rig.system.inputs, signals, signals.input)
+
+
+def _outputs(record: Record, rig: Rig, signals: Signals) -> list[Channel]:
+    return _channels(record, record.output, rig.system.outputs, signals, signals.output)
+
+
+def _channels(
+    record: Record, values: Array, variables: Sequence[Variable], signals: Signals, read: Sequence[Signal]
+) -> list[Channel]:
+    place = record.source or record.name
+    return [
+        Channel(
+            what=f"{place}: topic {signals.topic(signal)}: {signal.field}",
+            variable=variable,
+            period=record.sampling_time,
+            values=column,
+        )
+        for variable, signal, column in zip(variables, read, values.T, strict=True)
+    ]
