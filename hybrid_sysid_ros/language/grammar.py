@@ -200,6 +200,8 @@ class _Reader:
         if count is not None and seconds is not None:
             raise UserError("a time and a count contradict one another: leave one out")
         periods = PERIODS if count is None else count.value
+        if periods <= 0.0:
+            raise UserError(f"{periods:g} periods are no swing: give more than 0")
         length = periods / hertz if seconds is None else seconds
         return Swing(
             output=output, low=low, high=high, frequency=hertz, seconds=length, square=square, relative=relative
