@@ -192,8 +192,7 @@ class _Draft:
         if command.square:
             self.square(k, first, last, command)
             return
-        turning = math.pi * frequency
-        speed, acceleration = turning * span, 2.0 * turning * turning * span
+        speed, acceleration = math.pi * frequency * span, 2.0 * (math.pi * frequency) ** 2 * span
         highest = min(
             self.ability.speed[k] / (math.pi * span), math.sqrt(self.ability.acceleration[k] / (2.0 * span)) / math.pi
         )

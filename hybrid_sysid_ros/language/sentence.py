@@ -14,6 +14,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 LONGEST = 300  # characters of a sentence
 MOST = 20  # clauses
+SMALLEST, LARGEST = 1e-12, 1e12
+"""Of a number but 0: beyond lies nothing that a rig reaches, and arithmetic ends."""
 TOKEN = re.compile(
     r"""\s*(?:
       (?P<number>[+-]?(?:\d+(?:\.\d+)?|\.\d+)(?:[eE][+-]?\d+)?)
@@ -161,6 +163,8 @@ class _Reader:
         """A quantity, whose unit may follow."""
         if not math.isfinite(value):
             raise UserError("a number without end: give one within the rig's limits")
+        if value and not SMALLEST <= abs(value) <= LARGEST:
+            raise UserError(f"{value:g} is nothing that a rig reaches: give a number from {SMALLEST:g} to {LARGEST:g}")
         if self.sign and value < 0.0:
             raise UserError(f"two signs before {abs(value):g}: write one")
         output = self.clause.outputs[-1] if self.clause.outputs else None
