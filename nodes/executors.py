@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from time import sleep
+from threading import Lock
+from time import monotonic, sleep
 from traceback import format_exception
 from typing import TYPE_CHECKING, Any
 
 from rclpy.callback_groups import CallbackGroup
+from rclpy.context import Context
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.guard_condition import GuardCondition
 from rclpy.node import Node
+from rclpy.task import Task
 
 from hybrid_sysid_ros.nodes.collector import Uncalled
+from hybrid_sysid_ros.nodes.wait_set import Ready, WaitSet
 
 if TYPE_CHECKING:
     from hybrid_sysid_ros.nodes.base import RigNode
@@ -24,48 +29,118 @@ Take = Callable[[Any], Callable[[], Coroutine[Any, Any, None]] | None]
 """Takes what is ready of an entity, and returns what calls back with it."""
 
 
-@dataclass(slots=True)
-class Call:
-    """A callback, as an executor hands it to the thread that spins."""
-
-    entity: Any
-    take: Take
-
-    def __call__(self) -> None:
-        """Take what is ready and call back. Raises what is raised there."""
-        run = self.take(self.entity)
-        if run is None:
-            return
-        with suppress(StopIteration):
-            run().send(None)
-            raise RuntimeError(f"the callback of {self.entity} awaits something: a loop waits for nobody")
-
-    def exception(self) -> None:
-        """None: it was raised."""
-
-    def result(self) -> None:
-        """None, as callbacks return."""
-
-
 class Executor(SingleThreadedExecutor):
-    """Calls back at once, in the one thread that spins it.
+    """Calls back at once, in the one thread that spins it, and keeps what it waits for.
 
     rclpy's own makes a task of each callback and wakes itself twice behind it, for other threads may spin it, too: it
     looks at all that a node has three times for each message. In the four processes of a loop at 200 Hz that was a
     third of their time.
     """
 
-    def _make_handler(self, entity: Any, node: Node, take_from_wait_list: Take) -> Any:
-        return Call(entity, take_from_wait_list)
+    def __init__(self, *, context: Context | None = None) -> None:
+        super().__init__(context=context)
+        self._found: Iterator[tuple[Take, Any]] = iter(())
+        self._wait_set: WaitSet | None = None
+        self._changed = False  # what there is to wait for
+        self._waiting = Lock()
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Call back once, timeout_sec [s] from now at the latest, or whenever something is ready. Raises what is raised
+        there, and ExternalShutdownException when the context has ended.
+        """
+        found = next(self._found, None)
+        if found is None:
+            self._found = self._find(timeout_sec)
+            found = next(self._found, None)
+        if found is not None:
+            _call(*found)
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """Call back no more, and let go of all that was waited for."""
+        self._found = iter(())
+        ended = bool(super().shutdown(timeout_sec))
+        with self._waiting:
+            self._renew()
+        return ended
+
+    def _find(self, timeout_sec: float | None) -> Iterator[tuple[Take, Any]]:
+        """What is to be called back; nothing when the time is over."""
+        end = None if timeout_sec is None or timeout_sec < 0.0 else monotonic() + timeout_sec
+        with self._tasks_lock:
+            tasks: list[Task] = [task for task, _, _ in self._tasks]
+            self._tasks.clear()
+        for task in tasks:
+            yield self._run, task
+        ready: Ready = []
+        while not ready and not self._is_shutdown:
+            left = -1 if end is None else max(0, round(1e9 * (end - monotonic())))
+            with self._waiting:
+                ready = self._wait(left)
+            if not self._context.ok() and not self._is_shutdown:
+                raise ExternalShutdownException
+            if left == 0:
+                break
+        for kind, entity in ready:
+            if kind != "timer" or entity.handle.is_timer_ready():  # one that is cancelled is not
+                yield getattr(self, f"_take_{kind}"), entity
+
+    def _wait(self, timeout: int) -> Ready:
+        if self._changed:
+            self._renew()
+        if self._is_shutdown:
+            return []
+        if self._wait_set is None:
+            guards = (self._guard, self._sigint_gc)
+            self._wait_set = WaitSet(self.get_nodes(), self.can_execute, guards, self._context)
+        try:
+            ready = self._wait_set.wait(timeout)
+        except InvalidHandle:
+            self._changed = True
+            return []
+        # Nodes wake their executor for what they create and destroy, and so does whoever adds or removes one.
+        self._changed = any(entity is self._guard for _, entity in ready)
+        return [item for item in ready if item[1].callback_group is not None]
+
+    def _renew(self) -> None:
+        """Look anew at the next turn what there is to wait for."""
+        if self._wait_set is not None:
+            self._wait_set.close()
+        self._wait_set, self._changed = None, False
+
+    def _take_guard_condition(self, guard: GuardCondition) -> Any:
+        with suppress(InvalidHandle), guard.handle:  # not one that is destroyed: rclpy looks so at all others
+            return super()._take_guard_condition(guard)
+        return None
+
+    def _run(self, task: Task) -> None:
+        task()
+        if not task.done():
+            with self._tasks_lock:
+                self._tasks.append((task, None, None))
+        elif (error := task.exception()) is not None:
+            raise error
+
+
+def _call(take: Take, entity: Any) -> None:
+    """Take what is ready of an entity and call back. Raises what is raised there."""
+    run = take(entity)
+    if run is None:
+        return
+    with suppress(StopIteration):
+        run().send(None)
+        raise RuntimeError(f"the callback of {entity} awaits something: a loop waits for nobody")
 
 
 class Loop(Executor):
     """All of some nodes but what goes on aside."""
 
-    def __init__(self, nodes: Sequence[RigNode]) -> None:
+    def __init__(self, nodes: Sequence[RigNode], services: Sequence[Services] = ()) -> None:
+        """services: what the nodes do beside."""
+        self._services = services
         super().__init__()
         self._aside = frozenset(group for node in nodes for group in (node.aside, node.patient))
         self._exchange = nodes[0].exchange
+        self._more = False  # messages of the exchange wait
         for node in nodes:
             self.add_node(node)
 
@@ -74,11 +149,16 @@ class Loop(Executor):
         group = entity.callback_group
         return group not in self._aside and not isinstance(group, Uncalled)
 
+    def wake(self) -> None:
+        """Look anew what there is to wait for, here and beside: nodes know of one executor."""
+        super().wake()
+        for item in self._services:
+            item.wake()
+
     def turn(self) -> None:
         """Wait for something to do and do it, with all that follows in this process."""
-        self.spin_once()
-        if self._exchange is not None and self._exchange.deliver():
-            self.wake()
+        self.spin_once(0.0 if self._more else None)
+        self._more = self._exchange is not None and self._exchange.deliver()
 
 
 class Services(Executor):

@@ -39,8 +39,9 @@ class Loop:
         self.replies = bench.listen("command_reply", DiagnosticStatus)
         self.references = bench.listen("reference", JointTrajectory)
         self.set_points = bench.listen("set_point", JointTrajectory)
+        bench.until(lambda: self.commander.understanding.interpreter)  # alone: in lockstep a loop never rests
         self.plant = bench.start(PlantNode, lockstep=True, wait_for_readers=0, bias=0.0)
-        bench.until(lambda: self.commander.understanding.interpreter is not None and self.references)
+        bench.until(lambda: self.references)
         bench.until(lambda: "state_estimate" in self.commander.whereabouts.newest)
         bench.until(lambda: "reference" in self.commander.whereabouts.newest)
 

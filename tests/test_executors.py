@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from threading import Thread
+
 import pytest
+from rclpy.node import Node
 from rclpy.task import Future
+from std_msgs.msg import Empty
+from std_srvs.srv import Trigger
 
 from tests.node_bench import Bench
 
@@ -56,4 +61,82 @@ def test_a_callback_may_be_a_coroutine_but_not_wait(bench: Bench) -> None:
     bench.probe.create_guard_condition(late).trigger()
     with pytest.raises(RuntimeError, match="awaits something"):
         bench.until(lambda: False)
+    bench.close()
+
+
+def test_what_is_made_while_it_spins_is_called_and_what_is_destroyed_is_gone(bench: Bench) -> None:
+    publisher = bench.speak("late", Empty)
+    bench.executor.spin_once(timeout_sec=0.0)
+    heard: list[Empty] = []
+    subscription = bench.probe.create_subscription(Empty, "late", heard.append, 10)
+    bench.until(lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(Empty())
+    bench.until(lambda: heard)
+    bench.probe.destroy_subscription(subscription)
+    bench.until(lambda: publisher.get_subscription_count() == 0)
+    other = Node("other", context=bench.context, namespace=bench.namespace)
+    calls: list[int] = []
+    other.create_guard_condition(lambda: calls.append(1)).trigger()
+    bench.executor.add_node(other)
+    bench.until(lambda: calls)
+    bench.executor.remove_node(other)
+    other.destroy_node()
+    bench.until(lambda: "other" not in bench.probe.get_node_names())
+    bench.close()
+
+
+def test_what_a_callback_of_the_same_turn_destroys_or_cancels_is_not_called(bench: Bench) -> None:
+    calls: list[str] = []
+
+    def end() -> None:
+        calls.append("end")
+        bench.probe.destroy_guard_condition(later)
+        bench.probe.destroy_subscription(subscription)
+        tick.cancel()
+
+    publisher = bench.speak("never", Empty)
+    end_timer = bench.probe.create_timer(0.3, end)
+    tick = bench.probe.create_timer(0.3, lambda: calls.append("tick"))
+    subscription = bench.probe.create_subscription(Empty, "never", lambda _: calls.append("message"), 10)
+    later = bench.probe.create_guard_condition(lambda: calls.append("guard"))
+    bench.until(lambda: publisher.get_subscription_count() == 1)
+    end_timer.reset()
+    tick.reset()
+    while not (end_timer.is_ready() and tick.is_ready()):
+        pass  # both are ready before the executor looks
+    publisher.publish(Empty())
+    later.trigger()
+    bench.until(lambda: calls)
+    end_timer.cancel()
+    for _ in range(5):
+        bench.executor.spin_once(timeout_sec=0.02)
+    assert calls == ["end"]
+    bench.close()
+
+
+def test_an_answer_calls_back_once_it_is_there(bench: Bench) -> None:
+    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.message = "here"
+        return response
+
+    bench.probe.create_service(Trigger, "ask", answer)
+    client = bench.probe.create_client(Trigger, "ask")
+    bench.until(client.service_is_ready)
+    answers: list[str] = []
+    client.call_async(Trigger.Request()).add_done_callback(lambda future: answers.append(future.result().message))
+    bench.until(lambda: answers)
+    assert answers == ["here"]
+    bench.close()
+
+
+def test_it_can_be_ended_from_another_thread_while_it_waits(bench: Bench) -> None:
+    thread = Thread(target=bench.executor.spin, daemon=True)
+    thread.start()
+    guard_called = Future()
+    bench.probe.create_guard_condition(lambda: guard_called.set_result(None)).trigger()
+    while not guard_called.done():
+        pass
+    bench.executor.shutdown()
+    thread.join(5.0)
+    assert not thread.is_alive()
     bench.close()

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import linregress
 
-from benchmarks.soak.trend import excess, too_late, too_late_at_work, trend
+from benchmarks.soak.__main__ import Sleeper
+from benchmarks.soak.trend import excess, too_late, trend
 from benchmarks.soak.watch import Watch, taken
 
 
@@ -47,21 +48,12 @@ def test_a_stall_of_several_periods_is_as_many_wake_ups_too_late():
     assert too_late([1e-4, 12e-3, 7e-3, 2e-3, 1e-4], 3e-3) == 2
 
 
-def test_a_process_at_work_is_open_to_stalls_for_longer_than_a_sleeper():
-    """Stalls of 3.5 to 12 ms at random, none two in one period; a turn of 1.8 ms in periods of 5, simulated."""
-    random, period, working, count = np.random.default_rng(5), 5e-3, 1.8e-3, 400_000
-    begins = period * (20.0 * np.arange(count // 20) + random.uniform(0.0, 15.0, count // 20))
-    lengths = random.uniform(3.5e-3, 12e-3, count // 20)
-    ticks = period * np.arange(count)
-    stall = np.clip(np.searchsorted(begins, ticks, side="right") - 1, 0, None)
-    late = np.clip(begins[stall] + lengths[stall] - ticks, 0.0, None) * (begins[stall] <= ticks)
-    done = ticks + late + working
-    following = np.clip(np.searchsorted(begins, ticks + late, side="right"), None, len(begins) - 1)
-    hit = (begins[following] > ticks + late) & (begins[following] < done)
-    missed = np.count_nonzero(done + hit * lengths[following] > ticks + period)
-    expected = too_late_at_work(late, period - working, working)
-    assert too_late(late, period - working) < 0.8 * missed
-    assert expected == pytest.approx(missed, rel=0.02)
+def test_a_worker_is_done_so_long_after_a_deadline_as_it_works():
+    """2 ms of work in periods of 10: done after 2 ms at the earliest, but for what the processor's speed changes."""
+    with Sleeper(100.0, 0, 1.0, working=2e-3) as worker:
+        worker.process.wait()  # it ends by itself after its longest time
+    assert len(worker.late) == 100
+    assert 1e-3 < np.median(worker.late) < 20e-3
 
 
 def test_the_chance_of_as_many_is_that_of_fair_coins():

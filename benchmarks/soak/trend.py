@@ -42,19 +42,6 @@ def too_late(late: ArrayLike, limit: float) -> int:
     return int(np.count_nonzero(np.asarray(late) > limit))
 
 
-def too_late_at_work(late: ArrayLike, limit: float, working: float, *, width: float = 1e-3) -> float:
-    """How many turns a process would have missed that works for so long [s] after it wakes, and has `limit` [s] to
-    spare, by the stalls of the machine that a sleeper's latenesses (deadlines,) [s] tell of.
-
-    A stall of length l makes a sleeper later than x at (l - x) / period deadlines in the mean, wherever it falls. It
-    makes a worker miss if it leaves less than the limit at a deadline, or begins while the worker works and is longer
-    than the limit: N(limit) - working N'(limit), with N the count of :func:`too_late`, its slope taken over a width
-    [s].
-    """
-    near = too_late(late, limit - width / 2) - too_late(late, limit + width / 2)
-    return too_late(late, limit) + working * near / width
-
-
 def excess(ours: int, theirs: int) -> float:
     """Probability of at least ``ours`` events of ours + theirs, if both came at the same rate and independently: small
     where ours came more often (one-sided conditional test of two Poisson rates, Przyborowski and Wilenski 1940).
