@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.accuracy import read
+from hybrid_sysid_ros.accuracy import Discrepancy, assess, read
 from hybrid_sysid_ros.commands import app
+from hybrid_sysid_ros.report.charts import logarithmic
+from hybrid_sysid_ros.support.errors import UserError
 from tests.command_line import refused
 
 DECLARED = ("--mean-off", "0.5", "--spread-off", "0.1")
@@ -55,11 +58,20 @@ def test_json_has_every_number(accuracy, folder: Path):
 
 
 def test_the_page_shows_every_number_and_needs_no_network(accuracy, folder: Path):
-    status, out, _ = accuracy("simulated.csv", "live.csv", *DECLARED, "--report", "out/accuracy.html")
+    (folder / "strata.csv").write_text("success;share\n.2;.3\n.6;.5\n.9;.2\n")
+    more = ("--until", "x=0.5", "--strata", "strata.csv")
+    status, out, _ = accuracy("simulated.csv", "live.csv", *DECLARED, *more, "--report", "out/accuracy.html")
     assert status == 0
     assert "circular error probable about the mean [m]" in out
     page = (folder / "out" / "accuracy.html").read_text(encoding="utf-8")
-    for word in ("systematic error of x [m]", "circular error probable", "p-value", "live.csv --mean-off 0.5"):
+    for word in (
+        "systematic error of x [m]",
+        "circular error probable",
+        "p-value",
+        "live.csv --mean-off 0.5",
+        "at most 0.5 m wide",
+        "28, 58, 14",
+    ):
         assert word in page
     assert page.count('class="plotly-graph-div"') == 3
     places = re.findall(r' id="([^"]*)"', page.rpartition("</head>")[2])
@@ -128,7 +140,9 @@ def test_shots_that_contradict_the_simulation_are_told_of(accuracy, folder: Path
         ("x [m],y [m]\n1,2\n2,4\n4,8\n5,10\n", ("follows from the others",)),
         ("x [m],y [m]\n1,2\n3,1e300\n4,4\n", ("another unit",)),
         ("x [m],y [m]\n", ("0 shots",)),
-        ("", ("is empty",)),
+        ("", ("is empty", "a line of headings")),
+        ("x [m],y [m],\n1,2,\n3,5,\n4,4,\n", ("column 3 has no heading", "name or remove it")),
+        ("x [m];y [m]\n1;2\n3;4,5\n4;4\n", ("y [m] of shot 2 is '4,5'", "a point before its decimals")),
     ],
 )
 def test_shots_that_tell_nothing_are_refused(accuracy, folder: Path, content, words):
@@ -147,15 +161,18 @@ def test_shots_that_tell_nothing_are_refused(accuracy, folder: Path, content, wo
         ("bad.json", b'{"x": 1}'),
         ("bad.json", b"[" * 100_000),
         ("bad.json", b"[[1, 2], [3]]"),
-        ("bad.csv", b"\xff\xfe\x00"),
+        ("bad.csv", "x,y\n1,2\n".encode("utf-16")),
         ("bad.mat", b"x"),
         ("missing.csv", None),
+        (".", None),
     ],
 )
-def test_a_file_that_is_none_is_refused(accuracy, folder: Path, name, content):
+def test_a_file_that_is_none_is_refused_with_what_it_needs(accuracy, folder: Path, name, content):
     if content is not None:
         (folder / name).write_bytes(content)
-    refused(accuracy("simulated.csv", name, *DECLARED), name)
+    _, _, error = answer = accuracy("simulated.csv", name, *DECLARED)
+    refused(answer, name)
+    assert any(word in error for word in ("for each coordinate", "a row for each shot")), error
 
 
 def test_pickled_shots_are_refused(accuracy, folder: Path):
@@ -168,7 +185,11 @@ def test_pickled_shots_are_refused(accuracy, folder: Path):
     [
         (("--mean-off", "-1", "--spread-off", "0.1"), ("discrepancy of the mean",)),
         (("--mean-off", "1", "--spread-off", "800"), ("discrepancy of the spread",)),
-        ((*DECLARED, "--level", "90"), ("between 0 and 1",)),
+        ((*DECLARED, "--level", "90"), ("from 0.01 to 0.999",)),
+        ((*DECLARED, "--level", "1e-300"), ("from 0.01 to 0.999",)),
+        ((*DECLARED, "--level", "0.9999999999999999"), ("from 0.01 to 0.999",)),
+        ((*DECLARED, "--strata", "no_strata.csv"), ("there are no strata",)),
+        ((*DECLARED, "--strata", "unknown.csv"), ("success of stratum 2 is nan", "leave that stratum out")),
         ((*DECLARED, "--until", "q=1"), ("known are x, y",)),
         ((*DECLARED, "--until", "x=0"), ("NAME=WIDTH",)),
         ((*DECLARED, "--report", "page.txt"), (".html",)),
@@ -177,4 +198,37 @@ def test_pickled_shots_are_refused(accuracy, folder: Path):
     ],
 )
 def test_options_that_say_nothing_are_refused(accuracy, folder: Path, options, words):
+    (folder / "no_strata.csv").write_text("share,success\n")
+    (folder / "unknown.csv").write_text("share,success\n.5,.3\n.5,nan\n")
     refused(accuracy("simulated.csv", "live.csv", *options), *words)
+
+
+def test_the_simulation_is_not_taken_for_live_shots(accuracy, folder: Path):
+    """Named twice, it would halve every interval."""
+    refused(accuracy("simulated.csv", "simulated.csv", *DECLARED), "give the live shots second")
+
+
+def test_shots_of_a_loop_that_ran_away_are_refused(folder: Path):
+    simulated, live = read("simulated.csv"), read("live.csv")
+    values = live.values.copy()
+    values[3, 1] = np.inf
+    with pytest.raises(UserError, match="y of shot 4 is inf: leave that shot out"):
+        assess(simulated, replace(live, values=values), Discrepancy(mean=0.5, spread=0.1))
+
+
+def test_the_page_says_what_to_do_about_a_conflict_and_keeps_the_names_of_coordinates(accuracy, folder: Path):
+    for name, offset in (("simulated", 0.0), ("live", 9.0)):
+        table(f"{name}.csv", folder, read(f"{name}.csv").values + offset, "Vx,Vy")
+    assert accuracy("simulated.csv", "live.csv", *DECLARED, "--report", "accuracy.html")[0] == 0
+    alarm = re.search('<p class="alarm">(.*?)</p>', (folder / "accuracy.html").read_text(encoding="utf-8"))
+    assert alarm is not None
+    assert re.match("The live mean contradicts the simulation .*; V[xy] is off", alarm[1])
+    assert "look for the cause" in alarm[1]
+
+
+@pytest.mark.parametrize("ends", [(0.3, 30.0), (0.55, 0.9), (2e-7, 5e7), (1.0, 1.0)])
+def test_a_logarithmic_axis_has_some_numbers_and_not_too_many(ends):
+    ticks = logarithmic(*ends)
+    assert 2 <= len(ticks["tickvals"]) <= 16
+    assert all(ends[0] <= float(value) <= ends[1] for value in ticks["tickvals"])
+    assert [float(text) for text in ticks["ticktext"]] == pytest.approx(ticks["tickvals"], rel=0.01)

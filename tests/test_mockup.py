@@ -17,6 +17,7 @@ from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.mockup import Setup
 from hybrid_sysid_ros.runtime.shots import Fired, Range, drawn
+from hybrid_sysid_ros.support.errors import UserError
 from tests.command_line import refused
 
 TEMPLATE = Path(rigs.__file__).parent / "_template"
@@ -87,6 +88,13 @@ def test_a_rig_that_something_pulls_is_found_out(sled, exact):
     assert found.contradictions
 
 
+def test_shots_of_a_loop_that_ran_away_are_told_in_a_line(sled, exact):
+    where = Range(rig=sled, model=exact, schedule=sled.schedule(), seed=1)
+    miss = np.array([[0.1, 0.2], [np.nan, 0.1], [np.inf, 0.3]])
+    with pytest.raises(UserError, match=r"live: 2 of 3 shots ended in no numbers.* of moves.* \S*rig\.yaml"):
+        Fired(where=where, miss=miss, rmse=miss, sound=np.isfinite(miss)).shots("live")
+
+
 def test_parameters_are_drawn_by_their_covariance_and_kept_in_their_bounds(exact):
     random = np.random.default_rng(0)
     values = [drawn(exact, random).named for _ in range(3000)]
@@ -142,13 +150,21 @@ def test_what_is_not_there_is_told_in_a_line(call, sled, tmp_path):
     for file in ("system.py", "rig.yaml"):
         (folder / file).write_text((sled.folder / file).read_text())
 
-    def refuse(old: str, new: str, *words: str) -> None:
+    def refuse(old: str, new: str, *words: str, counts: tuple[str, ...] = ()) -> None:
         (folder / "rig.yaml").write_text((sled.folder / "rig.yaml").read_text().replace(old, new))
         rigs._LOADED.pop(folder.resolve(), None)
-        refused(call(app.main, "hybrid-sysid", "mockup", str(folder), "--out", str(tmp_path / "out")), *words)
+        refused(call(app.main, "hybrid-sysid", "mockup", str(folder), "--out", str(tmp_path / "out"), *counts), *words)
 
     refuse("{sine: 60.0}", "{sinus: 60.0}", "tolerance: moves has no part sinus")
     refuse("seconds: 10.0", "learn: [nothing]", "mockup.learn", "multisine, random_steps, swept_sine")
     refuse("mockup: {", "demo: {structure: magic}\nmockup: {", "structure 'magic' is unknown")
     refuse("policy_training:", "policy_trainings:", "policy_training")
+    refuse("seconds: 10.0", "seconds: -10.0", "mockup.seconds is -10", "1 to 86400")
+    refuse("seconds: 10.0", "options: {units: 3}", "mockup.options", "name one beside")
+    refuse("seconds: 10.0", "rate: 0", "mockup.rate is 0")
+    refuse("seconds: 10.0", "rate: 333", "mockup.rate 333 Hz: its period", "no multiple")
+    refuse("{sine: 60.0}", "{sine: -60.0}", "mockup.tolerance.sine is -60", "above 0")
+    refuse("seconds: 10.0", "learn: [multisine], test: [multisine]", "multisine can't be in both")
+    third = "frequency: 0.3}\n      third: {start: 3.5, stop: 4.0, kind: constant, level: 0.0}"
+    refuse("frequency: 0.3}", third, "--live 3: the parts of moves need 4 shots", counts=("--live", "3"))
     refused(call(app.main, "hybrid-sysid", "mockup", "no_such_rig", "--out", str(tmp_path / "out")), "no_such_rig")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from safetensors.numpy import save_file
 
 from hybrid_sysid_ros.support import parallel, threads
 from hybrid_sysid_ros.support.errors import UserError
@@ -56,6 +57,17 @@ def test_what_was_not_written_whole_is_not_there(tmp_path):
     assert store.find([1, "a"]) is None
     (place / parallel.FINISHED).unlink()
     assert store.find([1, "a"]) is None
+
+
+def test_what_somebody_altered_is_not_there(tmp_path):
+    """Also where it can still be read: fewer shots of a batch would go unnoticed."""
+    store: Store[dict[str, np.ndarray]] = Store(tmp_path)
+    store.keep(1, squares(2))
+    (place,) = tmp_path.iterdir()
+    save_file({"square": np.array([5.0])}, place / parallel.ARRAYS)
+    assert store.find(1) is None
+    (place / parallel.FINISHED).write_text("[]")
+    assert store.find(1) is None
 
 
 class Threads(Workers[Any, Any]):

@@ -29,11 +29,12 @@ def test_modes_go_by_their_names_and_whole_values_are_shown(trim):
 
 
 def test_any_rig_has_its_equilibrium(trim):
-    """A dead zone's end: at 130 counts w = K (u - U0), whatever the friction; the lag is a pole at -1 / tau."""
+    """Beyond a dead zone w = K (u - U0), dry friction left out; the lag is a pole at -1 / tau."""
     status, out, _ = trim("wheel_motor", "--at", "speed=10", "--json")
     assert status == 0
     told, system = json.loads(out), rigs.load("wheel_motor").system
     assert told["at"]["speed"] == 10.0
+    assert told["at"]["pwm"] == pytest.approx(10.0 / system.named["gain"] + system.named["dead_zone"], rel=1e-3)
     assert told["modes"][0]["pole"][0] == pytest.approx(-1.0 / system.named["time_constant"])
 
 
@@ -43,6 +44,12 @@ def test_any_rig_has_its_equilibrium(trim):
         (("winged_cone", "--at", "altitude=0"), ("'altitude' is no state or input", "speed")),
         (("winged_cone", "--at", "speed"), ("NAME=VALUE",)),
         (("winged_cone", "--at", "speed=nan"), ("finite",)),
+        (("winged_cone", "--at", "speed=0", "--at", "speed=5"), ("speed is given twice",)),
+        (
+            ("winged_cone", "--at", "throttle=5", "--at", "height=0"),
+            ("needs throttle_command 5", "deviations from 0.17"),
+        ),
+        (("wheel_motor", "--at", "speed=1e6"), ("the equilibrium: needs", "its actuator gives", "hold other values")),
         (("winged_cone", "--structure", "other"), ("no gray box other", "known_air")),
         (
             ("winged_cone", "--at", "speed=0", "--at", "throttle=0.5", "--at", "height=0"),
@@ -51,7 +58,7 @@ def test_any_rig_has_its_equilibrium(trim):
         (("winged_cone", "--at", "speed=-2600", "--at", "height=0"), ("angle_of_attack is", "deg", "is valid from")),
         (
             ("winged_cone", "--at", "speed=-1e4"),
-            ("--at: speed is -1e+04 m/s", "is valid from"),
+            ("--at: speed is -1e+04 m/s", "is valid from", "deviations from 4590.29"),
         ),  # it would fly backwards
         (("winged_cone", "--at", "height=-5.3e6"), ("--at: height is -5.3e+06 m", "is valid from")),  # underground
     ],

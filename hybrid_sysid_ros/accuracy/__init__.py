@@ -1,7 +1,7 @@
 """Accuracy from simulated and live shots: what a simulation told, as far as it is believed, and what shots tell."""
 
 from hybrid_sysid_ros.accuracy.discrepancy import Conflict, Discrepancy, conflict
-from hybrid_sysid_ros.accuracy.estimate import Accuracy, Bounded, Estimate, assess, estimate
+from hybrid_sysid_ros.accuracy.estimate import Accuracy, Bounded, Estimate, assess, estimate, fewest
 from hybrid_sysid_ros.accuracy.normal_inverse_wishart import NormalInverseWishart
 from hybrid_sysid_ros.accuracy.sequential import mean_width, shots_until, spread_width
 from hybrid_sysid_ros.accuracy.shots import Shots, read
@@ -19,6 +19,7 @@ __all__ = [
     "assess",
     "conflict",
     "estimate",
+    "fewest",
     "mean_width",
     "read",
     "shots_until",

@@ -22,6 +22,8 @@ MOST = 20
 """Coordinates."""
 CONTRADICTED = 0.05
 """p-value below which live shots contradict what was declared of their simulation."""
+LEVELS = 0.01, 0.999
+"""Of intervals; further out DRAWS tell nothing."""
 UNIT_LIKE = 20.0
 """Ratio of spreads that is rather a mixed-up unit."""
 
@@ -113,21 +115,33 @@ class Accuracy:
         return found
 
     @property
-    def looks_like_a_unit(self) -> bool:
-        """Whether the spreads differ by so much that rather a unit does."""
-        return bool(np.max(np.abs(np.log(self.conflict.ratio))) > math.log(UNIT_LIKE))
+    def cure(self) -> str:
+        """What to do about these; spreads that differ by UNIT_LIKE are rather two units."""
+        if np.max(np.abs(np.log(self.conflict.ratio))) > math.log(UNIT_LIKE):
+            return "check that both files have the same units"
+        return "look for the cause, or take what the live shots say alone; what they show is no reason to declare more"
+
+
+def fewest(coordinates: int) -> int:
+    """Shots that so many coordinates need at least."""
+    return max(FEWEST, coordinates + 1)
 
 
 def assess(simulated: Shots, live: Shots, discrepancy: Discrepancy, *, level: float = 0.9, seed: int = 0) -> Accuracy:
     """Accuracy from simulated and live shots of the same coordinates.
 
-    Raises UserError where coordinates or units differ, live shots are too few, or a coordinate follows from others.
+    Raises UserError where coordinates or units differ, live shots are too few or the simulated ones, a coordinate
+    follows from others, or the level is none.
     """
+    if not LEVELS[0] <= level <= LEVELS[1]:
+        raise UserError(f"level {level:g}: needs a probability from {LEVELS[0]:g} to {LEVELS[1]:g}, such as 0.9")
     live = live.as_those_of(simulated)
+    if np.array_equal(live.values, simulated.values):
+        raise UserError(f"{live.name}: has the very numbers of {simulated.name}: give the live shots second")
     d = len(live.names)
     if d > MOST:
         raise UserError(f"{live.name}: has {d} coordinates, more than {MOST}: take those that matter")
-    least = max(FEWEST, d + 1)
+    least = fewest(d)
     for shots in (simulated, live):
         if len(shots.values) < least:
             raise UserError(

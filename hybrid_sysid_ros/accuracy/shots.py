@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,14 @@ LARGEST = 1 << 28
 """Bytes of a file."""
 LONGEST = 1e60
 """Largest number; the product of two variances is one too."""
-SUFFIXES = (".csv", ".txt", ".npz", ".json")
+TEXT = "a column of numbers for each coordinate, as text in UTF-8"
+FORMS = {
+    ".csv": TEXT,
+    ".txt": TEXT,
+    ".npz": "an array of numbers for each coordinate by its name",
+    ".json": "a list of numbers for each coordinate by its name, or a list of shots of as many numbers each",
+}
+"""What a file needs, by its suffix."""
 HEADING = re.compile(r"\s*(?P<name>[^\[\]]*?)\s*(\[(?P<unit>[^\[\]]*)\])?\s*")
 DEPENDENT = 1e-10
 """Least eigenvalue of a correlation matrix whose coordinates are several things."""
@@ -52,7 +60,14 @@ class Shots:
         return replace(self, names=other.names, units=other.units, values=self.values[:, order])
 
     def check_spread(self) -> None:
-        """Raise UserError where a coordinate does not vary, or follows from others."""
+        """Raise UserError where a coordinate is no number, does not vary, or follows from others."""
+        missing = np.argwhere(~np.isfinite(self.values))
+        if len(missing):
+            shot, coordinate = missing[0]
+            raise UserError(
+                f"{self.name}: {self.names[coordinate]} of shot {shot + 1} is {self.values[shot, coordinate]}: "
+                "leave that shot out"
+            )
         for name, column in zip(self.names, self.values.T, strict=True):
             if np.ptp(column) <= max(1e-12 * np.max(np.abs(column)), 1.0 / LONGEST):
                 raise UserError(f"{self.name}: {name} is the same in all shots: leave it out of both files")
@@ -62,29 +77,34 @@ class Shots:
             )
 
 
-def read(path: Path | str, *, unit: str = "") -> Shots:
+def read(path: Path | str, *, unit: str = "", row: str = "shot") -> Shots:
     """Shots of a file: a column (CSV), an array (NPZ) or a list (JSON) for each coordinate, named ``name [unit]``.
 
-    Rows of numbers alone are coordinates 1, 2, ... unit: of coordinates whose heading states none. Raises UserError for
-    what can't be read, for other than numbers, and for coordinates of different lengths.
+    Rows of numbers alone are coordinates 1, 2, ... unit: of coordinates whose heading states none. row: what a row is
+    called. Raises UserError for what can't be read, for other than numbers, and for coordinates of different lengths.
     """
     path = Path(path)
     readers = {".npz": _npz, ".json": _json}
-    if path.suffix not in SUFFIXES:
-        raise UserError(f"{path}: is no {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]} file")
+    text = partial(_csv, row=row)
+    if path.suffix not in FORMS:
+        kinds = list(FORMS)
+        raise UserError(
+            f"{path}: is no {', '.join(kinds[:-1])} or {kinds[-1]} file: write its numbers as one, a row for each {row}"
+        )
     try:
         if path.stat().st_size > LARGEST:
-            raise UserError(f"{path}: is larger than {LARGEST >> 20} MiB")
-        return _shots(path, readers.get(path.suffix, _csv)(path), unit)
+            raise UserError(f"{path}: is larger than {LARGEST >> 20} MiB: write fewer {row}s, or fewer digits")
+        return _shots(path, readers.get(path.suffix, text)(path), unit, row)
     except UserError:
         raise
     except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror})") from error
+        raise UserError(f"{path}: cannot be read ({error.strerror}): give a file with a row for each {row}") from error
     except Exception as error:  # of zip, numpy, json and unicode, each with its own
-        raise UserError(f"{path}: cannot be read ({type(error).__name__}: {error})") from error
+        told = str(error).split(". ")[0]
+        raise UserError(f"{path}: cannot be read ({told}): it needs {FORMS[path.suffix]}") from error
 
 
-def _shots(path: Path, columns: Mapping[str, Any], unit: str) -> Shots:
+def _shots(path: Path, columns: Mapping[str, Any], unit: str, row: str) -> Shots:
     parts = [HEADING.fullmatch(heading) for heading in columns]
     names = tuple(part["name"] if part else heading for part, heading in zip(parts, columns, strict=True))
     if not names or len({*names}) < len(names) or not all(names):
@@ -93,38 +113,47 @@ def _shots(path: Path, columns: Mapping[str, Any], unit: str) -> Shots:
     for name, column in zip(names, columns.values(), strict=True):
         array = np.asarray(column)
         if array.dtype.kind not in "iuf" or array.ndim != 1:
-            raise UserError(f"{path}: {name} is no list of numbers")
+            raise UserError(f"{path}: {name} is no list of numbers: it needs {FORMS[path.suffix]}")
         missing = np.flatnonzero(~np.isfinite(array))
         if len(missing):
-            raise UserError(f"{path}: {name} of shot {missing[0] + 1} is {array[missing[0]]}: leave that shot out")
+            raise UserError(f"{path}: {name} of {row} {missing[0] + 1} is {array[missing[0]]}: leave that {row} out")
         if np.max(np.abs(array), initial=0.0) > LONGEST:
             raise UserError(f"{path}: {name} goes beyond {LONGEST:g}: give it in another unit")
         values.append(array.astype(np.float64))
     if len({len(column) for column in values}) > 1:
         counts = ", ".join(f"{len(column)} of {name}" for name, column in zip(names, values, strict=True))
-        raise UserError(f"{path}: has {counts}: each shot needs all coordinates")
+        raise UserError(f"{path}: has {counts}: each {row} needs all of them")
     units = tuple(((part and part["unit"]) or unit).strip() for part in parts)
     return Shots(name=path.name, names=names, units=units, values=np.stack(values, axis=1))
 
 
-def _csv(path: Path) -> dict[str, Any]:
+def _csv(path: Path, *, row: str) -> dict[str, Any]:
     text = path.read_text(encoding="utf-8-sig")
     delimiter = next((mark for mark in ";\t," if mark in text), ",")
-    rows = [row for row in csv.reader(text.splitlines(), delimiter=delimiter) if any(cell.strip() for cell in row)]
+    rows = [line for line in csv.reader(text.splitlines(), delimiter=delimiter) if any(cell.strip() for cell in line)]
     if not rows:
-        raise UserError(f"{path}: is empty")
+        raise UserError(f"{path}: is empty: write a line of headings and a line for each {row}")
     headed = not all(_is_number(cell) for cell in rows[0])
     headings = [cell.strip() for cell in rows[0]] if headed else _numbered(len(rows[0]))
     if len({*headings}) < len(headings):
-        raise UserError(f"{path}: has two columns of one name: {', '.join(headings)}")
+        raise UserError(f"{path}: has two columns of one name: {', '.join(headings)}: rename or remove one")
+    if not all(headings):
+        raise UserError(f"{path}: column {headings.index('') + 1} has no heading: name or remove it")
     numbers = []
-    for number, row in enumerate(rows[headed:], 1):
-        if len(row) != len(headings):
-            raise UserError(f"{path}: shot {number} has {len(row)} numbers, but there are {len(headings)} columns")
-        for heading, cell in zip(headings, row, strict=True):
+    for number, cells in enumerate(rows[headed:], 1):
+        if len(cells) != len(headings):
+            raise UserError(
+                f"{path}: {row} {number} has {len(cells)} numbers, but there are {len(headings)} columns: complete it, "
+                "or leave it out"
+            )
+        for heading, cell in zip(headings, cells, strict=True):
             if not _is_number(cell):
-                raise UserError(f"{path}: {heading} of shot {number} is {cell!r}: it needs a number")
-        numbers.append([float(cell) for cell in row])
+                decimals = ", with a point before its decimals" if _is_number(cell.replace(",", ".")) else ""
+                raise UserError(
+                    f"{path}: {heading} of {row} {number} is {cell!r}: it needs a number{decimals}, or leave that "
+                    f"{row} out"
+                )
+        numbers.append([float(cell) for cell in cells])
     return dict(zip(headings, np.reshape(numbers, (-1, len(headings))).T, strict=True))
 
 
@@ -141,13 +170,13 @@ def _json(path: Path) -> dict[str, Any]:
     if isinstance(content, list):
         return _columns(np.asarray(content, dtype=np.float64))
     if not isinstance(content, dict):
-        raise UserError(f"{path}: needs a list of shots, or a list of numbers for each coordinate by its name")
+        raise UserError(f"{path}: needs {FORMS['.json']}")
     return content
 
 
 def _columns(table: Array) -> dict[str, Any]:
     if table.ndim != 2:
-        raise ValueError("shots need to be rows of as many numbers each")
+        raise ValueError(f"its numbers are no table, but of shape {table.shape}")
     return dict(zip(_numbered(table.shape[1]), table.T, strict=True))
 
 

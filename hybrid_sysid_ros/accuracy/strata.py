@@ -21,6 +21,8 @@ class Strata:
     """a: first guess of the probability of success in each, as a simulation tells it, (strata,)."""
 
     def __post_init__(self) -> None:
+        if not len(self.shares):
+            raise UserError("there are no strata: give a row for each, its share and a guess of success")
         if not np.all(self.shares > 0.0) or abs(float(np.sum(self.shares)) - 1.0) > 1e-6:
             raise UserError(f"shares of strata are {_list(self.shares)}: they need to be positive and 1 together")
         if not np.all((self.successes > 0.0) & (self.successes < 1.0)):

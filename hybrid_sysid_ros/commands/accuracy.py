@@ -62,8 +62,6 @@ def command(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Tell the accuracy from simulated and live shots, by what is declared of the simulation beforehand."""
-    if not 0.0 < level < 1.0:
-        raise UserError(f"--level {level:g}: needs a probability between 0 and 1, such as 0.9")
     discrepancy = Discrepancy(mean=mean_off, spread=spread_off)
     if page is not None:
         check_file(page, suffix=".html")
@@ -78,7 +76,7 @@ def command(
     if page is not None:
         hashes = {"simulated shots": sha256(simulated), "live shots": sha256(live)}
         source = report.Provenance(command=shlex.join(["hybrid-sysid", *sys.argv[1:]]), hashes=hashes)
-        report.write_accuracy(page, found, source)
+        report.write_accuracy(page, found, source, [*_remarks(found, told)])
     if as_json:
         console.print_json(json.dumps(told))
     else:
@@ -86,7 +84,7 @@ def command(
         if page is not None:
             console.print(f"report: {page}")
     if found.contradictions:
-        status.print(f"warning: {', and '.join(found.contradictions)}: {_cure(found)}")
+        status.print(f"warning: {', and '.join(found.contradictions)}: {found.cure}")
 
 
 def _further(interval: str, width: Width, texts: list[str], found: Accuracy) -> Iterator[dict[str, Any]]:
@@ -112,17 +110,11 @@ def _wanted(text: str, shots: Shots) -> tuple[str, int, float]:
 
 
 def _strata(path: Path) -> Strata:
-    table = read(path)
+    table = read(path, row="stratum")
     if sorted(table.names) != COLUMNS:
         raise UserError(f"{path}: has the columns {', '.join(table.names)}: it needs {' and '.join(COLUMNS)}")
     shares, successes = (table.values[:, table.names.index(name)] for name in COLUMNS)
     return Strata(shares=shares, successes=successes)
-
-
-def _cure(found: Accuracy) -> str:
-    if found.looks_like_a_unit:
-        return "check that both files have the same units"
-    return "look for the cause, or take what the live shots say alone; what they show is no reason to declare more"
 
 
 def _content(found: Accuracy, wanted: list[dict[str, Any]], strata: Strata | None, shots: int) -> dict[str, Any]:
@@ -190,16 +182,23 @@ def _show(found: Accuracy, told: dict[str, Any]) -> None:
     values = (f"{p:.3g}" if math.isfinite(p) else "-" for p in (conflict.mean, conflict.spread))
     differs.add_row("p-value of all", *values)
     print_table(differs)
-    units = dict(zip(live.names, live.units, strict=True))
+    for remark in _remarks(found, told):
+        console.print(remark)
+
+
+def _remarks(found: Accuracy, told: dict[str, Any]) -> Iterator[str]:
+    """How many more shots, and what strata save, a sentence each."""
+    units = dict(zip(found.live.names, found.live.units, strict=True))
     for item in told["further_shots"]:
         unit = f" {units[item['of']]}".rstrip()
-        console.print(
-            f"{item['shots']} more shots until the interval of the {item['interval']} of {item['of']} is at most "
+        shots = "shot" if item["shots"] == 1 else "shots"
+        yield (
+            f"{item['shots']} more {shots} until the interval of the {item['interval']} of {item['of']} is at most "
             f"{item['width']:g}{unit} wide, with a probability of {100.0 * ASSURANCE:g} %"
         )
     if "strata" in told:
         shared = told["strata"]
-        console.print(
+        yield (
             f"stratified: K_a {shared['efficiency']:.3f}, {100.0 * shared['saved']:.0f} % of the live shots saved; "
             f"of {sum(shared['allocation'])} shots the strata get {', '.join(map(str, shared['allocation']))}"
         )

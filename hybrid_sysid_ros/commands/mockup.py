@@ -60,7 +60,8 @@ def command(
     discrepancy = Discrepancy(mean=mean_off, spread=spread_off)
     setup = Setup.of(described, seed)
     report.check_available()
-    make_folder(place)
+    for folder in (place, place / "shots"):
+        make_folder(folder)
     for name in ("verdict.html", "verdict.json"):
         check_file(place / name)
     fleet = Fleet(folder=place / "shots", jobs=jobs, cluster=cluster)

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.equilibrium import Equilibrium, Mode, equilibrium
 from hybrid_sysid_ros.rigs.modes import name_of
 from hybrid_sysid_ros.rigs.rig import load
-from hybrid_sysid_ros.rigs.validity import check_valid
+from hybrid_sysid_ros.rigs.validity import check_reached, check_valid
 from hybrid_sysid_ros.support.errors import UserError
 
 INVOLVED = 0.1
@@ -42,6 +42,7 @@ def command(
     found = equilibrium(system, given)
     if alike:
         check_valid(described, found.states[None], "the equilibrium")
+    check_reached(described, found.inputs, "the equilibrium")
     named = [(mode, name_of(mode, system, described.modes)) for mode in found.modes]
     if as_json:
         console.print_json(json.dumps(_content(system, found, named)))
@@ -55,6 +56,8 @@ def _values(texts: list[str]) -> dict[str, float]:
     found = {}
     for text in texts:
         name, _, value = text.partition("=")
+        if name.strip() in found:
+            raise UserError(f"--at {text!r}: {name.strip()} is given twice; leave one out")
         try:
             found[name.strip()] = float(value)
         except ValueError:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core.symbolic import linearised, symbolic_rates
+from hybrid_sysid_ros.core.symbolic import linearised, symbolic_rates, viscous
 from hybrid_sysid_ros.core.system import System
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -64,8 +64,8 @@ class Equilibrium:
 def equilibrium(system: System, at: Mapping[str, float] | None = None) -> Equilibrium:
     """The equilibrium of a system at given values of states and inputs, by name, and of all others nearest to zero.
 
-    By Newton's method from zero with steps of least norm (in the units of the system), on the rates without the
-    friction of contacts.
+    By Newton's method from zero with steps of least norm (in the units of the system), on the rates with the viscous
+    friction of contacts and without their dry one.
 
     Raises:
         UserError: an unknown name, or no equilibrium found.
@@ -81,9 +81,11 @@ def equilibrium(system: System, at: Mapping[str, float] | None = None) -> Equili
 
     def moving(point: Array) -> tuple[Array, Array]:
         """What still moves at a point, (states,), and its slopes by states and inputs."""
-        found, slopes = (np.array(part) for part in rates(np.concatenate([point[:n], hidden]), point[n:]))
+        states = np.concatenate([point[:n], hidden])
+        found, slopes = (np.array(part) for part in rates(states, point[n:]))
+        held_back = np.eye(n, n + m) * viscous(system, states, point[n:])[:, None] + staying
         by_all = np.delete(slopes, np.s_[n : n + len(hidden)], axis=1)
-        return found.ravel() - staying @ point, by_all - staying
+        return found.ravel() - held_back @ point, by_all - held_back
 
     point = np.array([held.get(name, 0.0) for name in names])
     left, slopes = moving(point)
@@ -106,7 +108,8 @@ def equilibrium(system: System, at: Mapping[str, float] | None = None) -> Equili
         told = ", ".join(f"{name} {value:g}" for name, value in held.items())
         raise UserError(
             f"{type(system).__name__} has no equilibrium {f'at {told}' if told else 'near zero'}, or none was found: "
-            f"{names[worst]} still changes by {left[worst]:.3g} a {'sample' if system.sampling_time else 'second'}; "
+            f"{names[worst]} still changes by {left[worst]:.3g} {system.declared_states[worst].unit} a "
+            f"{'sample' if system.sampling_time else 'second'}; "
             "hold other values, or fewer"
         )
     states = np.concatenate([point[:n], hidden])

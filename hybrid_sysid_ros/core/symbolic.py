@@ -79,13 +79,18 @@ def linearised(system: System, x: Array, u: Array) -> tuple[Array, Array]:
     """
     n = len(system.declared_states)
     full = np.nan_to_num(np.array(symbolic_rates(system)(x, u)[1]), posinf=0.0, neginf=0.0)
-    a, b = full[:, :n], full[:, len(system.states) :]
+    return full[:, :n] - np.diag(viscous(system, x, u)), full[:, len(system.states) :]
+
+
+def viscous(system: System, x: Array, u: Array) -> Array:
+    """Viscous friction (states,) of the contacts of each declared state at x (states,) and u (inputs,), per unit of the
+    state.
+    """
     names = [item.name for item in system.declared_states]
-    motion = system.motion()
+    motion, found = system.motion(), np.zeros(len(names))
     for contact in system.contacts:
-        index = names.index(contact.on)
-        a[index, index] -= float(motion.field(contact.viscous, x.tolist(), u.tolist()))
-    return a, b
+        found[names.index(contact.on)] += float(motion.field(contact.viscous, x.tolist(), u.tolist()))
+    return found
 
 
 def _function(name: str, traced: Trace, result: str) -> casadi.Function:

@@ -7,8 +7,8 @@ import plotly.graph_objects as go
 from scipy import stats
 
 from hybrid_sysid_ros.accuracy import Accuracy, NormalInverseWishart, mean_width, spread_width
-from hybrid_sysid_ros.accuracy.estimate import FEWEST
-from hybrid_sysid_ros.report.charts import MEASURED, MODEL, REFERENCE, Array, dress, line, panels
+from hybrid_sysid_ros.accuracy.estimate import fewest
+from hybrid_sysid_ros.report.charts import MEASURED, MODEL, REFERENCE, Array, dress, line, logarithmic, panels
 
 AHEAD = 2.0
 """How far the widths of intervals are predicted, as a multiple of the live shots."""
@@ -39,7 +39,8 @@ def impacts(found: Accuracy) -> go.Figure:
         figure.add_trace(go.Scatter(x=x, y=y, mode="lines", name="circular error probable", line=dotted))
         figure.update_xaxes(constrain="domain")
         figure.update_yaxes(scaleanchor="x")
-    labels = [f"{name} [{unit or '1'}]" for name, unit in zip(found.live.names, found.live.units, strict=True)]
+    pairs = zip(found.live.names, found.live.units, strict=True)
+    labels = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
     figure.update_xaxes(title=labels[0])
     figure.update_yaxes(title=labels[1])
     figure.update_layout(hovermode="closest")
@@ -51,18 +52,20 @@ def sequence(found: Accuracy, coordinate: int) -> go.Figure:
     figure = panels(heights=[0.5, 0.5], height=460)
     shots, level = found.live.values, found.level
     nothing = NormalInverseWishart.reference(shots.shape[1])
-    first = max(FEWEST, shots.shape[1] + 1)
-    counts = np.arange(first, len(shots) + 1)
+    counts = np.arange(fewest(shots.shape[1]), len(shots) + 1)
     further = np.unique(np.linspace(0, max(AHEAD * len(shots), 10.0), 40).astype(int))
     for row, width in enumerate((mean_width, spread_width), 1):
+        widths = []
         for prior, name, colour in ((nothing, "live alone", MEASURED), (found.prior, "together", MODEL)):
             told = [width(prior.updated(shots[:count]), coordinate, 0, level, 0.5) for count in counts]
+            widths += told
             line(figure, row, counts.astype(float), np.array(told), name, colour, legend=row == 1)
             posterior = prior.updated(shots)
             ahead = [width(posterior, coordinate, int(more), level, 0.5) for more in further]
+            widths += ahead
             line(figure, row, len(shots) + further.astype(float), np.array(ahead), f"{name}, predicted", colour,
                  width=0.7, legend=row == 1)  # fmt: skip
-        figure.update_yaxes(type="log", row=row, col=1)
+        figure.update_yaxes(type="log", row=row, col=1, **logarithmic(min(widths), max(widths)))
     unit = found.live.units[coordinate]
     for row, name in enumerate(("mean", "spread"), 1):
         figure.update_yaxes(title=f"width, {name}{f' [{unit}]' if unit else ''}", row=row, col=1, secondary_y=False)

@@ -47,8 +47,8 @@ def accuracy_rows(found: Accuracy) -> Iterator[Row]:
         yield row(f"circular error probable about the mean{unit}", circles)
 
 
-def write_accuracy(path: Path | str, found: Accuracy, provenance: Provenance) -> Path:
-    """Write the page.
+def write_accuracy(path: Path | str, found: Accuracy, provenance: Provenance, remarks: Sequence[str] = ()) -> Path:
+    """Write the page. remarks: sentences of further shots and of strata.
 
     Raises:
         UserError: plotly or jinja2 is not installed, or the place cannot be written.
@@ -65,6 +65,7 @@ def write_accuracy(path: Path | str, found: Accuracy, provenance: Provenance) ->
         "sequences": [
             (name, drawn(accuracy_figures.sequence(found, k), f"sequence-{k}")) for k, name in enumerate(names)
         ],
+        "remarks": remarks,
         "provenance": provenance,
         "hashes": provenance.hashes,
     }

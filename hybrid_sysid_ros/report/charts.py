@@ -29,6 +29,7 @@ FONT = {
 MINUS = "\N{MINUS SIGN}"
 LONG_NAME = 12  # letters
 POINTS = 16_000  # of a line at most
+FEW_TICKS, MANY_DECADES = 2, 3  # of a logarithmic axis
 
 
 def panels(*, heights: Sequence[float], height: int) -> go.Figure:
@@ -99,6 +100,17 @@ def second_scale(output: Variable, display: Display) -> tuple[str, float] | None
 def titled(name: str, unit: str) -> str:
     """Title of an axis: a name and its unit, one below the other where a low panel has no room for them in a line."""
     return f"{name}{'<br>' if len(name) > LONG_NAME else ' '}[{unit}]"
+
+
+def logarithmic(low: float, high: float) -> dict[str, list[float] | list[str]]:
+    """Ticks of a logarithmic axis: 1, 2 and 5 of each decade, of many 1 alone; its ends where it has hardly one."""
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    steps = np.array([1.0] if last - first > MANY_DECADES else [1.0, 2.0, 5.0])
+    values = np.concatenate([steps * 10.0**k for k in range(first, last + 1)])
+    inside = values[(values >= low) & (values <= high)]
+    if len(inside) < FEW_TICKS:
+        inside = np.linspace(low, high, FEW_TICKS)
+    return {"tickvals": inside.tolist(), "ticktext": [f"{value:.3g}" for value in inside]}
 
 
 def scaled(

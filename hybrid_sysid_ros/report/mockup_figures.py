@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from hybrid_sysid_ros.report.charts import INPUT, LINES, MEASURED, REFERENCE, dress, line, panels, scaled, timed
+from hybrid_sysid_ros.report.charts import INPUT, LINES, MEASURED, REFERENCE, dress, line, panels, scaled, timed, titled
 from hybrid_sysid_ros.runtime.mockup import Found
 
 POINTS = 400  # of a distribution at most
@@ -35,7 +35,7 @@ def tracking(found: Found) -> go.Figure:
     """Each followed output with its reference, and the inputs with their bounds."""
     rig, loop = found.setup.rig, found.loop
     followed = sorted({segment.output for segment in found.fired["live"].where.schedule.segments})
-    weights = [0.5] * len(followed) + [0.28] * len(rig.actuators)
+    weights = [0.5] * len(followed) + [0.34] * len(rig.actuators)
     figure = panels(heights=[weight / sum(weights) for weight in weights], height=round(460 * sum(weights)))
     for row, k in enumerate(followed, start=1):
         output, display = rig.system.outputs[k], rig.display[k]
@@ -48,6 +48,6 @@ def tracking(found: Found) -> go.Figure:
         line(figure, row, loop.time, loop.inputs[:, j], "input", INPUT, legend=j == 0, shape="hv")
         for level in (actuator.low, actuator.high):
             figure.add_hline(y=level, line={"color": REFERENCE, "dash": "dot", "width": 1}, row=row, col=1)
-        figure.update_yaxes(title=f"{item.name} [{item.unit}]", row=row, col=1, secondary_y=False)
+        figure.update_yaxes(title=titled(item.name, item.unit), row=row, col=1, secondary_y=False)
         figure.update_yaxes(visible=False, row=row, col=1, secondary_y=True)
     return timed(figure, len(weights))

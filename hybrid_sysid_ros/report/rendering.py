@@ -75,7 +75,9 @@ def write_page(path: Path | str, template: Path, content: Mapping[str, Any], **f
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
     )
-    environment.filters.update(filters, significant=significant, probability=probability, part=part_text)
+    environment.filters.update(
+        filters, significant=significant, probability=probability, part=part_text, sentence=sentence
+    )
     text = environment.get_template(template.name).render(plotly=get_plotlyjs(), **content)
     with written_file(path) as partial:
         partial.write_text(text, encoding="utf-8")
@@ -142,6 +144,11 @@ def significant(value: float | None, digits: int = 4) -> str:
 def probability(value: float) -> str:
     """A p-value, as far down as it says anything."""
     return "< 0.0001" if value < 1e-4 else f"{value:.4f}"
+
+
+def sentence(text: str) -> str:
+    """With a capital at its beginning; names in it keep theirs."""
+    return text[:1].upper() + text[1:]
 
 
 def part_text(part: Part) -> str:

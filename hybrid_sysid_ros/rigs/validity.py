@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 
+ROUNDING = 1e-9
+"""Of an input, as part of what its actuator gives."""
+
 
 def check_valid(rig: Rig, states: NDArray[np.float64], what: str) -> None:
     """Raise UserError for states (samples, states) that leave the validity of the rig, with the state that does.
@@ -26,12 +29,28 @@ def check_valid(rig: Rig, states: NDArray[np.float64], what: str) -> None:
             worst = values[outside[int(np.argmax(np.abs(values[outside])))]]
             told = [_shown(value, item.unit) for value in (worst, low[index], high[index])]
             raise UserError(
-                f"{what}: {item.name} is {told[0]}, and {rig.name} is valid from {told[1]} to {told[2]} only; "
-                "stay within, or correct validity in its rig.yaml"
+                f"{what}: {item.name} is {told[0]}, and {rig.name} is valid from {told[1]} to {told[2]} only"
+                f"{_deviations(rig, item.name)}; stay within, or correct validity in its rig.yaml"
             )
+
+
+def check_reached(rig: Rig, inputs: NDArray[np.float64], what: str) -> None:
+    """Raise UserError for inputs (inputs,) that the actuators of the rig can't give, with the input that it is."""
+    for value, item, actuator in zip(inputs, rig.system.inputs, rig.actuators, strict=True):
+        if abs(value - min(max(value, actuator.low), actuator.high)) > ROUNDING * (actuator.high - actuator.low):
+            told = [_shown(number, item.unit) for number in (value, actuator.low, actuator.high)]
+            raise UserError(
+                f"{what}: needs {item.name} {told[0]}, and its actuator gives {told[1]} to {told[2]} only"
+                f"{_deviations(rig, item.name)}; hold other values"
+            )
+
+
+def _deviations(rig: Rig, name: str) -> str:
+    whole = rig.system.operating_point.get(name)
+    return f", as deviations from {whole:.6g}" if whole else ""
 
 
 def _shown(value: float, unit: str) -> str:
     """A number with its unit, an angle in degrees too."""
     degrees = f" ({math.degrees(value):.3g} deg)" if unit == "rad" else ""
-    return f"{value:.4g} {unit}{degrees}"
+    return f"{value:.4g}{'' if unit == '1' else f' {unit}'}{degrees}"

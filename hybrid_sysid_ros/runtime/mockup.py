@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.accuracy import Accuracy, Discrepancy, assess
+from hybrid_sysid_ros.accuracy import Accuracy, Discrepancy, assess, fewest
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.safety.certificate import binomial_bound
@@ -39,6 +39,10 @@ CONFIDENCE = 0.99
 """Of the bound on the share of plants that are kept."""
 CLOSE = 0.95
 """Share of the misses that the tolerance must hold."""
+SECONDS = 1.0, 86_400.0
+"""Of an experiment."""
+SLOWEST = 1.0
+"""Samples of an experiment a second."""
 
 Fire = Callable[[Range, int, str], Fired]
 """fire(where, count, name)"""
@@ -77,6 +81,8 @@ class Setup:
         plan, where = Plan.of(rig), f"{rig.file}: mockup"
         told = section(rig.content, "mockup", str(rig.file))
         refuse_unknown(told, KEYS, where)
+        if "options" in told and "structure" not in told:
+            raise UserError(f"{where}.options: belong to a structure: name one beside them")
         if "structure" in told:
             plan = replace(plan, structure=str(told["structure"]), options=named_numbers(told, "options", where))
         known = list(rig.experiments.excitations)
@@ -87,15 +93,25 @@ class Setup:
         for name in tolerance:
             if name not in windows:
                 raise UserError(f"{where}.tolerance: {plan.reference} has no part {name}: it has {', '.join(windows)}")
+            if not tolerance[name] > 0.0:
+                raise UserError(f"{where}.tolerance.{name} is {tolerance[name]:g}: it needs to be above 0")
+        learn, test = (
+            _chosen(told, key, usual, known, where) for key, usual in (("learn", known[:-1]), ("test", known[-1:]))
+        )
+        if {*learn} & {*test}:
+            both = ", ".join(sorted({*learn} & {*test}))
+            raise UserError(f"{where}: {both} can't be in both learn and test: keep some that no fit sees")
+        rate = _number(told, "rate", 1.0 / plan.sampling.step, (SLOWEST, 1.0 / rig.step), where)
+        rig.steps(1.0 / rate, f"{where}.rate {rate:g} Hz: its period")
         return cls(
             rig=rig,
             reality=plant_near(rig.system, configuration.spread_of(rig).parameters, np.random.default_rng(seed)),
             plan=plan,
-            learn=_chosen(told, "learn", known[:-1], known, where),
+            learn=learn,
             part=Part.parse(str(told.get("part", "0:1"))),
-            test=_chosen(told, "test", known[-1:], known, where),
-            seconds=numbers(told.get("seconds", 40.0), f"{where}.seconds", count=1)[0],
-            rate=numbers(told.get("rate", 1.0 / plan.sampling.step), f"{where}.rate", count=1)[0],
+            test=test,
+            seconds=_number(told, "seconds", 40.0, SECONDS, where),
+            rate=rate,
             tolerance=tolerance,
             seed=seed,
         )
@@ -109,6 +125,13 @@ def _chosen(
     if not isinstance(found, list) or not found or not all(name in known for name in found):
         raise UserError(f"{where}.{key} is {found!r}: it needs a list of experiments: {', '.join(known)}")
     return tuple(found)
+
+
+def _number(told: Mapping[str, Any], key: str, usual: float, within: tuple[float, float], where: str) -> float:
+    found = numbers(told.get(key, usual), f"{where}.{key}", count=1)[0]
+    if not within[0] <= found <= within[1]:
+        raise UserError(f"{where}.{key} is {found:g}: it needs {within[0]:g} to {within[1]:g}")
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,6 +173,10 @@ def mockup(
     """
     rig, plan = setup.rig, setup.plan
     schedule, box = rig.schedule(plan.reference), _box(setup)
+    least = fewest(len(schedule.windows))
+    for name in ("live", "simulated"):
+        if counts[name] < least:
+            raise UserError(f"--{name} {counts[name]}: the parts of {schedule.name} need {least} shots at least")
     prior = prior_of(setup, box)
     given: dict[str, Any] = {"rig": rig, "schedule": schedule}
     fired: dict[str, Fired] = {}

@@ -20,6 +20,7 @@ from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.controllers import ConfiguredController, controller_of
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Arrays
 
 END = 1.0
@@ -149,7 +150,13 @@ class Fired:
         return {segment.name: display[segment.output].unit for segment in self.where.schedule.segments}
 
     def shots(self, name: str) -> Shots:
-        """Their misses."""
+        """Their misses. Raises UserError where a loop ran away, and left no numbers."""
+        lost = np.count_nonzero(~np.isfinite(self.miss).all(axis=1))
+        if lost:
+            raise UserError(
+                f"{name}: {lost} of {len(self.miss)} shots ended in no numbers, as the loop ran away: lower steps of "
+                f"{self.where.schedule.name}, or correct the controller's weights and limits, in {self.where.rig.file}"
+            )
         return Shots(name=name, names=tuple(self.windows), units=tuple(self.windows.values()), values=self.miss)
 
 

@@ -114,10 +114,11 @@ def beside(path: Path | str, suffix: str) -> Path:
     return target.with_name(f"{target.name}{suffix}")
 
 
-def sha256(path: Path | str) -> str:
+def sha256(path: Path | str, *, without: str = "") -> str:
     """Hexadecimal SHA-256 of a file, or of a folder.
 
     A folder's is that of its list of files, sorted by relative path, as `sha256sum` prints it ("<digest>  <path>").
+    without: a file of the folder that is left out.
 
     Raises:
         UserError: there is no such file or folder, or it cannot be read.
@@ -126,7 +127,7 @@ def sha256(path: Path | str) -> str:
     try:
         if path.is_dir():
             names = sorted(file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file())
-            listing = "".join(f"{sha256(path / name)}  {name}\n" for name in names)
+            listing = "".join(f"{sha256(path / name)}  {name}\n" for name in names if name != without)
             return hashlib.sha256(listing.encode()).hexdigest()
         digest = hashlib.sha256()
         with path.open("rb") as file:

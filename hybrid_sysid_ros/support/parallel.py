@@ -28,7 +28,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import written_folder
+from hybrid_sysid_ros.support.files import sha256, written_folder
 from hybrid_sysid_ros.support.threads import ONE_THREAD, alone
 
 Item = TypeVar("Item")
@@ -47,7 +47,7 @@ IDLE = 60.0
 Arrays = dict[str, NDArray[Any]]
 ARRAYS = "arrays.safetensors"
 FINISHED = "finished.json"
-"""The file that shows that a result was written whole."""
+"""The file that shows that a result was written whole, with its key and its SHA-256."""
 
 
 @dataclass(frozen=True)
@@ -228,12 +228,14 @@ class Store(Generic[Result]):
         return found  # type: ignore[no-any-return]
 
     def find(self, key: Any) -> Result | None:
-        """The result of a key, None where it is not there or can't be read. key: plain data, or told by its repr()."""
+        """The result of a key, None where it is not there, not as it was written, or can't be read.
+
+        key: plain data, or told by its repr().
+        """
         place = self._place(key)
-        if not (place / FINISHED).is_file():
-            return None
         try:
-            return self.read(place)
+            written = json.loads((place / FINISHED).read_text(encoding="utf-8"))["sha256"]
+            return self.read(place) if written == sha256(place, without=FINISHED) else None
         except (OSError, SafetensorError, ValueError, KeyError, TypeError, UserError):
             return None
 
@@ -241,7 +243,7 @@ class Store(Generic[Result]):
         """Write a result. Raises UserError where the place can't be written."""
         with written_folder(self._place(key), marker=FINISHED, force=True) as partial:
             self.write(result, partial)
-            (partial / FINISHED).write_text(_text(key), encoding="utf-8")
+            (partial / FINISHED).write_text(_text({"key": key, "sha256": sha256(partial)}), encoding="utf-8")
 
     def remove(self) -> None:
         """Remove the folder: the work as a whole is finished."""

@@ -46,6 +46,26 @@ def test_what_is_given_is_held_and_the_rest_is_found():
     assert equilibrium(Pendulum(), {"angle": np.pi}).inputs[0] == pytest.approx(0.0, abs=1e-12)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Cart(System):
+    """v' = u - .6 v - F sgn v."""
+
+    states = ("speed [m/s]",)
+    inputs = ("push [m/s^2]",)
+    contacts = (Dry(on="speed", level="friction", viscous="damping"),)
+
+    friction: float = bounded(0.2, 0.0, 1.0, unit="m/s^2")
+    damping: float = bounded(0.6, 0.0, 1.0, unit="1/s")
+
+    def law(self, x, u):
+        return (u[0],)
+
+
+def test_what_viscous_friction_takes_is_pushed_and_dry_one_is_left_out():
+    assert equilibrium(Cart(), {"speed": 5.0}).inputs[0] == pytest.approx(3.0)
+    assert equilibrium(Cart(), {"push": 3.0}).states[0] == pytest.approx(5.0)
+
+
 def test_upside_down_one_mode_grows():
     modes = equilibrium(Pendulum(damping=0.0), {"angle": np.pi}).modes
     assert [mode.pole.real for mode in modes] == pytest.approx([3.0, -3.0]) or [
