@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,19 +11,31 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros import bags, report
-from hybrid_sysid_ros.camera.imager import Camera, Imager
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.camera.imager import Camera, Imager, Picture
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.rigs.scene import scene_of
 from hybrid_sysid_ros.runtime.filming import experiment, filmed
-from hybrid_sysid_ros.runtime.pictures_ahead import Judged, PictureModel, Summary, Watched, judged, looks, of_video
+from hybrid_sysid_ros.runtime.motion_ahead import DRIFTS
+from hybrid_sysid_ros.runtime.pictures_ahead import (
+    Judged,
+    Look,
+    PictureModel,
+    Summary,
+    Watched,
+    judged,
+    looks,
+    of_video,
+)
 from hybrid_sysid_ros.runtime.sight import frame_noise
 from hybrid_sysid_ros.runtime.video_record import joined
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.vision.angle_reader import AngleReader
 from hybrid_sysid_ros.vision.footage import followed
 from hybrid_sysid_ros.vision.layers import KIND, Layers
-from hybrid_sysid_ros.vision.renderer import LayerRenderer
+from hybrid_sysid_ros.vision.renderer import LayerRenderer, Renderer
 from tests.camera_bench import painted_layers
 
 RIG = load("cam_beam")
@@ -67,6 +80,61 @@ def test_the_band_grows_and_holds_the_most(rows: list[Judged]) -> None:
     near, far = (np.mean([row.look.deviation for row in rows if row.look.ahead == ahead]) for ahead in (0.5, 2.0))
     assert 0.0 < near < far < math.radians(1.0)
     assert np.mean([Summary.of(rows, ahead).inside for ahead in (0.5, 1.0, 2.0)]) > 0.5
+
+
+class Unpainted(Renderer):
+    """Where only positions are asked for."""
+
+    def take(self, time: float, times: Array, angles: Array) -> Picture:
+        return np.zeros((1, 1), dtype=np.uint8)
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Record, Watched]:
+    """30 s of the beam under random steps, and where it was, as often as a camera shows it."""
+    bag = tmp_path_factory.mktemp("steps") / "bag"
+    motion = experiment(RIG, "random_steps", bag, seed=4, duration=30.0, rate=200.0)
+    times = np.arange(int(29.9 * CAMERA.rate)) / CAMERA.rate
+    return bags.read(bag, RIG.signals), Watched(
+        times=times, seen=times, positions=np.interp(times, motion.times, motion.angles)
+    )
+
+
+def foretold(model_folder: Path, record: Record, watched: Watched, drifts: Sequence[float] = DRIFTS) -> list[Look]:
+    """2 s ahead, once predictions have come true."""
+    model = PictureModel(model=load_model(model_folder), renderer=Unpainted())
+    noise = frame_noise(RIG, CAMERA.width)
+    return list(looks(model, RIG, record, watched, noise=noise, ahead=(2.0,), drifts=drifts))[4:]
+
+
+def rms(found: Sequence[Look], watched: Watched) -> float:
+    return math.degrees(np.sqrt(np.mean([(look.position - watched.positions[look.frame]) ** 2 for look in found])))
+
+
+def inside(found: Sequence[Look], watched: Watched) -> float:
+    """Share within two deviations: .954 of a normal one."""
+    return float(
+        np.mean([abs(look.position - watched.positions[look.frame]) <= 2.0 * look.deviation for look in found])
+    )
+
+
+def test_an_input_without_an_offset_is_predicted_as_one(model_folder: Path, shown: tuple[Record, Watched]) -> None:
+    record, watched = shown
+    believed, alone = foretold(model_folder, record, watched), foretold(model_folder, record, watched, (1.0,))
+    assert {look.drift for look in believed} <= {0.0, 0.1}
+    assert rms(believed, watched) < 0.7 * rms(alone, watched)
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_an_input_with_an_offset_is_followed(model_folder: Path, shown: tuple[Record, Watched], turns: bool) -> None:
+    record, watched = shown
+    offset = 0.3 * np.sign(record.time - 15.0) if turns else np.full(record.samples, 0.3)  # V
+    record = replace(record, input=record.input - offset[:, None])
+    believed, alone, without = (foretold(model_folder, record, watched, drifts) for drifts in (DRIFTS, (1.0,), (0.0,)))
+    assert 0.0 not in {look.drift for look in believed}
+    assert rms(believed, watched) < 1.1 * rms(alone, watched) < 0.5 * rms(without, watched)
+    if not turns:  # a jump is what no band of a drift tells
+        assert inside(believed, watched) > 0.9
 
 
 def test_a_picture_model_is_a_model_with_layers_in_its_folder(model_folder: Path, tmp_path: Path) -> None:

@@ -121,6 +121,19 @@ def test_black_pictures_are_told_as_such(video: Video, beam: Filmed) -> None:
     refused(video(frames), "is black, or shows no joint", "cut it there")
 
 
+def test_a_film_of_another_size_is_told_by_its_name(video: Video, beam: Filmed, tmp_path: Path) -> None:
+    smaller = _each(beam.frames, lambda picture: picture[::2, ::2])
+    refused(video(smaller), tmp_path / "film.mp4", "160x90", "320x180", "learn layers")
+    assert not (tmp_path / "out").exists()
+
+
+def test_layers_of_a_film_that_is_refused_are_not_written(video: Video, beam: Filmed, tmp_path: Path) -> None:
+    bag, layers = tmp_path / "other", tmp_path / "layers"
+    experiment(RIG, "multisine", bag, seed=9, duration=SECONDS, rate=200.0)
+    refused(video(beam.frames, bag=bag, layers=layers), tmp_path / "film.mp4", "motion is not the bag's")
+    assert not layers.exists()
+
+
 def test_a_black_picture_does_not_hide_the_lamp(video: Video, beam: Filmed) -> None:
     frames = [(time, 0 * picture if k == 100 else picture) for k, (time, picture) in enumerate(beam.frames)]
     status, told, error = video(frames)
@@ -182,7 +195,7 @@ def test_a_head_with_another_rate_than_the_times_is_noted(video: Video, beam: Fi
 
 def test_another_bag_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None:
     experiment(RIG, "multisine", tmp_path / "other", seed=9, duration=SECONDS, rate=200.0)
-    refused(video(beam.frames, bag=tmp_path / "other"), "motion is not the bag's")
+    refused(video(beam.frames, bag=tmp_path / "other"), tmp_path / "film.mp4", "motion is not the bag's")
     assert not (tmp_path / "out").exists()
 
 

@@ -49,5 +49,5 @@ def _grey(source: BytesIO | Path, *formats: str) -> Picture:
             image.draft("L", image.size)  # of a JPEG the brightness alone is unpacked
             return np.asarray(image.convert("L"))
     except (OSError, SyntaxError, ValueError) as error:
-        why = "can't be identified" if isinstance(error, UnidentifiedImageError) else error
-        raise UserError(f"no {' or '.join(formats)} that can be read ({why})") from error
+        why = "can't be identified" if isinstance(error, UnidentifiedImageError) else getattr(error, "strerror", None)
+        raise UserError(f"no {' or '.join(formats)} that can be read ({why or error})") from error

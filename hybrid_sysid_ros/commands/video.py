@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -69,7 +70,7 @@ def command(
     if page is not None:
         report.check_available()
         check_file(page, suffix=".html")
-    with status.status("looking at the film") as spinner:
+    with status.status("looking at the film") as spinner, _told_of(video, bag, layers):
         known = layers is not None and (layers / f"{KIND}.yaml").exists() and not again
         if known and layers is not None:
             found = Layers.load(layers)
@@ -78,15 +79,13 @@ def command(
             found, _ = learn(
                 film, described, readout=readout, progress=lambda stage: spinner.update(f"learning: {stage}")
             )
-            if layers is not None:
-                found.save(layers)
         footage = followed(
             video, AngleReader(found), scene.lamp, progress=lambda count: spinner.update(f"reading: {count} pictures")
         )
         spinner.update("synchronising")
         record = video_record.joined(footage, found, described, bag, exposure=exposure)
-        if layers is not None and not known and bag is not None:
-            video_record.calibrated(found, record).save(layers)
+        if layers is not None and not known:
+            (found if bag is None else video_record.calibrated(found, record)).save(layers)
         ahead: list[Judged] = []
         if dynamics is not None and bag is not None:
             spinner.update("predicting")
@@ -106,6 +105,17 @@ def command(
         provenance = report.Provenance(command=told, hashes=hashes, versions=versions())
         report.write_video(page, record, found, f"{described.name}: {video.name}", provenance, ahead=ahead)
         console.print(f"report: {page}")
+
+
+@contextmanager
+def _told_of(video: Path, *others: Path | None) -> Iterator[None]:
+    """A refusal names the film, where it does not name a file already."""
+    try:
+        yield
+    except UserError as error:
+        if str(error).startswith(tuple(str(place) for place in (video, *others) if place)):
+            raise
+        raise UserError(f"{video}: {error}") from error
 
 
 def table_of(record: video_record.VideoRecord) -> Table:

@@ -27,6 +27,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 PERIODS = 10
 """Of a swing that nobody says a length of."""
+SHORTEST = 1e-3
+"""Seconds that are told apart."""
 
 
 def read(text: str, vocabulary: Vocabulary, files: Files | None = None) -> Sentence:
@@ -201,6 +203,8 @@ class _Reader:
             raise UserError("a time and a count contradict one another: leave one out")
         periods = PERIODS if count is None else count.value
         length = periods / hertz if seconds is None else seconds
+        if length < SHORTEST:
+            raise UserError(f"{length:.3g} s are no swing: give {SHORTEST:g} s or more")
         return Swing(
             output=output, low=low, high=high, frequency=hertz, seconds=length, square=square, relative=relative
         )
@@ -263,8 +267,8 @@ class _Reader:
         found = self.take(lambda item: item.role in roles and self.base(item) == TIME)
         if found is None:
             return None
-        if found.said <= 0.0:
-            raise UserError(f"{_told(found)} is no time to plan with: give one above 0")
+        if found.said < SHORTEST:
+            raise UserError(f"{_told(found)} is no time to plan with: give {SHORTEST:g} s or more")
         return found.said
 
     def is_rate(self, item: Quantity) -> bool:

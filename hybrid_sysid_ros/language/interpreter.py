@@ -13,6 +13,7 @@ from hybrid_sysid_ros.language.eyes import Eyes
 from hybrid_sysid_ros.language.files import Files
 from hybrid_sysid_ros.language.forecast import Forecast, Simulator, Start
 from hybrid_sysid_ros.language.plan import Plan, plan_of
+from hybrid_sysid_ros.language.sentence import MOST
 from hybrid_sysid_ros.language.telling import told
 from hybrid_sysid_ros.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.support.arrays import Array
@@ -44,7 +45,10 @@ class Interpreter:
         sentence = grammar.read(text, self.vocabulary, self.files)
         if not any(isinstance(command, Repeat | Look) for command in sentence.commands):
             return sentence
-        return replace(sentence, commands=tuple(part for item in sentence.commands for part in self._unfolded(item)))
+        parts = tuple(part for item in sentence.commands for part in self._unfolded(item))
+        if len(parts) > MOST:
+            raise UserError(f"{len(parts)} parts with those that are repeated: a command has {MOST} at most")
+        return replace(sentence, commands=parts)
 
     def _unfolded(self, command: Command) -> tuple[Command, ...]:
         """What a command stands for."""

@@ -14,6 +14,8 @@ from hybrid_sysid_ros.support.errors import UserError
 
 LONGEST = 300  # characters of a sentence
 MOST = 20  # clauses
+SMALLEST, LARGEST = 1e-12, 1e12
+"""Of a number but 0: beyond lies nothing that a rig reaches, and arithmetic ends."""
 TOKEN = re.compile(
     r"""\s*(?:
       (?P<number>[+-]?(?:\d+(?:\.\d+)?|\.\d+)(?:[eE][+-]?\d+)?)
@@ -31,7 +33,8 @@ PHRASES = (
     (re.compile(r"\bback\s+and\s+forth\b", re.I), " swing "),
     (re.compile(r"\b(as)\s+(fast|quickly|slowly)\s+as\s+possible\b", re.I), r"\2"),
     (re.compile(r"\bper\s+sec(?:ond)?s?\b", re.I), " /s "),
-    (re.compile(r"\s+/\s*s\b"), "/s"),
+    (re.compile(r"\bper\s+min(?:ute)?s?\b", re.I), " /min "),
+    (re.compile(r"\s+/\s*(s|min)\b"), r"/\1"),
     (re.compile(r"\bper\s+cent\b", re.I), "percent"),
     (re.compile(r"(?<=\d)\s*(?:N m|newton[ -]?met(?:er|re)s?)\b"), " Nm"),
 )
@@ -122,7 +125,9 @@ class _Reader:
     def __init__(self, vocabulary: Vocabulary) -> None:
         self.vocabulary = vocabulary
         self.found = [Clause()]
-        self.role, self.sign = "", 1.0
+        self.role = ""
+        self.sign = 0.0
+        """Of a number to come, in words; 0 where nothing was said."""
         self.joined = False
         """Whether the last word was "and"."""
         self.open = False
@@ -152,15 +157,19 @@ class _Reader:
         """The clause is over."""
         if not self.clause.empty:
             self.found.append(Clause())
-        self.role, self.sign, self.open, self.joined = "", 1.0, False, False
+        self.role, self.sign, self.open, self.joined = "", 0.0, False, False
 
     def number(self, value: float) -> None:
         """A quantity, whose unit may follow."""
         if not math.isfinite(value):
             raise UserError("a number without end: give one within the rig's limits")
+        if value and not SMALLEST <= abs(value) <= LARGEST:
+            raise UserError(f"{value:g} is nothing that a rig reaches: give a number from {SMALLEST:g} to {LARGEST:g}")
+        if self.sign and value < 0.0:
+            raise UserError(f"two signs before {abs(value):g}: write one")
         output = self.clause.outputs[-1] if self.clause.outputs else None
-        self.clause.quantities.append(Quantity(self.sign * value, None, self.role, output))
-        self.sign, self.open, self.joined = 1.0, True, False
+        self.clause.quantities.append(Quantity((self.sign or 1.0) * value, None, self.role, output))
+        self.sign, self.open, self.joined = 0.0, True, False
 
     def unit_of(self, token: str) -> Unit | None:
         """The unit of a token; a word that has another meaning after a number is none."""
@@ -175,11 +184,15 @@ class _Reader:
             meant = [word for word in self.vocabulary.meant(base.lower()) if named(word)]
             unit = named("/".join(filter(None, (meant[0], below)))) if len(meant) == 1 else None
         if unit is None:
-            raise UserError(f"no unit {token!r}: known are {self.listed_units()}, s, Hz, %")
+            raise self.no_unit(token)
         if last is None or not self.open:
             raise UserError(f"{token!r} has no number before it: write for example '3 {token}'")
         self.clause.quantities[-1] = Quantity(last.value, unit, last.role, last.output)
         self.open = False
+
+    def no_unit(self, token: str) -> UserError:
+        """The refusal of a word in a unit's place."""
+        return UserError(f"no unit {token[:40]!r}: known are {self.listed_units()}, s, Hz, %")
 
     def listed_units(self) -> str:
         """The units of this rig's outputs."""
@@ -191,6 +204,9 @@ class _Reader:
         """A word, mended where it was written with a slip."""
         word = token.lower()
         asked = words.FOLLOW in self.clause.verbs or word not in self.vocabulary.names
+        if word in self.vocabulary.inputs and (word not in words.VERBS or (self.clause.verbs and not self.joined)):
+            tracked = ", ".join(self.vocabulary.outputs[k].name for k in self.vocabulary.tracked) or "no output"
+            raise UserError(f"{token} is an input, which the controller sets: commands ask for {tracked}")
         if token in self.vocabulary.rig.references and asked:
             self.clause.names.append(token)
         elif self.vocabulary.knows(word):
@@ -204,6 +220,8 @@ class _Reader:
                 self.known(words.STOP)
             elif len(meanings) == 1:
                 self.known(meant[0])
+            elif self.open and not meant:
+                raise self.no_unit(token)
             else:
                 hint = (
                     f"did you mean {' or '.join(meant[:3])}?" if meant else f"begin with one of {_listed(words.VERBS)}"
@@ -231,6 +249,8 @@ class _Reader:
         elif word in words.NUMBERS:
             self.number(words.NUMBERS[word])
         elif word in words.SIGNS:
+            if self.sign:
+                raise UserError("two signs before a number: write one")
             self.sign = words.SIGNS[word]
         elif word in words.PACES:
             self.clause.paces.append(words.PACES[word])

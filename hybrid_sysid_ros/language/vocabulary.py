@@ -203,6 +203,11 @@ class Vocabulary:
         return found
 
     @cached_property
+    def inputs(self) -> frozenset[str]:
+        """Names of the inputs, which are the controller's, but those that an output has, too, or that mean nothing."""
+        return frozenset(item.name.lower() for item in self.rig.system.inputs) - self.names.keys() - FILLERS
+
+    @cached_property
     def fillers(self) -> frozenset[str]:
         """Those of every rig, and the parts of this one's own name and its joints'."""
         own = {part for name in (self.rig.name, *self.rig.joints.joints) for part in name.lower().split("_")}

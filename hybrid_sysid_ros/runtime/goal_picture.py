@@ -42,7 +42,7 @@ def shown_in(path: Path, reader: AngleReader, name: str = "") -> tuple[Picture, 
     Raises UserError where it is no picture, of another size, of another place or by a camera that was moved, or does
     not show the joint where the layers know it.
     """
-    told, geometry = (name or str(path))[:LONGEST], reader.layers.geometry
+    told, geometry = name[:LONGEST] or str(path), reader.layers.geometry
     try:
         picture = jpeg.opened(path)
         reading = reader.read(picture)

@@ -8,20 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.random import Generator
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.camera.film import pictures
 from hybrid_sysid_ros.camera.imager import Picture
-from hybrid_sysid_ros.core import System, rollouts
-from hybrid_sysid_ros.estimation import Estimate, ExtendedKalmanFilter
-from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration, sight
-from hybrid_sysid_ros.runtime.configuration import CAMERA
+from hybrid_sysid_ros.runtime.motion_ahead import DRIFTS, MotionAhead
 from hybrid_sysid_ros.runtime.video_record import VideoRecord, calibrated
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -35,8 +31,6 @@ AHEAD = (0.5, 1.0, 2.0)
 SETTLED = 2.0  # s of a film that are watched before the first prediction
 APART = 1.0  # s between two predictions
 SHUTTER = 0.03  # s, within which a picture's last row is exposed
-MEMBERS = 32
-"""Motions that a band is told by."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,6 +76,8 @@ class Look:
     """Predicted [rad]."""
     deviation: float
     """Its standard deviation [rad]."""
+    drift: float
+    """Share of the rig's own drift of the inputs' offsets that was believed."""
     picture: Picture
 
 
@@ -105,75 +101,61 @@ class Judged:
 
 def looks(
     model: PictureModel, rig: Rig, record: Record, watched: Watched, *, noise: float, ahead: Sequence[float] = AHEAD,
-    seed: int = 0,
+    drifts: Sequence[float] = DRIFTS, seed: int = 0,
 ) -> Iterator[Look]:  # fmt: skip
     """Frames that a model predicts ``ahead`` [s] from what the camera had shown before, and the inputs on the way.
 
-    An extended Kalman filter with the rig's own tuning follows the frames alone; the record's outputs are not looked
-    at. record: sampled at the model's step. noise: deviation of a frame, in the unit of the first output; see
-    :func:`.sight.frame_noise`. seed: of the motions that the band is told by.
+    Filters with the rig's own tuning, one for each of ``drifts``, follow the frames alone; the record's outputs are not
+    looked at. record: sampled at the model's step. noise: deviation of a frame, in the unit of the first output; see
+    :func:`.sight.frame_noise`. drifts: shares of the drift that the tuning lets the inputs' offsets have; believed is
+    the one whose predictions, the farthest ones, have been the likeliest so far. seed: of the motions that the band is
+    told by.
     """
     system, step, settings = model.model.system, record.sampling_time, configuration.defaults(rig, "estimator")
     tuning = configuration.estimator_tuning({**settings, "camera_noise": noise}, rig, system)
-    estimator = ExtendedKalmanFilter(system, tuning, period=step)
-    unmeasured, random = np.full(len(system.outputs), np.nan), np.random.default_rng(seed)
+    motions = [MotionAhead(system, tuning, drift=drift, step=step, seed=seed) for drift in drifts]
     place = [item.name for item in system.states].index(rig.system.outputs[0].name)
     used, due, steps = int(np.searchsorted(watched.seen, -step)), SETTLED, math.ceil((max(ahead) + SHUTTER) / step)
     following: Array = step * np.arange(steps + 1, dtype=np.float64)
-    begun = False
+    past = math.ceil(system.delay / step) + 1
     for k in range(record.samples - steps):
         time = float(record.time[k])
-        estimate: Estimate | None = None
-        if begun:
-            estimate = estimator.update(time, unmeasured, record.input[max(k - 1, 0)])
+        for motion in motions:
+            motion.move(time, record.input[max(k - 1, 0)])
         while used < len(watched.seen) and watched.seen[used] <= time:
             if math.isfinite(watched.positions[used]):
-                estimate, begun = estimator.correct(watched.seen[used], watched.positions[used], CAMERA), True
+                for motion in motions:
+                    motion.see(used, watched.seen[used], watched.positions[used])
             used += 1
-        if estimate is None or time < due or not used:
+        if motions[0].estimate is None or time < due or not used:
             continue
         due += APART
-        past = math.ceil(system.delay / step) + 1
         inputs = record.input[np.clip(np.arange(k - past, k + steps), 0, None)]
-        paths = _paths(system, estimate, tuning, inputs, past, step, random)[:, :, place]
-        deviations = np.sqrt(np.mean((paths[1:] - paths[0]) ** 2, axis=0))
-        for wanted in ahead:
-            frame = int(np.searchsorted(watched.times, watched.times[used - 1] + wanted - 0.5 * step))
-            if frame == len(watched.times) or watched.times[frame] - time > following[-1]:
-                continue
-            yield Look(
-                frame=frame,
-                newest=used - 1,
-                ahead=wanted,
-                position=float(np.interp(watched.seen[frame] - time, following, paths[0])),
-                deviation=float(np.interp(watched.seen[frame] - time, following, deviations)),
-                picture=model.renderer.take(watched.times[frame] - time, following, paths[0]),
-            )
-
-
-def _paths(
-    system: System, estimate: Estimate, tuning: Tuning, inputs: Array, past: int, step: float, random: Generator
-) -> Array:
-    """States (1 + MEMBERS, samples, states) from an estimate on: as it says, then as it may be: states and offset of
-    the input by its covariance, the offset drifting and the input as noisy as the tuning says.
-    """
-    n, m, count = len(system.states), len(system.inputs), 1 + MEMBERS
-    size, steps = n + m, len(inputs)
-    covariance = estimate.covariance[:size, :size]
-    values, vectors = np.linalg.eigh(covariance)
-    spread = random.standard_normal((count, size)) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
-    spread[0] = 0.0
-    begins = estimate.state + spread[:, :n]
-    drift = np.sqrt(step) * np.array(tuning.disturbance_noise) * random.standard_normal((count, steps, m))
-    rough = np.array(tuning.input_noise) / np.sqrt(step) * random.standard_normal((count, steps, m))
-    drift[0] = rough[0] = 0.0
-    drift[:, :past] = rough[:, :past] = 0.0
-    offset = estimate.disturbance + spread[:, None, n:] + np.cumsum(drift, axis=1)
-    given = (inputs + offset + rough).reshape(count * steps, m)
-    samples = 1 + steps - past
-    starts = np.array([[j * steps, j * steps + past, samples, j * samples] for j in range(count)])
-    states, _ = rollouts(system, starts, begins, np.ascontiguousarray(given), step=step)
-    return states.reshape(count, samples, n)
+        frames = np.searchsorted(watched.times, watched.times[used - 1] + np.array(ahead) - 0.5 * step)
+        shown = {
+            wanted: int(frame)
+            for wanted, frame in zip(ahead, frames, strict=True)
+            if frame < len(watched.times) and watched.times[frame] - time <= following[-1]
+        }
+        believed = max(motions, key=lambda motion: motion.likelihood)
+        for motion in motions:
+            states, deviations = motion.run_on(inputs, past)
+            for wanted, frame in shown.items():
+                there = watched.seen[frame] - time
+                position = float(np.interp(there, following, states[:, place]))
+                deviation = float(np.interp(there, following, deviations[:, place]))
+                if wanted == max(shown):
+                    motion.expect(frame, position, deviation)
+                if motion is believed:
+                    yield Look(
+                        frame=frame,
+                        newest=used - 1,
+                        ahead=wanted,
+                        position=position,
+                        deviation=deviation,
+                        drift=motion.drift,
+                        picture=model.renderer.take(watched.times[frame] - time, following, states[:, place]),
+                    )
 
 
 def judged(found: Look, film: Mapping[int, Picture], mean: Picture, reader: AngleReader, watched: Watched) -> Judged:

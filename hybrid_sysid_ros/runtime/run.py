@@ -92,13 +92,17 @@ class Run:
     def go(self) -> Outcome:
         """Start the nodes, wait for their end, and stop them.
 
-        Raises UserError without ROS, and where a parameter is wrong, the bag can't be written, or a node could not
-        start or ended too early.
+        Raises UserError without ROS, and where a parameter is wrong, the picture shows no goal, the bag can't be
+        written, or a node could not start or ended too early.
         """
         if self.picture and self.commander:
             raise UserError("a picture is the goal, or commands say it: leave one out, and say 'look like PICTURE'")
         if self.bag is not None:
             check_folder(self.bag, marker=markers(self.bag), replace=self.overwrite)
+        if self.picture:
+            from hybrid_sysid_ros.runtime.goal_picture import reader_of, shown_in  # late: it loads scipy's optimisers
+
+            shown_in(Path(self.picture), reader_of(self._described, self.layers))
         values = self.values
         expected, interrupted = self._expected(values), False
         with (

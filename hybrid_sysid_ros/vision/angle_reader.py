@@ -76,7 +76,8 @@ class AngleReader:
         if picture.shape != self.layers.background.shape:
             (rows, columns), (own_rows, own_columns) = picture.shape, self.layers.background.shape
             raise UserError(
-                f"a picture of {columns}x{rows} pixels: the layers were learned at {own_columns}x{own_rows}"
+                f"a picture of {columns}x{rows} pixels: the layers were learned at {own_columns}x{own_rows}; take one "
+                "of that size, or learn layers of this one"
             )
         out = self._out
         read_angle(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -110,3 +112,35 @@ def test_a_sentence_is_understood_as_it_reads(name: str, text: str, expected: An
         assert found.keys() == told.keys()
         for key, value in told.items():
             assert found[key] == (value if isinstance(value, str) else pytest.approx(value, rel=1e-9, abs=1e-12))
+
+
+def test_what_is_repeated_does_not_grow_without_end() -> None:
+    reader = replace(interpreter("cam_beam"))
+    reader.last = reader.read("hold 1 V then home")
+    reader.last = reader.read("repeat then repeat then repeat")
+    assert len(reader.last.commands) == 6
+    with pytest.raises(UserError, match="24 parts with those that are repeated: a command has 20 at most"):
+        reader.read("repeat then repeat then repeat then repeat")
+
+
+@pytest.mark.parametrize(
+    "template",
+    [
+        "go to {} V at {} V/s", "ramp from {} V to {} V in {} s", "step between {} and {} V every {} s for {} s",
+        "swing between {} and {} V at {} kHz", "swing between {} and {} V every {} s for {} periods",
+        "swing by {} % at {} Hz for {} s", "hold {} MV for {} h",
+    ],
+)  # fmt: skip
+def test_numbers_of_any_size_are_planned_soundly_or_refused(template: str) -> None:
+    vocabulary, random = interpreter("cam_beam").vocabulary, Random(template)
+    sizes = ["0", "-0", "5e-324", "1e-320", "1e-12", "1e-9", "-1", "0.001", "1", "3", "119", "1e5", "1e12", "1.7e308"]
+    for _ in range(300):
+        text = template.format(*(random.choice(sizes) for _ in range(template.count("{}"))))
+        try:
+            commands = interpreter("cam_beam").read(text).commands
+            plan = plan_of(commands, np.zeros(len(vocabulary.outputs)), vocabulary, ability(vocabulary))
+        except UserError:
+            continue
+        assert np.isfinite(plan.values).all(), text
+        assert (np.diff(plan.times) > 0.0).all(), text
+        assert plan.duration <= 120.0 + 1e-9, text
