@@ -189,6 +189,7 @@ def test_pickled_shots_are_refused(accuracy, folder: Path):
         ((*DECLARED, "--level", "1e-300"), ("from 0.01 to 0.999",)),
         ((*DECLARED, "--level", "0.9999999999999999"), ("from 0.01 to 0.999",)),
         ((*DECLARED, "--strata", "no_strata.csv"), ("there are no strata",)),
+        ((*DECLARED, "--strata-shots", "60"), ("--strata", "leave it out")),
         ((*DECLARED, "--strata", "unknown.csv"), ("success of stratum 2 is nan", "leave that stratum out")),
         ((*DECLARED, "--until", "q=1"), ("known are x, y",)),
         ((*DECLARED, "--until", "x=0"), ("NAME=WIDTH",)),

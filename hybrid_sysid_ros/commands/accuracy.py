@@ -34,6 +34,7 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_file, sha256
 
 COLUMNS = ["share", "success"]
+STRATA_SHOTS = 100
 
 
 def command(
@@ -55,7 +56,10 @@ def command(
     strata: Annotated[
         Path | None, typer.Option(help="CSV with the columns share and success: conditions, and guesses of success.")
     ] = None,
-    strata_shots: Annotated[int, typer.Option(help="Live shots to share out among them.", min=1, max=10**6)] = 100,
+    strata_shots: Annotated[
+        int | None,
+        typer.Option(help=f"Live shots to share out among them ({STRATA_SHOTS} otherwise).", min=1, max=10**6),
+    ] = None,
     unit: Annotated[str, typer.Option(help="Of coordinates whose heading states none.")] = "",
     page: Annotated[Path | None, typer.Option("--report", help="Write a page with plots (.html).")] = None,
     seed: Seed = 0,
@@ -66,13 +70,15 @@ def command(
     if page is not None:
         check_file(page, suffix=".html")
         report.check_available()
+    if strata is None and strata_shots is not None:
+        raise UserError("--strata-shots shares shots out among strata: name their file by --strata, or leave it out")
     found = assess(read(simulated, unit=unit), read(live, unit=unit), discrepancy, level=level, seed=seed)
     wanted = [
         *_further("mean", mean_width, until or [], found),
         *_further("spread", spread_width, spread_until or [], found),
     ]
     conditions = _strata(strata) if strata is not None else None
-    told = _content(found, wanted, conditions, strata_shots)
+    told = _content(found, wanted, conditions, strata_shots or STRATA_SHOTS)
     if page is not None:
         hashes = {"simulated shots": sha256(simulated), "live shots": sha256(live)}
         source = report.Provenance(command=shlex.join(["hybrid-sysid", *sys.argv[1:]]), hashes=hashes)
