@@ -19,7 +19,7 @@ SUFFIXES = (".mp4", ".mov", ".mkv")
 TICKS = 90_000  # of a film's time in a second
 CRF = 18  # of H.264, 0 (lossless) to 51
 LARGEST = 8192  # pixels along a side
-MISSING = 1.0  # s before the end that a film's head says, at which its pictures end at the earliest
+MISSING = 3.0  # of the longest times between its pictures, before the end that a film's head says, is a cut
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,12 +51,12 @@ def pictures(path: Path) -> Iterator[tuple[float, Picture]]:
     """
     with extra("video"):
         import av
-    count, last, stated = 0, -np.inf, 0.0
+    count, last, longest, stated = 0, -np.inf, 0.0, 0.0
     try:
         with av.open(str(path)) as container:
             stream = _stream(container, path)
             stream.thread_type = "AUTO"
-            stated = _end_of(container, stream)
+            stated, longest = _end_of(container, stream), 1.0 / float(stream.average_rate or 1)
             for frame in container.decode(stream):
                 if frame.pts is None or frame.time is None:
                     raise UserError(f"{path}: frame {count} has no time: write the film again with time stamps")
@@ -64,6 +64,7 @@ def pictures(path: Path) -> Iterator[tuple[float, Picture]]:
                     raise UserError(f"{path}: frame {count} is of {frame.time:.6g} s, after one of {last:.6g} s")
                 grey = frame.to_ndarray(format="gray")
                 turns = round(getattr(frame, "rotation", 0) / 90) % 4
+                longest = max(longest, frame.time - last) if count else longest
                 count, last = count + 1, frame.time
                 yield float(frame.time), np.ascontiguousarray(np.rot90(grey, turns) if turns else grey)
     except (av.FFmpegError, OSError) as error:
@@ -74,7 +75,7 @@ def pictures(path: Path) -> Iterator[tuple[float, Picture]]:
         raise _unreadable(path, error) from error
     if not count:
         raise UserError(f"{path}: holds no frame")
-    if last < stated - MISSING:
+    if last < stated - MISSING * longest:
         raise UserError(
             f"{path}: is cut: its pictures end at {last:.3g} s, where its head says {stated:.3g} s; copy it again, or "
             "write what there is as a film of its own"

@@ -70,3 +70,25 @@ def test_a_film_that_ends_before_its_head_says_is_refused(tmp_path: Path) -> Non
     cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
     with pytest.raises(UserError, match=r"is cut: .* its head says 6 s"):
         list(pictures(cut))
+
+
+def test_a_film_whose_head_comes_first_is_refused_without_its_last_pictures(tmp_path: Path) -> None:
+    """As films are sent over the net: a file that was not copied to its end reads well up to there."""
+    import av
+
+    random, whole, cut = np.random.default_rng(0), tmp_path / "whole.mp4", tmp_path / "cut.mp4"
+    frames = [(k / 30.0, random.integers(0, 256, (90, 160), dtype=np.uint8)) for k in range(180)]
+    write_film(tmp_path / "last.mp4", frames, rate=30.0)
+    with (
+        av.open(str(tmp_path / "last.mp4")) as source,
+        av.open(str(whole), "w", options={"movflags": "faststart"}) as target,
+    ):
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(source.streams.video[0]):
+            if packet.dts is not None:
+                packet.stream = stream
+                target.mux(packet)
+    assert len(list(pictures(whole))) == len(frames)
+    cut.write_bytes(whole.read_bytes()[: int(0.97 * whole.stat().st_size)])
+    with pytest.raises(UserError, match=r"is cut|is damaged"):
+        list(pictures(cut))
