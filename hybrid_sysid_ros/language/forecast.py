@@ -168,7 +168,7 @@ class Simulator:
             if output.tracked and span > 0.0 and rms > FOLLOWED * span:
                 return (
                     f"{output.name} would lie {rms:.3g} {output.unit} off a plan over {span:.3g} {output.unit}: "
-                    "give it more time"
+                    "give it more time, or a larger span"
                 )
         return ""
 

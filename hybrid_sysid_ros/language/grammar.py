@@ -312,6 +312,9 @@ class _Reader:
         return self.shown(item, shown)
 
     def _bare(self, item: Quantity, shown: Output) -> float:
+        if item.rate and not of_rig(shown.unit).per:
+            speed = f"a speed of {item.value:g} is no {shown.name}"
+            raise UserError(f"{speed}, which is in {shown.unit}: say where to, or 'hold'")
         if item.value == 0.0 or not shown.unit or shown.unit == "1":
             return item.value
         raise UserError(f"{item.value:g} of what? {shown.name} is in {shown.unit}: say '{item.value:g} {shown.unit}'")

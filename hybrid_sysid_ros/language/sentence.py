@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from hybrid_sysid_ros.language import vocabulary as words
 from hybrid_sysid_ros.language.units import PLAIN, Unit, named
@@ -54,6 +54,8 @@ class Quantity:
     role: str
     output: int | None = None
     """Which was named before it."""
+    rate: bool = False
+    """Whether a word for a speed was before it."""
 
     @property
     def said(self) -> float:
@@ -132,6 +134,8 @@ class _Reader:
         """Whether the last word was "and"."""
         self.open = False
         """Whether the last quantity may still get a unit."""
+        self.rate = False
+        """Whether a speed was spoken of, and no number yet."""
 
     @property
     def clause(self) -> Clause:
@@ -157,7 +161,7 @@ class _Reader:
         """The clause is over."""
         if not self.clause.empty:
             self.found.append(Clause())
-        self.role, self.sign, self.open, self.joined = "", 0.0, False, False
+        self.role, self.sign, self.open, self.joined, self.rate = "", 0.0, False, False, False
 
     def number(self, value: float) -> None:
         """A quantity, whose unit may follow."""
@@ -168,8 +172,8 @@ class _Reader:
         if self.sign and value < 0.0:
             raise UserError(f"two signs before {abs(value):g}: write one")
         output = self.clause.outputs[-1] if self.clause.outputs else None
-        self.clause.quantities.append(Quantity((self.sign or 1.0) * value, None, self.role, output))
-        self.sign, self.open, self.joined = 0.0, True, False
+        self.clause.quantities.append(Quantity((self.sign or 1.0) * value, None, self.role, output, self.rate))
+        self.sign, self.open, self.joined, self.rate = 0.0, True, False, False
 
     def unit_of(self, token: str) -> Unit | None:
         """The unit of a token; a word that has another meaning after a number is none."""
@@ -187,7 +191,7 @@ class _Reader:
             raise self.no_unit(token)
         if last is None or not self.open:
             raise UserError(f"{token!r} has no number before it: write for example '3 {token}'")
-        self.clause.quantities[-1] = Quantity(last.value, unit, last.role, last.output)
+        self.clause.quantities[-1] = replace(last, unit=unit)
         self.open = False
 
     def no_unit(self, token: str) -> UserError:
@@ -263,6 +267,8 @@ class _Reader:
                 self.role = "" if word == words.AND else words.ROLES[word]
         elif word not in self.vocabulary.fillers:  # a unit's name
             self.unit(word)
+        elif word in words.RATES:
+            self.rate = True
         self.open = False if word not in words.NUMBERS else self.open
 
 

@@ -133,6 +133,8 @@ FILLERS = frozenset(
     ]
 )
 """Words that change nothing, where they are no output's name."""
+RATES = frozenset(("speed", "velocity", "rate"))
+"""Of them, those whose 0 is a standstill and no place."""
 REFUSED: Mapping[str, str] = {
     **dict.fromkeys(
         ("not", "no", "never", "don't", "dont", "without", "cannot", "can't", "nothing", "avoid", "except"),

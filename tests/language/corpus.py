@@ -200,6 +200,8 @@ CORPUS: list[tuple[str, str, Any]] = [
     (BEAM, "swing between -2 and 2 V at 0.2 Hz for -3 periods", Refused("no swing")),
     (BEAM, "go to minus -1 V", Refused("two signs")),
     (BEAM, "go to minus minus 1 V", Refused("two signs")),
+    (BEAM, "set velocity to 0", Refused("a speed of 0 is no position")),
+    (JOINT, "set the speed to zero", [go(0)]),
     (BEAM, "set drive to 1 V", Refused("drive is an input, which the controller sets: commands ask for position")),
     (BEAM, "home and drive to 1 V", [HOME, go(1)]),
     (CONE, "set elevator to 1 degree", Refused("elevator is an input")),
