@@ -156,7 +156,7 @@ class Simulator:
             if (reached <= low[k]).any() or (reached >= high[k]).any():
                 return f"{output.name} would come to the end of its travel: take a smaller span, or go slower"
         try:
-            check_valid(self.rig, loop.estimates[:, : len(self.rig.system.declared_states)], "the plan")
+            check_valid(self.rig, loop.estimates, "the plan", system=self.model.system)
         except UserError as refusal:
             return str(refusal)
         if plan.jumps:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -14,16 +15,20 @@ ROUNDING = 1e-9
 """Of an input, as part of what its actuator gives."""
 
 
-def check_valid(rig: Rig, states: NDArray[np.float64], what: str) -> None:
+def check_valid(rig: Rig, states: NDArray[np.float64], what: str, *, system: System | None = None) -> None:
     """Raise UserError for states (samples, states) that leave the validity of the rig, with the state that does.
 
-    what: has them, as the message begins.
+    what: has them, as the message begins. system: whose states they are, the rig's own without; states that the rig
+    does not name have no validity.
     """
     if rig.validity is None:
         return
     low, high = rig.validity
+    columns = {item.name: column for column, item in enumerate((system or rig.system).states)}
     for index, item in enumerate(rig.system.declared_states):
-        values = states[:, index]
+        if item.name not in columns:
+            continue
+        values = states[:, columns[item.name]]
         outside = np.flatnonzero((values < low[index]) | (values > high[index]))
         if len(outside):
             worst = values[outside[int(np.argmax(np.abs(values[outside])))]]
