@@ -57,6 +57,10 @@ def test_any_rig_has_its_equilibrium(trim):
         ),
         (("winged_cone", "--at", "speed=-2600", "--at", "height=0"), ("angle_of_attack is", "deg", "is valid from")),
         (
+            ("winged_cone", "--structure", "known_air_quasi_steady", "--at", "height=-24000"),
+            ("--at: height is", "is valid from"),
+        ),
+        (
             ("winged_cone", "--at", "speed=-1e4"),
             ("--at: speed is -1e+04 m/s", "is valid from", "deviations from 4590.29"),
         ),  # it would fly backwards

@@ -36,12 +36,11 @@ def command(
         known = ", ".join(described.structures) or "none"
         raise UserError(f"{described.name} has no gray box {structure} of its own; it has {known}")
     system = described.structures[structure] if structure else described.system
-    given, alike = _values(at or []), system.declared_states == described.system.declared_states
-    if alike:  # before the search, which finds nothing far outside and can't say why
-        check_valid(described, np.array([[given.get(item.name, np.nan) for item in system.declared_states]]), "--at")
+    given = _values(at or [])
+    wanted = np.array([[given.get(item.name, np.nan) for item in system.states]])
+    check_valid(described, wanted, "--at", system=system)  # the search finds nothing far outside and can't say why
     found = equilibrium(system, given)
-    if alike:
-        check_valid(described, found.states[None], "the equilibrium")
+    check_valid(described, found.states[None], "the equilibrium", system=system)
     check_reached(described, found.inputs, "the equilibrium")
     named = [(mode, name_of(mode, system, described.modes)) for mode in found.modes]
     if as_json:
