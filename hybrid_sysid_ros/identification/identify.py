@@ -98,7 +98,7 @@ def scores_of(system: System, experiment: Experiment, rig: Rig) -> Scores:
     if stabiliser is None:
         return score_free_run(system, experiment)
     names = [item.name for item in system.outputs]
-    return Scores.of(names, experiment.outputs, stabilised_run(system, experiment, stabiliser))
+    return Scores.of(names, experiment.outputs, stabilised_run(system, experiment, stabiliser)[1])
 
 
 def _told_biases(fitted: Fit, records: Sequence[str]) -> dict[str, Any]:

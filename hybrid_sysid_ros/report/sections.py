@@ -158,10 +158,11 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRun]:
     if stabiliser is None:
         starts = np.array([[0, 0, 1 + len(experiment.inputs), 0]])
         first = initial_state(system, experiment)[None]
-        _, simulated = rollouts(system, starts, first, experiment.inputs, step=sampling.step)
+        states, simulated = rollouts(system, starts, first, experiment.inputs, step=sampling.step)
     else:
-        simulated = stabilised_run(system, experiment, stabiliser)
-    whole = simulated[:: sampling.every]
+        states, simulated = stabilised_run(system, experiment, stabiliser)
+    run = states[:: sampling.every], simulated[:: sampling.every]
+    whole = run[1]
     residuals = experiment.outputs - whole
     inputs = experiment.inputs.reshape(-1, sampling.every, len(system.inputs)).mean(axis=1)
     stride = round(sampling.period / used.sampling_time)
@@ -188,7 +189,7 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRun]:
                 residual_time=np.asarray(sampling.period * np.arange(experiment.samples)),
                 residuals=residuals[:, k],
                 tests=_tests(residuals[:-1, k], inputs, names, None if reference is None else reference[::stride]),
-                horizons=replace(k_step_errors(system, experiment, output=k, whole=whole), name=name),
+                horizons=replace(k_step_errors(system, experiment, output=k, run=run), name=name),
                 again=again.get(record.name) if k == 0 else None,
                 skipped=skipped.get(record.name, ""),
                 kind=FREE if stabiliser is None else HELD,

@@ -43,14 +43,15 @@ def k_step_errors(
     horizons: Sequence[int] | None = None,
     *,
     output: int = 0,
-    whole: Array | None = None,
+    run: tuple[Array, Array] | None = None,
 ) -> HorizonErrors:
     """Errors k samples ahead: simulations from every sample, with the measured state as initial one.
 
     horizons: in samples, 1 to :data:`LONGEST` (or half of the record) by default. All horizons share the initial
     samples, those from which the longest one ends within the record. The measured state is raw: at short horizons its
-    noise is part of the error; states that the record does not show are those of the free run.
-    output: which one. whole: outputs (samples, outputs) of a run over the whole record, by default the free run.
+    noise is part of the error; states that the record does not show are those of the run.
+    output: which one. run: states (samples, states) and outputs (samples, outputs) of a run over the whole record, by
+    default the free run.
     Ljung (1999), System Identification, 2nd ed., sections 3.2 and 16.5: k-step-ahead prediction without a noise model.
 
     Raises:
@@ -66,9 +67,9 @@ def k_step_errors(
     starts[:, 1] = begins * sampling.every
     starts[:, 2] = longest + 1
     starts[:, 3] = np.arange(len(begins)) * (longest + 1)
-    run, simulated_run = free_run_states(system, experiment)
+    states, whole = free_run_states(system, experiment) if run is None else run
     initial, hidden = experiment.states.copy(), system.hidden
-    initial[:, hidden] = run[:, hidden]
+    initial[:, hidden] = states[:, hidden]
     first, inputs = np.ascontiguousarray(initial[begins]), experiment.inputs
     _, outputs = rollouts(system, starts, first, inputs, step=sampling.step, every=sampling.every)
     simulated = outputs[:, output].reshape(len(begins), longest + 1)[:, ahead]
@@ -76,7 +77,7 @@ def k_step_errors(
     with np.errstate(over="ignore", invalid="ignore"):
         squares = np.mean((simulated - measured[begins[:, None] + ahead]) ** 2, axis=0)
     squares[~np.isfinite(squares)] = np.inf
-    scores = score(measured, (simulated_run if whole is None else whole)[:, output])
+    scores = score(measured, whole[:, output])
     return HorizonErrors(
         name=experiment.name,
         horizons=ahead,

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.shooting import Windows, fastest_growth, held_inputs, settled
-from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, free_run_states, initial_state
+from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, initial_state
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
@@ -65,8 +65,9 @@ def predictions(
 ) -> list[Prediction]:
     """Errors of simulations so many seconds ahead, open or closed by the stabiliser, where the record is long enough.
 
-    Each begins in the state that meets the PAST seconds before best, and knows nothing after that but the inputs; where
-    it is closed, the noise of the outputs that the rig's inputs answered. A beginning comes every APART seconds.
+    Each begins in the state that meets the PAST seconds before best (states that no output shows are those of the run
+    closed by the stabiliser), and knows nothing after that but the inputs; where it is closed, the noise of the outputs
+    that the rig's inputs answered. A beginning comes every APART seconds.
 
     Raises UserError for a stabiliser that does not fit the record's sampling.
     """
@@ -74,7 +75,7 @@ def predictions(
     past, stride = round(PAST / sampling.period), max(round(APART / sampling.period), 1)
     hidden = [*system.hidden, *range(n, len(system.states))]
     free = [k for k in range(n) if k not in hidden]
-    carried = np.nan_to_num(free_run_states(system, experiment)[0][:, hidden])
+    carried = np.nan_to_num(stabilised_run(system, experiment, windows.stabiliser)[0][:, hidden])
     initial = experiment.states.copy()
     initial[:, hidden] = carried
     noise = np.where(windows.noise > 0.0, windows.noise, 1e-3 * np.std(experiment.outputs, axis=0))
@@ -127,11 +128,12 @@ def _scores(system: System, experiment: Experiment, measured: Array, simulated: 
     return Scores(r2=r2, rmse=float("nan"), fit_percent=fit, outputs=each)
 
 
-def stabilised_run(system: System, experiment: Experiment, stabiliser: Array) -> Array:
-    """Outputs (samples, outputs) of one run from one initial state over the whole record, closed by the stabiliser."""
+def stabilised_run(system: System, experiment: Experiment, stabiliser: Array) -> tuple[Array, Array]:
+    """States (samples, states) and outputs (samples, outputs) of one run from one initial state over the whole record,
+    closed by the stabiliser.
+    """
     sampling = experiment.sampling
     starts = np.array([[0, 0, experiment.samples, 0]])
     first = initial_state(system, experiment)[None]
     inputs, feedback = held_inputs(experiment, stabiliser), feedback_of(system, stabiliser)
-    _, outputs = rollouts(system, starts, first, inputs, step=sampling.step, every=sampling.every, feedback=feedback)
-    return outputs
+    return rollouts(system, starts, first, inputs, step=sampling.step, every=sampling.every, feedback=feedback)
