@@ -14,7 +14,7 @@ from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.identification import free_run, prepare, score
 from hybrid_sysid_ros.identification.gradient_training import Schedule, rollout, train
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.models.recurrent import Recurrent
+from hybrid_sysid_ros.models.recurrent import Recurrent, step_within
 from hybrid_sysid_ros.support.errors import UserError
 from tests.one_joint import Linear, recurrent
 
@@ -53,6 +53,13 @@ def test_the_compiled_and_the_casadi_form_are_the_textbook_step():
         following = stepped(system, x, u, step=0.05)
         np.testing.assert_allclose(following, by_hand(system, x, u), rtol=1e-12, atol=1e-14)
         np.testing.assert_allclose(np.array(symbolic(x, u)).ravel(), following, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("period", "step"), [(0.05, 0.025), (0.1, 0.025), (0.02, 0.02), (0.01, 0.01), (0.03, 0.015), (0.06, 0.02)]
+)
+def test_a_network_steps_by_a_whole_part_of_any_period(period, step):
+    assert Sampling(step=step_within(period), period=period).step == pytest.approx(step)
 
 
 def test_torch_simulates_as_the_compiled_form_does():

@@ -27,7 +27,7 @@ from hybrid_sysid_ros.models.hybrid import averaged as averaged_hybrid
 from hybrid_sysid_ros.models.lagged import Lagged
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.options import Options, complete
-from hybrid_sysid_ros.models.recurrent import PERIOD as RECURRENT_PERIOD
+from hybrid_sysid_ros.models.recurrent import step_within
 from hybrid_sysid_ros.models.residual import ResidualHybrid, averaged
 from hybrid_sysid_ros.models.structures import corrected_by, options_of, structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -263,8 +263,8 @@ class Recipe:
 
     def _recurrent(self, records: Sequence[Record]) -> tuple[Fit, Sampling]:
         """Gradients through time."""
-        step = RECURRENT_PERIOD if self.sampling.input == "averaged" else self.sampling.period
-        sampling = replace(self.sampling, step=step)
+        period = self.sampling.period
+        sampling = replace(self.sampling, step=step_within(period) if self.sampling.input == "averaged" else period)
         units, system = int(self.chosen["units"]), self.rig.system
         return train(records, system, sampling, units=units, seed=self.seed, progress=self.progress), sampling
 

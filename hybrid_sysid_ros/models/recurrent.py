@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -18,10 +19,15 @@ from hybrid_sysid_ros.support.errors import UserError
 Array = NDArray[np.float64]
 
 PERIOD = 0.025
-"""Sampling time [s] where the input is averaged."""
+"""Longest sampling time [s] where the input is averaged."""
 
 SHORTEST, LONGEST = 0.1, 2.0
 """Memories [s] of the hidden units before training."""
+
+
+def step_within(period: float) -> float:
+    """The longest whole part of a period [s] that is no longer than PERIOD."""
+    return period / max(math.ceil(period / PERIOD - 1e-9), 1)
 
 
 @dataclass(frozen=True, kw_only=True)
