@@ -29,15 +29,16 @@ METHODS: Mapping[str, tuple[str, Options]] = {
     "P1": ("known_air", {}),
     "network": ("hybrid_joint", {**NETWORK, **ALONE}),
     "Takagi-Sugeno": ("hybrid_joint", {"affine_rules": 3, **ALONE}),
+    "DIFNN": ("hybrid_joint", {"linked_rules": 12, **ALONE}),
     "P1 + network": ("hybrid_known_air", NETWORK),
     "P1 + Takagi-Sugeno": ("hybrid_known_air", RULES),
     "P1 + DIFNN": ("hybrid_known_air", LINKED),
     "P0 + Takagi-Sugeno": ("hybrid_constant_air", RULES),
 }
-"""Structure and options, chosen before any manoeuvre was flown. Of four rules alone two have the same cluster in the
-records of one plant, so there are three.
+"""Structure and options, chosen before any manoeuvre was flown. Alone, two of four affine or of fifteen linked rules
+have the same cluster in the record of some plant, so there are fewer.
 """
-SINGLE = ("P1", "network", "Takagi-Sugeno")
+SINGLE = ("P1", "network", "Takagi-Sugeno", "DIFNN")
 HYBRID = tuple(name for name in METHODS if name.startswith("P1 +"))
 PLANTS, SEEDS = (0, 1, 2), (0, 1, 2)
 QUICK = ("P0", "P1", "P1 + network", "P1 + Takagi-Sugeno")
