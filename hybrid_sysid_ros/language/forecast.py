@@ -107,7 +107,7 @@ class Simulator:
         outputs = outputs_of(self.rig)
         found = np.full((2, len(outputs)), np.nan)
         for k, output in enumerate(outputs):
-            if output.tracked and output.high > output.low:
+            if output.moves:
                 found[:, k] = self._peaks(k, output.low, output.high)
         return Ability(speed=found[0], acceleration=found[1])
 
@@ -165,7 +165,7 @@ class Simulator:
             span = float(np.ptp(plan.values[:, k]))
             error = self.rig.display[k].shown(loop.outputs[:, k] - loop.references[:, k])
             rms = float(np.sqrt(np.mean(error**2)))
-            if output.tracked and span > 0.0 and rms > FOLLOWED * span:
+            if output.moves and span > 0.0 and rms > FOLLOWED * span:
                 return (
                     f"{output.name} would lie {rms:.3g} {output.unit} off a plan over {span:.3g} {output.unit}: "
                     "give it more time, or a larger span"

@@ -150,6 +150,7 @@ class _Draft:
     def time_for(self, command: Move, change: Array, smooth: bool) -> float:
         """Seconds of a move, checked against what the rig reaches."""
         speed, acceleration = (PEAK_SPEED, PEAK_ACCELERATION) if smooth else (1.0, 0.0)
+        moved = [k for k in np.flatnonzero(change) if self.outputs[k].moves]
         if command.rate is not None:
             if command.rate <= 0.0:
                 raise UserError("a rate of 0 goes nowhere: give one above 0")
@@ -158,8 +159,8 @@ class _Draft:
             seconds = command.seconds
         else:
             share = SHARES[command.pace]
-            seconds = max(self.least(k, change[k], speed, acceleration, share) for k in np.flatnonzero(change))
-        for k in np.flatnonzero(change):
+            seconds = max((self.least(k, change[k], speed, acceleration, share) for k in moved), default=0.0)
+        for k in moved:
             least = self.least(k, change[k], speed, acceleration, 1.0)
             if seconds < least * (1.0 - 1e-9):
                 asked, reached = abs(speed * change[k] / max(seconds, 1e-9)), self.ability.speed[k]

@@ -24,6 +24,11 @@ class Output:
     low: float = math.nan
     high: float = math.nan
 
+    @property
+    def moves(self) -> bool:
+        """Whether it may be sent anywhere: one whose references have no amplitude is weighed, but belongs at 0."""
+        return self.high > self.low
+
 
 def outputs_of(rig: Rig) -> tuple[Output, ...]:
     """The outputs of a rig: set-points lie within its travel, less a margin, and within REACH of its own amplitude."""
