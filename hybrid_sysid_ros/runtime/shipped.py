@@ -11,11 +11,17 @@ OPTIONS = {"model": "--model", "policy": "--policy-path", "layers": "--layers"}
 TRAINED = Path(__file__).parents[1] / "trained"
 
 
+class NothingShippedError(UserError):
+    """Nothing of a kind comes with the package for a rig."""
+
+
 def shipped(rig: str, kind: str) -> Path:
-    """Folder of what comes trained with the package for a rig; kind: model, policy or layers. Raises UserError where
-    nothing does.
+    """Folder of what comes trained with the package for a rig; kind: model, policy or layers. Raises
+    NothingShippedError where nothing does.
     """
     folder = TRAINED / rig / kind
     if not folder.is_dir():
-        raise UserError(f"no {kind} comes with the package for the rig {rig} ({folder}): give {OPTIONS[kind]}")
+        raise NothingShippedError(
+            f"no {kind} comes with the package for the rig {rig} ({folder}): give {OPTIONS[kind]}"
+        )
     return folder
