@@ -9,11 +9,14 @@ import pytest
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.identification import evaluate
 from hybrid_sysid_ros.identification.validation.ensemble import Ensemble, ensemble
-from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.identification.validation.unstable import UnstableError
+from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.runtime.shipped import shipped
 from hybrid_sysid_ros.support.errors import UserError
 
-MULTISINE = Path(__file__).parents[1] / "bags" / "beam_multisine"
+BAGS = Path(__file__).parents[1] / "bags"
+MULTISINE = BAGS / "beam_multisine"
 
 
 def test_members_that_err_to_either_side_make_a_mean_without_error() -> None:
@@ -65,3 +68,10 @@ def test_models_that_do_not_go_together_are_refused(beams: list[Model]) -> None:
         ensemble(beams[:1], record)
     with pytest.raises(UserError, match=r"several periods, 0\.05 s, 0\.1 s"):
         ensemble([beams[0], replace(beams[1], sampling=Sampling(period=0.1))], record)
+
+
+def test_open_free_runs_of_an_unstable_rig_are_refused() -> None:
+    model = load(shipped("winged_cone", "model"))
+    record = bags.read(BAGS / "winged_cone_flight", rigs.load("winged_cone").signals)
+    with pytest.raises(UnstableError, match="says nothing of an unstable system"):
+        ensemble([model, model], record)

@@ -12,6 +12,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run
+from hybrid_sysid_ros.identification.validation.unstable import check_free_run
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -59,7 +60,7 @@ def ensemble(models: Sequence[Model], record: Record, *, part: Part = Part()) ->
     """The free runs of models over a part of a record.
 
     Raises UserError for fewer than two models, of several rigs or scored at several periods, and for a free run that
-    diverges.
+    diverges; UnstableError where one says nothing.
     """
     if len(models) < 2:
         raise UserError("ensemble: give two models or more")
@@ -72,6 +73,8 @@ def ensemble(models: Sequence[Model], record: Record, *, part: Part = Part()) ->
                 f"ensemble: the models are of several {what}, {', '.join(sorted(found))}: give those of one"
             )
     experiments = [experiment_of(model, record, part=part) for model in models]
+    for model, experiment in zip(models, experiments, strict=True):
+        check_free_run(model.system, experiment)
     runs = [free_run(model.system, experiment) for model, experiment in zip(models, experiments, strict=True)]
     for model, run in zip(models, runs, strict=True):
         if not np.isfinite(run).all():
