@@ -101,8 +101,8 @@ class Problem:
         own, step = system.sampling_time, self.period / self.substeps
         if own is not None and abs(step - own) > 1e-9:
             raise UserError(
-                f"mpc: {type(system).__name__} steps by {own:g} s, the problem by {step:g} s: choose a period of whole "
-                "steps, and as many substeps"
+                f"mpc: {type(system).__name__} steps by {own:g} s, the problem by {step:g} s: set mpc's period to "
+                f"whole steps of the model and its substeps to their number, or identify with --period {step:g}"
             )
         each = (_PER_OUTPUT, system.outputs), (_PER_INPUT, system.inputs), (_PER_STATE, system.states)
         found = {

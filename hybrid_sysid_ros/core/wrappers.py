@@ -115,7 +115,10 @@ class Drifting(Wrapper):
         if missing := [name for name in self.on if name not in units]:
             raise UserError(f"offsets: {missing[0]} is no state; known are {', '.join(units)}")
         if self.within.stepper.is_map:
-            raise UserError(f"offsets: {type(self.within).__name__} is a map from sample to sample: it has no rates")
+            kind = type(self.within).__name__
+            raise UserError(
+                f"offsets: {kind} is a map from sample to sample and has no rates: take a model of rates, or no offsets"
+            )
         added = tuple(Variable(name=offset_of(name), unit=f"{units[name]}/s") for name in self.on)
         object.__setattr__(self, "states", (*known[:n], *added, *known[n:]))
 
