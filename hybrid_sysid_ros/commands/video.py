@@ -67,6 +67,8 @@ def command(
         layers = layers or model / KIND
     scene = scene_of(described)
     check_folder(out, marker=bags.markers(out), replace=overwrite)
+    if bag is not None:
+        video_record.encoder_of(described, scene.joint, bag)  # before the film is read, which may take a minute
     if page is not None:
         report.check_available()
         check_file(page, suffix=".html")

@@ -106,7 +106,10 @@ def encoder_of(rig: Rig, joint: str, bag: Path) -> tuple[int, Array, Array]:
                 values.append(columns.values(field))
                 stamps.append(columns.stamps(field))
             except MissingInMessageError as error:
-                raise UserError(f"{bag}: topic {topic}: field {field} is missing in {error}") from error
+                raise UserError(
+                    f"{bag}: topic {topic}: field {field} is missing in {error}: a film is put in a bag's time by a "
+                    "position that was measured; leave out --bag"
+                ) from error
     known = np.isfinite(np.concatenate(values))
     when, where = np.concatenate(stamps)[known], np.concatenate(values)[known]
     if len(when) < 10 or not (np.diff(when) > 0).all():
