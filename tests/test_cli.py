@@ -18,6 +18,7 @@ from hybrid_sysid_ros.commands import app, policy_train
 from hybrid_sysid_ros.commands import identify as identify_command
 from hybrid_sysid_ros.models import load, storage
 from hybrid_sysid_ros.runtime.run import Outcome, Run
+from hybrid_sysid_ros.runtime.shipped import shipped
 from hybrid_sysid_ros.support.errors import Interrupted
 from hybrid_sysid_ros.support.parallel import Store
 from tests.command_line import PLACES, refused, refused_place
@@ -82,6 +83,14 @@ def test_evaluate_prints_the_free_run_without_and_with_the_bias_of_its_beginning
     assert f"{told['adapted']['r2']:.4f}" in page.read_text(encoding="utf-8")
     assert (
         "adapted" not in json.loads(command("evaluate", linear_model, bag, "--json")[1])["records"]["beam_random_steps"]
+    )
+
+
+def test_a_bias_of_an_unstable_model_is_not_looked_for(command):
+    refused(
+        command("evaluate", shipped("winged_cone", "model"), BAGS / "winged_cone_flight", "--adapt", 5),
+        "unstable",
+        "leave out --adapt",
     )
 
 

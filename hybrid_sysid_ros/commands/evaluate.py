@@ -63,10 +63,13 @@ def command(
     records = read_records(bag, loaded.rig, signals, recover, read_period, loaded.sampling, model=loaded)
     low, high = described.limits
     shared: dict[str, Any] = {"sampling": loaded.sampling, "spans": high - low, "seconds": adapted}
-    runs = {
-        record.name: adapt(loaded.system, chosen.of(record, loaded.sampling), **shared)
-        for record in (records if adapted else ())
-    }
+    try:
+        runs = {
+            record.name: adapt(loaded.system, chosen.of(record, loaded.sampling), **shared)
+            for record in (records if adapted else ())
+        }
+    except UnstableError as error:
+        raise UserError(f"{error}: leave out --adapt") from error
     scores, ahead = _scored(loaded, records, chosen, described)
     biases = {name: run.content(loaded.system) for name, run in runs.items()}
     loops, skipped = _loops(loaded, records, chosen, described)
