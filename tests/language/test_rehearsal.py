@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,6 +14,12 @@ from hybrid_sysid_ros.language.rehearsal import Rehearsal
 from hybrid_sysid_ros.models import load
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.configuration import shipped
+
+
+@cache
+def interpreter(name: str) -> Interpreter:
+    rig = rigs.load(name)
+    return Interpreter.of(Simulator.of(rig, load(shipped(name, "model"), rig=rig.source), policy="exact"))
 
 
 @pytest.mark.parametrize(
@@ -26,20 +33,19 @@ from hybrid_sysid_ros.runtime.configuration import shipped
     ],
 )
 def test_a_shipped_model_carries_a_sentence_out(name: str, text: str) -> None:
-    reply = Rehearsal.of(rigs.load(name), model="", policy="exact", folder="", layers="").say(text)
+    reply = Rehearsal(interpreter(name)).say(text)
     assert reply.accepted, reply.line
     assert all(value >= 0.0 for key, value in reply.values.items() if key.startswith(("margin", "error")))
 
 
 def test_an_output_that_belongs_at_0_hinders_no_way_home() -> None:
     """The path angle is weighed but never sent anywhere: after a stop it is told to stay where it happened to be."""
-    rig = rigs.load("winged_cone")
-    simulator = Simulator.of(rig, load(shipped(rig.name, "model"), rig=rig.source), policy="exact")
-    interpreter = Interpreter.of(simulator)
-    place = [item.name for item in simulator.model.system.states].index("height")
+    cone = interpreter("winged_cone")
+    rest = cone.simulator.rest
+    place = [item.name for item in cone.simulator.model.system.states].index("height")
     for height in (0.0, 50.0):
-        plan = interpreter.plan(interpreter.read("home"), np.array([0.0, 0.0145, height, 0.0, 0.0]))
+        plan = cone.plan(cone.read("home"), np.array([0.0, 0.0145, height, 0.0, 0.0]))
         assert np.isfinite(plan.times).all()
         assert not plan.values[-1].any()
-        begin = replace(simulator.rest, state=np.where(np.arange(simulator.rest.state.size) == place, height, 0.0))
-        interpreter.forecast(plan, begin)  # which no UserError refuses
+        begin = replace(rest, state=np.where(np.arange(rest.state.size) == place, height, 0.0))
+        cone.forecast(plan, begin)  # which no UserError refuses
