@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.camera.imager import Camera, Imager, Picture
 from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.report.video_figures import positions
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.rigs.scene import scene_of
 from hybrid_sysid_ros.runtime.filming import experiment, filmed
@@ -168,6 +170,11 @@ def test_pictures_of_a_film_are_predicted_and_shown(model_folder: Path, tmp_path
         tmp_path / "film.html", record, layers, "film", report.provenance(model, "video"), ahead=rows
     ).read_text(encoding="utf-8")
     assert f"likeness {max(row.likeness for row in rows if row.look.ahead == 2.0):.3f}" in page
+    places = re.findall(r' id="([^"]*)"', page.rpartition("</head>")[2])
+    assert len(places) == len({*places})  # or a figure is drawn into a heading
+    (left,) = [curve.y for curve in positions(record).data if curve.name == "camera less encoder"]
+    assert record.synchronisation is not None
+    assert abs(np.mean(left)) < math.degrees(record.synchronisation.residual)  # frames show a hum as an offset
     alone = joined(footage, layers, RIG, None, exposure=CAMERA.exposure)
     with pytest.raises(UserError, match="without a bag there are no inputs"):
         of_video(film, model, RIG, bag, alone, layers, exposure=CAMERA.exposure)

@@ -160,7 +160,7 @@ def test_the_page_needs_no_network(text):
     assert "link" not in page.tags
     assert "@import" not in text[: text.index("<script>")]
     assert text.count("plotly.js v") == 1  # and plotly is in it once
-    figures = sum(name.startswith(("free-run-", "zoom-")) for name in page.ids) + 4
+    figures = sum(name.startswith(("figure-free-run-", "figure-zoom-")) for name in page.ids) + 4
     assert text.count('"showSendToCloud": false') == figures  # nor does it offer to upload anything
 
 
@@ -172,7 +172,7 @@ def test_every_record_is_there_with_its_scores(text, model, first):
         assert f"R² {scores.r2:.4f}" in page.text
         assert f"{RIG.display[0].shown(np.float64(scores.rmse)):.3f} V, {np.degrees(scores.rmse):.3f}°" in page.text
         assert f"fit {scores.fit_percent:.1f} %" in page.text
-    assert sum(name.startswith("free-run-") for name in page.ids) == 2
+    assert sum(name.startswith("figure-free-run-") for name in page.ids) == 2
 
 
 def test_parameters_stand_with_error_unit_and_correlation(text):
@@ -239,7 +239,7 @@ def test_a_loop_of_a_rig_that_is_disturbed_says_so(section, model, tmp_path):
 
 
 def test_errors_over_the_horizon_end_in_those_of_the_free_run(section, text):
-    assert "horizon-curves" in Page(text).ids
+    assert "figure-horizon-curves" in Page(text).ids
     for run in section.runs:
         assert run.horizons.free_run == run.scores
 
@@ -250,7 +250,7 @@ def test_the_loop_is_judged_on_the_windows_of_the_hardware_reference(text):
     assert "tracking RMSE, sine 0.100 V" in page.text
     assert "recorded misses 1 of 10200" in page.text
     assert "1.50 / 1.50 / 6.3 ms" in page.text
-    assert {"tracking", "zoom-0", "zoom-1", "delays"} <= set(page.ids)
+    assert {"figure-tracking", "figure-zoom-0", "figure-zoom-1", "figure-delays"} <= set(page.ids)
 
 
 def test_provenance_names_command_versions_and_hashes(text, first):
@@ -396,10 +396,10 @@ def test_the_pick_comes_first_and_in_full(protocol, protocol_text):
     assert list(protocol.details) == ["<hybrid>", "weak"]
     page = Page(protocol_text)
     for number in (0, 1):
-        assert {f"structure-{number}-free-run-{run}" for run in (0, 1)} <= set(page.ids)
-        assert {f"structure-{number}-residual-tests", f"structure-{number}-horizon-curves"} <= set(page.ids)
+        figures = {f"free-run-{run}" for run in (0, 1)} | {"residual-tests", "horizon-curves"}
+        assert {f"figure-structure-{number}-{name}" for name in figures} <= set(page.ids)
     assert page.tags.count("details") == 1
-    assert {"scores-of-structures", "horizons-of-structures"} <= set(page.ids)
+    assert {"figure-scores-of-structures", "figure-horizons-of-structures"} <= set(page.ids)
 
 
 def test_criteria_are_those_of_the_training_data(protocol, model, first):

@@ -85,10 +85,10 @@ def write_page(path: Path | str, template: Path, content: Mapping[str, Any], **f
 
 
 def drawn(figure: Any, name: str) -> str:
-    """A figure as HTML; name: its id on the page."""
+    """A figure as HTML; name: its own among the page's figures (headings have ids, too)."""
     import plotly.io
 
-    html = plotly.io.to_html(figure, config=CONFIG, include_plotlyjs=False, full_html=False, div_id=name)
+    html = plotly.io.to_html(figure, config=CONFIG, include_plotlyjs=False, full_html=False, div_id=f"figure-{name}")
     return str(html)
 
 

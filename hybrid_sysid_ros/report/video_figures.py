@@ -18,19 +18,23 @@ from hybrid_sysid_ros.runtime.pictures_ahead import Judged
 from hybrid_sysid_ros.runtime.video_record import VideoRecord
 from hybrid_sysid_ros.vision.angle_reader import Reading
 from hybrid_sysid_ros.vision.layers import Layers
+from hybrid_sysid_ros.vision.synchronisation import low_passed
 
 STRETCHED = 6.0  # times that what is left of a picture is shown
 
 
 def positions(record: VideoRecord) -> go.Figure:
-    """Positions by the camera and by the bag's sensor, and below them their difference [degrees]."""
+    """Positions by the camera and by the bag's sensor, and below them their difference [degrees], which is that of the
+    synchronisation: what is faster than its low-pass (a hum, which frames would show as an offset) is left out.
+    """
     figure = panels(heights=[0.65, 0.35], height=480)
     seconds = (record.stamps - record.stamps[0]) * 1e-9
     if record.encoder is not None and record.synchronisation is not None:
         times, encoder = record.encoder
         begin = float(record.synchronisation.time(record.footage.seen[:1])[0])
         line(figure, 1, times - begin, np.degrees(encoder), "encoder", REFERENCE)
-        left = record.positions - np.interp(seconds + begin, times, encoder)
+        smooth = low_passed(encoder, float(np.median(np.diff(times))))
+        left = record.positions - np.interp(seconds + begin, times, smooth)
         line(figure, 2, seconds, np.degrees(left), "camera less encoder", ERROR)
     line(figure, 1, seconds, np.degrees(record.positions), "camera", MODEL)
     line(figure, 2, seconds, np.degrees(record.footage.deviations), "standard deviation", BOUND)

@@ -95,7 +95,7 @@ def _synchronised(film: Array, angles: Array, bag: Array, positions: Array, near
     if known.sum() < 10 or len(bag) < 10:
         raise UserError("too few frames or samples to compare the film with the bag")
     period = float(np.median(np.diff(bag)))
-    smooth = CubicSpline(bag, _low_passed(positions, period))
+    smooth = CubicSpline(bag, low_passed(positions, period))
     seen = _evenly(film[known], angles[known])
     shift = _coarse(film[known], seen, smooth, bag, near)
     values, centre = np.array([shift, 0.0, 1.0, 0.0]), float(film[known].mean())
@@ -148,8 +148,8 @@ def _synchronised(film: Array, angles: Array, bag: Array, positions: Array, near
     )
 
 
-def _low_passed(values: Array, period: float) -> Array:
-    """Without what is faster than LOW_PASS, and without a delay."""
+def low_passed(values: Array, period: float) -> Array:
+    """Samples of a period [s] without what is faster than LOW_PASS, and without a delay."""
     if 0.45 / period <= LOW_PASS:
         return values
     sections = butter(4, LOW_PASS, fs=1.0 / period, output="sos")
@@ -162,7 +162,7 @@ def _evenly(times: Array, angles: Array) -> Array:
     if 0.45 / period <= LOW_PASS:
         return angles
     even = np.arange(times[0], times[-1] + period / 2, period)
-    return np.asarray(CubicSpline(even, _low_passed(np.interp(even, times, angles), period))(times))
+    return np.asarray(CubicSpline(even, low_passed(np.interp(even, times, angles), period))(times))
 
 
 def _coarse(times: Array, angles: Array, smooth: CubicSpline, bag: Array, near: float | None) -> float:
