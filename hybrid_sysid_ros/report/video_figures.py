@@ -34,7 +34,7 @@ def positions(record: VideoRecord) -> go.Figure:
         begin = float(record.synchronisation.time(record.footage.seen[:1])[0])
         line(figure, 1, times - begin, np.degrees(encoder), "encoder", REFERENCE)
         smooth = low_passed(encoder, float(np.median(np.diff(times))))
-        left = record.positions - np.interp(seconds + begin, times, smooth)
+        left = record.positions - np.interp(seconds + begin, times, smooth, left=np.nan, right=np.nan)
         line(figure, 2, seconds, np.degrees(left), "camera less encoder", ERROR)
     line(figure, 1, seconds, np.degrees(record.positions), "camera", MODEL)
     line(figure, 2, seconds, np.degrees(record.footage.deviations), "standard deviation", BOUND)
