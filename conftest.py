@@ -10,10 +10,15 @@ from hybrid_sysid_ros.nodes.executable import SECOND_TRY, start_again
 
 
 def pytest_addoption(parser: Any, pluginmanager: Any) -> None:
-    """Start again, before the tests' own conftest.py is imported, which needs it all."""
+    """Start again, before what the tests share is imported, which needs it all."""
     if importlib.util.find_spec("casadi") is None:
         capture = pluginmanager.getplugin("capturemanager")
         if capture is not None:  # it holds the standard output
             capture.suspend_global_capture(in_=True)
         start_again("pytest")
     os.environ.pop(SECOND_TRY, None)  # not for what the tests start
+
+
+def pytest_configure(config: Any) -> None:
+    """Give what tests share to those of the extensions, too, which stand in their own folders."""
+    config.pluginmanager.import_plugin("tests.shared")

@@ -39,7 +39,9 @@ setup(
     version=ElementTree.parse("package.xml").findtext("version"),
     license="Apache-2.0",
     python_requires=">=3.10,<3.14",
-    packages=find_namespace_packages(include=[NAME, f"{NAME}.*"], exclude=["*.__pycache__"]),  # data folders too
+    packages=find_namespace_packages(  # data folders too
+        include=[NAME, f"{NAME}.*"], exclude=["*.__pycache__", f"{NAME}.extensions.*.tests"]
+    ),
     package_data={"": ["*.yaml", "*.xml", "*.json", "*.safetensors", "*.html", "*.js", "*.css", "*.txt", "*.c", "*.h"]},
     entry_points={
         "console_scripts": [

@@ -15,9 +15,9 @@ from rich.table import Table
 from scipy import stats
 
 from benchmarks import result
-from hybrid_sysid_ros.accuracy import Discrepancy, NormalInverseWishart, Strata
-from hybrid_sysid_ros.accuracy.circular_error import circular_error_probable
 from hybrid_sysid_ros.commands.terminal import print_table
+from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy, NormalInverseWishart, Strata
+from hybrid_sysid_ros.extensions.accuracy.statistics.circular_error import circular_error_probable
 from hybrid_sysid_ros.support.arrays import Array
 
 NAME = "accuracy"

@@ -93,8 +93,8 @@ def parameters(given: Mapping[str, str]) -> dict[str, dict[str, Any]]:
 
 def eyes(given: Mapping[str, str]) -> dict[str, dict[str, Any]]:
     """Parameters of camera and vision, and what they change in those of plant and estimator."""
+    from hybrid_sysid_ros.extensions.vision import camera_loop as sight
     from hybrid_sysid_ros.rigs import rig as rigs
-    from hybrid_sysid_ros.runtime import sight
 
     return sight.parameters(rigs.load(given["rig"] or rigs.default()), given["layers"])
 

@@ -8,8 +8,8 @@ from typing import Any
 from hybrid_sysid_ros.models import Model, load
 from hybrid_sysid_ros.nodes.source import Source
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.augmented_model import believed
 from hybrid_sysid_ros.runtime.configuration import shipped
-from hybrid_sysid_ros.runtime.in_loop import believed
 
 
 def model_of(rig: Rig, settings: Mapping[str, Any]) -> tuple[Model, Source]:

@@ -20,9 +20,9 @@ from hybrid_sysid_ros.bags import Quality, Recording, Split, collected
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
-from hybrid_sysid_ros.nodes.inquiry import Inquiry
+from hybrid_sysid_ros.nodes.parameter_query import Inquiry
 from hybrid_sysid_ros.nodes.process import run
-from hybrid_sysid_ros.runtime.belongings import folders, parameter_file
+from hybrid_sysid_ros.runtime.run_provenance import folders, parameter_file
 from hybrid_sysid_ros.support.errors import UserError
 
 DEPTH = 10_000  # messages that wait for the recorder: it comes after the loop

@@ -19,7 +19,7 @@ from hybrid_sysid_ros.models import STRUCTURES, Sampling, build
 from hybrid_sysid_ros.rigs import outside
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
-from tests.conftest import FlexibleJoint
+from tests.shared import FlexibleJoint
 from tests.structures import MOTIONS
 
 SAMPLING = Sampling(step=0.005, period=0.05)

@@ -12,9 +12,9 @@ from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 
-from hybrid_sysid_ros.nodes import inquiry
+from hybrid_sysid_ros.nodes import parameter_query as inquiry
 from hybrid_sysid_ros.nodes.collector import Uncalled
-from hybrid_sysid_ros.nodes.inquiry import Inquiry
+from hybrid_sysid_ros.nodes.parameter_query import Inquiry
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
 from tests.node_bench import Bench
 

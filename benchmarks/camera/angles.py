@@ -10,10 +10,10 @@ from rich.table import Table
 
 from benchmarks.camera.footage import CASES, Case, motion_of, shots, steady
 from benchmarks.result import spread
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
+from hybrid_sysid_ros.extensions.vision.reading.footage import LEARNED_FROM
+from hybrid_sysid_ros.extensions.vision.reading.learning import learn
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.vision.angle_reader import AngleReader
-from hybrid_sysid_ros.vision.footage import LEARNED_FROM
-from hybrid_sysid_ros.vision.learning import learn
 
 SEEDS = (1, 2, 3)
 ASKED = {"nominal": 0.006, "H.264 crf 32": 0.05}  # degrees RMSE; every other case .02

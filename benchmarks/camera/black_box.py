@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from hybrid_sysid_ros.camera.imager import Picture
+from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
+from hybrid_sysid_ros.extensions.vision.reading.regression import Film
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.vision.regression import Film
 
 CODES, HIDDEN, KNOWN, STEPS = 16, 96, 5, 60  # KNOWN: pictures that a prediction begins with; STEPS: of a rollout
 BATCH, RATE = 32, 2e-3

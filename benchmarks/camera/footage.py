@@ -10,13 +10,13 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from hybrid_sysid_ros.camera.film import pictures, write_film
-from hybrid_sysid_ros.camera.imager import Camera, Imager, Picture
+from hybrid_sysid_ros.extensions.vision.camera.film import pictures, write_film
+from hybrid_sysid_ros.extensions.vision.camera.filming import Motion, experiment
+from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager, Picture
+from hybrid_sysid_ros.extensions.vision.reading.regression import Film
+from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.scene import scene_of
-from hybrid_sysid_ros.runtime.filming import Motion, experiment
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.vision.regression import Film
 
 SECONDS = 55.0
 COVER, COVER_SHADE, COVER_HERTZ = 0.12, 0.4, 0.23  # share of the width, grey, and how often it comes by
@@ -106,7 +106,7 @@ def _coded(taken: Iterator[Picture], times: Array, case: Case) -> Film:
 
 
 def steady(film: Film, count: int) -> Film:
-    """Pictures to learn from, as :func:`~hybrid_sysid_ros.vision.footage.picked` takes them of a file."""
+    """Pictures to learn from, as ``picked`` takes them of a file."""
     few = film[:, ::4, ::4].astype(np.int16)
     change = np.abs(np.diff(few, axis=0)).mean(axis=(1, 2))
     motion = np.maximum(np.append(np.inf, change), np.append(change, np.inf))

@@ -13,20 +13,27 @@ from benchmarks.camera.black_box import KNOWN, BlackBox
 from benchmarks.camera.footage import steady
 from benchmarks.camera.friction import CASE, LEARNED, Experiment, by_camera, experiment_with, zero_of
 from benchmarks.result import spread
-from hybrid_sysid_ros.camera.imager import Picture
+from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
+from hybrid_sysid_ros.extensions.vision.camera_loop import frame_noise
+from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import (
+    AHEAD,
+    Look,
+    PictureModel,
+    Watched,
+    judged,
+    looks,
+)
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
+from hybrid_sysid_ros.extensions.vision.reading.footage import LEARNED_FROM
+from hybrid_sysid_ros.extensions.vision.reading.layers import Layers, Plane
+from hybrid_sysid_ros.extensions.vision.reading.learning import learn
+from hybrid_sysid_ros.extensions.vision.reading.likeness import structural_similarity
+from hybrid_sysid_ros.extensions.vision.reading.regression import Film
+from hybrid_sysid_ros.extensions.vision.reading.renderer import LayerRenderer, Renderer
 from hybrid_sysid_ros.identification import identify
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.pictures_ahead import AHEAD, Look, PictureModel, Watched, judged, looks
-from hybrid_sysid_ros.runtime.sight import frame_noise
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.vision.angle_reader import AngleReader
-from hybrid_sysid_ros.vision.footage import LEARNED_FROM
-from hybrid_sysid_ros.vision.layers import Layers, Plane
-from hybrid_sysid_ros.vision.learning import learn
-from hybrid_sysid_ros.vision.likeness import structural_similarity
-from hybrid_sysid_ros.vision.regression import Film
-from hybrid_sysid_ros.vision.renderer import LayerRenderer, Renderer
 
 SEEDS = (1, 2, 3)
 BIN = 4

@@ -11,24 +11,24 @@ from rich.table import Table
 
 from benchmarks.camera.footage import Case, motion_of, shots, steady
 from benchmarks.result import spread
-from hybrid_sysid_ros.camera.imager import Camera, Imager
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop, simulate_loop
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.estimation import Estimate, ExtendedKalmanFilter
+from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
+from hybrid_sysid_ros.extensions.vision.reading.footage import LEARNED_FROM
+from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
+from hybrid_sysid_ros.extensions.vision.reading.learning import learn
+from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.scene import scene_of
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.checking import check_tolerances
 from hybrid_sysid_ros.runtime.configuration import CAMERA
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.vision.angle_reader import AngleReader
-from hybrid_sysid_ros.vision.footage import LEARNED_FROM
-from hybrid_sysid_ros.vision.layers import Layers
-from hybrid_sysid_ros.vision.learning import learn
 
 PERIOD = 0.005  # s, of estimates and commands
 SEEDS = (0, 1, 2)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from hybrid_sysid_ros.extensions.vision.camera.filming import experiment
+from hybrid_sysid_ros.extensions.vision.reading.synchronisation import synchronise
+from hybrid_sysid_ros.extensions.vision.reading.video_record import encoder_of
+from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.scene import scene_of
-from hybrid_sysid_ros.runtime.filming import experiment
-from hybrid_sysid_ros.runtime.video_record import encoder_of
-from hybrid_sysid_ros.vision.synchronisation import synchronise
 
 OFFSETS = 20
 SECONDS, PICTURES = 55.0, 30.002

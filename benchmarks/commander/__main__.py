@@ -14,15 +14,15 @@ from rich.table import Table
 from benchmarks import result
 from benchmarks.commander import stops, texts
 from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.language.forecast import Simulator
-from hybrid_sysid_ros.language.interpreter import Interpreter
+from hybrid_sysid_ros.extensions.commander.language.forecast import Simulator
+from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.rigs import folder as folders
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.bundled import TRAINED
 from hybrid_sysid_ros.runtime.parameters import defaults
-from hybrid_sysid_ros.runtime.shipped import TRAINED
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -42,7 +42,7 @@ def interpreter_of(rig: Rig) -> Interpreter:
 
 def reading(arguments: argparse.Namespace) -> Found:
     """From a text to a checked plan, without a simulation, over the corpus of the tests."""
-    from tests.language.corpus import CORPUS
+    from hybrid_sysid_ros.extensions.commander.tests.corpus import CORPUS
 
     interpreters = {name: interpreter_of(rigs.load(name)) for name, _, _ in CORPUS}
     taken, spent = [], []

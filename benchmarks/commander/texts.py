@@ -6,9 +6,9 @@ from random import Random
 
 import numpy as np
 
-from hybrid_sysid_ros.language.interpreter import Interpreter
-from hybrid_sysid_ros.language.plan import LONGEST, POINTS, Ability, Plan
-from hybrid_sysid_ros.language.vocabulary import Vocabulary
+from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
+from hybrid_sysid_ros.extensions.commander.language.plan import LONGEST, POINTS, Ability, Plan
+from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

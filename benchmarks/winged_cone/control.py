@@ -31,7 +31,7 @@ from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.in_loop import controlled, driving
+from hybrid_sysid_ros.runtime.augmented_model import controlled, driving
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.support import parallel
 

@@ -23,7 +23,7 @@ from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, session
-from hybrid_sysid_ros.runtime.in_loop import controlled, driving
+from hybrid_sysid_ros.runtime.augmented_model import controlled, driving
 from hybrid_sysid_ros.runtime.plan import Plan, Records
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.run import Run
@@ -47,7 +47,7 @@ def command(rig: RigName = "", out: Out = None, train: Train = False, camera: Ca
     """From bags to a controlled rig: identify, run the loop, report."""
     chosen = load_rig(rig or default())
     if camera:
-        from hybrid_sysid_ros.commands.camera_demo import camera_demo
+        from hybrid_sysid_ros.extensions.vision.commands.camera_demo import camera_demo
 
         if train:
             raise UserError("--train and --camera are two demos: leave one out")

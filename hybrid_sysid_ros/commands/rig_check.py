@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import console, end, print_table
+from hybrid_sysid_ros.extensions.view.drawing import Drawing
+from hybrid_sysid_ros.extensions.view.requests import Offer
 from hybrid_sysid_ros.rigs.check import check, step_responses
-from hybrid_sysid_ros.rigs.drawing import Drawing
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.parameters import declarations, defaults
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.view.requests import Offer
 
 BLOCKS = "▁▂▃▄▅▆▇█"
 SAMPLES = 24

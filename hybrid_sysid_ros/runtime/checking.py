@@ -20,8 +20,8 @@ from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.runtime.augmented_model import controlled
 from hybrid_sysid_ros.runtime.configuration import NONE, by_state, listed
-from hybrid_sysid_ros.runtime.in_loop import controlled
 
 
 def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: Problem) -> Tolerances:

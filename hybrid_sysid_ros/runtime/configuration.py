@@ -15,8 +15,8 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.wrappers import offset_of
 from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.bundled import TRAINED, shipped
 from hybrid_sysid_ros.runtime.parameters import Parameter, check_rules, defaults, parameters
-from hybrid_sysid_ros.runtime.shipped import TRAINED, shipped
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers
 

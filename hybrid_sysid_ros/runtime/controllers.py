@@ -16,9 +16,9 @@ from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.augmented_model import controlled, driving
 from hybrid_sysid_ros.runtime.checking import check_tolerances
 from hybrid_sysid_ros.runtime.configuration import mpc_problem, shipped
-from hybrid_sysid_ros.runtime.in_loop import controlled, driving
 from hybrid_sysid_ros.support.errors import UserError
 
 Warn = Callable[[str], object]
@@ -87,8 +87,8 @@ def _pace(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 def _by_picture(rig: Rig, model: Model, settings: Mapping[str, Any]) -> ConfiguredController:
     """The exact MPC whose cost is in a picture, with what it needs loaded only where it is asked for."""
-    from hybrid_sysid_ros.control.picture_goal import PictureMpc
-    from hybrid_sysid_ros.runtime.goal_picture import goal_of
+    from hybrid_sysid_ros.extensions.vision.goal.goal_picture import goal_of
+    from hybrid_sysid_ros.extensions.vision.goal.picture_mpc import PictureMpc
 
     if settings["policy"] != "exact" or settings["solver"] != "sqp":
         raise UserError("parameter picture: only the exact MPC weighs pictures: policy:=exact, solver:=sqp")

@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.bags import markers
+from hybrid_sysid_ros.extensions.vision import camera_loop as sight
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime import configuration, processes, sight
+from hybrid_sysid_ros.runtime import configuration, processes
 from hybrid_sysid_ros.runtime.processes import COMPOSED
 from hybrid_sysid_ros.runtime.session import READY_TIMEOUT, START_TIMEOUT, Session, Tell
 from hybrid_sysid_ros.support.errors import UserError
@@ -100,7 +101,10 @@ class Run:
         if self.bag is not None:
             check_folder(self.bag, marker=markers(self.bag), replace=self.overwrite)
         if self.picture:
-            from hybrid_sysid_ros.runtime.goal_picture import reader_of, shown_in  # late: it loads scipy's optimisers
+            from hybrid_sysid_ros.extensions.vision.goal.goal_picture import (  # late: it loads scipy's optimisers
+                reader_of,
+                shown_in,
+            )
 
             shown_in(Path(self.picture), reader_of(self._described, self.layers))
         values = self.values

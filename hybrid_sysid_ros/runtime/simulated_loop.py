@@ -18,7 +18,7 @@ from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.in_loop import believed
+from hybrid_sysid_ros.runtime.augmented_model import believed
 
 
 def simulated_loop(

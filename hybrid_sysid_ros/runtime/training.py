@@ -12,7 +12,7 @@ from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.in_loop import controlled
+from hybrid_sysid_ros.runtime.augmented_model import controlled
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.parallel import Store

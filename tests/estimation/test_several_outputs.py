@@ -15,7 +15,7 @@ from hybrid_sysid_ros.core.rollout import stepped
 from hybrid_sysid_ros.estimation import METHODS, Channel, Tuning
 from hybrid_sysid_ros.estimation.consistency import normalised_errors
 from hybrid_sysid_ros.support.errors import UserError
-from tests.conftest import FlexibleJoint
+from tests.shared import FlexibleJoint
 
 PERIOD = 0.005
 A = np.array([[-1.0, 3.0, -6.0], [-4.0, -2.0, 5.0], [2.0, -3.0, -1.5]])

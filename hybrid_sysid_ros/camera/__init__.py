@@ -1,1 +1,0 @@
-"""A camera in front of a simulated rig, and films: files of pictures."""

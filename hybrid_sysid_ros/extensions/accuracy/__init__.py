@@ -1,0 +1,1 @@
+"""Accuracy: statements from simulated and live shots, and the mock-up."""

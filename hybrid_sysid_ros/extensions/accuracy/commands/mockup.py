@@ -1,0 +1,151 @@
+"""hybrid-sysid mockup: a rig's performance digital mock-up, from what is known beforehand to a verdict."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from hybrid_sysid_ros import report
+from hybrid_sysid_ros.commands.terminal import Seed, console, print_table, status
+from hybrid_sysid_ros.extensions.accuracy.mockup import Found, Setup, mockup
+from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import Fired, Range, batches
+from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy
+from hybrid_sysid_ros.rigs.rig import default
+from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.cluster import Cluster
+from hybrid_sysid_ros.support.errors import Interrupted, UserError
+from hybrid_sysid_ros.support.files import check_file, make_folder, written_file
+from hybrid_sysid_ros.support.parallel import Arrays, Lost, Store, Workers, resumed, workers_for
+from hybrid_sysid_ros.support.progress import progress_bars
+
+BATCH = 5
+"""Shots that a process fires at a time."""
+
+
+def command(
+    rig: Annotated[str, typer.Argument(help="Rig, by its name or by the path of its folder.")] = "",
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for all of it; out/mockup_RIG.")] = None,
+    live: Annotated[int, typer.Option(help="Shots of the rig.", min=3, max=10_000)] = 10,
+    simulated: Annotated[int, typer.Option(help="Shots of the model, and of what was known before.", min=10)] = 100,
+    plants: Annotated[int, typer.Option(help="Plants over the uncertainties.", min=10)] = 200,
+    mean_off: Annotated[
+        float, typer.Option(help="Declared: the simulated mean is off by so many standard deviations (one sigma).")
+    ] = 0.5,
+    spread_off: Annotated[
+        float, typer.Option(help="Declared: the simulated spread is off by a factor of e to this (one sigma).")
+    ] = 0.3,
+    seed: Seed = 0,
+    jobs: Annotated[int, typer.Option(help="Processes; 0 is one on each processor.", min=0)] = 0,
+    cluster: Annotated[
+        str, typer.Option(help="Address of a Dask scheduler, such as tcp://host:8786; local starts one.")
+    ] = "",
+) -> None:
+    """Go through a rig's performance digital mock-up: simulate what is known beforehand, drive experiments, identify a
+    gray box and the rig's structure, fire shots of the model and of the rig and compare them, close the loop on
+    uncertain plants, and write a page with the verdict.
+
+    Ctrl-C keeps what is done; the same command goes on from there.
+    """
+    described = load_rig(rig or default())
+    place = out or Path("out") / f"mockup_{described.name}"
+    discrepancy = Discrepancy(mean=mean_off, spread=spread_off)
+    setup = Setup.of(described, seed)
+    report.check_available()
+    for folder in (place, place / "shots"):
+        make_folder(folder)
+    for name in ("verdict.html", "verdict.json"):
+        check_file(place / name)
+    fleet = Fleet(folder=place / "shots", jobs=jobs, cluster=cluster)
+    try:
+        found = mockup(
+            setup,
+            place,
+            fleet.fire,
+            {"live": live, "simulated": simulated, "plants": plants},
+            discrepancy,
+            console.print,
+        )
+    except KeyboardInterrupt:
+        raise Interrupted(f"what is done is in {place}; the same command goes on from there") from None
+    told = _content(found)
+    with written_file(place / "verdict.json") as partial:
+        partial.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    source = report.provenance(found.models[setup.plan.structure], shlex.join(["hybrid-sysid", *sys.argv[1:]]))
+    report.write_mockup(place / "verdict.html", found, source)
+    print_table(_table(found))
+    console.print(f"report: {place / 'verdict.html'}   numbers: {place / 'verdict.json'}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fleet:
+    """Processes or a cluster that fire shots, and where these are kept."""
+
+    folder: Path
+    jobs: int
+    cluster: str
+
+    def fire(self, where: Range, count: int, name: str) -> Fired:
+        """So many shots. Raises UserError where processes are lost again and again."""
+        store: Store[Arrays] = Store(self.folder, json.dumps(where.content(), sort_keys=True, default=repr))
+        items, found = list(batches(count, BATCH)), {}
+        with self._workers(where) as crew, progress_bars(status) as update:
+            for numbers_of, result, _ in resumed(crew, items, store=store, finish=True):
+                if isinstance(result, Lost):
+                    raise UserError(f"{name}: {result.reason}")
+                found[numbers_of] = result
+                update(name, min(BATCH * len(found), count), count)
+        rows = {key: np.concatenate([found[item][key] for item in items]) for key in found[items[0]]}
+        return Fired(where=where, miss=rows["miss"], rmse=rows["rmse"], sound=rows["sound"])
+
+    def _workers(self, work: Callable[[tuple[int, ...]], Arrays]) -> Workers[tuple[int, ...], Arrays]:
+        if self.cluster:
+            return Cluster(work, self.cluster, jobs=self.jobs, tell=status.print)
+        return workers_for(work, jobs=self.jobs, tell=status.print)
+
+
+def _content(found: Found) -> dict[str, Any]:
+    """Everything as plain data."""
+    return {
+        "rig": found.setup.rig.name,
+        "structure": found.setup.plan.structure,
+        "kept": all(line.kept for line in found.verdict),
+        "verdict": [{"criterion": line.name, "kept": line.kept, "words": line.words} for line in found.verdict],
+        "parameters": list(report.parameter_rows(found)),
+        "errors": {"of": found.ahead, **found.errors},
+        "shots": {
+            name: {
+                "count": len(fired.miss),
+                "held": int(fired.sound.all(axis=1).sum()),
+                **{
+                    window: {
+                        "unit": unit,
+                        "mean": float(fired.miss[:, k].mean()),
+                        "deviation": float(fired.miss[:, k].std(ddof=1)),
+                        "rmse": float(fired.rmse[:, k].mean()),
+                    }
+                    for k, (window, unit) in enumerate(fired.windows.items())
+                },
+            }
+            for name, fired in found.fired.items()
+        },
+        "accuracy": [
+            {"of": row.name, "live": row.live.value, "together": row.together.value, "narrower_percent": row.narrower}
+            for row in report.accuracy_rows(found.accuracy)
+        ],
+    }
+
+
+def _table(found: Found) -> Table:
+    table = Table("", "kept", "", title=f"verdict on {found.setup.rig.name}")
+    for line in found.verdict:
+        table.add_row(line.name, "yes" if line.kept else "NO", line.words)
+    return table

@@ -1,0 +1,83 @@
+"""Figures of an accuracy."""
+
+from __future__ import annotations
+
+import numpy as np
+import plotly.graph_objects as go
+from scipy import stats
+
+from hybrid_sysid_ros.extensions.accuracy.statistics import Accuracy, NormalInverseWishart, mean_width, spread_width
+from hybrid_sysid_ros.extensions.accuracy.statistics.estimate import fewest
+from hybrid_sysid_ros.report.charts import MEASURED, MODEL, REFERENCE, Array, dress, line, logarithmic, panels
+
+AHEAD = 2.0
+"""How far the widths of intervals are predicted, as a multiple of the live shots."""
+
+
+def impacts(found: Accuracy) -> go.Figure:
+    """Shots over the first two coordinates, and the regions in which the mean is: by live shots alone and by both."""
+    figure = go.Figure()
+    dress(figure, 560)
+    for shots, name, colour, size in (
+        (found.simulated, "simulated", REFERENCE, 4),
+        (found.live, "live", MEASURED, 8),
+    ):
+        dots = {"color": colour, "size": size}
+        figure.add_trace(go.Scatter(x=shots.values[:, 0], y=shots.values[:, 1], mode="markers", name=name, marker=dots))
+    for estimate, name, colour in (
+        (found.live_only, "mean, live alone", MEASURED),
+        (found.joint, "mean, together", MODEL),
+    ):
+        x, y = _mean_region(estimate.posterior, found.level)
+        figure.add_trace(go.Scatter(x=x, y=y, mode="lines", name=name, line={"color": colour}))
+    circle = found.joint.circular_error
+    if circle is not None:
+        turn = np.linspace(0.0, 2.0 * np.pi, 121)
+        centre = found.joint.posterior.centre
+        x, y = centre[0] + circle.value * np.cos(turn), centre[1] + circle.value * np.sin(turn)
+        dotted = {"color": MODEL, "dash": "dot"}
+        figure.add_trace(go.Scatter(x=x, y=y, mode="lines", name="circular error probable", line=dotted))
+        figure.update_xaxes(constrain="domain")
+        figure.update_yaxes(scaleanchor="x")
+    pairs = zip(found.live.names, found.live.units, strict=True)
+    labels = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
+    figure.update_xaxes(title=labels[0])
+    figure.update_yaxes(title=labels[1])
+    figure.update_layout(hovermode="closest")
+    return figure
+
+
+def sequence(found: Accuracy, coordinate: int) -> go.Figure:
+    """Widths of the intervals of a coordinate's mean and spread, as the shots came and as they are predicted."""
+    figure = panels(heights=[0.5, 0.5], height=460)
+    shots, level = found.live.values, found.level
+    nothing = NormalInverseWishart.reference(shots.shape[1])
+    counts = np.arange(fewest(shots.shape[1]), len(shots) + 1)
+    further = np.unique(np.linspace(0, max(AHEAD * len(shots), 10.0), 40).astype(int))
+    for row, width in enumerate((mean_width, spread_width), 1):
+        widths = []
+        for prior, name, colour in ((nothing, "live alone", MEASURED), (found.prior, "together", MODEL)):
+            told = [width(prior.updated(shots[:count]), coordinate, 0, level, 0.5) for count in counts]
+            widths += told
+            line(figure, row, counts.astype(float), np.array(told), name, colour, legend=row == 1)
+            posterior = prior.updated(shots)
+            ahead = [width(posterior, coordinate, int(more), level, 0.5) for more in further]
+            widths += ahead
+            line(figure, row, len(shots) + further.astype(float), np.array(ahead), f"{name}, predicted", colour,
+                 width=0.7, legend=row == 1)  # fmt: skip
+        figure.update_yaxes(type="log", row=row, col=1, **logarithmic(min(widths), max(widths)))
+    unit = found.live.units[coordinate]
+    for row, name in enumerate(("mean", "spread"), 1):
+        figure.update_yaxes(title=f"width, {name}{f' [{unit}]' if unit else ''}", row=row, col=1, secondary_y=False)
+    figure.update_yaxes(visible=False, secondary_y=True)
+    figure.update_xaxes(title="live shots", row=2, col=1)
+    return figure
+
+
+def _mean_region(posterior: NormalInverseWishart, level: float) -> tuple[Array, Array]:
+    """Edge of the region of the first two coordinates' mean, an ellipse of Student's t."""
+    free = posterior.marginal_degrees
+    square = 2.0 * stats.f.ppf(level, 2, free) / (posterior.strength * free)
+    turn = np.linspace(0.0, 2.0 * np.pi, 121)
+    edge = np.linalg.cholesky(square * posterior.scale[:2, :2]) @ np.array([np.cos(turn), np.sin(turn)])
+    return posterior.centre[0] + edge[0], posterior.centre[1] + edge[1]

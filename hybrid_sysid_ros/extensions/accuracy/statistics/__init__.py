@@ -1,0 +1,34 @@
+"""Accuracy from simulated and live shots: what a simulation told, as far as it is believed, and what shots tell."""
+
+from hybrid_sysid_ros.extensions.accuracy.statistics.discrepancy import Conflict, Discrepancy, conflict
+from hybrid_sysid_ros.extensions.accuracy.statistics.estimate import (
+    Accuracy,
+    Bounded,
+    Estimate,
+    assess,
+    estimate,
+    fewest,
+)
+from hybrid_sysid_ros.extensions.accuracy.statistics.normal_inverse_wishart import NormalInverseWishart
+from hybrid_sysid_ros.extensions.accuracy.statistics.sequential import mean_width, shots_until, spread_width
+from hybrid_sysid_ros.extensions.accuracy.statistics.shots import Shots, read
+from hybrid_sysid_ros.extensions.accuracy.statistics.strata import Strata
+
+__all__ = [
+    "Accuracy",
+    "Bounded",
+    "Conflict",
+    "Discrepancy",
+    "Estimate",
+    "NormalInverseWishart",
+    "Shots",
+    "Strata",
+    "assess",
+    "conflict",
+    "estimate",
+    "fewest",
+    "mean_width",
+    "read",
+    "shots_until",
+    "spread_width",
+]

@@ -1,0 +1,172 @@
+"""The mock-up: shots repeat and agree where model and rig are one, and the way from a prior to a verdict."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.commands import app
+from hybrid_sysid_ros.extensions.accuracy.mockup import Setup
+from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import Fired, Range, drawn
+from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy, assess
+from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.errors import UserError
+from tests.command_line import refused
+
+TEMPLATE = Path(rigs.__file__).parent / "_template"
+COVARIANCE = np.array([[0.01, 0.008], [0.008, 0.04]])
+
+
+@pytest.fixture(scope="module")
+def sled(tmp_path_factory: pytest.TempPathFactory) -> Rig:
+    """The rig that `rig new` writes, with a shorter reference."""
+    folder = tmp_path_factory.mktemp("rigs") / "mock_sled"
+    folder.mkdir()
+    (folder / "system.py").write_text((TEMPLATE / "system.py").read_text())
+    text = (TEMPLATE / "rig.yaml").read_text()
+    text = text.replace("duration: 20.0", "duration: 4.0").replace("stop: 10.0", "stop: 2.0")
+    text = text.replace("start: 10.0, stop: 20.0", "start: 2.0, stop: 4.0")
+    text = text.replace("disturbance: [1.0]  # N", "disturbance: [0.2]")
+    text = text.replace("push: [0.02, 0.2]", "push: [0.005, 0.05]").replace("parameters: 0.1", "parameters: 0.02")
+    (folder / "rig.yaml").write_text(text + "\nmockup: {seconds: 10.0, tolerance: {sine: 60.0}}\n")
+    return rigs.load(folder)
+
+
+@pytest.fixture(scope="module")
+def exact(sled: Rig) -> Model:
+    """A model that is the rig."""
+    return Model(
+        rig=sled.name,
+        place=str(sled.folder),
+        structure="gray",
+        system=sled.system,
+        sampling=Sampling(),
+        names=("mass", "damping"),
+        covariance=COVARIANCE,
+        training_range={},
+    )
+
+
+def fired(where: Range, count: int) -> Fired:
+    rows = where(range(count))
+    return Fired(where=where, miss=rows["miss"], rmse=rows["rmse"], sound=rows["sound"])
+
+
+def test_a_shot_repeats_by_its_number_whatever_was_fired_before(sled, exact):
+    where = Range(rig=sled, model=exact, schedule=sled.schedule(), seed=3)
+    several, alone = where([0, 1, 2]), where([2])
+    for name, values in alone.items():
+        np.testing.assert_array_equal(several[name][2], values[0])
+    assert np.ptp(several["miss"][:, 0]) > 0.0
+
+
+def test_shots_of_a_model_that_is_the_rig_do_not_contradict_it(sled, exact):
+    given = {"rig": sled, "model": exact, "schedule": sled.schedule()}
+    simulated = fired(Range(seed=0, predicted=True, **given), 40)
+    live = fired(Range(seed=1, **given), 12)
+    found = assess(simulated.shots("simulated"), live.shots("live"), Discrepancy(mean=0.2, spread=0.1))
+    assert not found.contradictions
+    assert simulated.windows == {"steps": "mm", "sine": "mm"}
+    assert simulated.sound.all()
+    assert live.sound.all()
+
+
+def test_a_rig_that_something_pulls_is_found_out(sled, exact):
+    """The actuator ends at 20 N: more than that no controller makes up for."""
+    given = {"model": exact, "schedule": sled.schedule()}
+    weak = tuple(dataclasses.replace(item, low=-6.0, high=1.0) for item in sled.actuators)
+    simulated = fired(Range(rig=sled, seed=0, predicted=True, **given), 30)
+    live = fired(Range(rig=dataclasses.replace(sled, actuators=weak), seed=1, **given), 8)
+    found = assess(simulated.shots("simulated"), live.shots("live"), Discrepancy(mean=0.2, spread=0.1))
+    assert found.contradictions
+
+
+def test_shots_of_a_loop_that_ran_away_are_told_in_a_line(sled, exact):
+    where = Range(rig=sled, model=exact, schedule=sled.schedule(), seed=1)
+    miss = np.array([[0.1, 0.2], [np.nan, 0.1], [np.inf, 0.3]])
+    with pytest.raises(UserError, match=r"live: 2 of 3 shots ended in no numbers.* of moves.* \S*rig\.yaml"):
+        Fired(where=where, miss=miss, rmse=miss, sound=np.isfinite(miss)).shots("live")
+
+
+def test_parameters_are_drawn_by_their_covariance_and_kept_in_their_bounds(exact):
+    random = np.random.default_rng(0)
+    values = [drawn(exact, random).named for _ in range(3000)]
+    table = np.array([[item["mass"], item["damping"]] for item in values])
+    np.testing.assert_allclose(table.mean(axis=0), [1.5, 4.0], atol=0.02)
+    np.testing.assert_allclose(np.cov(table.T), COVARIANCE, rtol=0.12)
+    assert {item["friction"] for item in values} == {0.8}
+    wide = dataclasses.replace(exact, covariance=100.0 * COVARIANCE)
+    masses = [drawn(wide, random).named["mass"] for _ in range(200)]
+    assert min(masses) == 0.1  # its lowest value
+
+
+def test_from_a_prior_to_a_verdict_and_again_without_work(call, sled, tmp_path, monkeypatch):
+    mockup = partial(call, app.main, "hybrid-sysid", "mockup", str(sled.folder), "--out", str(tmp_path / "out"))
+    counts = ("--live", "5", "--simulated", "10", "--plants", "10", "--jobs", "1")
+    status, _, error = mockup(*counts)
+    assert status == 0, error
+    told = json.loads((tmp_path / "out" / "verdict.json").read_text())
+    assert told["structure"] == "hybrid"
+    prior, model = (told["errors"][name]["swept_sine"]["position"] for name in ("prior", "hybrid"))
+    assert model < 0.5 * prior
+    assert [told["shots"][name]["count"] for name in ("prior", "simulated", "live", "uncertain")] == [10, 10, 5, 10]
+    assert told["kept"] == all(line["kept"] for line in told["verdict"])
+    assert any("sine ends within 60 mm" in line["criterion"] for line in told["verdict"])
+    real = Setup.of(sled, 0).reality.named
+    for row in told["parameters"]:
+        assert row["real"] == real[row["name"]]
+    mass = next(row for row in told["parameters"] if row["name"] == "mass")
+    assert abs(mass["value"] - mass["real"]) < 0.1 * abs(mass["prior"] - mass["real"])
+    page = (tmp_path / "out" / "verdict.html").read_text()
+    assert "fit for use" in page
+    monkeypatch.setattr(Range, "__call__", lambda self, numbers: pytest.fail("fired again"))
+    monkeypatch.setattr(
+        "hybrid_sysid_ros.extensions.accuracy.mockup.identify", lambda *a, **k: pytest.fail("identified again")
+    )
+    status, _, error = mockup(*counts)
+    assert status == 0, error
+    assert json.loads((tmp_path / "out" / "verdict.json").read_text()) == told
+
+
+def test_what_the_rig_really_is_is_drawn_about_what_it_is_thought_to_be(sled):
+    """By the deviation of policy_training, 2 %: seeds are independent, and one seed always draws the same."""
+    thought = sled.system.named
+    drawn_ones = [Setup.of(sled, seed).reality.named for seed in range(300)]
+    assert Setup.of(sled, 7).reality.named == drawn_ones[7]
+    shares = np.array([[real[name] / value for name, value in thought.items()] for real in drawn_ones])
+    np.testing.assert_allclose(shares.mean(axis=0), 1.0, atol=4.0 * 0.02 / np.sqrt(300))
+    np.testing.assert_allclose(shares.std(axis=0), 0.02, rtol=0.2)
+    assert sled.system.named == thought
+
+
+def test_what_is_not_there_is_told_in_a_line(call, sled, tmp_path):
+    folder = tmp_path / "other_sled"
+    folder.mkdir()
+    for file in ("system.py", "rig.yaml"):
+        (folder / file).write_text((sled.folder / file).read_text())
+
+    def refuse(old: str, new: str, *words: str, counts: tuple[str, ...] = ()) -> None:
+        (folder / "rig.yaml").write_text((sled.folder / "rig.yaml").read_text().replace(old, new))
+        rigs._LOADED.pop(folder.resolve(), None)
+        refused(call(app.main, "hybrid-sysid", "mockup", str(folder), "--out", str(tmp_path / "out"), *counts), *words)
+
+    refuse("{sine: 60.0}", "{sinus: 60.0}", "tolerance: moves has no part sinus")
+    refuse("seconds: 10.0", "learn: [nothing]", "mockup.learn", "multisine, random_steps, swept_sine")
+    refuse("mockup: {", "demo: {structure: magic}\nmockup: {", "structure 'magic' is unknown")
+    refuse("policy_training:", "policy_trainings:", "policy_training")
+    refuse("seconds: 10.0", "seconds: -10.0", "mockup.seconds is -10", "1 to 86400")
+    refuse("seconds: 10.0", "options: {units: 3}", "mockup.options", "name one beside")
+    refuse("seconds: 10.0", "rate: 0", "mockup.rate is 0")
+    refuse("seconds: 10.0", "rate: 333", "mockup.rate 333 Hz: its period", "no multiple")
+    refuse("{sine: 60.0}", "{sine: -60.0}", "mockup.tolerance.sine is -60", "above 0")
+    refuse("seconds: 10.0", "learn: [multisine], test: [multisine]", "multisine can't be in both")
+    third = "frequency: 0.3}\n      third: {start: 3.5, stop: 4.0, kind: constant, level: 0.0}"
+    refuse("frequency: 0.3}", third, "--live 3: the parts of moves need 4 shots", counts=("--live", "3"))
+    refused(call(app.main, "hybrid-sysid", "mockup", "no_such_rig", "--out", str(tmp_path / "out")), "no_such_rig")

@@ -1,0 +1,1 @@
+"""Commander: commands in plain language, and their MCP server."""

@@ -1,0 +1,1 @@
+"""The commander's node and its clients."""

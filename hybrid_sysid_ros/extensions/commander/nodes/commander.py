@@ -1,0 +1,340 @@
+"""Commander: takes commands in plain language, simulates them, and lets the reference node carry out what passes."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from threading import Event, Lock, RLock, Thread, get_ident
+from time import monotonic, monotonic_ns
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rclpy.client import Client
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from hybrid_sysid_ros.extensions.commander.language.commands import Sentence
+from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast, Start
+from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
+from hybrid_sysid_ros.extensions.commander.language.plan import Plan
+from hybrid_sysid_ros.extensions.commander.language.sentence import says_stop
+from hybrid_sysid_ros.extensions.commander.nodes.configured_interpreter import Understanding, give_way
+from hybrid_sysid_ros.extensions.commander.nodes.loop_monitor import HEARS, Whereabouts
+from hybrid_sysid_ros.extensions.commander.nodes.plan_writer import PlanWriter
+from hybrid_sysid_ros.nodes.base import RigNode
+from hybrid_sysid_ros.nodes.border import Border
+from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
+from hybrid_sysid_ros.nodes.messages import SECOND
+from hybrid_sysid_ros.nodes.process import run
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+LOOK_PERIOD = 0.05  # s, between two looks how far a plan is
+WAITING = 60.0  # s, that a plan waits to be confirmed
+ANSWER_TIMEOUT = 2.0  # s, for an answer of the controller
+JUST = 0.5  # s, that the beginning of a plan may take
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ready:
+    """A command that has passed."""
+
+    sentence: Sentence
+    plan: Plan
+    forecast: Forecast
+    since: float
+    """When it passed, in steady time [s]."""
+
+
+class CommanderNode(RigNode):
+    """command_text, the parameter ``command`` and services in; set_point, command_reply and planned out.
+
+    A text is read at once; what is not understood, or beyond the rig's limits, is refused with the reason. The rest is
+    simulated in a thread of its own, one command at a time, with the parameters that estimator and controller have.
+    What passes is carried out where the commander is armed, and waits for the service ``confirm`` where not. It
+    publishes no reference: plans go to the reference node, as set-points do.
+
+    Stop goes before everything: it needs no simulation, waits for none, and works in every state of this node. It calls
+    the controller's service, drops every plan, disarms, and lets the reference stay where the outputs are.
+    """
+
+    NAME = "commander"
+    PUBLISHES = ("set_point", "command_reply", "planned")
+    HEARS = ("command_text", *HEARS)
+
+    def __init__(self, **options: Any) -> None:
+        self.ready: Ready | None = None
+        self.running: Ready | None = None
+        self.checking = ""
+        self.stops = self.refused = self.carried_out = 0
+        self.stopped = self.armed = False
+        self.staying = False
+        """Whether the reference has yet to stay where a stop found the outputs."""
+        self.begun = self.turn = 0
+        self._simulating = Lock()
+        self._lock = RLock()
+        """Nothing begins between a stop and what it drops."""
+        super().__init__(**options)
+        self.stopper, self.enabler = (self._caller(name) for name in ("stop", "enable"))
+        self.create_service(Trigger, "~/stop", self.on_stop)
+        self.create_service(SetBool, "~/arm", self.on_arm)
+
+    def _caller(self, service: str) -> Client:
+        return self.create_client(Trigger, f"controller/{service}")
+
+    def own_services(self) -> Mapping[str, Callable[[], object]]:
+        return {"home": partial(self.obey, "home"), "confirm": self.confirm}
+
+    @property
+    def signature(self) -> str:
+        """As in real time: what people say does not repeat."""
+        return f"{self.get_fully_qualified_name()} {os.getpid()}"
+
+    def configure(self) -> None:
+        self.writer = PlanWriter(self.rig, self.signature)
+        self.armed = self.settings["armed"]
+
+    def activate(self) -> None:
+        silence = round(self.settings["silence"] * SECOND)
+        self.whereabouts = Whereabouts(self, self.rig, self.writer.tracked, silence=silence)
+        self.set_points, self.planned = self.open("set_point"), self.open("planned")
+        self.replies = self.open("command_reply")
+        self.borders["command_text"] = entry = Border(String, steady=monotonic_ns)  # people have no stamps
+        self.listen(entry, "command_text", self.on_text)
+        self.understanding = Understanding(self)
+        self.every(LOOK_PERIOD, self.look)
+
+    def deactivate(self) -> None:
+        """Leave what runs to the reference node, which holds its last value."""
+        self.turn += 1
+        self.understanding.close()
+        self.whereabouts.close()
+        self.ready = self.running = None
+
+    # What is said.
+
+    def on_text(self, message: String) -> None:
+        """A command by topic; what is wrong with it is told on command_reply."""
+        with suppress(UserError):  # told already
+            self.obey(message.data)
+
+    def accept(self, given: Mapping[str, Any], fixed: Sequence[str]) -> None:
+        """A command by parameter: what is wrong with it is the reason why the parameter is not set."""
+        if not given.get("command", "").strip():
+            super().accept(given, fixed)
+        elif len(given) > 1:
+            raise UserError("parameter command: set it alone")
+        else:
+            self.obey(given["command"])
+
+    def obey(self, text: str) -> None:
+        """Read a command, and begin to check it. Raises UserError where it is refused, which is also told on
+        command_reply.
+        """
+        try:
+            self._obey(text)
+        except UserError as error:
+            self.refuse(text, error)
+            raise
+
+    def _obey(self, text: str) -> None:
+        interpreter = self.understanding.interpreter if self.active else None
+        if interpreter is None:
+            if says_stop(text):
+                self.stop(text)
+                return
+            raise UserError(
+                self.understanding.missing if self.active else f"the commander is {self.state}: activate it"
+            )
+        sentence = interpreter.read(text)
+        if sentence.is_stop:
+            self.stop(text)
+            return
+        with self._lock:
+            if self.checking:
+                raise UserError(f"{self.checking[:60]!r} is still being checked: wait for its reply, or say stop")
+            self.whereabouts.look()
+            reference = self.here()
+            plan = interpreter.plan(sentence, reference)
+            start = self.whereabouts.start(interpreter.simulator.model.system)
+            self.checking, self.ready = text, None
+            self.turn += 1
+        Thread(target=self.check, args=(interpreter, sentence, plan, start, self.turn), daemon=True).start()
+
+    def here(self) -> Array:
+        """Where a plan begins (outputs,): at the reference, or, after a stop, where the outputs are."""
+        return self.whereabouts.shown_outputs() if self.stopped else self.whereabouts.reference()
+
+    def check(self, interpreter: Interpreter, sentence: Sentence, plan: Plan, start: Start, turn: int) -> None:
+        """Simulate a plan; runs in a thread of its own."""
+        give_way()
+        try:
+            with self._simulating:  # what a stop has dropped may still be simulated, by the same controller
+                forecast = interpreter.forecast(plan, start)
+            self.in_loop(partial(self.passed, interpreter, sentence, plan, forecast, turn))
+        except Exception as error:
+            self.in_loop(partial(self.failed, sentence, error, turn))
+
+    def failed(self, sentence: Sentence, error: Exception, turn: int) -> None:
+        """The simulation says no."""
+        if turn == self.turn:
+            self.checking = ""
+            self.refuse(sentence.text, error)
+
+    def passed(self, interpreter: Interpreter, sentence: Sentence, plan: Plan, forecast: Forecast, turn: int) -> None:
+        """The simulation says yes: carry it out, or wait for somebody to confirm it."""
+        with self._lock:
+            if turn != self.turn:
+                return  # stopped meanwhile
+            self.checking = ""
+            self.ready = Ready(sentence=sentence, plan=plan, forecast=forecast, since=monotonic())
+            self.planned.publish(self.writer.forecast(forecast))
+            words = f"{interpreter.told(sentence)}: {forecast.line}"
+            if not self.armed:
+                self.reply(sentence.text, "waits", f"{words}; waits for confirm", WARN, forecast.values)
+                return
+            try:
+                self.confirm()
+            except UserError as error:
+                self.refuse(sentence.text, error)
+
+    def confirm(self) -> None:
+        """Carry out the plan that waits. Raises UserError where none does, or it is out of date."""
+        with self._lock:
+            self._confirm()
+
+    def _confirm(self) -> None:
+        ready, interpreter = self.ready, self.understanding.interpreter
+        if ready is None or interpreter is None or monotonic() - ready.since > WAITING:
+            self.ready = None
+            raise UserError("nothing waits to be confirmed: give a command first")
+        self.whereabouts.look()
+        plan, here = ready.plan, self.here()
+        if (np.abs(here - plan.values[0]) > 1e-6).any():  # it has moved on: from here, within the same limits
+            plan = interpreter.plan(ready.sentence, here)
+        if not self.set_points.get_subscription_count():
+            raise UserError("no reference node is there to follow a plan: start one")
+        if self.stopped:
+            self.call(self.enabler)
+        self.set_points.publish(self.writer.set_point(plan))
+        self.stopped = self.staying = False
+        self.ready, interpreter.last = None, ready.sentence
+        self.running = Ready(sentence=ready.sentence, plan=plan, forecast=ready.forecast, since=monotonic())
+        self.begun = self.whereabouts.stamp
+        self.carried_out += 1
+        words = f"{interpreter.told(ready.sentence)}: {ready.forecast.line}"
+        self.reply(ready.sentence.text, "begins", words, OK, ready.forecast.values)
+
+    def look(self) -> None:
+        """See how far the plan is."""
+        self.whereabouts.look()
+        if self.staying:
+            self.staying = False
+            self.stay()
+        running = self.running
+        if running is None or self.whereabouts.stamp - self.begun < running.plan.duration * SECOND:
+            return
+        self.running = None
+        if running.plan.stops:
+            self.stop(running.sentence.text)
+        else:
+            self.reply(running.sentence.text, "done", "done", OK, {})
+
+    # Stop.
+
+    def on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """In every state, in a thread that nothing else holds up."""
+        try:
+            self.stop("stop")
+            response.success = True
+        except UserError as error:
+            response.message = str(error)
+        return response
+
+    def stop(self, text: str) -> None:
+        """Inputs to rest. Raises UserError where no controller is there to do it."""
+        self.turn += 1
+        try:
+            self.call(self.stopper)
+        finally:
+            with self._lock:
+                begun = self.running is not None and monotonic() - self.running.since < JUST
+                self.stops += 1
+                self.armed, self.stopped, self.checking = False, True, ""
+                self.ready = self.running = None
+        if begun:  # which may have enabled the controller after that
+            self.call(self.stopper)
+        if self.active:
+            self.reply(text, "stopped", "stopped: the inputs go to rest; the commander is disarmed", OK, {})
+            self.staying = True
+
+    def stay(self) -> None:
+        """Let the reference stay where the outputs are."""
+        with suppress(UserError):  # without estimates nothing says where that is
+            here = self.whereabouts.shown_outputs()
+            self.set_points.publish(self.writer.set_point(Plan(times=np.zeros(1), values=here[None])))
+
+    def call(self, client: Client) -> None:
+        """Call a service of the controller and wait for its answer, where another thread hears it. Raises UserError
+        where there is no controller, or it refuses.
+        """
+        if not client.service_is_ready():
+            raise UserError(f"no controller is there that answers {client.srv_name}")
+        answered = Event()
+        future = client.call_async(Trigger.Request())
+        future.add_done_callback(lambda _: answered.set())
+        if self.thread in (None, get_ident()):
+            return  # this thread hears the answer itself, later
+        if not answered.wait(ANSWER_TIMEOUT):
+            raise UserError(f"the controller does not answer for {ANSWER_TIMEOUT:g} s")
+        if not future.result().success:
+            raise UserError(f"controller: {future.result().message}")
+
+    def on_arm(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        """From now on plans that pass are carried out at once, or wait to be confirmed."""
+        self.armed = bool(request.data)
+        response.success, response.message = True, "armed" if self.armed else "disarmed"
+        return response
+
+    # What is published.
+
+    def refuse(self, text: str, error: Exception) -> None:
+        """Say why not."""
+        self.refused += 1
+        self.reply(text, "refused", self.words_of(error), ERROR, {})
+
+    def reply(self, text: str, state: str, line: str, level: bytes, values: Mapping[str, float]) -> None:
+        """On command_reply, where the bag finds it."""
+        if not self.active:
+            return
+        told = {"text": text[:300], "state": state, **{name: f"{value:.6g}" for name, value in values.items()}}
+        self.replies.publish(
+            DiagnosticStatus(
+                level=level,
+                name=f"{self.get_fully_qualified_name().strip('/')}: command",
+                message=line,
+                hardware_id=self.rig.name,
+                values=[KeyValue(key=key, value=value) for key, value in told.items()],
+            )
+        )
+
+    def health(self) -> Sequence[Task]:
+        state = "running" if self.running else "stopped" if self.stopped else "idle"
+        state = "checking" if self.checking else "waits for confirm" if self.ready else state
+        ready = "ready" if self.understanding.interpreter is not None else self.understanding.missing
+        values = {
+            "armed": self.armed, "state": state, "carried_out": self.carried_out, "refused": self.refused,
+            "stops": self.stops,
+        }  # fmt: skip
+        return [Task(name="commander", level=OK, message=f"{ready}, {state}", values=values)]
+
+
+main = partial(run, CommanderNode)
+
+if __name__ == "__main__":
+    sys.exit(main())

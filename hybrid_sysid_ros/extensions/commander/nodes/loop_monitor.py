@@ -1,0 +1,100 @@
+"""Whereabouts: where a running loop is, by the newest messages of its topics, fetched when somebody asks."""
+
+from __future__ import annotations
+
+from time import monotonic_ns
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.commander.language.forecast import Start
+from hybrid_sysid_ros.nodes.border import Border
+from hybrid_sysid_ros.nodes.collector import Collector
+from hybrid_sysid_ros.nodes.layout import Layout, Slots
+from hybrid_sysid_ros.nodes.managed import ManagedNode
+from hybrid_sysid_ros.nodes.messages import Joints, Trajectory
+from hybrid_sysid_ros.nodes.preview import Preview
+from hybrid_sysid_ros.nodes.topics import TYPES
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+HEARS = ("state_estimate", "joint_command", "reference")
+
+
+class Whereabouts:
+    """The newest estimate, command and reference of a rig; no message wakes the node."""
+
+    def __init__(self, node: ManagedNode, rig: Rig, tracked: NDArray[np.bool_], *, silence: int) -> None:
+        """tracked: outputs that have references (outputs,). silence: after which another publisher is heard [ns]."""
+        self.rig, self.tracked = rig, tracked
+        self.collectors = {topic: Collector(node, TYPES[topic], topic) for topic in HEARS}
+        self.borders = {topic: Border(TYPES[topic], steady=monotonic_ns, silence=silence) for topic in HEARS}
+        layout = Layout(rig, rig.system)
+        self.outputs, self.inputs = Slots(layout.outputs), Slots(layout.inputs)
+        self.scales = np.array([display.scale for display in rig.display])
+        self.newest: dict[str, Any] = {}
+
+    def close(self) -> None:
+        """Hear nothing any more."""
+        for collector in self.collectors.values():
+            collector.close()
+
+    def look(self) -> None:
+        """Take in what has come."""
+        for topic, collector in self.collectors.items():
+            border = self.borders[topic]
+            for data, _ in collector.fetch():
+                message = border.unpack(data)
+                if message is not None and border.hears(message.source):
+                    border.believe(message.source)
+                    self.newest[topic] = message
+
+    @property
+    def stamp(self) -> int:
+        """Of the newest estimate [ns]; 0 before the first."""
+        estimate = self.newest.get("state_estimate")
+        return 0 if estimate is None else int(estimate.stamp)
+
+    def _estimate(self) -> Joints:
+        found = self.newest.get("state_estimate")
+        if found is None:
+            raise UserError("no estimate has come yet: is the loop running?")
+        return Joints(*found)
+
+    def shown_outputs(self) -> Array:
+        """The estimated outputs (outputs,), as they are shown. Raises UserError where there is no estimate."""
+        estimate = self._estimate()
+        values = np.array(self.outputs.read(estimate.names, estimate.lists)) / self.scales
+        if not np.isfinite(values[self.tracked]).all():
+            raise UserError("the estimates are no numbers: see the estimator's diagnostics")
+        return np.where(self.tracked, values, 0.0)
+
+    def reference(self) -> Array:
+        """What the outputs are asked to be now (outputs,), as they are shown. Raises UserError where nothing is."""
+        message = self.newest.get("reference")
+        if message is None:
+            raise UserError("no reference is published yet: is the loop running, and its reference node?")
+        preview = Preview.of(Trajectory(*message), self.borders["reference"], self.outputs, self.tracked, self.stamp)
+        if preview is None:
+            raise UserError("the reference makes no sense: see the controller's diagnostics")
+        found: Array = preview.at(np.array([self.stamp]))[0] / self.scales
+        return found
+
+    def start(self, system: System) -> Start:
+        """The state of a model (n,), the inputs, and their offsets. Raises UserError where they are no numbers."""
+        estimate, layout = self._estimate(), Layout(self.rig, system)
+        states, offsets = Slots(layout.states), Slots(layout.inputs)
+        state, offset = (np.array(slots.read(estimate.names, estimate.lists)) for slots in (states, offsets))
+        command = self.newest.get("joint_command")
+        rest = np.array([actuator.rest for actuator in self.rig.actuators])
+        given = rest if command is None else np.array(self.inputs.read(command.names, command.lists))
+        if not np.isfinite(state).all():
+            raise UserError("the estimates are no numbers: see the estimator's diagnostics")
+        return Start(
+            state=state,
+            inputs=np.where(np.isfinite(given), given, rest),
+            disturbance=np.where(np.isfinite(offset), offset, 0.0),
+        )

@@ -1,0 +1,47 @@
+"""Plans: what people ask for, and what a simulation says of it, as messages."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast
+from hybrid_sysid_ros.extensions.commander.language.plan import Plan
+from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
+from hybrid_sysid_ros.nodes.layout import Layout, Slots
+from hybrid_sysid_ros.nodes.messages import SECOND
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.configuration import defaults
+from hybrid_sysid_ros.support.arrays import Array
+
+SHOWN = 400  # points of a simulated trajectory, at most
+
+
+class PlanWriter:
+    """Makes the messages of one rig's plans; none has a stamp: it begins when it comes."""
+
+    def __init__(self, rig: Rig, signature: str) -> None:
+        """signature: frame_id of the messages."""
+        layout = Layout(rig, rig.system)
+        self.tracked = np.array(defaults(rig, "controller")["output_weight"]) > 0.0
+        """Which outputs have references (outputs,)."""
+        self._signature = signature
+        self._scales = np.array([display.scale for display in rig.display])
+        self._referred = Slots([place for place, one in zip(layout.outputs, self.tracked, strict=True) if one])
+        self._predicted = Slots([*layout.outputs, *layout.inputs])
+
+    def set_point(self, plan: Plan) -> bytes:
+        """References of the tracked outputs, in SI."""
+        rows = (plan.values * self._scales)[:, self.tracked]
+        return TrajectoryWriter(self._referred, _offsets(plan.times), self._signature).pack(0, rows.tolist())
+
+    def forecast(self, forecast: Forecast) -> bytes:
+        """Outputs and inputs as the simulation says."""
+        loop = forecast.loop
+        chosen = slice(None, None, max(1, -(-len(loop.time) // SHOWN)))
+        rows = np.hstack([loop.outputs, loop.inputs])[chosen]
+        return TrajectoryWriter(self._predicted, _offsets(loop.time[chosen]), self._signature).pack(0, rows.tolist())
+
+
+def _offsets(times: Array) -> list[int]:
+    """[ns], from [s]."""
+    return [round(time * SECOND) for time in times.tolist()]

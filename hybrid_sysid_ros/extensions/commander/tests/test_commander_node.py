@@ -1,0 +1,172 @@
+"""The commander node: what is said becomes a set-point of the reference node, or a refusal; a stop goes before all."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from hybrid_sysid_ros.extensions.commander.nodes.commander import CommanderNode
+from hybrid_sysid_ros.nodes.controller import ControllerNode, Mode
+from hybrid_sysid_ros.nodes.estimator import EstimatorNode
+from hybrid_sysid_ros.nodes.plant import PlantNode
+from hybrid_sysid_ros.nodes.reference import ReferenceNode
+from tests.node_bench import VOLT, Bench
+
+
+class Loop:
+    """A loop of a rig in lockstep with a commander, and whoever speaks to it."""
+
+    def __init__(self, bench: Bench, **parameters: Any) -> None:
+        self.bench = bench
+        self.controller = bench.start(ControllerNode, policy="exact", lockstep=True, latency=0.0)
+        bench.start(EstimatorNode, lockstep=True, latency=0.0)
+        bench.start(ReferenceNode, kind="constant", amplitude=0.0, lockstep=True)
+        self.commander = bench.start(CommanderNode, **parameters)
+        self.text = bench.speak("command_text", String)
+        self.replies = bench.listen("command_reply", DiagnosticStatus)
+        self.references = bench.listen("reference", JointTrajectory)
+        self.set_points = bench.listen("set_point", JointTrajectory)
+        bench.until(lambda: self.commander.understanding.interpreter)  # alone: in lockstep a loop never rests
+        self.plant = bench.start(PlantNode, lockstep=True, wait_for_readers=0, bias=0.0)
+        bench.until(lambda: self.references)
+        bench.until(lambda: "state_estimate" in self.commander.whereabouts.newest)
+        bench.until(lambda: "reference" in self.commander.whereabouts.newest)
+
+    def say(self, text: str) -> DiagnosticStatus:
+        """What is replied to a text first."""
+        count = len(self.replies)
+        self.text.publish(String(data=text))
+        self.bench.until(lambda: len(self.replies) > count)
+        return self.replies[count]
+
+    def call(self, service: str, kind: Any = Trigger, **request: Any) -> Any:
+        client = self.bench.probe.create_client(kind, service)
+        self.bench.until(client.service_is_ready)
+        answer = client.call_async(kind.Request(**request))
+        return self.bench.until(lambda: answer.done() and answer.result())
+
+    def set(self, text: str) -> Any:
+        wanted = [Parameter("command", value=text).to_parameter_msg()]
+        return self.call("commander/set_parameters", SetParameters, parameters=wanted).results[0]
+
+
+@pytest.fixture
+def loop(bench: Bench) -> Iterator[Loop]:
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)  # all nodes and the simulation are threads of one Python here
+    made = Loop(bench, armed=True)
+    yield made
+    made.commander.deactivate()
+    sys.setswitchinterval(interval)
+
+
+def state(reply: DiagnosticStatus) -> str:
+    return next(item.value for item in reply.values if item.key == "state")
+
+
+def test_a_sentence_moves_the_rig_to_where_it_says(loop: Loop) -> None:
+    reply = loop.say("go to 1 V")
+    assert (state(reply), reply.level) == ("begins", DiagnosticStatus.OK)
+    assert any(item.key.startswith("peak drive") for item in reply.values)
+    loop.bench.until(lambda: abs(loop.commander.whereabouts.shown_outputs()[0] - 1.0) < 0.05)
+    assert loop.references[-1].points[-1].positions[0] == pytest.approx(VOLT)
+    loop.bench.until(lambda: state(loop.replies[-1]) == "done")
+
+
+def test_what_can_t_be_is_refused_and_nothing_is_published(loop: Loop) -> None:
+    for text, why in (("hold 3", "of what"), ("hold 300 V", "reach"), ("hold $(reboot) V", "means nothing")):
+        reply = loop.say(text)
+        assert (state(reply), reply.level) == ("refused", DiagnosticStatus.ERROR)
+        assert why in reply.message
+    assert not loop.set_points
+
+
+def test_the_parameter_tells_the_reason(loop: Loop) -> None:
+    refused = loop.set("hold 3")
+    assert not refused.successful
+    assert "of what" in refused.reason
+    assert loop.set("go to 1 V").successful
+    loop.bench.until(lambda: loop.set_points)
+
+
+def test_disarmed_a_plan_waits_until_it_is_confirmed(loop: Loop) -> None:
+    assert loop.call("commander/arm", SetBool, data=False).success
+    assert not loop.call("commander/confirm").success
+    assert state(loop.say("go to 1 V")) == "waits"
+    assert not loop.set_points
+    assert loop.call("commander/confirm").success
+    loop.bench.until(lambda: loop.set_points)
+    assert not loop.call("commander/confirm").success
+
+
+def test_a_stop_drops_the_plan_and_disarms(loop: Loop) -> None:
+    loop.say("swing between -1 and 1 V at 1 Hz for 2 s")
+    assert loop.call("commander/stop").success
+    loop.bench.until(lambda: loop.controller.mode is Mode.STOP)
+    assert not loop.commander.armed
+    count = len(loop.set_points)
+    loop.bench.until(lambda: len(loop.set_points) > count - 1 and len(loop.set_points[-1].points) == 1)
+    assert state(loop.say("go to 1 V")) == "waits"
+    assert loop.controller.mode is Mode.STOP
+    assert loop.call("commander/confirm").success
+    loop.bench.until(lambda: loop.controller.mode is Mode.DRIVE)
+
+
+@pytest.mark.parametrize("text", ["stop", "STOP!!", "please stop it now", "oh dear stop"])
+def test_stop_is_understood_while_a_plan_is_checked(loop: Loop, text: str) -> None:
+    loop.text.publish(String(data="swing between -1 and 1 V at 0.5 Hz for 100 s"))
+    loop.bench.until(lambda: loop.commander.checking)
+    assert state(loop.say(text)) == "stopped"
+    loop.bench.until(lambda: loop.controller.mode is Mode.STOP)
+    assert loop.commander.running is None
+    assert loop.commander.ready is None
+
+
+def test_stop_works_while_the_commander_is_not_configured(bench: Bench) -> None:
+    controller = bench.start(ControllerNode, policy="exact", lockstep=True, latency=0.0)
+    commander = bench.start(CommanderNode, autostart=False)
+    bench.until(commander.stopper.service_is_ready)
+    client = bench.probe.create_client(Trigger, "commander/stop")
+    bench.until(client.service_is_ready)
+    client.call_async(Trigger.Request())
+    bench.until(lambda: controller.mode is Mode.STOP)
+    with pytest.raises(Exception, match="activate"):
+        commander.obey("hold 1 V")
+
+
+def test_a_sum_that_ends_in_stop_stops_at_its_end(loop: Loop) -> None:
+    loop.say("go to 1 V in 0.5 s then stop")
+    loop.bench.until(lambda: loop.controller.mode is Mode.STOP)
+    assert loop.commander.whereabouts.shown_outputs()[0] == pytest.approx(1.0, abs=0.2)
+
+
+def test_repeat_does_the_last_again(loop: Loop) -> None:
+    assert "repeat" in loop.say("repeat").message
+    loop.say("go up by 0.5 V in 0.2 s")
+    loop.bench.until(lambda: state(loop.replies[-1]) == "done")
+    loop.say("again")
+    loop.bench.until(lambda: state(loop.replies[-1]) == "done")
+    assert loop.references[-1].points[-1].positions[0] == pytest.approx(VOLT)
+
+
+def test_the_plan_that_is_published_is_the_simulation(loop: Loop) -> None:
+    planned = loop.bench.listen("planned", JointTrajectory)
+    loop.bench.until(loop.commander.planned.get_subscription_count)
+    loop.say("go to 2 V in 1 s then wait 1 s")
+    loop.bench.until(lambda: planned)
+    final = planned[0].points[-1]
+    assert final.positions[0] / VOLT == pytest.approx(2.0, abs=0.1)
+    assert np.abs([point.effort[0] for point in planned[0].points]).max() <= 10.0

@@ -1,0 +1,146 @@
+"""A corpus of sentences is read, or refused, as whoever reads them would."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.extensions.commander.language.commands import Command, Follow, Home, Move, Sentence, Swing, Wait
+from hybrid_sysid_ros.extensions.commander.language.forecast import Simulator
+from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
+from hybrid_sysid_ros.extensions.commander.language.plan import Ability, plan_of
+from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
+from hybrid_sysid_ros.extensions.commander.tests.corpus import CORPUS, Refused
+from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.support.errors import UserError
+
+SPEED, ACCELERATION = 10.0, 100.0
+"""Of the ends of the set-points in a second: more than any of the rigs reaches, less than what is impossible."""
+
+
+@cache
+def interpreter(name: str) -> Interpreter:
+    rig = rigs.load(name)
+    model = Model(
+        rig=rig.name, structure="gray", system=rig.system, sampling=Sampling(), names=(), covariance=np.zeros((0, 0)),
+        training_range={},
+    )  # fmt: skip
+    return Interpreter.of(Simulator.of(rig, model))
+
+
+def ability(vocabulary: Vocabulary) -> Ability:
+    highest = np.array([output.high for output in vocabulary.outputs])
+    return Ability(speed=SPEED * highest, acceleration=ACCELERATION * highest)
+
+
+def understood(command: Command, vocabulary: Vocabulary, named: set[str]) -> dict[str, Any]:
+    """A command as the corpus writes it; outputs have names where the corpus gives them."""
+
+    def name(output: int) -> str:
+        return vocabulary.outputs[output].name if named - {""} else ""
+
+    if isinstance(command, Home):
+        return {"do": "home"}
+    if isinstance(command, Wait):
+        return {"do": "wait", "seconds": command.seconds}
+    if isinstance(command, Follow):
+        return {"do": "follow", "name": command.name}
+    if isinstance(command, Swing):
+        return {
+            "do": "square" if command.square else "swing", "between": (command.low, command.high),
+            "hertz": command.frequency, "seconds": command.seconds, "output": name(command.output),
+        }  # fmt: skip
+    assert isinstance(command, Move)
+    kind = "by" if command.goals[0].relative else "to"
+    given = {key: getattr(command, key) for key in ("begin", "pace", "seconds", "rate", "hold")}
+    return {
+        "do": command.shape,
+        kind: {name(goal.output): goal.value for goal in command.goals},
+        **{key: value for key, value in given.items() if value},
+    }
+
+
+def flat(entry: dict[str, Any]) -> dict[str, Any]:
+    """With one level."""
+    found: dict[str, Any] = {}
+    for key, value in entry.items():
+        if isinstance(value, dict):
+            found |= {f"{key}.{inner}": number for inner, number in value.items()}
+        elif isinstance(value, tuple):
+            found |= {f"{key}.{k}": number for k, number in enumerate(value)}
+        else:
+            found[key] = value
+    return found
+
+
+def read(name: str, text: str) -> Sentence:
+    """A sentence that may be planned, too."""
+    reader = interpreter(name)
+    sentence = reader.read(text)
+    vocabulary = reader.vocabulary
+    plan_of(sentence.commands, np.zeros(len(vocabulary.outputs)), vocabulary, ability(vocabulary))
+    return sentence
+
+
+def test_the_corpus_is_as_large_as_it_should_be() -> None:
+    assert len(CORPUS) >= 150
+    assert len({(rig, text) for rig, text, _ in CORPUS}) == len(CORPUS)
+
+
+@pytest.mark.parametrize(("name", "text", "expected"), CORPUS, ids=[text[:40] or "empty" for _, text, _ in CORPUS])
+def test_a_sentence_is_understood_as_it_reads(name: str, text: str, expected: Any) -> None:
+    if isinstance(expected, Refused):
+        with pytest.raises(UserError) as refusal:
+            read(name, text)
+        assert expected.why in str(refusal.value)
+        assert "\n" not in str(refusal.value)
+        return
+    sentence = read(name, text)
+    vocabulary = interpreter(name).vocabulary
+    wanted = [entry for entry in expected if entry["do"] != "stop"]
+    assert sentence.stops == (len(wanted) < len(expected))
+    assert len(sentence.commands) == len(wanted)
+    for command, entry in zip(sentence.commands, wanted, strict=True):
+        named = set(entry.get("to", entry.get("by", {entry.get("output", ""): 0})))
+        found, told = flat(understood(command, vocabulary, named)), flat(entry)
+        assert found.keys() == told.keys()
+        for key, value in told.items():
+            assert found[key] == (value if isinstance(value, str) else pytest.approx(value, rel=1e-9, abs=1e-12))
+
+
+def test_what_is_repeated_does_not_grow_without_end() -> None:
+    reader = replace(interpreter("cam_beam"))
+    reader.last = reader.read("hold 1 V then home")
+    reader.last = reader.read("repeat then repeat then repeat")
+    assert len(reader.last.commands) == 6
+    with pytest.raises(UserError, match="24 parts with those that are repeated: a command has 20 at most"):
+        reader.read("repeat then repeat then repeat then repeat")
+
+
+@pytest.mark.parametrize(
+    "template",
+    [
+        "go to {} V at {} V/s", "ramp from {} V to {} V in {} s", "step between {} and {} V every {} s for {} s",
+        "swing between {} and {} V at {} kHz", "swing between {} and {} V every {} s for {} periods",
+        "swing by {} % at {} Hz for {} s", "hold {} MV for {} h",
+    ],
+)  # fmt: skip
+def test_numbers_of_any_size_are_planned_soundly_or_refused(template: str) -> None:
+    vocabulary, random = interpreter("cam_beam").vocabulary, Random(template)
+    sizes = ["0", "-0", "5e-324", "1e-320", "1e-12", "1e-9", "-1", "0.001", "1", "3", "119", "1e5", "1e12", "1.7e308"]
+    for _ in range(300):
+        text = template.format(*(random.choice(sizes) for _ in range(template.count("{}"))))
+        try:
+            commands = interpreter("cam_beam").read(text).commands
+            plan = plan_of(commands, np.zeros(len(vocabulary.outputs)), vocabulary, ability(vocabulary))
+        except UserError:
+            continue
+        assert np.isfinite(plan.values).all(), text
+        assert (np.diff(plan.times) > 0.0).all(), text
+        assert plan.duration <= 120.0 + 1e-9, text

@@ -1,0 +1,1 @@
+"""Playback: recorded messages published again, and recorded loops answered again."""

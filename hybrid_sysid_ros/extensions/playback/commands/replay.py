@@ -1,0 +1,83 @@
+"""hybrid-sysid replay: a recorded loop's estimator and controller again."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from hybrid_sysid_ros import bags, report
+from hybrid_sysid_ros.commands.terminal import Recover, RigName, console, print_table, status
+from hybrid_sysid_ros.extensions.playback import replaying
+from hybrid_sysid_ros.extensions.playback.comparison import SETTLED, Comparison, compare
+from hybrid_sysid_ros.models.model import versions
+from hybrid_sysid_ros.runtime import session
+from hybrid_sysid_ros.support.files import check_file, check_folder, make_folder, sha256, written_file
+
+BAG, NUMBERS, PAGE = "replayed", "replay.json", "report.html"
+
+
+def command(
+    bag: Annotated[Path, typer.Argument(help="Bag of a loop.")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the replayed bag, the numbers and a report.")] = None,
+    rig: RigName = "",
+    model: Annotated[Path | None, typer.Option(help="Another model; the bag's own by default.")] = None,
+    policy: Annotated[str, typer.Option(help="supervised, network or exact; as it was by default.")] = "",
+    policy_path: Annotated[Path | None, typer.Option(help="Another policy folder; the bag's own by default.")] = None,
+    recover: Recover = False,
+) -> None:
+    """Send what a bag recorded of a loop through estimator and controller again, and compare the answers."""
+    session.check_ros()
+    changes = replaying.Changes(rig=rig, model=str(model or ""), policy=policy, policy_path=str(policy_path or ""))
+    if out is not None:
+        report.check_available()
+        make_folder(out)
+        check_folder(out / BAG, marker=bags.markers(out / BAG))
+        for name in (NUMBERS, PAGE):
+            check_file(out / name)
+    with TemporaryDirectory() as scratch:
+        replayed = (out or Path(scratch)) / BAG
+        plan = replaying.replay(bag, replayed, changes, recover=recover, tell=status.print)
+        comparison = compare(bag, replayed, plan.rig, recover=recover)
+    kind = (
+        "recorded in lockstep"
+        if plan.lockstep
+        else "recorded in real time, so that references and ages differ a little"
+    )
+    told = f"{bags.name_of(bag)}, {kind}; parameters: {plan.source}; {replaying.told_changes(plan.changes)}."
+    console.print(told)
+    for table in tables(comparison):
+        print_table(table)
+    if out is not None:
+        content = {"bag": str(bag), "lockstep": plan.lockstep, "parameters": plan.source, **comparison.content}
+        with written_file(out / NUMBERS) as partial:
+            partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        provenance = report.Provenance(
+            command=shlex.join(["hybrid-sysid", *sys.argv[1:]]),
+            hashes={f"bag, {bags.name_of(bag)}": sha256(bag), f"bag, {BAG}": sha256(out / BAG)},
+            versions=versions(),
+        )
+        title = f"{plan.rig.name}: replay of {bags.name_of(bag)}"
+        report.write_replay(out / PAGE, comparison, title, told, provenance)
+        console.print(f"report: {out / PAGE}   numbers: {out / NUMBERS}   bag: {out / BAG}")
+
+
+def tables(comparison: Comparison) -> list[Table]:
+    """Differences, a table for each topic."""
+    found = []
+    for topic, common in comparison.common.items():
+        counts = f"{comparison.recorded[topic]} recorded, {comparison.replayed[topic]} replayed, {common} in common"
+        table = Table("number", "unit", title=f"{topic}: {counts}")
+        for heading in ("largest difference", f"after {SETTLED:g} s", "rms"):
+            table.add_column(heading, justify="right")
+        for number in comparison.of(topic):
+            values = (number.largest, number.settled, number.rms)
+            table.add_row(number.field, number.unit, *(f"{value:.3g}" for value in values))
+        found.append(table)
+    return found

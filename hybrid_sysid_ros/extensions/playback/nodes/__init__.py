@@ -1,0 +1,1 @@
+"""Nodes that publish what was recorded."""

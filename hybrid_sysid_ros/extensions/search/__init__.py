@@ -1,0 +1,1 @@
+"""Search: options of structures chosen by cross-validation."""

@@ -1,0 +1,1 @@
+"""View: a running rig on a page of this computer."""

@@ -1,0 +1,31 @@
+"""hybrid-sysid rig layouts: a rig for other people's tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hybrid_sysid_ros.commands.terminal import console
+from hybrid_sysid_ros.extensions.view import layouts
+from hybrid_sysid_ros.extensions.view.drawing import Drawing
+from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.support.files import written_file
+
+
+def command(
+    rig: Annotated[str, typer.Argument(help="Rig, by its name or by the path of its folder.")],
+    folder: Annotated[Path, typer.Argument(help="Where the files go; those of the same names are replaced.")] = Path(),
+) -> None:
+    """Write a rig's URDF, and layouts for Foxglove (or Lichtblick) and PlotJuggler."""
+    described = load(rig)
+    contents = {
+        f"{described.name}.urdf": Drawing(described).urdf(),
+        f"{described.name}.foxglove.json": layouts.foxglove(described),
+        f"{described.name}.plotjuggler.xml": layouts.plotjuggler(described),
+    }
+    for name, content in contents.items():
+        with written_file(folder / name) as file:
+            file.write_text(content, encoding="utf-8")
+        console.print(str(folder / name))

@@ -1,0 +1,154 @@
+"""The view beside a run, as a process: it comes and goes, and the run does not mind."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import threading
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
+pytest.importorskip("websockets", reason="needs websockets: install hybrid_sysid_ros[view]")
+
+from websockets.sync.client import ClientConnection, connect
+
+from hybrid_sysid_ros.extensions.view.tables import unpacked
+from hybrid_sysid_ros.runtime.run import Run, view
+from hybrid_sysid_ros.support.errors import UserError
+
+PATIENCE = 60.0  # s
+
+
+class Visitor(threading.Thread):
+    """Does something with the page of a run, as soon as it is there."""
+
+    def __init__(self, action: Callable[[ClientConnection], None]) -> None:
+        super().__init__(daemon=True)
+        self.action, self.lines, self.there = action, list[str](), threading.Event()
+        self.trouble: BaseException | None = None
+
+    def tell(self, line: str) -> None:
+        self.lines.append(line)
+        if line.startswith("live view: "):
+            self.there.set()
+
+    def run(self) -> None:
+        try:
+            assert self.there.wait(PATIENCE)
+            address = next(line for line in self.lines if line.startswith("live view: ")).removeprefix("live view: ")
+            origin: Any = address.partition("/?")[0]
+            with connect(address.replace("http://", "ws://").replace("/?", "/live?"), origin=origin) as page:
+                self.action(page)
+        except BaseException as error:
+            self.trouble = error
+
+    def visited(self) -> None:
+        self.join(PATIENCE)
+        if self.trouble is not None:
+            raise self.trouble
+
+
+def test_a_run_is_seen_and_driven_from_its_page(domain: int) -> None:
+    rows: dict[str, int] = {}
+    nodes: set[str] = set()
+    heads: list[Any] = []
+
+    def watch(page: ClientConnection) -> None:
+        page.recv(timeout=PATIENCE)
+        page.send('{"do": "set_point", "times": [0.0], "values": [[1.0]]}')
+        seen: list[float] = []
+        while min(rows.get(name, 0) for name in ("measured", "estimate", "command")) < 100 or len(nodes) < 4:
+            page.send('{"do": "next"}')
+            answer = page.recv(timeout=PATIENCE)
+            if isinstance(answer, str):
+                assert json.loads(answer)["done"] is not None
+                continue
+            head, arrays = unpacked(answer)
+            heads.append(head)
+            for name, count, _ in head["tables"]:
+                rows[name] = rows.get(name, 0) + count
+            nodes.update(item["node"] for item in head["news"].values())
+            seen += arrays["measured"][:, 0].tolist() if "measured" in arrays else []
+        steps = [later - sooner for sooner, later in pairwise(seen)]
+        assert max(steps) < 1.5 * 0.005  # nothing is missing
+
+    visitor = Visitor(watch)
+    visitor.start()
+    outcome = Run(reference="sine", duration=6.0, view=0, domain=domain, tell=visitor.tell).go()
+    visitor.visited()
+    assert nodes == {"plant", "estimator", "controller", "reference", "view"}
+    assert outcome.diagnostics["view"]["pictures"] == len(heads)
+    assert 0.0 < outcome.diagnostics["view"]["cpu_share"] < 0.5  # no message wakes it
+
+
+def test_stop_and_enable_of_the_page_reach_a_running_controller(domain: int) -> None:
+    def press(page: ClientConnection) -> None:
+        page.recv(timeout=PATIENCE)
+        inputs: list[float] = []
+        done: dict[int, bool] = {}
+
+        def until(condition: Callable[[], bool]) -> None:
+            while not condition():
+                page.send('{"do": "next"}')
+                answer = page.recv(timeout=PATIENCE)
+                if isinstance(answer, str):
+                    told = json.loads(answer)
+                    done[told["answer"]] = told["done"]
+                    continue
+                _, arrays = unpacked(answer)
+                inputs.extend(arrays["command"][:, 1].tolist() if "command" in arrays else [])
+
+        until(lambda: len(inputs) > 100 and any(inputs[-20:]))
+        page.send('{"do": "call", "service": "stop", "id": 1}')
+        until(lambda: done.get(1, False))
+        until(lambda: len(inputs) > 100 and not any(inputs[-100:]))  # at rest, and stays there
+        page.send('{"do": "call", "service": "enable", "id": 2}')
+        until(lambda: done.get(2, False))
+        until(lambda: all(inputs[-50:]))
+
+    visitor = Visitor(press)
+    visitor.start()
+    Run(reference="sine", duration=8.0, view=0, domain=domain, tell=visitor.tell).go()
+    visitor.visited()
+
+
+def test_a_run_goes_on_without_its_view(domain: int) -> None:
+    def kill(page: ClientConnection) -> None:
+        greeting = json.loads(page.recv(timeout=PATIENCE))
+        assert greeting["rig"]
+        os.kill(_listener(page.remote_address[1]), signal.SIGKILL)
+
+    visitor = Visitor(kill)
+    visitor.start()
+    outcome = Run(reference="sine", duration=3.0, view=0, domain=domain, tell=visitor.tell).go()
+    visitor.visited()
+    assert not outcome.interrupted
+    assert any(line.startswith("view ended") and "the others go on" in line for line in visitor.lines)
+    assert outcome.diagnostics["controller"]
+
+
+def test_a_port_that_is_taken_is_told_before_anything_is_shown(domain: int) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(UserError, match=f"port {port}.*--port"):
+            view(rig="cam_beam", port=port, domain=domain, show=lambda url: None, tell=lambda line: None)
+
+
+def _listener(port: int) -> int:
+    """The process that listens on a port of this computer."""
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    (inode,) = [row[9] for row in rows if row[1] == f"0100007F:{port:04X}" and row[3] == "0A"]
+    for path in Path("/proc").glob("[0-9]*/fd/*"):
+        try:
+            if os.readlink(path) == f"socket:[{inode}]":
+                return int(path.parts[2])
+        except OSError:
+            continue
+    raise AssertionError("nobody listens")

@@ -1,0 +1,1 @@
+"""Simulated cameras and the films that they take."""

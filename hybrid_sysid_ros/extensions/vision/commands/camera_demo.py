@@ -1,0 +1,154 @@
+"""The demo by a camera: a film, positions out of it, the loop closed by pictures alone, some predicted, a report."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from hybrid_sysid_ros import bags, report
+from hybrid_sysid_ros.commands.demo import run_loop, timing_of, tracked, write_text
+from hybrid_sysid_ros.commands.terminal import console, print_table, status
+from hybrid_sysid_ros.extensions.vision import camera_loop as sight
+from hybrid_sysid_ros.extensions.vision.camera.film import CRF
+from hybrid_sysid_ros.extensions.vision.camera.filming import filmed
+from hybrid_sysid_ros.extensions.vision.camera.imager import Camera
+from hybrid_sysid_ros.extensions.vision.commands.video import ahead_table, table_of
+from hybrid_sysid_ros.extensions.vision.prediction import image_prediction as pictures_ahead
+from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary
+from hybrid_sysid_ros.extensions.vision.reading import video_record
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
+from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
+from hybrid_sysid_ros.extensions.vision.reading.layers import KIND
+from hybrid_sysid_ros.extensions.vision.reading.learning import learn
+from hybrid_sysid_ros.extensions.vision.reading.video_record import VideoRecord, calibrated
+from hybrid_sysid_ros.extensions.vision.scene import scene_of
+from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.rigs.rig import default
+from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.runtime import configuration, session
+from hybrid_sysid_ros.runtime.plan import Plan
+from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
+from hybrid_sysid_ros.support.files import check_file, check_folder, make_folder, sha256
+
+SECONDS = 40.0
+"""Of the film that is learned from."""
+CAMERA = Camera()
+NOT_READ = ("lost", "displaced", "frozen", "unreadable")
+"""Pictures that say nothing, as the vision node counts them."""
+
+
+def camera_demo(out: Path, rig: str = "") -> dict[str, Any]:
+    """Film a rig, learn to read its picture, close the loop by that, and report.
+
+    Leaves report.html, summary.json, the film, the layers, the bag with the positions and the bag of the loop in
+    ``out``. rig: name or path, by default the one that is meant where none is named.
+
+    Raises UserError where the rig has no picture of its first output, for missing extras, and where a node fails.
+    """
+    described = load_rig(rig or default())
+    scene, plan = scene_of(described), Plan.of(described)
+    sight.frame_noise(described, CAMERA.width)
+    report.check_available()
+    session.check_ros()
+    make_folder(out)
+    film, recorded, seen, layers_folder = out / "film.mp4", out / "recorded", out / "seen", out / KIND
+    for file in (film, out / "report.html", out / "summary.json"):
+        check_file(file)
+    for folder in (recorded, seen, out / "loop"):
+        check_folder(folder, marker=bags.markers(folder))
+    check_folder(layers_folder, marker=f"{KIND}.yaml")
+    model_folder = configuration.shipped(described.name, "model")
+    model = load_model(model_folder)
+    kind = next(iter(described.experiments.excitations))
+    console.print(f"1 filming {described.name}, {kind}, {SECONDS:g} s")
+    filmed(
+        described, kind, recorded, film, CAMERA, seed=0, duration=SECONDS, rate=1.0 / model.sampling.step, crf=CRF,
+        overwrite=True,
+    )  # fmt: skip
+    console.print("2 learning the layers of the picture, and reading positions by them")
+    with status.status("looking at the film") as spinner:
+        layers, _ = learn(picked(film), described, readout=CAMERA.readout, progress=spinner.update)
+        footage = followed(film, AngleReader(layers), scene.lamp)
+        record = video_record.joined(footage, layers, described, recorded, exposure=CAMERA.exposure)
+        layers = calibrated(layers, record)
+        layers.save(layers_folder)
+        made_by = "hybrid-sysid demo --camera"
+        video_record.write(record, described, scene.joint, recorded, seen, replace=True, made_by=made_by)
+    print_table(table_of(record))
+    console.print("3 running the loop as ROS 2 processes, its sensor out: a camera takes its place")
+    bag, diagnostics = run_loop(
+        out / "loop", described, plan.reference, model=model_folder, camera=True, layers=layers_folder
+    )
+    loop = report.closed_loop_section(LoopRecord.from_bag(bag, described), described)
+    console.print("4 predicting the pictures of the film")
+    ahead = pictures_ahead.of_video(film, model, described, recorded, record, layers, exposure=CAMERA.exposure)
+    print_table(ahead_table(ahead))
+    summary = {
+        "camera": _seen(record),
+        "closed_loop": tracked(loop, plan) | {"of": "the true position", "sensor": "camera"},
+        "frames": {key: int(diagnostics["vision"][f"{key}_frames"]) for key in NOT_READ}
+        | {"read": int(diagnostics["vision"]["frames"])},
+        "timing": timing_of(diagnostics["plant"]),
+        "pictures_ahead": {f"{seconds:g} s": _ahead(ahead, seconds) for seconds in AHEAD},
+    }
+    write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
+    called = f"make demo CAMERA=1{'' if described.name == default() else f' RIG={rig}'}"
+    sources = {f"film, {film.name}": sha256(film), f"bag, {recorded.name}": sha256(recorded)}
+    provenance = report.provenance(model, called, hashes=sources)
+    report.write_video(
+        out / "report.html", record, layers, f"{described.name} by camera", provenance, ahead=ahead, loop=loop
+    )
+    print_table(_table(summary))
+    console.print(f"report: {out / 'report.html'}   numbers: {out / 'summary.json'}   bag: {bag}")
+    return summary
+
+
+def _seen(record: VideoRecord) -> dict[str, Any]:
+    """What the summary says of the film."""
+    found = record.synchronisation
+    assert found is not None
+    shift, rate, scale, offset = found.deviations.tolist()
+    return {
+        "pictures": len(record.footage.times),
+        "lost": record.footage.lost,
+        "camera_less_encoder_degrees": round(math.degrees(found.residual), 5),
+        "shift_s": [found.shift, shift],
+        "rate_ppm": [1e6 * found.rate, 1e6 * rate],
+        "scale": [found.scale, scale],
+        "offset_degrees": [math.degrees(found.offset), math.degrees(offset)],
+    }
+
+
+def _ahead(rows: list[Judged], seconds: float) -> dict[str, float]:
+    """What it says of predicted pictures."""
+    found = Summary.of(rows, seconds)
+    return {
+        "likeness": round(found.likeness, 4),
+        "likeness_of_mean_picture": round(found.mean, 4),
+        "likeness_of_newest_picture": round(found.still, 4),
+        "error_degrees": round(math.degrees(found.error), 4),
+        "shown_error_degrees": round(math.degrees(found.shown), 4),
+        "within_two_deviations": round(found.inside, 3),
+    }
+
+
+def _table(summary: Mapping[str, Any]) -> Table:
+    table = Table("quantity", "value", title="demo by camera")
+    closed, frames = summary["closed_loop"], summary["frames"]
+    for part, rmse in closed["tracking_rmse"].items():
+        unit = closed["unit"] if isinstance(closed["unit"], str) else closed["unit"][part]
+        table.add_row(f"tracking RMSE {part}, true position", f"{rmse:.3f} {unit}")
+    lost = sum(frames[key] for key in NOT_READ)
+    table.add_row("frames lost", f"{lost} of {frames['read']}")
+    farthest = summary["pictures_ahead"][f"{max(AHEAD):g} s"]
+    table.add_row(f"likeness of pictures {max(AHEAD):g} s ahead", f"{farthest['likeness']:.3f}")
+    delay = summary["timing"]["delay_ms"]
+    table.add_row("loop delay p50 / p99 / max", f"{delay['p50']:.2f} / {delay['p99']:.2f} / {delay['max']:.2f} ms")
+    timing = summary["timing"]
+    table.add_row("missed commands", f"{timing['missed_commands']} of {timing['measurements']}")
+    return table

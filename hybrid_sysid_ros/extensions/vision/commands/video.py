@@ -1,0 +1,154 @@
+"""hybrid-sysid video: a film of a rig becomes a bag."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from hybrid_sysid_ros import bags, report
+from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status
+from hybrid_sysid_ros.extensions.vision.prediction import image_prediction as pictures_ahead
+from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary
+from hybrid_sysid_ros.extensions.vision.reading import video_record
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
+from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
+from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, Layers
+from hybrid_sysid_ros.extensions.vision.reading.learning import learn
+from hybrid_sysid_ros.extensions.vision.scene import scene_of
+from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.models.model import versions
+from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import check_file, check_folder, sha256
+
+
+def command(
+    video: Annotated[Path, typer.Argument(help="Film of the rig: mp4, MOV or what FFmpeg reads.")],
+    out: Annotated[Path, typer.Option("--out", help="Bag to write.")],
+    rig: RigName = "",
+    bag: Annotated[Path | None, typer.Option(help="Bag recorded meanwhile, to synchronise with.")] = None,
+    layers: Annotated[
+        Path | None, typer.Option(help="Folder of learned layers: used where it is there, else written.")
+    ] = None,
+    again: Annotated[bool, typer.Option("--learn", help="Learn the layers anew.")] = False,
+    exposure: Annotated[float, typer.Option(help="Of a row [s].", min=0.0, max=1.0)] = 0.008,
+    readout: Annotated[
+        float, typer.Option(help="Of the rolling shutter, first row to last [s].", min=0.0, max=1.0)
+    ] = 0.016,
+    rate: Annotated[
+        float,
+        typer.Option(help="Positions per second in the bag, by a spline between frames; 0: the frames.", min=0),
+    ] = 0.0,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            help="Model folder: by it and the layers pictures are predicted from the bag's inputs. The layers are its "
+            "own folder layers, where no other is named."
+        ),
+    ] = None,
+    page: Annotated[Path | None, typer.Option("--report", help="HTML page to write.")] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Read a joint's angle out of a film, put it in a bag's time, and write a bag with both; predict its pictures."""
+    described = load_rig(rig)
+    dynamics = load_model(model, rig=rig) if model is not None else None
+    if model is not None:
+        if bag is None:
+            raise UserError("--model predicts by the inputs of a bag: name it, too (--bag)")
+        if dynamics is not None and dynamics.rig != described.name:
+            raise UserError(f"{model}: is a model of {dynamics.rig}, not of {described.name}")
+        layers = layers or model / KIND
+    scene = scene_of(described)
+    check_folder(out, marker=bags.markers(out), replace=overwrite)
+    if bag is not None:
+        video_record.encoder_of(described, scene.joint, bag)  # before the film is read, which may take a minute
+    if page is not None:
+        report.check_available()
+        check_file(page, suffix=".html")
+    with status.status("looking at the film") as spinner, _told_of(video, bag, layers):
+        known = layers is not None and (layers / f"{KIND}.yaml").exists() and not again
+        if known and layers is not None:
+            found = Layers.load(layers)
+        else:
+            film = picked(video)
+            found, _ = learn(
+                film, described, readout=readout, progress=lambda stage: spinner.update(f"learning: {stage}")
+            )
+        footage = followed(
+            video, AngleReader(found), scene.lamp, progress=lambda count: spinner.update(f"reading: {count} pictures")
+        )
+        spinner.update("synchronising")
+        record = video_record.joined(footage, found, described, bag, exposure=exposure)
+        if layers is not None and not known:
+            (found if bag is None else video_record.calibrated(found, record)).save(layers)
+        ahead: list[Judged] = []
+        if dynamics is not None and bag is not None:
+            spinner.update("predicting")
+            ahead = pictures_ahead.of_video(video, dynamics, described, bag, record, found, exposure=exposure)
+    told = shlex.join(["hybrid-sysid", *sys.argv[1:]])
+    written = video_record.at_rate(record, rate) if rate else record
+    video_record.write(written, described, scene.joint, bag, out, replace=overwrite, made_by=told)
+    for remark in [*footage.remarks(), *video_record.contradictions(record)]:
+        console.print(f"note: {remark}")
+    print_table(table_of(record))
+    if ahead:
+        print_table(ahead_table(ahead))
+    console.print(f"{out}: {len(written.stamps)} positions of {scene.joint}")
+    if page is not None:
+        sources = {"film": video} | ({"bag": bag} if bag is not None else {})
+        hashes = {f"{kind}, {path.name}": sha256(path) for kind, path in sources.items()}
+        provenance = report.Provenance(command=told, hashes=hashes, versions=versions())
+        report.write_video(page, record, found, f"{described.name}: {video.name}", provenance, ahead=ahead)
+        console.print(f"report: {page}")
+
+
+@contextmanager
+def _told_of(video: Path, *others: Path | None) -> Iterator[None]:
+    """A refusal names the film, where it does not name a file already."""
+    try:
+        yield
+    except UserError as error:
+        if str(error).startswith(tuple(str(place) for place in (video, *others) if place)):
+            raise
+        raise UserError(f"{video}: {error}") from error
+
+
+def table_of(record: video_record.VideoRecord) -> Table:
+    """What was found, each with its standard deviation."""
+    footage, found = record.footage, record.synchronisation
+    table = Table("", "value", "standard deviation", "unit", title="camera")
+    degrees = [math.degrees(value) for value in footage.deviations if math.isfinite(value)]
+    table.add_row("pictures", str(len(footage.times)), "", "")
+    table.add_row("rate", f"{footage.rate:.4f}", "", "1/s")
+    table.add_row("angle of a picture", "", f"{sorted(degrees)[len(degrees) // 2]:.4f}" if degrees else "", "degrees")
+    if record.onset is not None:
+        table.add_row("lamp on", f"{record.onset.time:.5f}", f"{record.onset.deviation:.5f}", "s of the film")
+    if found is not None:
+        shift, rate, scale, offset = found.deviations.tolist()
+        table.add_row("shift", f"{found.shift:.6f}", f"{shift:.6f}", "s")
+        table.add_row("rate", f"{1e6 * found.rate:.2f}", f"{1e6 * rate:.2f}", "ppm")
+        table.add_row("scale", f"{found.scale:.5f}", f"{scale:.5f}", "")
+        table.add_row("offset", f"{math.degrees(found.offset):.4f}", f"{math.degrees(offset):.4f}", "degrees")
+    return table
+
+
+def ahead_table(rows: Sequence[Judged]) -> Table:
+    """Predicted pictures beside what came, by how far ahead they were."""
+    table = Table(
+        "ahead", "pictures", "likeness", "of the mean picture", "of the newest one", "error [degrees]",
+        "as the picture shows it", "within 2 deviations",
+        title="pictures ahead: structural similarity in the band that the joint comes over",
+    )  # fmt: skip
+    for item in (Summary.of(rows, ahead) for ahead in AHEAD):
+        cells = [f"{value:.3f}" for value in (item.likeness, item.mean, item.still)]
+        errors = [f"{math.degrees(value):.3f}" for value in (item.error, item.shown)]
+        table.add_row(f"{item.ahead:g} s", str(item.count), *cells, *errors, f"{item.inside:.0%}")
+    return table

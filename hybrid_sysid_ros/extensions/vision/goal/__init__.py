@@ -1,0 +1,1 @@
+"""A picture as the goal of the exact MPC."""

@@ -1,0 +1,1 @@
+"""Motion and pictures predicted ahead."""

@@ -1,0 +1,1 @@
+"""Angles out of films."""

@@ -1,0 +1,208 @@
+"""Alignment: the angle at which layers explain a picture best, by least squares with robust weights (compiled)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.extensions.vision.reading.layers import Plane
+from hybrid_sysid_ros.support.arrays import Array
+
+STEPS, FIRST_STEPS = 12, 4  # of an alignment at most, and of that of a candidate
+SETTLED = 0.01  # pixels at the sprite's end: a step that ends an alignment
+FARTHEST = 2.0  # pixels at the sprite's end, in one step
+CAPPED = 40.0  # counts: a larger difference says no more to a scan
+BISQUARE = 4.685  # deviations, beyond which a difference has no weight (Beaton and Tukey 1974): 95 % efficient
+BINS = 512  # of the differences' histogram, half a count each
+TRIED = 3  # candidates of a scan
+Points = NDArray[np.float32]
+"""Texels (points, 2): u and v from the pivot [pixels]."""
+
+
+@inner
+def point(
+    picture: NDArray[np.uint8],
+    background: Plane,
+    alpha: Plane,
+    texture: Plane,
+    first: tuple[float, float],
+    pivot: tuple[float, float],
+    gains: Array,
+    c: float,
+    s: float,
+    u: float,
+    v: float,
+) -> tuple[float, float, int]:
+    """Difference of the pixel nearest to a texel from the layers [counts], how fast the layers change there with the
+    angle [counts/rad], and its row, -1 outside of the picture.
+    """
+    x, y = math.floor(pivot[0] + u * c - v * s + 0.5), math.floor(pivot[1] + u * s + v * c + 0.5)
+    if x < 0 or y < 0 or x >= picture.shape[1] or y >= picture.shape[0]:
+        return 0.0, 0.0, -1
+    dx, dy = x - pivot[0], y - pivot[1]
+    across, down = dx * c + dy * s, -dx * s + dy * c
+    k, i = math.floor(across - first[0]), math.floor(down - first[1])
+    if k < 0 or i < 0 or k >= alpha.shape[1] - 1 or i >= alpha.shape[0] - 1:
+        return 0.0, 0.0, -1
+    right, low = across - first[0] - k, down - first[1] - i
+    behind, gain = background[y, x], gains[y]
+    # what the layers show at the four texels around: B (1 - a) + T
+    a = behind * (1.0 - alpha[i, k]) + texture[i, k]
+    b = behind * (1.0 - alpha[i, k + 1]) + texture[i, k + 1]
+    d = behind * (1.0 - alpha[i + 1, k]) + texture[i + 1, k]
+    e = behind * (1.0 - alpha[i + 1, k + 1]) + texture[i + 1, k + 1]
+    shown = (1.0 - low) * ((1.0 - right) * a + right * b) + low * ((1.0 - right) * d + right * e)
+    by_u = (1.0 - low) * (b - a) + low * (e - d)
+    by_v = (1.0 - right) * (d - a) + right * (e - b)
+    # du / dangle = -v, dv / dangle = u
+    return picture[y, x] - gain * shown, gain * (by_v * across - by_u * down), y
+
+
+@inner
+def scanned(
+    picture: NDArray[np.uint8], background: Plane, alpha: Plane, texture: Plane, first: tuple[float, float],
+    pivot: tuple[float, float], gains: Array, points: Points, angle: float,
+) -> float:  # fmt: skip
+    """Mean capped difference of the layers at an angle [counts]."""
+    c, s, total, count = math.cos(angle), -math.sin(angle), 0.0, 0
+    for k in range(points.shape[0]):
+        difference, _, row = point(
+            picture, background, alpha, texture, first, pivot, gains, c, s, points[k, 0], points[k, 1]
+        )
+        if row >= 0:
+            total += min(abs(difference), CAPPED)
+            count += 1
+    return total / count if count > points.shape[0] // 4 else CAPPED
+
+
+@inner
+def aligned(
+    picture: NDArray[np.uint8], background: Plane, alpha: Plane, texture: Plane, first: tuple[float, float],
+    pivot: tuple[float, float], gains: Array, points: Points, angle: float, reach: float, steps: int, out: Array,
+) -> None:  # fmt: skip
+    """Gauss-Newton from an angle on, in so many steps at most. out: angle [rad], its variance, mean capped difference
+    [counts], mean row, and the share of the points that the layers explain.
+
+    The variance is that of correlated differences, as codecs make them: points of one block of texels count as one
+    (White 1980, clustered).
+    """
+    count = points.shape[0]
+    width = 16.0 * max(1.0, reach / 320.0)
+    blocks = 2 * int(reach / width) + 4
+    scores = np.empty(blocks)
+    histogram = np.zeros(BINS, dtype=np.int64)
+    deviation = 0.0
+    out[1] = out[2] = out[3] = out[4] = np.nan
+    for step in range(steps):
+        c, s = math.cos(angle), -math.sin(angle)
+        limit = BISQUARE * deviation
+        gradient = curvature = rows = total = weights = 0.0
+        scores[:], histogram[:], used = 0.0, 0, 0
+        for k in range(count):
+            difference, slope, row = point(
+                picture, background, alpha, texture, first, pivot, gains, c, s, points[k, 0], points[k, 1]
+            )
+            if row < 0:
+                continue
+            used += 1
+            size = abs(difference)
+            histogram[min(int(2.0 * size), BINS - 1)] += 1
+            total += min(size, CAPPED)
+            if step == 0:
+                weight = 1.0 / (1.0 + (size / 10.0) ** 2)
+            elif size < limit:
+                weight = (1.0 - (size / limit) ** 2) ** 2
+            else:
+                continue
+            gradient += weight * difference * slope
+            curvature += weight * slope * slope
+            rows += weight * slope * slope * row
+            weights += weight
+            scores[int(points[k, 0] / width + blocks / 2)] += weight * difference * slope
+        if used < count // 4 or not curvature > 0.0:
+            return
+        deviation = max(_median(histogram, used) / 0.6745, 0.7)
+        move = gradient / curvature
+        out[0], out[2], out[3], out[4] = angle, total / used, rows / curvature, weights / used
+        out[1] = np.sum(scores**2) / curvature**2
+        if step > 1 and abs(move) * reach < SETTLED:
+            break
+        most = FARTHEST / reach
+        angle += min(max(move, -most), most)
+
+
+@inner
+def _median(histogram: NDArray[np.int64], count: int) -> float:
+    """Of the differences that a histogram counts [counts]."""
+    seen = 0
+    for k in range(BINS):
+        if 2 * (seen + histogram[k]) >= count:
+            return 0.5 * (k + (0.5 * count - seen) / max(histogram[k], 1))
+        seen += histogram[k]
+    return 0.5 * BINS
+
+
+@inner
+def light(
+    picture: NDArray[np.uint8], background: Plane, columns: NDArray[np.int32], rows: tuple[int, int], gains: Array
+) -> None:
+    """The gain of each row between ``rows``, by the median of what its still pixels show beside the background: columns
+    (rows, pixels), -1 for none; then smoothed over neighbours, as light changes slowly over rows.
+    """
+    ratios, raw = np.empty(columns.shape[1]), np.full(picture.shape[0], np.nan)
+    for y in range(rows[0], rows[1]):
+        found = 0
+        for k in range(columns.shape[1]):
+            x = columns[y, k]
+            if x >= 0:
+                ratios[found] = picture[y, x] / background[y, x]
+                found += 1
+        if found > 4:
+            few = ratios[:found]
+            few.sort()
+            raw[y] = 0.5 * (few[found // 2] + few[(found - 1) // 2])
+    half = max(picture.shape[0] // 60, 1)
+    for y in range(rows[0], rows[1]):
+        total = weights = 0.0
+        for near in range(max(y - half, rows[0]), min(y + half + 1, rows[1])):
+            if raw[near] == raw[near]:
+                weight = half + 1.0 - abs(near - y)
+                total += weight * raw[near]
+                weights += weight
+        gains[y] = total / weights if weights > 0.0 else 1.0
+
+
+@kernel
+def read_angle(
+    picture: NDArray[np.uint8], background: Plane, alpha: Plane, texture: Plane, first: tuple[float, float],
+    pivot: tuple[float, float], columns: NDArray[np.int32], rows: tuple[int, int], points: Points, few: Points,
+    angles: Array, reach: float, gains: Array, out: Array,
+) -> None:  # fmt: skip
+    """The angle of a picture: the light by the still pixels, a scan of ``angles`` with a ``few`` points, alignment of
+    its best candidates, and of the best of these with all points. out: see :func:`aligned`.
+    """
+    light(picture, background, columns, rows, gains)
+    costs = np.empty(angles.shape[0])
+    for k in range(angles.shape[0]):
+        costs[k] = scanned(picture, background, alpha, texture, first, pivot, gains, few, angles[k])
+    best, least = angles[np.argmin(costs)], 1e9
+    spread = max(angles.shape[0] // 40, 1)
+    for _ in range(min(TRIED, angles.shape[0])):
+        k = int(np.argmin(costs))
+        aligned(picture, background, alpha, texture, first, pivot, gains, few, angles[k], reach, FIRST_STEPS, out)
+        if out[2] < least:
+            best, least = out[0], out[2]
+        costs[max(k - spread, 0) : k + spread + 1] = 1e9
+    aligned(picture, background, alpha, texture, first, pivot, gains, points, best, reach, STEPS, out)
+
+
+@kernel
+def align_from(
+    picture: NDArray[np.uint8], background: Plane, alpha: Plane, texture: Plane, first: tuple[float, float],
+    pivot: tuple[float, float], gains: Array, points: Points, angle: float, reach: float, out: Array,
+) -> None:  # fmt: skip
+    """Alignment from a known angle on."""
+    aligned(picture, background, alpha, texture, first, pivot, gains, points, angle, reach, STEPS, out)

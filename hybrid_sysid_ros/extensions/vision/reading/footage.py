@@ -1,0 +1,172 @@
+"""Footage: a film looked at: pictures to learn from, and what all of them say of angle and lamp."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.extensions.vision.camera.film import format_of, pictures
+from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import LIT, STANDS, AngleReader, Reading
+from hybrid_sysid_ros.extensions.vision.reading.lamp import brightness
+from hybrid_sysid_ros.extensions.vision.reading.learning import FEWEST
+from hybrid_sysid_ros.extensions.vision.reading.regression import Film
+from hybrid_sysid_ros.extensions.vision.scene import Lamp
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+LEARNED_FROM = 160
+"""Pictures that layers are learned from."""
+SHOWN = 4  # pictures that are kept to be shown
+LOOKS, APART = 16, 10
+"""Pictures, and how far apart, by which a moved camera is known; who comes by is in less than half of them."""
+FROZEN = 3  # pictures in a row that are the same to the last bit: a camera that hangs
+GAP = 1.5  # times as far apart as most are pictures between which one is missing
+OTHER_RATE = 0.01  # relative difference of a film's rate from what its head says, that is told
+LOST = 0.5  # share of the pictures without an angle, with which a film is none of these layers
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Footage:
+    """What a film's pictures say, (frames,) each."""
+
+    times: Array
+    """Of the pictures, as the film has them [s]."""
+    seen: Array
+    """Of the sprite in them: the rows that tell of it are exposed then [s]."""
+    angles: Array
+    """[rad]; NaN where there is none."""
+    deviations: Array
+    """[rad]"""
+    explained: Array
+    """Share of the pixels that the layers explain."""
+    lamp: Array
+    """Brightness of the lamp [counts]; NaN without one, and where there is no light in the picture."""
+    frozen: NDArray[np.bool_]
+    """Pictures that were the same as those before, but for black ones; their angles are not used."""
+    shown: tuple[tuple[float, Picture, Reading], ...]
+    """Some of them, with their times and what was read."""
+    stated_rate: float
+    """What the film's head says [Hz]."""
+
+    @property
+    def rate(self) -> float:
+        """Pictures a second, by their times [Hz], without gaps; a median alone would be of times that are rounded."""
+        apart = np.diff(self.times)
+        return 1.0 / float(apart[apart < GAP * np.median(apart)].mean())
+
+    @property
+    def lost(self) -> int:
+        """Pictures without an angle."""
+        return int(np.isnan(self.angles).sum())
+
+    def remarks(self) -> list[str]:
+        """What a user should know of the film, in a line each."""
+        found = []
+        if self.stated_rate and abs(self.rate / self.stated_rate - 1.0) > OTHER_RATE:
+            found.append(f"its head says {self.stated_rate:.4g} pictures/s, their times {self.rate:.4g}: these count")
+        if self.frozen.any():
+            found.append(f"{int(self.frozen.sum())} frozen pictures, the same as before to the last bit: not used")
+        if black := self.lost - int(self.frozen.sum()):
+            found.append(f"{black} of {len(self.angles)} pictures without an angle: black, hidden or of something else")
+        return found
+
+
+def picked(path: Path, count: int = LEARNED_FROM) -> Film:
+    """Pictures of a film to learn from (pictures, rows, columns): of each of as many parts the one with least motion,
+    so that none is smeared.
+
+    Raises UserError where the film can't be read, is too short, or changes its size.
+    """
+    motion, before, shape = list[float](), None, None
+    for time, picture in pictures(path):
+        few = picture[::4, ::4].astype(np.int16)
+        if shape not in (None, picture.shape):
+            raise UserError(f"{path}: its pictures change their size at {time:.3g} s: cut it there")
+        shape = picture.shape
+        motion.append(float(np.abs(few - before).mean()) if before is not None else np.inf)
+        before = few
+    if len(motion) < FEWEST:
+        raise UserError(f"{path}: has {len(motion)} pictures: {FEWEST} at least are needed to learn from")
+    edges = np.linspace(0, len(motion), min(count, len(motion)) + 1).astype(int)
+    steady = np.maximum(motion, np.append(motion[1:], np.inf))
+    chosen = {a + int(np.argmin(steady[a:b])) for a, b in itertools.pairwise(edges)}
+    return np.stack([picture for k, (_, picture) in enumerate(pictures(path)) if k in chosen])
+
+
+def followed(
+    path: Path, reader: AngleReader, lamp: Lamp | None, *, progress: Callable[[int], object] = lambda count: None
+) -> Footage:
+    """What each picture of a film says by layers.
+
+    Raises UserError where the film can't be read, has another size, or shows something else than the layers.
+    """
+    rows, times, lamps = list[Reading](), list[float](), list[float]()
+    frozen, shown, sceneries = list[bool](), list[tuple[float, Picture, Reading]](), list[Array]()
+    before, run, every = None, 0, 1
+    for time, picture in pictures(path):
+        reading = reader.read(picture)
+        run = run + 1 if before is not None and np.array_equal(picture, before) else 0
+        before = picture
+        frozen.append(reader.lit and run >= FROZEN - 1)
+        times.append(time)
+        rows.append(reading)
+        lamps.append(brightness(picture, lamp) if lamp is not None and reader.lit else np.nan)
+        if (len(rows) - 1) % APART == 0:
+            sceneries.append(reader.scenery(picture))
+        if (len(rows) - 1) % every == 0:
+            shown.append((time, picture, reading))
+            if len(shown) >= 4 * SHOWN:
+                every, shown = 2 * every, shown[::2]
+            progress(len(rows))
+    layers, angles = reader.layers, np.array([row.angle for row in rows])
+    if len(rows) < 2:
+        raise UserError(f"{path}: has one picture only")
+    lost = float(np.isnan(angles).mean())
+    if np.median([item[1].mean() for item in shown]) < LIT * layers.background.mean():
+        raise UserError(f"{path}: its pictures are black, {lost:.0%} of them without the joint: nothing is read")
+    for first in range(0, max(len(sceneries) - LOOKS // 2, 1), LOOKS // 2):
+        stands = reader.standing(sceneries[first : first + LOOKS])
+        if stands < STANDS:
+            raise UserError(
+                f"{path}: what stands in it {_when(times, first)}is not where it was when the layers of "
+                f"{layers.geometry.rig} were learned (correlation {stands:.3f}, {STANDS:g} at least): the camera was "
+                f"moved, or it is another rig's film; {'cut it there' if first else 'learn them again (--learn)'}"
+            )
+    if lost > LOST:
+        raise UserError(
+            f"{path}: {lost:.0%} of its pictures are not what the layers of {layers.geometry.rig} explain: "
+            "it shows another rig, or the joint is hidden; learn them again (--learn)"
+        )
+    still = np.array(frozen)
+    angles[still] = np.nan
+    middle = np.array([layers.row_time(row.row) if row.found else 0.0 for row in rows])
+    good = [item for item in shown if item[2].found] or shown
+    return Footage(
+        times=np.array(times),
+        seen=np.array(times) + middle,
+        angles=_unwrapped(angles) if layers.full_turn else angles,
+        deviations=np.array([row.deviation for row in rows]),
+        explained=np.array([row.explained for row in rows]),
+        lamp=np.array(lamps),
+        frozen=still,
+        shown=tuple(good[:: max(len(good) // SHOWN, 1)][:SHOWN]),
+        stated_rate=format_of(path).rate,
+    )
+
+
+def _when(times: Sequence[float], first: int) -> str:
+    """What is said of a scenery that is not the first."""
+    return f"from {times[first * APART]:.3g} s on " if first else ""
+
+
+def _unwrapped(angles: Array) -> Array:
+    """Angles that go on round and round, by the shorter way from one picture to the next."""
+    found, known = angles.copy(), np.isfinite(angles)
+    found[known] = np.unwrap(angles[known])
+    return found

@@ -1,0 +1,269 @@
+"""Learning: the layers of a film, and the angle of each of its pictures, without a label."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hybrid_sysid_ros.extensions.vision.camera.painting import grid_around, painted
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import EXPLAINED, AngleReader
+from hybrid_sysid_ros.extensions.vision.reading.layers import Geometry, Layers
+from hybrid_sysid_ros.extensions.vision.reading.regression import (
+    Film,
+    median_picture,
+    polar_maps,
+    regress_background,
+    regress_texels,
+    rigid_moves,
+    sharpen,
+)
+from hybrid_sysid_ros.extensions.vision.scene import scene_of
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+RINGS, DIRECTIONS = 48, 1440  # of the maps that give the first angles
+ROUNDS = 4  # of background, sprite and angles in turn
+BROAD = 12
+"""Waves around the pivot: what is as broad as half of one is no sprite that swings, but somebody who comes by."""
+PASSES = 6  # of sharpening in a round
+COARSE = 4  # texels: the spacing at which a sprite's outline is looked for
+FEWEST = 40
+"""Pictures that a learner needs."""
+NARROWEST = 240
+"""Columns of a picture: at 160 the first angles have come out mirrored."""
+LEAST_MASS = 0.03  # of the ring with most, of one that the sprite reaches
+FARTHEST_PIVOT = 10.0  # pixels: how far the scene's pivot may be off, a standard deviation
+SEEN_MOVE = 0.1  # pixels: how well a picture says where the sprite lies
+SMALLEST_SWING = 3.0  # pixels of the sprite's end: what moves less is no motion to learn from
+ITS_REACH = (0.7, 1.4)
+"""Of the scene's sprite, between which that of what was learned lies: drawings are rough, other rigs are others."""
+NO_AXIS = 0.1  # of a sprite's second moments: it is as long as broad
+
+
+def learn(
+    film: Film, rig: Rig, *, readout: float, progress: Callable[[str], object] = lambda stage: None
+) -> tuple[Layers, Array]:
+    """The layers of pictures (pictures, rows, columns) of a rig's scene, and their angles (pictures,) [rad].
+
+    The first angles are those by which what differs from the median is turned about the scene's pivot; then background,
+    sprite, angles and pivot are improved in turn, each in closed form. readout [s]: see :class:`~.layers.Geometry`.
+
+    Raises UserError where there are too few pictures, or too small ones, nothing moves, or what moves does not turn or
+    is of another size than the scene's sprite.
+    """
+    if len(film) < FEWEST:
+        raise UserError(f"{len(film)} pictures are too few to learn layers from: {FEWEST} at least")
+    scene, (_, rows, columns) = scene_of(rig), film.shape
+    if columns < NARROWEST:
+        raise UserError(f"pictures of {columns}x{rows} pixels are too small to learn layers from: {NARROWEST} columns")
+    pivot = np.array(scene.pivot) * columns - 0.5
+    progress("median")
+    lights = _lights(film)
+    still = median_picture(film, lights)
+    noise = max(float(np.median(np.abs(film[::7] / lights[::7, None, None] - still))) / 0.6745, 0.5)
+    progress("first angles")
+    angles, reach = _first_angles(film, lights, still, noise, tuple(pivot.tolist()), _span(rig, scene.joint))
+    if not float(np.ptp(angles)) * reach > SMALLEST_SWING:
+        raise UserError("nothing that turns is seen in the pictures: is it the rig's video, and does the rig move?")
+    span = _span(rig, scene.joint)
+    full = span >= 2.0 * math.pi
+    geometry = Geometry(
+        rig=rig.name, joint=scene.joint, pivot_x=float(pivot[0]), pivot_y=float(pivot[1]), first_u=0.0, first_v=0.0,
+        low=0.0, high=2.0 * math.pi if full else 0.0, noise=noise, readout=readout,
+    )  # fmt: skip
+    layers = _outlined(film, lights, angles, still, geometry, reach)
+    tilt, clear = _axis(layers.alpha, *_coordinates(layers))
+    if clear > NO_AXIS:  # a sprite that lies along its texels' rows is blurred least between them
+        angles = angles - tilt
+        layers = _outlined(film, lights, angles, still, geometry, reach)
+    gains = np.tile(lights[:, None], (1, rows))
+    good = np.ones(len(film), dtype=bool)
+    for turn in range(ROUNDS):
+        progress(f"layers, {turn + 1} of {ROUNDS}")
+        layers = _regressed(film[good], gains[good], angles[good], layers)
+        if not full:
+            low, high = float(angles[good].min()), float(angles[good].max())
+            layers = replace(layers, geometry=replace(layers.geometry, low=low, high=high))
+        reader = AngleReader(layers)
+        explained = np.zeros(len(film))
+        for k, picture in enumerate(film):
+            reading = reader.read(picture)
+            gains[k], explained[k] = reader.gains, reading.explained
+            angles[k] = reading.angle if reading.found else angles[k]
+        good = explained >= EXPLAINED
+        if good.sum() < len(film) / 2:
+            raise UserError(
+                f"what moves in the pictures is not one body that turns about a pivot: layers explain "
+                f"{good.sum()} of {len(film)} pictures; is it a video of {rig.name}?"
+            )
+        gains[good] /= np.median(gains[good])
+        if turn < ROUNDS - 1:
+            layers = _pivoted(film[good], gains[good], angles[good], layers, reader)
+    share = layers.reach / (columns * max(patch.reach for patch in scene.sprite))
+    if not ITS_REACH[0] < share < ITS_REACH[1]:
+        raise UserError(
+            f"what turns in the pictures reaches {share:.0%} as far from its pivot as the scene of {rig.name} says: is "
+            f"it a video of {rig.name}?"
+        )
+    return replace(layers, geometry=replace(layers.geometry, zero=_zero(layers, rig))), angles
+
+
+def _lights(film: Film) -> Array:
+    """Light of each picture (pictures,), the mean is 1."""
+    few = film[:, ::8, ::8].reshape(len(film), -1).astype(float)
+    mean = np.maximum(few.mean(axis=0), 1.0)
+    found = np.median(few / mean, axis=1)
+    return np.asarray(np.maximum(found / found.mean(), 0.05))
+
+
+def _span(rig: Rig, joint: str) -> float:
+    """How far apart two angles of a joint may be [rad]; a full turn where nothing stops it."""
+    names, position = [item.name for item in rig.system.states], rig.joints.joints[joint].position
+    if position not in names:
+        return 2.0 * math.pi
+    low, high = rig.travel[:, names.index(position)].tolist()
+    return min(high - low, 2.0 * math.pi)
+
+
+def _first_angles(
+    film: Film, lights: Array, still: NDArray[np.float32], noise: float, pivot: tuple[float, float], span: float
+) -> tuple[Array, float]:
+    """Angles (pictures,) [rad] against some picture, by turning maps of what differs from the median over one another,
+    and how far the sprite reaches from its pivot [pixels].
+
+    What is brighter than the median is the sprite or, where the median has the sprite in it, its absence; of brighter
+    and darker the one is taken that turns more.
+    """
+    (rows, columns), best = still.shape, (np.zeros(len(film)), 1.0)
+    radius = max(math.hypot(x - pivot[0], y - pivot[1]) for x in (0, columns) for y in (0, rows))
+    most = min(round(span / (2.0 * math.pi) * DIRECTIONS), DIRECTIONS // 2)
+    for sign in (1.0, -1.0):
+        maps = polar_maps(film, lights, still, pivot, (RINGS, DIRECTIONS), radius, 4.0 * noise + 6.0, sign)
+        mass = maps.sum(axis=(0, 2))
+        if not mass.max() > 0.0:
+            continue
+        near = np.minimum(mass[:, None], 1e30)[:, 0] > LEAST_MASS * mass.max()
+        reach = (int(np.flatnonzero(near)[-1]) + 2) / RINGS * radius
+        spectra = np.fft.rfft(maps, axis=2)
+        if span < math.pi:
+            spectra[:, :, :BROAD] = 0.0
+        template = spectra[int(np.argmax(maps.sum(axis=(1, 2))))]
+        for _ in range(3):
+            likeness = np.fft.irfft((spectra * np.conj(template)).sum(axis=1), n=DIRECTIONS, axis=1)
+            shifts = np.array([_peak(row, most) for row in likeness])
+            turned = np.exp(2j * np.pi * np.arange(spectra.shape[2])[None] * shifts[:, None] / DIRECTIONS)
+            template = (spectra * turned[:, None, :]).mean(axis=0)
+        angles = -2.0 * np.pi * shifts / DIRECTIONS
+        if float(np.std(angles)) * float(maps.sum()) > float(np.std(best[0])) * best[1]:
+            best, found = (angles, float(maps.sum())), reach
+    return best[0], found if best[1] > 1.0 else 1.0
+
+
+def _peak(likeness: Array, most: int) -> float:
+    """Place of the highest value of a ring within +-most of its beginning, between its points."""
+    count = len(likeness)
+    near = np.arange(-most, most + 1)
+    k = int(near[np.argmax(likeness[near % count])])
+    before, here, after = (float(likeness[(k + step) % count]) for step in (-1, 0, 1))
+    bend = before - 2.0 * here + after
+    return k + (0.5 * (before - after) / bend if bend < 0.0 else 0.0)
+
+
+def _outlined(
+    film: Film, lights: Array, angles: Array, still: NDArray[np.float32], geometry: Geometry, reach: float
+) -> Layers:
+    """Layers whose texels are those about the sprite; none of them is regressed yet."""
+    size = 2 * math.ceil(reach) + 1
+    first = (-float(math.ceil(reach)), -float(math.ceil(reach)))
+    alpha, texture = np.zeros((size, size), dtype=np.float32), np.zeros((size, size), dtype=np.float32)
+    wanted = np.zeros(alpha.shape, dtype=bool)
+    wanted[::COARSE, ::COARSE] = True
+    gains = np.tile(lights[:, None], (1, still.shape[0]))
+    pivot = (geometry.pivot_x, geometry.pivot_y)
+    regress_texels(film, gains, angles, still, pivot, first, wanted, geometry.noise, alpha, texture)
+    coarse = alpha[::COARSE, ::COARSE] > 0.1
+    crowded = sum(np.roll(coarse, (i, k), (0, 1)).astype(int) for i in (-1, 0, 1) for k in (-1, 0, 1))
+    coarse &= crowded >= 3  # one alone is noise
+    for axis in (0, 1):
+        coarse |= np.roll(coarse, 1, axis) | np.roll(coarse, -1, axis)
+    v, u = np.nonzero(coarse)
+    if not len(v):
+        raise UserError("nothing that turns is seen in the pictures: is it the rig's video, and does the rig move?")
+    top, left = max(int(v.min()) - 1, 0) * COARSE, max(int(u.min()) - 1, 0) * COARSE
+    bottom, right = (int(v.max()) + 2) * COARSE, (int(u.max()) + 2) * COARSE
+    outline = np.kron(coarse, np.ones((COARSE, COARSE), dtype=bool))[top:bottom, left:right]
+    return Layers(
+        geometry=replace(geometry, first_u=first[0] + left, first_v=first[1] + top),
+        background=still.copy(),
+        alpha=np.where(outline, 1.0, 0.0).astype(np.float32),
+        texture=np.zeros(outline.shape, dtype=np.float32),
+    )
+
+
+def _regressed(film: Film, gains: Array, angles: Array, layers: Layers) -> Layers:
+    """Sprite and background anew, from angles (pictures,) and gains (pictures, rows)."""
+    background, alpha, texture = (np.array(plane) for plane in (layers.background, layers.alpha, layers.texture))
+    noise = layers.geometry.noise
+    if texture.any():
+        swept = AngleReader(layers).swept
+        regress_background(film, gains, angles, alpha, texture, layers.pivot, layers.first, swept, noise, background)
+        wanted = np.ones(alpha.shape, dtype=bool)
+    else:
+        wanted = alpha > 0.0
+    regress_texels(film, gains, angles, background, layers.pivot, layers.first, wanted, noise, alpha, texture)
+    near = alpha > 0.02
+    for axis in (0, 1):
+        near |= np.roll(near, 1, axis) | np.roll(near, -1, axis)
+    sharpen(film, gains, angles, background, layers.pivot, layers.first, near, noise, PASSES, alpha, texture)
+    return Layers(geometry=layers.geometry, background=background, alpha=alpha, texture=texture)
+
+
+def _pivoted(film: Film, gains: Array, angles: Array, layers: Layers, reader: AngleReader) -> Layers:
+    """The pivot moved to where the sprite turns about: with a pivot p + e and texels u + d it lies e + R(angle) d
+    beside its place, and least squares over all pictures tells e, as far as the angles do.
+    """
+    moves = rigid_moves(
+        film, gains, angles, layers.background, layers.alpha, layers.texture, layers.pivot, layers.first, reader.points
+    )
+    cos, sin = np.cos(angles), -np.sin(angles)
+    zero, one = np.zeros(len(angles)), np.ones(len(angles))
+    along = np.column_stack([one, zero, cos, -sin])
+    down = np.column_stack([zero, one, sin, cos])
+    prior = np.zeros((2, 4))
+    prior[0, 0] = prior[1, 1] = SEEN_MOVE / FARTHEST_PIVOT
+    clipped = np.clip(moves, -3.0, 3.0)
+    solved = np.linalg.lstsq(np.vstack([along, down, prior]), np.concatenate([*clipped.T, [0.0, 0.0]]), rcond=None)[0]
+    places = (*layers.pivot, *layers.first)
+    x, y, u, v = (place + float(move) for place, move in zip(places, solved, strict=True))
+    return replace(layers, geometry=replace(layers.geometry, pivot_x=x, pivot_y=y, first_u=u, first_v=v))
+
+
+def _zero(layers: Layers, rig: Rig) -> float:
+    """The angle of the sprite where the joint is at 0, by the long axis of the sprite against that of the scene's."""
+    scene = scene_of(rig)
+    grid = grid_around(scene.sprite, 1.0 / layers.background.shape[1])
+    painted_alpha, _ = painted(scene.sprite, grid)
+    x, y = grid.axes()
+    (wanted, sure), (found, clear) = _axis(painted_alpha, x, y), _axis(layers.alpha, *_coordinates(layers))
+    return found - wanted + scene.roll if min(sure, clear) > NO_AXIS else 0.0
+
+
+def _coordinates(layers: Layers) -> tuple[Array, Array]:
+    """U (1, columns) and v (rows, 1) of the texels."""
+    rows, columns = layers.alpha.shape
+    u: Array = np.arange(columns, dtype=np.float64)[None] + layers.first[0]
+    v: Array = np.arange(rows, dtype=np.float64)[:, None] + layers.first[1]
+    return u, v
+
+
+def _axis(alpha: NDArray[np.floating], x: Array, y: Array) -> tuple[float, float]:
+    """Direction of a cover's long axis [rad], clockwise, and how much longer it is than broad, from 0 to 1."""
+    total = max(float(alpha.sum()), 1e-9)
+    x, y = x - float((alpha * x).sum()) / total, y - float((alpha * y).sum()) / total
+    xx, yy, xy = (float((alpha * product).sum()) for product in (x * x, y * y, x * y))
+    return 0.5 * math.atan2(2.0 * xy, xx - yy), math.hypot(2.0 * xy, xx - yy) / max(xx + yy, 1e-9)

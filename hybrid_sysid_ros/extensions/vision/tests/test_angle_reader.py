@@ -1,0 +1,92 @@
+"""The angle reader against the motion that was put before the camera."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import STANDS, AngleReader
+from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
+from hybrid_sysid_ros.extensions.vision.scene import scene_of
+from hybrid_sysid_ros.extensions.vision.tests.camera_bench import painted_layers
+from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+RIG = load("cam_beam")
+CAMERA = Camera()
+TIMES: Array = np.arange(0.0, 3.0, 0.001, dtype=np.float64)
+
+
+@pytest.fixture(scope="module")
+def reader() -> AngleReader:
+    return AngleReader(painted_layers(RIG, CAMERA))
+
+
+@pytest.mark.parametrize("angle", [-0.12, -0.05, 0.0, 0.02, 0.11])
+def test_an_angle_is_read_to_some_thousandths_of_a_degree(reader: AngleReader, angle: float) -> None:
+    picture = Imager(scene_of(RIG), CAMERA, seed=1).take(1.5, TIMES, np.full(len(TIMES), angle))
+    reading = reader.read(picture)
+    assert math.degrees(reader.layers.position(reading.angle) - angle) == pytest.approx(0.0, abs=0.01)
+    assert 0.0002 < math.degrees(reading.deviation) < 0.01
+
+
+def test_the_row_tells_at_which_moment_the_angle_was_that(reader: AngleReader) -> None:
+    """At 1 rad/s, three milliseconds of rolling shutter are .17 degrees."""
+    imager = Imager(scene_of(RIG), CAMERA, seed=2)
+    for middle in (0.02, -0.05):
+        reading = reader.read(imager.take(1.5, TIMES, middle + 1.0 * (TIMES - 1.5)))
+        expected = middle + reader.layers.row_time(reading.row)
+        assert math.degrees(reader.layers.position(reading.angle) - expected) == pytest.approx(0.0, abs=0.02)
+
+
+def test_the_deviation_is_that_of_many_readings(reader: AngleReader) -> None:
+    imager = Imager(scene_of(RIG), Camera(noise=8.0), seed=3)
+    readings = [reader.read(imager.take(1.5, TIMES, np.full(len(TIMES), 0.033))) for _ in range(60)]
+    spread = np.std([reading.angle for reading in readings])
+    assert np.mean([reading.deviation for reading in readings]) == pytest.approx(spread, rel=0.6)
+
+
+@pytest.mark.parametrize("dim", [0.3, 1.4])
+def test_light_does_not_move_the_angle(reader: AngleReader, dim: float) -> None:
+    imager = Imager(scene_of(RIG), Camera(gain=dim, flicker=0.06), seed=4)
+    reading = reader.read(imager.take(1.5, TIMES, np.full(len(TIMES), -0.04)))
+    assert math.degrees(reader.layers.position(reading.angle) + 0.04) == pytest.approx(0.0, abs=0.015)
+
+
+def test_who_hides_the_middle_does_not_lose_the_sprite(reader: AngleReader) -> None:
+    """There the sprite moves least, and its ends, which are left, must be met by a scan to a pixel or two."""
+    imager = Imager(scene_of(RIG), CAMERA, seed=5)
+    for angle in np.linspace(-0.11, 0.11, 45):
+        picture = imager.take(1.5, TIMES, np.full(len(TIMES), angle))
+        picture[:, 260:340] = 102
+        found = reader.layers.position(reader.read(picture).angle)
+        assert math.degrees(found - angle) == pytest.approx(0.0, abs=0.05)
+
+
+def test_nothing_is_found_in_the_dark_and_in_another_rigs_picture(reader: AngleReader) -> None:
+    dark = np.zeros((360, 640), dtype=np.uint8)
+    other = Imager(scene_of(load("wheel_motor")), CAMERA).take(1.5, TIMES, np.zeros(len(TIMES)))
+    assert not reader.read(dark).found
+    for seed in range(5):  # a lens cap: noise alone, which may look like a sprite anywhere
+        capped = Imager(scene_of(RIG), Camera(gain=0.0), seed=seed).take(1.5, TIMES, np.zeros(len(TIMES)))
+        assert not reader.read(capped).found
+    assert reader.standing([reader.scenery(other)]) < STANDS
+
+
+def test_a_picture_of_another_size_is_refused(reader: AngleReader) -> None:
+    with pytest.raises(UserError, match="learned at 640x360"):
+        reader.read(np.zeros((100, 100), dtype=np.uint8))
+
+
+def test_layers_are_kept_in_a_folder(reader: AngleReader, tmp_path: Path) -> None:
+    reader.layers.save(tmp_path / "layers")
+    again = Layers.load(tmp_path / "layers")
+    assert again.geometry == reader.layers.geometry
+    assert np.abs(again.background - reader.layers.background).max() < 0.1
+    with pytest.raises(UserError):
+        Layers.load(tmp_path)

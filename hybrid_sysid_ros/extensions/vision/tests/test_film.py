@@ -1,0 +1,94 @@
+"""Films: pictures and times come back as they were written, and what is no film is told in a line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("av", reason="needs the extra video")
+
+from hybrid_sysid_ros.extensions.vision.camera.film import format_of, pictures, write_film
+from hybrid_sysid_ros.support.errors import UserError
+
+TIMES = np.cumsum([0.0, 0.03, 0.035, 0.05, *[1 / 30] * 40])  # a phone's
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("film") / "film.mp4"
+    frames = [np.full((90, 160), 40 + 4 * k, dtype=np.uint8) for k in range(len(TIMES))]
+    assert write_film(path, zip(TIMES, frames, strict=True), rate=30.0) == len(TIMES)
+    return path
+
+
+def test_times_and_greys_come_back(film: Path) -> None:
+    found = list(pictures(film))
+    assert np.abs(np.array([time for time, _ in found]) - TIMES).max() < 1e-4
+    for k, (_, picture) in enumerate(found):
+        assert picture.shape == (90, 160)
+        assert abs(float(picture.mean()) - (40 + 4 * k)) < 3
+    assert (format_of(film).width, format_of(film).height) == (160, 90)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"), [(b"", "is empty"), (b"no film at all\n" * 100, "no film that can be read")]
+)
+def test_what_is_no_film_is_refused(tmp_path: Path, content: bytes, words: str) -> None:
+    path = tmp_path / "film.mp4"
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=words):
+        list(pictures(path))
+
+
+def test_a_cut_film_is_refused(film: Path, tmp_path: Path) -> None:
+    path = tmp_path / "cut.mp4"
+    path.write_bytes(film.read_bytes()[:-2000])
+    with pytest.raises(UserError, match=r"cut|damaged"):
+        list(pictures(path))
+
+
+def test_a_film_that_is_not_there_and_a_folder_are_told(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no such file"):
+        list(pictures(tmp_path / "film.mp4"))
+    with pytest.raises(UserError):
+        list(pictures(tmp_path))
+
+
+def test_a_film_has_a_suffix_of_one(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="ends in"):
+        write_film(tmp_path / "film.txt", [], rate=30.0)
+
+
+def test_a_film_that_ends_before_its_head_says_is_refused(tmp_path: Path) -> None:
+    """A Matroska file that is cut ends like a whole one."""
+    random, whole, cut = np.random.default_rng(0), tmp_path / "whole.mkv", tmp_path / "cut.mkv"
+    frames = [(k / 30.0, random.integers(0, 256, (90, 160), dtype=np.uint8)) for k in range(180)]
+    write_film(whole, frames, rate=30.0)
+    assert len(list(pictures(whole))) == len(frames)
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    with pytest.raises(UserError, match=r"is cut: .* its head says 6 s"):
+        list(pictures(cut))
+
+
+def test_a_film_whose_head_comes_first_is_refused_without_its_last_pictures(tmp_path: Path) -> None:
+    """As films are sent over the net: a file that was not copied to its end reads well up to there."""
+    import av
+
+    random, whole, cut = np.random.default_rng(0), tmp_path / "whole.mp4", tmp_path / "cut.mp4"
+    frames = [(k / 30.0, random.integers(0, 256, (90, 160), dtype=np.uint8)) for k in range(180)]
+    write_film(tmp_path / "last.mp4", frames, rate=30.0)
+    with (
+        av.open(str(tmp_path / "last.mp4")) as source,
+        av.open(str(whole), "w", options={"movflags": "faststart"}) as target,
+    ):
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(source.streams.video[0]):
+            if packet.dts is not None:
+                packet.stream = stream
+                target.mux(packet)
+    assert len(list(pictures(whole))) == len(frames)
+    cut.write_bytes(whole.read_bytes()[: int(0.97 * whole.stat().st_size)])
+    with pytest.raises(UserError, match=r"is cut|is damaged"):
+        list(pictures(cut))

@@ -1,0 +1,84 @@
+"""Layers learned from pictures alone, against the motion and the scene that were put before the camera."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
+from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
+from hybrid_sysid_ros.extensions.vision.reading.learning import learn
+from hybrid_sysid_ros.extensions.vision.reading.regression import Film
+from hybrid_sysid_ros.extensions.vision.scene import scene_of
+from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+RIG = load("cam_beam")
+CAMERA = Camera(width=320, height=180)
+TIMES: Array = np.arange(0.0, 30.0, 0.001, dtype=np.float64)
+ANGLES: Array = 0.06 * np.sin(2 * np.pi * 0.11 * TIMES) + 0.04 * np.sin(2 * np.pi * 0.37 * TIMES + 1.0)
+
+
+def _film(count: int, angles: Array = ANGLES, seed: int = 0) -> tuple[Film, Array, Imager]:
+    imager = Imager(scene_of(RIG), CAMERA, seed=seed)
+    times: Array = 0.5 + 28.0 * np.arange(count, dtype=np.float64) / count
+    return np.stack([imager.take(time, TIMES, angles) for time in times]), times, imager
+
+
+def test_layers_are_learned_without_a_label() -> None:
+    film, _, _ = _film(80)
+    layers, _ = learn(film, RIG, readout=CAMERA.readout)
+    scene, reader = scene_of(RIG), AngleReader(layers)
+    assert layers.pivot[0] == pytest.approx(scene.pivot[0] * 320 - 0.5, abs=0.5)
+    unseen, times, imager = _film(50, seed=9)
+    readings = [reader.read(picture) for picture in unseen]
+    assert all(reading.found for reading in readings)
+    truth = [
+        imager.mean_angle(time, TIMES, ANGLES, row=reading.row) for time, reading in zip(times, readings, strict=True)
+    ]
+    errors = np.degrees([reading.angle for reading in readings]) - np.degrees(truth)
+    assert np.std(errors) < 0.02
+    # the zero is that of the drawing, as far as the sprite's long axis tells it
+    assert errors.mean() - math.degrees(layers.geometry.zero) == pytest.approx(0.0, abs=0.05)
+
+
+def test_somebody_who_comes_by_leaves_no_trace() -> None:
+    """12 % of the width, all of the height, to and fro: angles are as without, and what is no bar covers nothing."""
+    covered, times, imager = _film(120)
+    for picture, time in zip(covered, times, strict=True):
+        left = round((0.5 + 0.5 * math.sin(2.0 * math.pi * 0.23 * time)) * 0.88 * CAMERA.width)
+        picture[:, left : left + round(0.12 * CAMERA.width)] = 102
+    layers, _ = learn(covered, RIG, readout=CAMERA.readout)
+    reader = AngleReader(layers)
+    readings = [reader.read(picture) for picture in covered]
+    truth = [
+        imager.mean_angle(time, TIMES, ANGLES, row=reading.row) for time, reading in zip(times, readings, strict=True)
+    ]
+    errors = np.degrees([reading.angle for reading in readings]) - np.degrees(truth)
+    assert np.std(errors) < 0.04  # .02 at twice the width
+    assert np.abs(errors - errors.mean()).max() < 0.2
+    v = np.arange(len(layers.alpha)) + layers.geometry.first_v - 0.006 * CAMERA.width  # from the bar's middle
+    beside = np.abs(v) > 0.0151 / 2 * CAMERA.width + 3.0  # pixels from its edge, for the blur
+    assert beside.any()
+    assert layers.alpha[beside].max() < 0.05
+
+
+def test_a_film_in_which_nothing_moves_is_refused() -> None:
+    film, _, _ = _film(45, angles=np.zeros(len(TIMES)))
+    with pytest.raises(UserError, match="nothing that turns"):
+        learn(film, RIG, readout=CAMERA.readout)
+
+
+def test_few_pictures_are_refused() -> None:
+    film, _, _ = _film(10)
+    with pytest.raises(UserError, match="too few"):
+        learn(film, RIG, readout=CAMERA.readout)
+
+
+def test_small_pictures_are_refused() -> None:
+    film, _, _ = _film(45)
+    with pytest.raises(UserError, match="160x90 pixels are too small"):
+        learn(np.ascontiguousarray(film[:, ::2, ::2]), RIG, readout=CAMERA.readout)

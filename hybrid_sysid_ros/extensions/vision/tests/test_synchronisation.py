@@ -1,0 +1,89 @@
+"""A film's time found in a bag's, and the lamp's onset, against the shifts that were put in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.extensions.vision.reading.lamp import brightness, onset
+from hybrid_sysid_ros.extensions.vision.reading.synchronisation import synchronise
+from hybrid_sysid_ros.extensions.vision.scene import Lamp
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+
+def _times(begin: float, end: float, step: float) -> Array:
+    return np.arange(begin, end, step, dtype=np.float64)
+
+
+def _motion(times: Array, seed: int = 0) -> Array:
+    random = np.random.default_rng(seed)
+    lines = [(random.uniform(0.1, 2.0), random.uniform(0, 6.3)) for _ in range(12)]
+    return np.asarray(np.sum([0.02 * np.sin(2 * np.pi * f * times + phase) for f, phase in lines], axis=0))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_shift_rate_scale_and_offset_come_back(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    shift, rate, scale, offset = random.uniform(-4, 4), random.uniform(-1e-4, 1e-4), 1.03, -0.02
+    bag = _times(0.0, 50.0, 0.005)
+    hum = 1e-3 * np.sin(2 * np.pi * 60.0 * bag)
+    positions = _motion(bag, seed) + hum + 4e-4 * random.standard_normal(len(bag))
+    true = _times(1.0, 48.0, 1 / 30.002)
+    angles = (_motion(true, seed) - offset) / scale + 7e-5 * random.standard_normal(len(true))
+    found = synchronise((true - shift) / (1 + rate), angles, bag, positions)
+    assert np.abs(found.time((true - shift) / (1 + rate)) - true).max() < 3e-4
+    assert found.rate == pytest.approx(rate, abs=5e-6)
+    assert found.scale == pytest.approx(scale, abs=1e-3)
+    assert found.offset == pytest.approx(offset, abs=1e-4)
+    errors = np.array([found.shift - shift, found.rate - rate, found.scale - scale, found.offset - offset])
+    assert (np.abs(errors) < 5 * found.deviations).all()
+
+
+def test_film_and_bag_of_two_motions_are_refused() -> None:
+    bag, film = _times(0.0, 40.0, 0.005), _times(0.0, 40.0, 1 / 30)
+    with pytest.raises(UserError, match="not the bag's"):
+        synchronise(film, _motion(film, 1), bag, _motion(bag, 2))
+
+
+@pytest.mark.parametrize(("taken", "written"), [(30, 25), (60, 30), (30, 60), (120, 30)])
+def test_a_film_with_times_of_another_rate_is_refused(taken: int, written: int) -> None:
+    """As it comes about where pictures are numbered instead of timed."""
+    bag = _times(0.0, 40.0, 0.005)
+    true = _times(0.5, 39.0, 1 / taken)
+    noise = 7e-5 * np.random.default_rng(0).standard_normal(len(true))
+    with pytest.raises(UserError, match=f"runs {written / taken:.3g} times as fast as the bag"):
+        synchronise(np.arange(len(true)) / written, _motion(true) + noise, bag, _motion(bag))
+
+
+def test_a_motion_that_is_none_is_refused() -> None:
+    bag, film = _times(0.0, 40.0, 0.005), _times(0.0, 40.0, 1 / 30)
+    with pytest.raises(UserError, match="nothing moves"):
+        synchronise(film, np.zeros(len(film)), bag, _motion(bag))
+
+
+def _lamp(times: Array, start: float, exposure: float) -> Array:
+    return np.asarray(20.0 + 150.0 * np.clip((times + exposure / 2 - start) / exposure, 0.0, 1.0))
+
+
+@pytest.mark.parametrize("start", [2.0, 2.003, 2.01, 2.0166, 2.02, 2.03])
+def test_the_onset_lies_where_its_deviation_says(start: float) -> None:
+    exposure, times = 0.008, _times(0.0, 6.0, 1 / 30)
+    noise = 0.3 * np.random.default_rng(0).standard_normal(len(times))
+    found = onset(times, _lamp(times, start, exposure) + noise, exposure=exposure)
+    assert abs(found.time - start) < 2.0 * found.deviation
+    assert found.deviation < 0.01
+
+
+@pytest.mark.parametrize("start", [-1.0, 100.0])
+def test_a_lamp_that_was_lit_before_or_never_tells_no_time(start: float) -> None:
+    times = _times(0.0, 6.0, 1 / 30)
+    noise = 0.3 * np.random.default_rng(0).standard_normal(len(times))
+    with pytest.raises(UserError, match="no lamp goes on"):
+        onset(times, _lamp(times, start, 0.008) + noise, exposure=0.008)
+
+
+def test_the_brightness_is_that_of_the_disc() -> None:
+    picture = np.full((360, 640), 30, dtype=np.uint8)
+    picture[295:307, 58:70] = 200
+    assert brightness(picture, Lamp(at=(0.1, 0.47), radius=0.005)) == 200.0

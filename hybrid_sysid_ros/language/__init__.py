@@ -1,1 +1,0 @@
-"""Commands in plain language: sentences become commands, commands plans, and plans are simulated before they move."""

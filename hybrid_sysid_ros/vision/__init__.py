@@ -1,1 +1,0 @@
-"""Reading a joint's angle out of pictures, and the time out of a film: layers, alignment, synchronisation."""
