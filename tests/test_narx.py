@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import Variable, compiled, simulate, stepped
+from hybrid_sysid_ros.core import Variable, compiled, one_step, simulate
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.identification import Experiment, free_run, prepare, score
 from hybrid_sysid_ros.identification.fitting import fit
@@ -143,7 +143,7 @@ def test_the_compiled_and_the_casadi_form_agree(reach):
     random = np.random.default_rng(1)
     for _ in range(200):
         x, u = reach * random.uniform(-5, 5, 5), reach * random.uniform(-10, 10, 1)
-        following = stepped(narx, x, u, step=0.05)
+        following = one_step(narx, x, u, step=0.05)
         np.testing.assert_allclose(following, np.array(symbolic(x, u)).ravel(), rtol=1e-11, atol=1e-12)
 
 
@@ -288,7 +288,7 @@ def test_each_output_of_several_has_its_own_terms_in_all_signals():
     np.testing.assert_allclose(free_run(found, started(found, item)), y, atol=1e-8)
     symbolic = symbolic_step(found, step=0.05)
     x, drive = random.normal(size=len(found.states)), random.normal(size=2)
-    np.testing.assert_allclose(stepped(found, x, drive, step=0.05), np.array(symbolic(x, drive)).ravel(), rtol=1e-12)
+    np.testing.assert_allclose(one_step(found, x, drive, step=0.05), np.array(symbolic(x, drive)).ravel(), rtol=1e-12)
 
 
 def test_refinement_lowers_the_error_of_the_simulation():

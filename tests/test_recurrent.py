@@ -9,7 +9,7 @@ import yaml
 from scipy.linalg import expm
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import Variable, simulate, stepped
+from hybrid_sysid_ros.core import Variable, one_step, simulate
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.identification import free_run, prepare, score
 from hybrid_sysid_ros.identification.gradient_training import Schedule, rollout, train
@@ -50,7 +50,7 @@ def test_the_compiled_and_the_casadi_form_are_the_textbook_step():
     symbolic = symbolic_step(system, step=0.05)
     for _ in range(100):
         x, u = random.uniform(-1, 1, 7), random.normal(size=1) * 6.0
-        following = stepped(system, x, u, step=0.05)
+        following = one_step(system, x, u, step=0.05)
         np.testing.assert_allclose(following, by_hand(system, x, u), rtol=1e-12, atol=1e-14)
         np.testing.assert_allclose(np.array(symbolic(x, u)).ravel(), following, rtol=1e-12, atol=1e-14)
 
@@ -83,7 +83,7 @@ def test_all_forms_agree_with_several_inputs_and_outputs():
     symbolic = symbolic_step(system, step=0.05)
     for _ in range(20):
         x, u = random.uniform(-1, 1, 8), random.normal(size=2)
-        np.testing.assert_allclose(stepped(system, x, u, step=0.05), np.array(symbolic(x, u)).ravel(), rtol=1e-12)
+        np.testing.assert_allclose(one_step(system, x, u, step=0.05), np.array(symbolic(x, u)).ravel(), rtol=1e-12)
     starts, inputs = random.normal(size=(1, 4)), random.normal(size=(40, 1, 2))
     start = system.observed(starts[:, :2], starts[:, 2:], inputs[:1, 0])[0]
     expected = simulate(system, start, np.ascontiguousarray(inputs[:, 0]), step=0.05)[1:, :2]

@@ -92,9 +92,9 @@ def test_a_free_run_is_the_gray_box_s_and_the_recursion_beside_it() -> None:
 def test_its_derivatives_are_what_simulations_differ_by() -> None:
     system, inputs = residual(Belt()), drive(60)
     sensitivities = Sensitivities(system, states=[4, 7])
-    slopes, starts = np.empty((61, 2, sensitivities.count)), np.array([[0, 0, 61, 0]])
+    jacobian, starts = np.empty((61, 2, sensitivities.count)), np.array([[0, 0, 61, 0]])
     begin = np.full((1, len(system.states)), 0.01)
-    sensitivities.rollouts(system, starts, begin, inputs, step=0.005, out=slopes, every=1)
+    sensitivities.rollouts(system, starts, begin, inputs, step=0.005, out=jacobian, every=1)
 
     def outputs(moved: ResidualHybrid, state: np.ndarray) -> np.ndarray:
         return rollouts(moved, starts, state, inputs, step=0.005)[1]
@@ -115,7 +115,7 @@ def test_its_derivatives_are_what_simulations_differ_by() -> None:
             else:
                 state[0, [4, 7][column - free - len(system.weights)]] += change
             found.append(outputs(moved, state))
-        np.testing.assert_allclose(slopes[:, :, column], (found[0] - found[1]) / (2 * h), rtol=1e-4, atol=1e-6)
+        np.testing.assert_allclose(jacobian[:, :, column], (found[0] - found[1]) / (2 * h), rtol=1e-4, atol=1e-6)
 
 
 def test_the_mean_of_models_runs_in_their_mean() -> None:

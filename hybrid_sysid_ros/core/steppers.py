@@ -47,8 +47,8 @@ class Stepper(ABC):
         """
 
     def around(self, states: int, columns: int | None) -> str:
-        """Source of the ``function`` that calls ``law(x, u, p, w, h, s, out)``, or with ``columns`` of slopes
-        ``law(x, u, p, w, h, s, out, slopes)``; see :mod:`~hybrid_sysid_ros.core.printing`.
+        """Source of the ``function`` that calls ``law(x, u, p, w, h, s, out)``, or with ``columns`` of a Jacobian
+        ``law(x, u, p, w, h, s, out, jacobian)``; see :mod:`~hybrid_sysid_ros.core.printing`.
         """
         raise NotImplementedError
 

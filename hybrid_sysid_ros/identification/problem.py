@@ -143,7 +143,7 @@ class Problem:
         return np.concatenate([(values - self.centres) / self.spreads, weights, point[self.shared :]])
 
     @property
-    def prior_slopes(self) -> Array:
+    def prior_jacobian(self) -> Array:
         """Derivatives of the prior rows, (point, point)."""
         found = np.ones(len(self.start))
         physical = len(self.free)
@@ -270,7 +270,7 @@ class Problem:
                     part = slice(edges[record], edges[record + 1])
                     place = self.shared + kind * records + record
                     result[part.start * count : part.stop * count, place] = change[part].ravel()
-            result[rows:] = self.prior_slopes
+            result[rows:] = self.prior_jacobian
             return result
 
         return evaluate

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from hybrid_sysid_ros.core import Dry, System, simulate, sloped
+from hybrid_sysid_ros.core import Dry, System, simulate, step_with_jacobian
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.core.wrappers import Drifting, Stabilised
 from hybrid_sysid_ros.support.errors import UserError
@@ -50,8 +50,8 @@ def test_what_is_added_to_a_stabiliser_moves_the_equilibrium():
 def test_its_slopes_are_those_of_the_closed_loop():
     a, b = matrices()
     whole = expm(np.block([[a - b @ np.array(GAINS), b], [np.zeros((1, 3))]]) * STEP)[:2]
-    _, slopes = sloped(Stabilised(within=Upright(), gains=GAINS), np.zeros(2), np.zeros(1), step=STEP)
-    assert np.allclose(slopes, whole, atol=1e-8)
+    _, jacobian = step_with_jacobian(Stabilised(within=Upright(), gains=GAINS), np.zeros(2), np.zeros(1), step=STEP)
+    assert np.allclose(jacobian, whole, atol=1e-8)
 
 
 def test_parameters_are_those_of_the_system_within():

@@ -10,7 +10,7 @@ import pytest
 
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.idle_states import without_idle
-from hybrid_sysid_ros.core import simulate, stepped
+from hybrid_sysid_ros.core import one_step, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.structures import build, structure_of
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -98,7 +98,7 @@ def test_no_model_of_it_knows_how_often_it_has_turned(rig, structure):
     turned[[MOTOR, LINK]] = 40.0 * np.pi
     for _ in range(20):
         x, u = random.normal(size=len(system.states)), random.normal(size=1)
-        moved = stepped(system, x + turned, u, step=0.005) - stepped(system, x, u, step=0.005)
+        moved = one_step(system, x + turned, u, step=0.005) - one_step(system, x, u, step=0.005)
         np.testing.assert_allclose(moved, turned, atol=1e-9)
 
 
