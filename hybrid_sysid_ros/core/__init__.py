@@ -5,6 +5,7 @@ from hybrid_sysid_ros.core.contacts import Ageing, Bristles, Contact, Dry, Hyste
 from hybrid_sysid_ros.core.declaration import Variable
 from hybrid_sysid_ros.core.networks import Perceptron, Softsign
 from hybrid_sysid_ros.core.parameters import Parameter, bounded
+from hybrid_sysid_ros.core.record_map import RecordMap
 from hybrid_sysid_ros.core.rollout import Sensitivities, one_step, rollouts, simulate, step_with_jacobian
 from hybrid_sysid_ros.core.runge_kutta import RungeKutta
 from hybrid_sysid_ros.core.steppers import ImplicitFriction, Sampled, Stepper
@@ -20,6 +21,7 @@ __all__ = [
     "MaxwellSlip",
     "Parameter",
     "Perceptron",
+    "RecordMap",
     "Recurrence",
     "RungeKutta",
     "Sampled",

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.core.steppers import Motion, Stepper
+from hybrid_sysid_ros.core.steppers import StepContext, Stepper
 
 _VALUE = """@compiled(VALUE)
 def function(x, u, p, w, h, s, out):
@@ -77,15 +77,15 @@ class RungeKutta(Stepper):
     staged = True
 
     def advance(
-        self, motion: Motion, x: Sequence[Scalar], u: Sequence[Scalar], h: Scalar, smoothing: Scalar | None
+        self, context: StepContext, x: Sequence[Scalar], u: Sequence[Scalar], h: Scalar, smoothing: Scalar | None
     ) -> list[Scalar]:
         def moved(rates: Sequence[Scalar], share: float) -> list[Scalar]:
             return [a + share * h * rate for a, rate in zip(x, rates, strict=True)]
 
-        k1 = motion.rates(x, u)
-        k2 = motion.rates(moved(k1, 0.5), u)
-        k3 = motion.rates(moved(k2, 0.5), u)
-        k4 = motion.rates(moved(k3, 1.0), u)
+        k1 = context.rates(x, u)
+        k2 = context.rates(moved(k1, 0.5), u)
+        k3 = context.rates(moved(k2, 0.5), u)
+        k4 = context.rates(moved(k3, 1.0), u)
         return moved([(a + 2.0 * b + 2.0 * c + d) / 6.0 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)], 1.0)
 
     def around(self, states: int, columns: int | None) -> str:

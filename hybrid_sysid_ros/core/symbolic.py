@@ -85,9 +85,9 @@ def viscous(system: System, x: Array, u: Array) -> Array:
     state.
     """
     names = [item.name for item in system.declared_states]
-    motion, found = system.motion(), np.zeros(len(names))
+    context, found = system.step_context(), np.zeros(len(names))
     for contact in system.contacts:
-        found[names.index(contact.on)] += float(motion.field(contact.viscous, x.tolist(), u.tolist()))
+        found[names.index(contact.on)] += float(context.field(contact.viscous, x.tolist(), u.tolist()))
     return found
 
 

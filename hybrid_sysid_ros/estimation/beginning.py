@@ -17,7 +17,7 @@ from hybrid_sysid_ros.support.arrays import Array
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Beginning:
     """Writes beliefs with which kernels then begin at a moment of a memory. States that are measured begin as they are,
-    the others where :meth:`~hybrid_sysid_ros.core.System.observed` puts them, with the deviations of the tuning.
+    the others where :meth:`~hybrid_sysid_ros.core.System.record_map` puts them, with the deviations of the tuning.
     """
 
     system: System
@@ -90,7 +90,9 @@ class Beginning:
         outputs = np.where(given, readings["value"], np.nan_to_num(self._shown(before)))[:p]
         mean, deviations = before.copy(), self.arrays["start"].copy()
         mean[n + m : len(mean) - len(self.tuning.followed)] = 0.0
-        mean[:n] = self.system.observed(outputs[None], np.zeros((1, p)), self.arrays["applied"][None])[0]
+        mean[:n] = self.system.record_map().states_from_record(
+            outputs[None], np.zeros((1, p)), self.arrays["applied"][None]
+        )[0]
         placed: dict[int, int] = {}
         for c in sorted(np.flatnonzero(given).tolist(), key=lambda c: c not in lost):
             state, hum = int(channels["state"][c]), int(channels["hum"][c])

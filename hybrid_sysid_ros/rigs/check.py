@@ -72,7 +72,7 @@ def check(rig: Rig) -> Findings:
 def _at_origin(system: System, where: str) -> Iterator[str]:
     """Whether a step and the outputs can be made, and are finite at rest."""
     try:
-        system.motion()
+        system.step_context()
         x, u = np.zeros(len(system.states)), np.zeros(len(system.inputs))
         following, outputs = one_step(system, x, u, step=1e-3), output_of(system, x, u)
         system.check()

@@ -7,7 +7,7 @@ from dataclasses import replace
 from hybrid_sysid_ros.control import Controller
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.wrappers import Drifting, Stabilised, feedback_of
+from hybrid_sysid_ros.core.wrappers import RateDisturbanceModel, Stabilised, feedback_of
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 
@@ -19,9 +19,9 @@ def believed(rig: Rig, model: Model) -> Model:
 
 def drifting(rig: Rig, system: System) -> System:
     """A system of the rig with those offsets."""
-    if isinstance(system, Drifting) or not rig.offsets:
+    if isinstance(system, RateDisturbanceModel) or not rig.offsets:
         return system
-    return Drifting(within=system, on=tuple(rig.offsets))
+    return RateDisturbanceModel(physics=system, on=tuple(rig.offsets))
 
 
 def controlled(rig: Rig, system: System) -> System:
@@ -29,7 +29,7 @@ def controlled(rig: Rig, system: System) -> System:
     system = drifting(rig, system)
     if rig.experiments.stabiliser is None:
         return system
-    return Stabilised(within=system, gains=tuple(map(tuple, feedback_of(system, rig.experiments.stabiliser).tolist())))
+    return Stabilised(physics=system, gains=tuple(map(tuple, feedback_of(system, rig.experiments.stabiliser).tolist())))
 
 
 def driving(rig: Rig, system: System, controller: Controller) -> Controller:

@@ -306,3 +306,17 @@ def test_a_contact_whose_level_is_not_finite_is_told():
     with pytest.raises(UserError) as raised:
         simulate(made(contacts=(Dry(on="v", level="grip"),), grip=level), np.zeros(2), np.zeros((3, 1)), step=0.1)
     told(raised, "Cart", "the step is not finite")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("shown", "reconstructible"),
+        ("remembered", "delay_line"),
+        ("hidden", "unobserved"),
+        ("observed", "states_from_record"),
+    ],
+)
+def test_a_system_of_an_earlier_edition_is_told_the_new_name(old, new):
+    with pytest.raises(UserError, match=rf"Former: {old} .*{new}"):
+        type("Former", (System,), {old: property(lambda self: [0])})

@@ -82,7 +82,9 @@ def test_the_record_of_a_twisted_joint_shows_the_link_s_angle(rig):
     system = rig.structures["linear"]
     twist, angle = 0.03, 5.0
     acceleration = system.spring * twist / system.link_inertia
-    states = system.observed(np.array([[angle, 1.0]]), np.array([[0.0, acceleration]]), np.zeros((1, 1)))
+    states = system.record_map().states_from_record(
+        np.array([[angle, 1.0]]), np.array([[0.0, acceleration]]), np.zeros((1, 1))
+    )
     np.testing.assert_allclose(states[0, [MOTOR, LINK, LINK_SPEED]], [angle, angle - twist, 1.0])
 
 

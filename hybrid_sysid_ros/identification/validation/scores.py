@@ -95,7 +95,7 @@ def initial_state(system: System, experiment: Experiment) -> Array:
     """Where a free run begins, (states,): as the record's first sample shows it. Declared states that it does not show
     are those that meet the outputs of the first FIRST_SAMPLES samples best (Gauss-Newton, of least norm).
     """
-    first, hidden = experiment.states[0].copy(), system.hidden
+    first, hidden = experiment.states[0].copy(), system.record_map().unobserved
     if not hidden:
         return first
     samples, sampling = min(FIRST_SAMPLES, experiment.samples), experiment.sampling
