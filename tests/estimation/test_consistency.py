@@ -11,8 +11,10 @@ from scipy.stats import chi2
 from hybrid_sysid_ros.core import one_step
 from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.estimation import METHODS, Tuning
+from hybrid_sysid_ros.estimation.belief import solve
 from hybrid_sysid_ros.estimation.consistency import band, normalised_errors
-from hybrid_sysid_ros.estimation.square_root import solve, solve_transposed, triangle
+from hybrid_sysid_ros.estimation.extended_kalman_filter import triangle
+from hybrid_sysid_ros.estimation.moving_horizon_estimator import solve_transposed
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 
 PERIOD = 0.005
