@@ -12,8 +12,7 @@ from typing import Any
 import yaml
 
 from hybrid_sysid_ros.bags.mcap import DamagedError
-from hybrid_sysid_ros.bags.quality import Quality
-from hybrid_sysid_ros.bags.storage import DISTRIBUTION, Extent, Offer
+from hybrid_sysid_ros.bags.storage import DISTRIBUTION, Extent, Offer, Quality
 from hybrid_sysid_ros.support import yaml_text
 
 FILE = "metadata.yaml"  # what makes a folder a bag

@@ -13,8 +13,16 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.bags.bag import Bag, name_of, opened
 from hybrid_sysid_ros.bags.columns import Columns, MissingInMessageError
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.bags.resampling import EveryNth, GroupMean, HeldLast, HeldMean, Resampled
-from hybrid_sysid_ros.bags.sampling import FEWEST, Samples, SamplingError
+from hybrid_sysid_ros.bags.sampling import (
+    FEWEST,
+    EveryNth,
+    GroupMean,
+    HeldLast,
+    HeldMean,
+    Resampled,
+    Samples,
+    SamplingError,
+)
 from hybrid_sysid_ros.bags.signals import Signal, Signals
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from rosbags.typesys import Stores, get_typestore
-from rosbags.typesys.store import Typestore
 
-from hybrid_sysid_ros.bags.layout import Layout, field_of
+from hybrid_sysid_ros.bags.layout import Layout, field_of, jazzy_types
 from hybrid_sysid_ros.bags.signals import parsed_field
 
 SECOND = 1_000_000_000  # ns
@@ -31,12 +28,6 @@ class Series:
         """Serialised messages, one after the other."""
         content, size = self.rows.tobytes(), self.rows.shape[1]
         return (content[start : start + size] for start in range(0, len(content), size))
-
-
-@lru_cache(maxsize=1)
-def jazzy_types() -> Typestore:
-    """Message types of ROS 2 Jazzy."""
-    return get_typestore(Stores.ROS2_JAZZY)
 
 
 def repeated(topic: str, template: Any, stamps: ArrayLike, columns: Mapping[str, ArrayLike]) -> Series:
