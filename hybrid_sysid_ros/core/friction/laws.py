@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from hybrid_sysid_ros.core.contacts import (
+from hybrid_sysid_ros.core.friction import (
     Ageing,
     Bristles,
     Contact,
@@ -16,7 +16,7 @@ from hybrid_sysid_ros.core.contacts import (
     Viscous,
     fading_stiffnesses,
 )
-from hybrid_sysid_ros.core.friction.levels import stribeck
+from hybrid_sysid_ros.core.friction.contact import stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.parameters import bounded
 from hybrid_sysid_ros.core.system import System
