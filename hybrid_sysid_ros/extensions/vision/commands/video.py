@@ -22,6 +22,7 @@ from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
 from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, Layers
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
+from hybrid_sysid_ros.extensions.vision.report.video_page import write_video
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.model import versions
@@ -106,7 +107,7 @@ def command(
         sources = {"film": video} | ({"bag": bag} if bag is not None else {})
         hashes = {f"{kind}, {path.name}": sha256(path) for kind, path in sources.items()}
         provenance = report.Provenance(command=told, hashes=hashes, versions=versions())
-        report.write_video(page, record, found, f"{described.name}: {video.name}", provenance, ahead=ahead)
+        write_video(page, record, found, f"{described.name}: {video.name}", provenance, ahead=ahead)
         console.print(f"report: {page}")
 
 
