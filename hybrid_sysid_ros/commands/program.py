@@ -54,13 +54,13 @@ def extended(function: Callable[..., None], kind: str) -> Callable[..., None]:
     declare is one option. What a function returns goes into the list, but for None.
     """
     makers = list(extensions.provided(kind).values())
-    own = {name: item for name, item in _arguments(function).items() if name != kind}
+    own = {name: item for name, item in arguments_of(function).items() if name != kind}
     options = dict(own)
     for make in makers:
-        options |= {name: item for name, item in _arguments(make).items() if name not in options}
+        options |= {name: item for name, item in arguments_of(make).items() if name not in options}
 
     def command(**given: Any) -> None:
-        made = [make(**{name: given[name] for name in _arguments(make)}) for make in makers]
+        made = [make(**{name: given[name] for name in arguments_of(make)}) for make in makers]
         function(**{name: given[name] for name in own}, **{kind: [item for item in made if item is not None]})
 
     command.__doc__ = function.__doc__
@@ -69,7 +69,7 @@ def extended(function: Callable[..., None], kind: str) -> Callable[..., None]:
     return command
 
 
-def _arguments(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+def arguments_of(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
     """Of a function, by name, with their types; given by name."""
     hints = get_type_hints(function, include_extras=True)
     return {

@@ -8,6 +8,9 @@ from typing import Any, ClassVar
 
 from hybrid_sysid_ros.support.errors import UserError
 
+LOOP = ("plant", "estimator", "controller", "reference")
+RECORDER = "recorder"
+
 Values = dict[str, dict[str, Any]]
 """Of parameters, by node and name."""
 
@@ -24,6 +27,8 @@ class Loop:
     """Of the reference [s]; 0: its own, or until Ctrl-C."""
     lockstep: bool = False
     recorded: bool = False
+    folder: str = ""
+    """Of the files that a user may name while it runs; "": none."""
     simulated: bool = True
     """Whether the plant is simulated; else a rig with drivers of its own stands in for it."""
     companions: tuple[str, ...] = ()
@@ -44,6 +49,10 @@ class Companion:
         """Its nodes, and the values that it changes in those of the loop. Raises UserError where it has none."""
         return {}
 
+    def nodes(self, loop: Loop) -> set[str]:
+        """Names of those nodes that run for its sake alone."""
+        return {*self.parameters(loop)} - {*LOOP, RECORDER}
+
     def ready(self, said: Callable[[str], set[str]]) -> str:
         """A line for the user once all nodes are ready, if any. said: the words of a node on its standard output."""
         return ""
@@ -57,7 +66,7 @@ def join(loop: Loop, values: Values, companions: Sequence[Companion]) -> None:
     by: dict[tuple[str, str], str] = {}
     for companion in companions:
         for node, given in companion.parameters(loop).items():
-            if node == "recorder" and not loop.recorded:
+            if node == RECORDER and not loop.recorded:
                 continue
             own = values.setdefault(node, {})
             for name, value in given.items():

@@ -55,8 +55,8 @@ def controller_of(
     """
     for name, target in extensions.targets("controllers").items():
         if settings.get(name):
-            made: ConfiguredController = extensions.loaded(target)(rig, model, settings)
-            return made
+            further: ConfiguredController = extensions.loaded(target)(rig, model, settings)
+            return further
     system = controlled(rig, model.system)
     asked, interior = mpc_problem(settings, rig, system), settings["solver"] == "ipopt"
     path = policy_folder(rig, settings)

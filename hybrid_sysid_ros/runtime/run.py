@@ -16,14 +16,12 @@ from hybrid_sysid_ros.bags import markers
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration, processes
-from hybrid_sysid_ros.runtime.companion import Companion, Loop, Values, join
+from hybrid_sysid_ros.runtime.companion import LOOP, RECORDER, Companion, Loop, Values, join
 from hybrid_sysid_ros.runtime.processes import COMPOSED
 from hybrid_sysid_ros.runtime.session import READY_TIMEOUT, START_TIMEOUT, Session, Tell
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
 
-LOOP = ("plant", "estimator", "controller", "reference")
-NEEDED = (*LOOP, "recorder", processes.COMPOSED)
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a run
 
 Progress = Callable[[float, float], None]
@@ -98,9 +96,9 @@ class Run:
                 together = {node: values.pop(node) for node in LOOP} if self.composed else {}
                 commands = {COMPOSED: session.composed(together)} if self.composed else {}
                 commands |= {node: session.command(node, given) for node, given in values.items()}
-                beside = {node for item in self.companions if item.beside for node in item.parameters(self._loop)}
+                beside = {node for item in self.companions if item.beside for node in item.nodes(self._loop)}
                 for child, command in commands.items():
-                    session.start(child, command, needed=child in NEEDED or child not in beside)
+                    session.start(child, command, needed=child not in beside)
                 session.wait_for("ready", list(commands), READY_TIMEOUT)
                 for line in filter(None, (companion.ready(session.said) for companion in self.companions)):
                     self.tell(line)
@@ -119,7 +117,7 @@ class Run:
         """Parameters of the nodes that run. Raises UserError for those of a node that does not."""
         values = self._of_the_loop()
         if self.bag is not None:
-            values["recorder"] = {"path": str(self.bag), "overwrite": self.overwrite}
+            values[RECORDER] = {"path": str(self.bag), "overwrite": self.overwrite}
         join(self._loop, values, self.companions)
         priority = self.priority
         if priority is None:
@@ -144,6 +142,7 @@ class Run:
             duration=self.duration,
             lockstep=self.lockstep,
             recorded=self.bag is not None,
+            folder=os.getcwd(),
             companions=tuple(companion.name for companion in self.companions),
         )
 

@@ -3,7 +3,7 @@
 from hybrid_sysid_ros.support.extensions import Extension
 
 COMMANDS = "hybrid_sysid_ros.commands"
-NODES = ("plant", "estimator", "controller", "reference", "recorder", "composed")
+NODES = "hybrid_sysid_ros.nodes"
 SECTIONS = (
     "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
     "policy_training", "policy_certificate", "demo", "travel", "disturbances", "modes", "validity", "offsets",
@@ -34,6 +34,13 @@ TRUNK = Extension(
         "rig check": (f"{COMMANDS}.rig_check", "Check a rig and show its step response."),
         "rig list": (f"{COMMANDS}.rig_list", "List the rigs that are known by name."),
     },
-    nodes={name: f"hybrid_sysid_ros.nodes.{name}" for name in NODES},
+    nodes={
+        "plant": f"{NODES}.plant",
+        "estimator": f"{NODES}.estimator",
+        "controller": f"{NODES}.controller",
+        "reference": f"{NODES}.reference",
+        "recorder": f"{NODES}.recorder",
+        "composed": f"{NODES}.composed",
+    },
     provides={"sections": dict.fromkeys(SECTIONS, "")},
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -27,7 +26,7 @@ class Commander(Companion):
 
     def parameters(self, loop: Loop) -> Values:
         rest = {} if loop.reference else {"kind": "constant", "amplitude": 0.0}
-        own = {"armed": loop.simulated, "folder": os.getcwd(), "layers": str(self.layers)}
+        own = {"armed": loop.simulated, "folder": loop.folder, "layers": str(self.layers)}
         return {"commander": own, "reference": {**rest, "stay": not loop.duration}}
 
 

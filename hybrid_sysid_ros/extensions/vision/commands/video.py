@@ -15,7 +15,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status
-from hybrid_sysid_ros.extensions.vision.prediction import image_prediction as pictures_ahead
+from hybrid_sysid_ros.extensions.vision.prediction import image_prediction
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary
 from hybrid_sysid_ros.extensions.vision.reading import video_record
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
@@ -93,7 +93,7 @@ def command(
         ahead: list[Judged] = []
         if dynamics is not None and bag is not None:
             spinner.update("predicting")
-            ahead = pictures_ahead.of_video(video, dynamics, described, bag, record, found, exposure=exposure)
+            ahead = image_prediction.of_video(video, dynamics, described, bag, record, found, exposure=exposure)
     told = shlex.join(["hybrid-sysid", *sys.argv[1:]])
     written = video_record.at_rate(record, rate) if rate else record
     video_record.write(written, described, scene.joint, bag, out, replace=overwrite, made_by=told)
