@@ -17,7 +17,7 @@ import yaml
 from hybrid_sysid_ros.commands import app, policy_train
 from hybrid_sysid_ros.commands import identify as identify_command
 from hybrid_sysid_ros.models import load, storage
-from hybrid_sysid_ros.runtime.bundled import shipped
+from hybrid_sysid_ros.runtime.parameters import shipped
 from hybrid_sysid_ros.runtime.run import Outcome, Run
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import Interrupted
