@@ -1,7 +1,8 @@
-"""Where a belief begins: from the first measurement, and again from a sensor that the belief has lost."""
+"""What an estimator begins with: its memory, made once, and the beliefs with which it starts and starts again."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,15 +10,25 @@ import numpy as np
 
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.rollout import advance
-from hybrid_sysid_ros.estimation.memory import BEGUN, EMPTY, GIVEN, USED, Memory, Records
+from hybrid_sysid_ros.core.trace import shown_states
+from hybrid_sysid_ros.estimation.belief import BEGUN, CHANNEL, CORE, EMPTY, GIVEN, MOMENT, READING, USED, Memory
 from hybrid_sysid_ros.estimation.tuning import Tuning
-from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.arrays import Array, Records
+
+LONGEST_STEP = 0.005
+"""Longest integration step of a prediction [s]; the models are identified at this step or a shorter one."""
+
+LONGEST_GAP = 1.0
+"""Time without a measurement [s] over which a prediction is worth less than starting from the next measurement."""
+
+HUM_OBSERVABLE = 0.1
+"""Smallest |sin(pi f T)| at which a hum of f looks different from a constant when sampled every T."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Beginning:
+class Initialisation:
     """Writes beliefs with which kernels then begin at a moment of a memory. States that are measured begin as they are,
-    the others where :meth:`~hybrid_sysid_ros.core.System.observed` puts them, with the deviations of the tuning.
+    the others where :meth:`~hybrid_sysid_ros.core.System.record_map` puts them, with the deviations of the tuning.
     """
 
     system: System
@@ -90,7 +101,9 @@ class Beginning:
         outputs = np.where(given, readings["value"], np.nan_to_num(self._shown(before)))[:p]
         mean, deviations = before.copy(), self.arrays["start"].copy()
         mean[n + m : len(mean) - len(self.tuning.followed)] = 0.0
-        mean[:n] = self.system.observed(outputs[None], np.zeros((1, p)), self.arrays["applied"][None])[0]
+        mean[:n] = self.system.record_map().states_from_record(
+            outputs[None], np.zeros((1, p)), self.arrays["applied"][None]
+        )[0]
         placed: dict[int, int] = {}
         for c in sorted(np.flatnonzero(given).tolist(), key=lambda c: c not in lost):
             state, hum = int(channels["state"][c]), int(channels["hum"][c])
@@ -127,3 +140,117 @@ class Beginning:
         """Of what each channel shows about z (size,), by the columns of a root (size, size)."""
         sides = [self._shown(z + column) - self._shown(z - column) for column in columns.T]
         return np.asarray(np.sum(np.square(sides), axis=0) / 4.0)
+
+
+def memory_of(
+    system: System, tuning: Tuning, *, period: float, step: float, span: float, lead: float, windowed: bool
+) -> tuple[Memory, dict[str, Array]]:
+    """A memory for measurements every ``period`` [s] that reaches back over ``span`` [s], and its arrays by name, which
+    must live as long.
+
+    tuning: as :meth:`~.tuning.Tuning.checked` gives it. step: longest one of a prediction [s].
+    """
+    n, m, p = len(system.states), len(system.inputs), len(system.outputs)
+    channels, hums = _channels(system, tuning, period)
+    known = _known(system, tuning, hums)
+    count, size = len(channels), len(known["start"])
+    keep = (2 + math.ceil((span + LONGEST_GAP) / min(period, step))) * (1 + len(tuning.channels))
+    capacity, past = 2 * keep + 2, math.ceil((span + system.delay) / period) + 64
+    windows = capacity if windowed else 0
+    shapes: list[tuple[tuple[int, ...], str]] = [
+        ((capacity, size), "means"),
+        ((capacity, size, size), "roots"),
+        ((windows, size), "predicted filtered"),
+        ((windows, size, size), "predicted_roots transitions"),
+        ((3 * size + 2 * m + 1, size), "rows"),
+        ((count, size), "sensitivity"),
+        ((p, size), "by_output"),
+        ((count,), "expected variance"),
+        ((2 * p,), "shown above_shown below_shown"),
+        ((size,), "point centre above below gain z"),
+        ((m,), "acting drive pushed applied"),
+    ]
+    arrays = known | {name: np.zeros(shape) for shape, names in shapes for name in names.split()}
+    core = np.zeros(1, CORE)
+    settings = {
+        "states": n,
+        "inputs": m,
+        "outputs": p,
+        "channels": count,
+        "size": size,
+        "followed": len(tuning.followed),
+        "hums": len(hums),
+        "step": compiled(system).step,
+        "output": compiled(system).output,
+        "windowed": windowed,
+        "keep": keep,
+        "longest_step": step,
+        "slack": 1e-6 if system.sampling_time is None else 0.5,
+        "span": span,
+        "gate": tuning.gate,
+        "lead": lead,
+        **{name: value.ctypes.data for name, value in arrays.items()},
+    }
+    for name, value in settings.items():
+        core[name] = value
+    moments = np.zeros(capacity, MOMENT)
+    moments["row"] = np.arange(capacity)
+    memory = Memory(core, channels, moments, np.zeros((capacity, count), READING), np.zeros((2 * past, 1 + m)))
+    return memory, arrays
+
+
+def _known(system: System, tuning: Tuning, hums: list[int]) -> dict[str, Array]:
+    """What is known of z, of the inputs and of the system's own numbers; hums: outputs whose hum is estimated."""
+    n, m = len(system.states), len(system.inputs)
+    first = n + m
+    tail = first + 2 * len(hums)
+    names = [item.name for item in system.parameters]
+    chosen = [names.index(name) for name in tuning.followed]
+    per_second, start = np.zeros(tail + len(chosen)), np.zeros(tail + len(chosen))
+    low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
+    per_second[:first] = [*tuning.process_noise, *tuning.disturbance_noise]
+    per_second[first:tail] = np.repeat([tuning.hum_noise[output] for output in hums], 2)
+    per_second[tail:] = [*tuning.followed.values()]
+    start[:n], start[n:] = tuning.initial_deviation, 10.0 * per_second[n:]
+    start[first:tail] = np.repeat([tuning.hum_amplitude[output] for output in hums], 2)
+    low[n:first], high[n:first] = -np.array(tuning.disturbance_limit), tuning.disturbance_limit
+    low[tail:] = [system.parameters[index].low for index in chosen]
+    high[tail:] = [system.parameters[index].high for index in chosen]
+    known = {
+        "parameters": system.values,
+        "weights": system.weights,
+        "followed_index": chosen,
+        "low": low,
+        "high": high,
+        "start": start,
+        "process": per_second**2,
+        "input_noise": tuning.input_noise,
+        "delays": system.input_delays,
+        "turning": [2.0 * np.pi * tuning.hum_hertz[output] for output in hums],
+    }
+    return {name: np.array(values, dtype=float) for name, values in known.items()}
+
+
+def _channels(system: System, tuning: Tuning, period: float) -> tuple[Records, list[int]]:
+    """The channels, and the outputs whose hum is estimated.
+
+    Sampled at a multiple of its period a hum looks like a constant: then it can only count as noise.
+    """
+    offset = len(system.states) + len(system.inputs)
+    states, outputs = shown_states(system), [item.name for item in system.outputs]
+    names = [item.name for item in system.states]
+    found: list[tuple[int, int, int, float]] = []
+    hums: list[int] = []
+    for k, (noise, hertz, amplitude) in enumerate(
+        zip(tuning.measurement_noise, tuning.hum_hertz, tuning.hum_amplitude, strict=True)
+    ):
+        there = hertz > 0.0 and amplitude > 0.0
+        seen = there and abs(math.sin(math.pi * hertz * period)) > HUM_OBSERVABLE
+        hum = offset + 2 * len(hums) if seen else -1
+        found.append((states[k], k, hum, noise**2 + (amplitude**2 if there and not seen else 0.0)))
+        hums += [k] if seen else []
+    for channel in tuning.channels.values():
+        output = outputs.index(channel.of) if channel.of in outputs else -1
+        state = states[output] if output >= 0 else names.index(channel.of)
+        found.append((state, output, -1, channel.noise**2))
+    return np.array(found, dtype=CHANNEL), hums
