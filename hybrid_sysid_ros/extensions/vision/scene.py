@@ -93,7 +93,7 @@ def scene_of(rig: Rig) -> Scene:
     """
     where = f"{rig.file}: scene"
     if not has_scene(rig):
-        raise UserError(f"{rig.file}: has no section scene: it says what a camera sees of the rig (docs/camera.md of vision)")
+        raise UserError(f"{rig.file}: has no section scene: it says what a camera sees of the rig (docs/camera.md)")
     scene = built(Scene, section(rig.content, "scene", str(rig.file)), where)
     turning = [name for name, joint in rig.joints.joints.items() if joint.position or joint.velocity]
     if scene.joint not in turning:
