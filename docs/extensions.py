@@ -1,4 +1,4 @@
-"""Pages of extensions in the built site (a hook of mkdocs): each folder's docs/, its place in the navigation, its links."""
+"""Pages of extensions in the built site, a hook of mkdocs: texts, places in the navigation, and links."""
 
 from __future__ import annotations
 

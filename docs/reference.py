@@ -55,7 +55,7 @@ def every_topic() -> Iterator[str]:
     """Every topic, who publishes and hears it, and how it is carried."""
     nodes = {node: _class_of(node) for node in declarations()}
     yield "# Topics and services\n\nAll names are relative but `/diagnostics`.\n"
-    yield "| topic | type | published by | subscribed by | reliability | durability | depth |\n|---|---|---|---|---|---|---|"
+    yield "| topic | type | published by | subscribed by | reliability | durability | depth |\n" + "|---" * 7 + "|"
     for name, kind in topics.TYPES.items():
         quality = topics.qualities()[name]
         by = ", ".join(node for node, made in nodes.items() if name in made.PUBLISHES) or "all"
