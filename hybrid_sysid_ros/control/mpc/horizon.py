@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.control.stage_cost import StageWeights
+from hybrid_sysid_ros.control.problem import Problem, StageWeights
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.shared import Shared
