@@ -3,7 +3,7 @@
 from hybrid_sysid_ros.core.compiled import compiled
 from hybrid_sysid_ros.core.declaration import Variable
 from hybrid_sysid_ros.core.friction import Ageing, Bristles, Contact, Dry, Hysteretic, MaxwellSlip, Viscous
-from hybrid_sysid_ros.core.networks import Perceptron, Softsign
+from hybrid_sysid_ros.core.networks import Softsign
 from hybrid_sysid_ros.core.parameters import Parameter, bounded
 from hybrid_sysid_ros.core.record_map import RecordMap
 from hybrid_sysid_ros.core.rollout import Sensitivities, one_step, rollouts, simulate, step_with_jacobian
@@ -20,7 +20,6 @@ __all__ = [
     "ImplicitFriction",
     "MaxwellSlip",
     "Parameter",
-    "Perceptron",
     "RecordMap",
     "Recurrence",
     "RungeKutta",
