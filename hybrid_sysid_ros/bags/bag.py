@@ -30,7 +30,7 @@ BLOCK = 1 << 15  # messages of a topic that are handed out together, and
 BLOCK_BYTES = 1 << 23  # bytes; a block may exceed them by what one chunk of the file holds
 SMALLEST_BLOCK = 16  # messages, however large, so that a sampling time can be seen in them
 
-Source = Callable[[Collection[str]], Iterable[dict[str, Batch]]]
+MessageSource = Callable[[Collection[str]], Iterable[dict[str, Batch]]]
 
 
 class DamagedBagError(UserError):
@@ -68,7 +68,7 @@ class Bag:
     path: Path
     topics: dict[str, Topic]
     schemas: dict[str, Schema]
-    source: Source
+    source: MessageSource
     qualities: dict[str, list[Quality]] = field(default_factory=dict)
     """How publishers offered the topics, as far as the bag says it."""
 

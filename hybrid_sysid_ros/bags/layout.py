@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from hybrid_sysid_ros.bags.mcap import DamagedError, Schema
-from hybrid_sysid_ros.bags.signals import Step
+from hybrid_sysid_ros.bags.signals import FieldStep
 
 HEADER = 4  # bytes of encapsulation before the message; alignment counts from their end
 NUMBERS = {
@@ -39,7 +39,7 @@ class MissingFieldError(LookupError):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Place:
+class NumberPlace:
     """Where one number is: offset [bytes] in the message and its numpy type."""
 
     offset: int
@@ -66,12 +66,12 @@ class Places:
     def __len__(self) -> int:
         return self.count
 
-    def __getitem__(self, index: int) -> Place:
-        return Place(offset=self.offset + index * self.dtype.itemsize, dtype=self.dtype)
+    def __getitem__(self, index: int) -> NumberPlace:
+        return NumberPlace(offset=self.offset + index * self.dtype.itemsize, dtype=self.dtype)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
+class MessageLayout:
     """One message's structure.
 
     fields: the message as nested mappings and lists, with Place and Places for its numbers and text as it is.
@@ -84,7 +84,7 @@ class Layout:
     count: int
 
     @classmethod
-    def of(cls, raw: bytes, message_type: str, types: Types) -> Layout:
+    def of(cls, raw: bytes, message_type: str, types: Types) -> MessageLayout:
         """Layout of a serialised message.
 
         Raises:
@@ -97,11 +97,11 @@ class Layout:
         return cls(fields=fields, fixed=np.flatnonzero(np.frombuffer(walk.fixed, dtype=np.uint8)), count=walk.count)
 
 
-Group = tuple[NDArray[np.intp], NDArray[np.uint8]]
+MessageGroup = tuple[NDArray[np.intp], NDArray[np.uint8]]
 """Messages of one length: their numbers (messages,) and bytes (messages, length)."""
 
 
-def groups_of(messages: Sequence[bytes]) -> list[Group]:
+def groups_of(messages: Sequence[bytes]) -> list[MessageGroup]:
     """Messages by their lengths."""
     sizes = np.fromiter(map(len, messages), dtype=np.intp, count=len(messages))
     return [
@@ -110,7 +110,7 @@ def groups_of(messages: Sequence[bytes]) -> list[Group]:
     ]
 
 
-def sharing(layout: Layout, group: Group) -> tuple[Group, Iterator[Group]]:
+def sharing(layout: MessageLayout, group: MessageGroup) -> tuple[MessageGroup, Iterator[MessageGroup]]:
     """Those of a group that share the layout of its first message, and groups of the others."""
     numbers, rows = group
     fixed = rows[:, layout.fixed]
@@ -123,7 +123,7 @@ def sharing(layout: Layout, group: Group) -> tuple[Group, Iterator[Group]]:
     return (numbers[same], rows[same]), ((numbers[part], rows[part]) for part in rest)
 
 
-def field_of(fields: Any, steps: Sequence[Step]) -> Any:
+def field_of(fields: Any, steps: Sequence[FieldStep]) -> Any:
     """Follow a path into the fields of a layout.
 
     Raises:
@@ -143,7 +143,7 @@ def field_of(fields: Any, steps: Sequence[Step]) -> Any:
     return node
 
 
-def _entry(node: Any, step: Step, enclosing: Sequence[dict[str, Any]]) -> Any:
+def _entry(node: Any, step: FieldStep, enclosing: Sequence[dict[str, Any]]) -> Any:
     index = _index_of(step.joint, enclosing) if step.joint else step.index
     if not isinstance(node, list | Places):
         raise MissingFieldError(f"there is no list to take [{step.joint or step.index}] of")

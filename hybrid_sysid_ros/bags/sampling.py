@@ -102,7 +102,7 @@ def multiple(period: float, sampling_time: float) -> int:
     return count
 
 
-class Samples:
+class RecordSamples:
     """The samples of a record, from stamps that come in blocks: every n-th, where the record is to be slower.
 
     expected: sampling time of the stamps [s], None for any; period: of the record, None for that of the stamps.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hybrid_sysid_ros.bags.layout import Layout, field_of, jazzy_types
+from hybrid_sysid_ros.bags.layout import MessageLayout, field_of, jazzy_types
 from hybrid_sysid_ros.bags.signals import parsed_field
 
 SECOND = 1_000_000_000  # ns
@@ -40,7 +40,7 @@ def repeated(topic: str, template: Any, stamps: ArrayLike, columns: Mapping[str,
     message_type = template.__msgtype__
     stamps = np.asarray(stamps, dtype=np.int64)
     raw = bytes(jazzy_types().serialize_cdr(template, message_type, little_endian=True))
-    layout = Layout.of(raw, message_type, jazzy_types().fielddefs)
+    layout = MessageLayout.of(raw, message_type, jazzy_types().fielddefs)
     rows = np.tile(np.frombuffer(raw, dtype=np.uint8), (len(stamps), 1))
     values: dict[str, ArrayLike] = dict(columns)
     if "header" in layout.fields:

@@ -142,7 +142,7 @@ PLACE = "_Writer__chunk_indices"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Offer:
+class OfferedTopic:
     """A topic as its publishers offer it: its message type, of ROS 2 Jazzy, and the quality of service of each."""
 
     topic: str
@@ -218,7 +218,7 @@ class Storage:
         """What it holds by now."""
         return Extent(name=self.name, counts=self.counts.copy(), first=self.first, last=self.last)
 
-    def write(self, offer: Offer, logged: int, published: int, data: bytes | memoryview) -> None:
+    def write(self, offer: OfferedTopic, logged: int, published: int, data: bytes | memoryview) -> None:
         """Write one serialised message (CDR) with the times at which it was logged and published [ns]."""
         channel = self._channels.get(offer.topic)
         if channel is None:
@@ -243,7 +243,7 @@ class Storage:
         self._writer.add_metadata("rosbag2", told)
         self._writer.finish()
 
-    def _channel(self, offer: Offer) -> int:
+    def _channel(self, offer: OfferedTopic) -> int:
         if offer.type not in self._schemas:
             text = offer.definition.encode()
             self._schemas[offer.type] = self._writer.register_schema(offer.type, "ros2msg", text)

@@ -22,7 +22,7 @@ from hybrid_sysid_ros.bags.storage import (
     Compression,
     DurableFile,
     Extent,
-    Offer,
+    OfferedTopic,
     Quality,
     Storage,
     provisional_end,
@@ -77,7 +77,7 @@ class BagWriter:
         self._notes = dict(notes or {})
         self._split = split or Split()
         self._stack = ExitStack()
-        self._offers: dict[str, Offer] = {}
+        self._offers: dict[str, OfferedTopic] = {}
         self._files: list[Storage] = []
         self._folder = self.path
 
@@ -104,7 +104,7 @@ class BagWriter:
             for file in self._files:
                 file.stream.close()
 
-    def offer(self, topic: str, message_type: str, qualities: Sequence[Quality] = ()) -> Offer:
+    def offer(self, topic: str, message_type: str, qualities: Sequence[Quality] = ()) -> OfferedTopic:
         """Say how a topic is offered, before its first message is written.
 
         Raises:
@@ -116,7 +116,7 @@ class BagWriter:
         if known is None:
             if full not in jazzy_types().fielddefs:
                 raise UserError(f"{self.path}: topic {topic}: message type {message_type!r} is not one of ROS 2 Jazzy")
-            known = self._offers[topic] = Offer(topic=topic, type=full, qualities=tuple(qualities))
+            known = self._offers[topic] = OfferedTopic(topic=topic, type=full, qualities=tuple(qualities))
         if known.type != full:
             raise UserError(f"{self.path}: topic {topic} has type {known.type}, not {full} as well")
         return known

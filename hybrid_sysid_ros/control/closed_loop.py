@@ -11,7 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control.controller import Controller, Status
 from hybrid_sysid_ros.control.problem import Problem, stage_costs
-from hybrid_sysid_ros.estimation import Estimate
+from hybrid_sysid_ros.estimation import StateEstimate
 from hybrid_sysid_ros.support.arrays import Array
 
 Reference = Callable[[Array], Array]
@@ -45,7 +45,7 @@ class Plant(Protocol):
 class Observer(Protocol):
     """What tells the state: an estimator."""
 
-    def update(self, time: float, outputs: Array, applied: Array) -> Estimate:
+    def update(self, time: float, outputs: Array, applied: Array) -> StateEstimate:
         """See :meth:`~hybrid_sysid_ros.estimation.Estimator.update`."""
         ...
 

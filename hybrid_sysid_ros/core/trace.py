@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import casadi
 import numpy as np
 
-from hybrid_sysid_ros.core.blocks import Call, Calls, tracing
+from hybrid_sysid_ros.core.blocks import BlockCall, Calls, tracing
 from hybrid_sysid_ros.core.mathematics import Scalar, rounded, rows
 from hybrid_sysid_ros.core.steppers import StepContext, Stepper
 from hybrid_sysid_ros.support.arrays import Array
@@ -53,7 +53,7 @@ class Trace:
     h: casadi.SX
     s: casadi.SX
     result: casadi.SX
-    calls: Sequence[Call]
+    calls: Sequence[BlockCall]
 
 
 def step_of(system: Traceable, *, smooth: bool = False, weights: casadi.SX | None = None) -> Trace:
