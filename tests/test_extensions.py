@@ -187,6 +187,28 @@ def test_what_can_t_be_imported_is_named_when_it_is_needed(tmp_path: Path, call:
     assert "tides.nowhere" in found.stderr
 
 
+@pytest.mark.parametrize(
+    ("declared", "why"),
+    [
+        (None, "cannot be read"),
+        ("nodes: [", "nodes.yaml"),
+        ("parameters: {}", "unknown key 'parameters'"),
+    ],
+)
+def test_declarations_that_can_t_be_read_are_named_and_the_rest_works(
+    tmp_path: Path, call: Call, declared: str | None, why: str
+) -> None:
+    given = "declarations=__import__('pathlib').Path(__file__).with_name('nodes.yaml')"
+    offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=MANIFEST.format("tides", given))
+    if declared is not None:
+        (tmp_path / "site" / "tides" / "nodes.yaml").write_text(declared)
+    found = call("parameters")
+    assert found.returncode == 0
+    assert "/**/plant:" in found.stdout
+    assert found.stderr.count("\n") == 1
+    assert why in found.stderr
+
+
 # Companions
 
 
@@ -238,6 +260,12 @@ for name in folder.names():
     rig.load(name)
 for module in {modules}:
     importlib.import_module(module)
+for item in extensions.registry().extensions:  # those that are left need none that is not there
+    for target in (target for names in item.provides.values() for target in names.values() if target):
+        extensions.loaded(target)
+    for module in (*(module for module, _ in item.commands.values()), *({ros} and item.nodes.values() or ())):
+        importlib.import_module(module)
+assert not extensions.registry().problems
 """
 
 
@@ -263,7 +291,7 @@ def test_the_trunk_works_without(away: list[str], tmp_path: Path, call: Call) ->
         if path.name not in (*away, "__pycache__"):
             (package / "extensions" / path.name).symlink_to(path)
     modules = trunk_modules() if away == OURS else []
-    found = call(code=ALONE.format(away={*away}, modules=modules))
+    found = call(code=ALONE.format(away={*away}, modules=modules, ros=has_ros()))
     assert found.returncode == 0, found.stderr
     assert found.stderr == ""
     assert "cam_beam: no problems" in found.stdout
