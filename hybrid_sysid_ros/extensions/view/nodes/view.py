@@ -134,13 +134,8 @@ class ViewNode(RigNode):
         return {
             "rig": self.rig.name,
             "outputs": [
-                {
-                    "name": output.name,
-                    "unit": output.unit,
-                    "tracked": output.tracked,
-                    "low": output.low if output.tracked else None,
-                    "high": output.high if output.tracked else None,
-                }
+                {"name": output.name, "unit": output.unit, "tracked": output.tracked}
+                | {"low": output.low if output.tracked else None, "high": output.high if output.tracked else None}
                 for output in offer.outputs
             ],
             "inputs": [
