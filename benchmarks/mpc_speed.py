@@ -15,7 +15,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks import acados_peer, result
@@ -23,17 +22,17 @@ from benchmarks.network_plant import NetworkPlant
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
-from hybrid_sysid_ros.control.stage_cost import stage_costs
+from hybrid_sysid_ros.control.problem import stage_costs
 from hybrid_sysid_ros.core import System, Variable, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.support.arrays import Array
 
 NAME = "mpc_speed"
 SEEDS = (0, 1, 2)
 STRIDE = 5
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

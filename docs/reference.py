@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator
-from typing import Any
+from pathlib import Path
 
 import mkdocs_gen_files
-import typer
 
-from hybrid_sysid_ros.commands.app import COMMANDS, MODEL_COMMANDS, POLICY_COMMANDS, RIG_COMMANDS
+from hybrid_sysid_ros.commands.program import LateCommand
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.parameters import declarations, parameters
+from hybrid_sysid_ros.support import extensions
 
-LIBRARY = ("core", "rigs", "bags", "models", "identification", "estimation", "control", "accuracy", "runtime")
+ROOT = Path(__file__).parents[1]
+LIBRARY = (
+    "core", "rigs", "bags", "models", "identification", "estimation", "control", "runtime",
+    "extensions.accuracy.statistics",
+)  # fmt: skip
 
 
 def page(name: str, lines: Iterator[str]) -> None:
@@ -27,24 +31,19 @@ def page(name: str, lines: Iterator[str]) -> None:
 def commands() -> Iterator[str]:
     """Every command with its help, as it prints it."""
     yield "# Commands\n"
-    groups = (("", COMMANDS), ("model ", MODEL_COMMANDS), ("policy ", POLICY_COMMANDS), ("rig ", RIG_COMMANDS))
-    for group, known in groups:
-        for item in known:
-            app = typer.Typer(add_completion=False, rich_markup_mode=None)
-            app.command(item.name)(importlib.import_module(item.module).command)
-            made: Any = typer.main.get_command(app)
-            called = f"hybrid-sysid {group}{item.name}"
-            context = made.context_class(made, info_name=called, terminal_width=110, max_content_width=110)
-            yield f"## {called}\n\n```text\n{made.get_help(context)}\n```\n"
+    for words, told in extensions.commands().items():
+        made, called = LateCommand(words, *told).made(), f"hybrid-sysid {words}"
+        context = made.context_class(made, info_name=called, terminal_width=110, max_content_width=110)
+        yield f"## {called}\n\n```text\n{made.get_help(context)}\n```\n"
 
 
 def every_parameter() -> Iterator[str]:
     """Every parameter of every node, as msgs_config declares it."""
     example = rigs.load(rigs.default())
     yield (
-        "# Parameters\n\nOf every node, with the values of the rig "
+        "# Parameters\n\nParameters of every node, with the values of the rig "
         + example.name
-        + ". What is live may be set while it runs.\n"
+        + ". A live parameter may be set while the node runs.\n"
     )
     for node in declarations():
         yield f"\n## {node}\n\n| parameter | default | what it is |\n|---|---|---|"
@@ -55,8 +54,8 @@ def every_parameter() -> Iterator[str]:
 def every_topic() -> Iterator[str]:
     """Every topic, who publishes and hears it, and how it is carried."""
     nodes = {node: _class_of(node) for node in declarations()}
-    yield "# Topics and services\n\nRelative names, but `/diagnostics`.\n"
-    yield "| topic | type | published by | heard by | reliability | durability | depth |\n|---|---|---|---|---|---|---|"
+    yield "# Topics and services\n\nAll names are relative but `/diagnostics`.\n"
+    yield "| topic | type | published by | subscribed by | reliability | durability | depth |\n" + "|---" * 7 + "|"
     for name, kind in topics.TYPES.items():
         quality = topics.qualities()[name]
         by = ", ".join(node for node, made in nodes.items() if name in made.PUBLISHES) or "all"
@@ -64,11 +63,11 @@ def every_topic() -> Iterator[str]:
         package, message = kind.__module__.split(".")[0], kind.__name__
         words = (quality["reliability"].name.lower(), quality["durability"].name.lower(), str(quality["depth"]))
         yield f"| `{name}` | `{package}/{message}` | {by} | {to} | {' | '.join(words)} |"
-    yield "\n[What is in them, and the services](../loop.md)."
+    yield "\n[What they carry, and the services](../guides/loop.md)."
 
 
 def _class_of(node: str) -> type[RigNode]:
-    module = importlib.import_module(f"hybrid_sysid_ros.nodes.{node}")
+    module = importlib.import_module(extensions.node_module(node))
     return next(
         item
         for item in vars(module).values()
@@ -79,8 +78,9 @@ def _class_of(node: str) -> type[RigNode]:
 def library() -> Iterator[str]:
     """The public packages: what their __init__ offers."""
     yield "# Library\n"
-    for package in LIBRARY:
-        name = f"hybrid_sysid_ros.{package}"
+    for name in (f"hybrid_sysid_ros.{package}" for package in LIBRARY):
+        if not (ROOT / name.replace(".", "/")).is_dir():  # an extension that was taken away
+            continue
         module = importlib.import_module(name)
         yield f"\n# `{name}`\n\n{' '.join((module.__doc__ or '').split())}\n"
         for item in getattr(module, "__all__", ()):

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks import picture, result, step_response
@@ -29,14 +28,12 @@ from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 
-Array = NDArray[np.float64]
-
 PERIOD = 0.01
 TRAINING, TEST = range(1000, 1012), range(100)
 """Seeds of the plants."""
 SPEED_LOOP = {"kp": 2.0, "ki": 5.0}
 """The one that sticks, at the plant's own steps."""
-PICTURE, SHOWN = Path(__file__).parents[2] / "docs" / "drill_string_brake.svg", 0
+PICTURE, SHOWN = Path(__file__).parents[2] / "docs" / "results" / "drill_string_brake.svg", 0
 """Where a plant's run is drawn, and its seed."""
 THINNED = 3
 """Every which sample is drawn."""

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky
 
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
 Function = Callable[[Array], Array]
 
 SHIFTS = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
@@ -40,9 +39,9 @@ class Condensed:
 
     def jacobian(self, point: Array) -> Array:
         """J~, (n + 1, n)."""
-        errors, slopes = self._at(point), self._jacobian(point)
-        along = errors @ slopes / max(float(np.linalg.norm(errors)), 1e-300)
-        return np.asarray(np.vstack([along, _root(slopes.T @ slopes - np.outer(along, along))]))
+        errors, jacobian = self._at(point), self._jacobian(point)
+        along = errors @ jacobian / max(float(np.linalg.norm(errors)), 1e-300)
+        return np.asarray(np.vstack([along, _root(jacobian.T @ jacobian - np.outer(along, along))]))
 
     def _at(self, point: Array) -> Array:
         """f, which the optimiser asks for before it asks for J at the same point."""

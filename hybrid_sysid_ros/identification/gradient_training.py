@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System, Variable, simulate
@@ -17,11 +16,10 @@ from hybrid_sysid_ros.identification.experiment import Experiment, prepare
 from hybrid_sysid_ros.identification.fitting import Fit, Progress
 from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.sampling import Sampling
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.threads import one_torch_thread
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,7 +174,9 @@ class _Data:
         """Root mean square of the free-run errors over all records, each in deviations of its output."""
         squares, p = [], len(system.outputs)
         for item, deviation in zip(self.experiments, self.deviations, strict=True):
-            start = system.observed(item.outputs[:1], item.states[:1, p : 2 * p], item.inputs[:1])[0]
+            start = system.record_map().states_from_record(
+                item.outputs[:1], item.states[:1, p : 2 * p], item.inputs[:1]
+            )[0]
             states = simulate(system, start, item.inputs, step=self.sampling.step, every=self.every)
             squares.append(((states[:, :p] - item.outputs) / deviation) ** 2)
         return float(np.sqrt(np.mean(np.concatenate(squares))))

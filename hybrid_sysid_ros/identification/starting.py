@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, simulate
 from hybrid_sysid_ros.core.networks import AffineRules, LinkedRules
@@ -18,8 +17,7 @@ from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.models.hybrid import CLIP, Hybrid
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.region import Region
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 FEATURE_SCALE = 1.5
 """Scale of a network's feature, in root mean squares of the training data."""
@@ -61,7 +59,8 @@ def magnitudes(system: System, experiments: Sequence[Experiment]) -> Magnitudes:
 
 def _unshown(system: System) -> list[int]:
     """Declared states that no record shows."""
-    return [i for i in range(len(system.declared_states)) if i not in system.shown]
+    known = system.record_map().reconstructible
+    return [i for i in range(len(system.declared_states)) if i not in known]
 
 
 def _samples(system: System, experiments: Sequence[Experiment]) -> tuple[Array, Array]:
@@ -146,7 +145,7 @@ def regression(system: System, experiments: Sequence[Experiment]) -> dict[str, f
     assert isinstance(system, Linear)
     origin, known = system.origin, {item.name: item for item in system.parameters}
     names = [item.name for item in origin.declared_states]
-    shown = [i for i in range(len(names)) if i in origin.shown]
+    shown = [i for i in range(len(names)) if i in origin.record_map().reconstructible]
     drives = [item.name for item in origin.inputs]
     period = experiments[0].sampling.period
     middle = np.concatenate([0.5 * (item.states[1:] + item.states[:-1]) for item in experiments])

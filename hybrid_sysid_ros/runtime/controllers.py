@@ -16,9 +16,14 @@ from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.augmented_model import controlled, driving
-from hybrid_sysid_ros.runtime.checking import check_tolerances
-from hybrid_sysid_ros.runtime.configuration import mpc_problem, shipped
+from hybrid_sysid_ros.runtime.configuration import (
+    check_tolerances,
+    controller_model,
+    mpc_problem,
+    shipped,
+    wrap_for_rig,
+)
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 
 Warn = Callable[[str], object]
@@ -49,52 +54,48 @@ def controller_of(
 ) -> ConfiguredController:
     """The controller that the settings name, for a model. In lockstep it takes its time, so that a run repeats.
 
+    A setting by whose name an extension provides a controller, where it is given, asks for that one.
     Raises UserError where model, policy and settings don't go together.
     """
-    if settings["picture"]:
-        return _by_picture(rig, model, settings)
-    system = controlled(rig, model.system)
+    for name, target in extensions.targets("controllers").items():
+        if settings.get(name):
+            further: ConfiguredController = extensions.loaded(target)(rig, model, settings)
+            return further
+    system = controller_model(rig, model.system)
     asked, interior = mpc_problem(settings, rig, system), settings["solver"] == "ipopt"
     path = policy_folder(rig, settings)
     if path is None:
         if settings["policy_path"]:  # whoever turns to it later should not find then that it does not fit
             policy.load(Path(settings["policy_path"]), model=model)
-        made = _interior_point(system, asked, settings, warn) if interior else _exact(system, asked, settings)
-        return ConfiguredController(controller=driving(rig, system, made), problem=asked)
+        alone = _interior_point(system, asked, settings, warn) if interior else _exact(system, asked, settings)
+        return ConfiguredController(controller=wrap_for_rig(rig, system, alone), problem=asked)
     if interior:
         raise UserError(f"parameter solver is ipopt, policy {settings['policy']}: ipopt works alone, policy:=exact")
     network = policy.load(path, model=model)
     _look_at(network, path, asked, settings, warn)
     if settings["policy"] == "network":
-        return ConfiguredController(controller=driving(rig, system, network), problem=network.problem, network=network)
+        return ConfiguredController(
+            controller=wrap_for_rig(rig, system, network), problem=network.problem, network=network
+        )
     tolerances = check_tolerances(settings, rig, network.problem)
     supervisor = Supervisor(network, _exact(system, network.problem, settings), tolerances)
     return ConfiguredController(
-        controller=driving(rig, system, supervisor), problem=network.problem, network=network, supervisor=supervisor
+        controller=wrap_for_rig(rig, system, supervisor),
+        problem=network.problem,
+        network=network,
+        supervisor=supervisor,
     )
 
 
 def _exact(system: System, problem: Problem, settings: Mapping[str, Any]) -> ExactMpc:
-    return ExactMpc(system, problem, **_pace(settings))
+    return ExactMpc(system, problem, **pace(settings))
 
 
-def _pace(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """How long an exact MPC may take."""
+def pace(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """How long an exact MPC may take: its arguments real_time, time_limit and clock."""
     limit = math.inf if settings["lockstep"] else settings["time_limit"] or math.inf
     clock = None if math.isinf(limit) else perf_counter
     return {"real_time": settings["real_time"], "time_limit": limit, "clock": clock}
-
-
-def _by_picture(rig: Rig, model: Model, settings: Mapping[str, Any]) -> ConfiguredController:
-    """The exact MPC whose cost is in a picture, with what it needs loaded only where it is asked for."""
-    from hybrid_sysid_ros.extensions.vision.goal.goal_picture import goal_of
-    from hybrid_sysid_ros.extensions.vision.goal.picture_mpc import PictureMpc
-
-    if settings["policy"] != "exact" or settings["solver"] != "sqp":
-        raise UserError("parameter picture: only the exact MPC weighs pictures: policy:=exact, solver:=sqp")
-    system = goal_of(rig, model.system, settings)
-    problem = mpc_problem(settings, rig, system)
-    return ConfiguredController(controller=PictureMpc(system, problem, **_pace(settings)), problem=problem)
 
 
 def _interior_point(system: System, problem: Problem, settings: Mapping[str, Any], warn: Warn) -> Controller:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states, score
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
 LONGEST = 200
 """Samples of the longest horizon by default: 10 s at the usual 50 ms."""
 
@@ -68,7 +68,7 @@ def k_step_errors(
     starts[:, 2] = longest + 1
     starts[:, 3] = np.arange(len(begins)) * (longest + 1)
     states, whole = free_run_states(system, experiment) if run is None else run
-    initial, hidden = experiment.states.copy(), system.hidden
+    initial, hidden = experiment.states.copy(), system.record_map().unobserved
     initial[:, hidden] = states[:, hidden]
     first, inputs = np.ascontiguousarray(initial[begins]), experiment.inputs
     _, outputs = rollouts(system, starts, first, inputs, step=sampling.step, every=sampling.every)

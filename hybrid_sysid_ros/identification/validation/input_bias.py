@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from hybrid_sysid_ros.bags.record import Record
@@ -16,9 +15,8 @@ from hybrid_sysid_ros.identification.part import scored_every
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states
 from hybrid_sysid_ros.identification.validation.unstable import check_free_run
 from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 SPREAD = 0.01
 """Prior deviation of a bias, as part of what its actuator spans."""
@@ -122,7 +120,8 @@ def _rest(system: System, record: Record, seen: Record, cut: int, bias: Array, s
     past, whole = (prepare(_biased(item, bias), system, sampling) for item in (seen, record))
     first = past.states[-1].copy()
     if not isinstance(system, Recurrence):
-        unshown = [i for i in range(len(system.states)) if i not in system.shown]
+        known = system.record_map().reconstructible
+        unshown = [i for i in range(len(system.states)) if i not in known]
         first[unshown] = free_run_states(system, past)[0][-1, unshown]
     starts = np.array([[0, cut * sampling.every, whole.samples - cut, 0]])
     _, outputs = rollouts(system, starts, first[None], whole.inputs, step=sampling.step, every=sampling.every)

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.shooting import Windows, fastest_growth, held_inputs, settled
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, initial_state
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 MOST_GROWTH = 1e6
 """Of an error of the initial state over a free run, from which on nothing is left of what was told of the beginning."""
@@ -73,7 +71,7 @@ def predictions(
     """
     sampling, n = experiment.sampling, len(system.declared_states)
     past, stride = round(PAST / sampling.period), max(round(APART / sampling.period), 1)
-    hidden = [*system.hidden, *range(n, len(system.states))]
+    hidden = [*system.record_map().unobserved, *range(n, len(system.states))]
     free = [k for k in range(n) if k not in hidden]
     carried = np.nan_to_num(stabilised_run(system, experiment, windows.stabiliser)[0][:, hidden])
     initial = experiment.states.copy()
