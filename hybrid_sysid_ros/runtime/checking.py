@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control import Problem
 from hybrid_sysid_ros.control.policy import policy
+from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.certified_loops import Certification, Criteria, Distribution
 from hybrid_sysid_ros.control.safety.online_check import Tolerances
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.models import Model, storage
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration
@@ -47,9 +48,17 @@ def certification_of(folder: Path, model: Path | None, *, seed: int = 0, seconds
     or the section policy_certificate lacks a number.
     """
     seal = storage.digest(folder, kind="policy")
-    rig = load_rig(policy.load(folder, certified=False).rig)
-    loaded = load_model(model or configuration.shipped(rig.name, "model"))
+    rig = policy.load(folder, certified=False).rig
+    loaded = load_model(model or configuration.shipped(load_rig(rig).name, "model"))
     imitation = policy.load(folder, model=loaded, certified=False)
+    return certification(imitation, seal, loaded, seed=seed, seconds=seconds)
+
+
+def certification(
+    imitation: Policy, seal: str, loaded: Model, *, seed: int = 0, seconds: float | None = None
+) -> Certification:
+    """The same of a policy of this seal and its model, which are loaded."""
+    rig = load_rig(imitation.rig)
     alike = [item.name for item in rig.system.states] == [item.name for item in loaded.system.states]
     plant, words = (rig.system, f"the rig {rig.name}") if alike else (loaded.system, "the model")
     system = controlled(rig, loaded.system)

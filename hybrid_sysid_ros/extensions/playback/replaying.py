@@ -148,9 +148,7 @@ def replay(
             "recover": recover,
         }
         with Session(plan.rig.source, tell=tell) as session:
-            session.start(
-                "replay", [sys.executable, "-m", REPLAY, json.dumps(order)]
-            )
+            session.start("replay", [sys.executable, "-m", REPLAY, json.dumps(order)])
             session.wait_for_end(["replay"], progress)
     return plan
 
