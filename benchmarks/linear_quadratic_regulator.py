@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, null_space, solve_discrete_are
 
 from hybrid_sysid_ros.control.controller import Plan, Status
@@ -15,9 +14,8 @@ from hybrid_sysid_ros.control.mpc.shooting import bounded
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import kernel
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 NEWTON_STEPS = 50
 ROUNDING_ERROR = 1e-9

@@ -14,6 +14,7 @@ import numpy as np
 from rich.progress import track
 
 from hybrid_sysid_ros.commands.terminal import status
+from hybrid_sysid_ros.extensions.commander.companion import Commander
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import defaults
 from hybrid_sysid_ros.runtime.run import Run
@@ -250,7 +251,7 @@ def measured(rig: Rig, domain: int, *, times: int, seed: int = 0) -> Stops:
     with ThreadPoolExecutor(1) as pool:
         acting = pool.submit(act)
         try:
-            Run(rig=rig.source, commander=True, domain=domain, tell=status.print).go()
+            Run(rig=rig.source, companions=[Commander()], domain=domain, tell=status.print).go()
         finally:
             operator.close()
         acting.result()

@@ -14,7 +14,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks import result
@@ -34,8 +33,7 @@ from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.augmented_model import controlled, driving
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.support import parallel
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 PLANTS = 1000
 SETTLING, FLOWN = 12.0, 40.0

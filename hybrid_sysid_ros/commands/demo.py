@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,24 +36,19 @@ from hybrid_sysid_ros.support.progress import progress_bars
 Out = Annotated[
     Path | None, typer.Option("--out", help="Folder for the results; out/demo, out/demo_RIG or out/demo_camera.")
 ]
-Camera = Annotated[
-    bool, typer.Option("--camera", help="Film the rig, learn to read its picture, and close the loop by that alone.")
-]
 Train = Annotated[bool, typer.Option("--train", help="Train model and policy afresh.")]
 OUT = Path("out/demo")
+EXTENDED_BY = "demos"
 
 
-def command(rig: RigName = "", out: Out = None, train: Train = False, camera: Camera = False) -> None:
+def command(rig: RigName = "", out: Out = None, train: Train = False, demos: Sequence[Callable[[], None]] = ()) -> None:
     """From bags to a controlled rig: identify, run the loop, report."""
-    chosen = load_rig(rig or default())
-    if camera:
-        from hybrid_sysid_ros.extensions.vision.commands.camera_demo import camera_demo
-
-        if train:
-            raise UserError("--train and --camera are two demos: leave one out")
-        name = "demo_camera" if chosen.name == default() else f"demo_camera_{chosen.name}"
-        camera_demo(out or OUT.with_name(name), chosen.source)
+    if demos:
+        if len(demos) > 1 or train:
+            raise UserError("these are several demos: leave all but one of --train and the others out")
+        demos[0]()
         return
+    chosen = load_rig(rig or default())
     place = out or (OUT if chosen.name == default() else OUT.with_name(f"demo_{chosen.name}"))
     demo(place, rig=chosen.source, train=train)
 

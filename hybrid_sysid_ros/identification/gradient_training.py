@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System, Variable, simulate
@@ -17,11 +16,10 @@ from hybrid_sysid_ros.identification.experiment import Experiment, prepare
 from hybrid_sysid_ros.identification.fitting import Fit, Progress
 from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.sampling import Sampling
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.threads import one_torch_thread
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

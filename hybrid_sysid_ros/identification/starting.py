@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, simulate
 from hybrid_sysid_ros.core.networks import AffineRules, LinkedRules
@@ -18,8 +17,7 @@ from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.models.hybrid import CLIP, Hybrid
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.region import Region
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 FEATURE_SCALE = 1.5
 """Scale of a network's feature, in root mean squares of the training data."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Parameter, Softsign, System, Variable
 from hybrid_sysid_ros.core.blocks import Block
@@ -16,9 +15,8 @@ from hybrid_sysid_ros.core.networks import AffineRules, LinkedRules
 from hybrid_sysid_ros.core.parameters import of_data
 from hybrid_sysid_ros.core.steppers import Motion
 from hybrid_sysid_ros.models.region import Region
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 CLIP = 1.5
 """Features are held within +-CLIP of their scale: beyond it a network knows nothing."""

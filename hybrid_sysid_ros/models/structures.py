@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Softsign, System
 from hybrid_sysid_ros.core.parameters import scale_of
@@ -22,9 +21,8 @@ from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.region import Region
 from hybrid_sysid_ros.models.residual import ResidualHybrid
 from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 _RIDGE = Option(default=1.0, low=0.01, high=100.0, kind="log", description="pull of a network's weights to zero")
 _SCALE = Option(

@@ -19,6 +19,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.augmented_model import controlled, driving
 from hybrid_sysid_ros.runtime.checking import check_tolerances
 from hybrid_sysid_ros.runtime.configuration import mpc_problem, shipped
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 
 Warn = Callable[[str], object]
@@ -54,11 +55,14 @@ def controller_of(
 ) -> ConfiguredController:
     """The controller that the settings name, for a model. In lockstep it takes its time, so that a run repeats.
 
-    network: the policy, where it is at hand already; else it is read from its folder. Raises UserError where model,
-    policy and settings don't go together.
+    A setting by whose name an extension provides a controller, where it is given, asks for that one. network: the
+    policy, where it is at hand already; else it is read from its folder.
+    Raises UserError where model, policy and settings don't go together.
     """
-    if settings["picture"]:
-        return _by_picture(rig, model, settings)
+    for name, target in extensions.targets("controllers").items():
+        if settings.get(name):
+            further: ConfiguredController = extensions.loaded(target)(rig, model, settings)
+            return further
     system = controlled(rig, model.system)
     asked, interior = mpc_problem(settings, rig, system), settings["solver"] == "ipopt"
     path = policy_folder(rig, settings) if network is None else Path("policy")
@@ -82,26 +86,14 @@ def controller_of(
 
 
 def _exact(system: System, problem: Problem, settings: Mapping[str, Any]) -> ExactMpc:
-    return ExactMpc(system, problem, **_pace(settings))
+    return ExactMpc(system, problem, **pace(settings))
 
 
-def _pace(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """How long an exact MPC may take."""
+def pace(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """How long an exact MPC may take: its arguments real_time, time_limit and clock."""
     limit = math.inf if settings["lockstep"] else settings["time_limit"] or math.inf
     clock = None if math.isinf(limit) else perf_counter
     return {"real_time": settings["real_time"], "time_limit": limit, "clock": clock}
-
-
-def _by_picture(rig: Rig, model: Model, settings: Mapping[str, Any]) -> ConfiguredController:
-    """The exact MPC whose cost is in a picture, with what it needs loaded only where it is asked for."""
-    from hybrid_sysid_ros.extensions.vision.goal.goal_picture import goal_of
-    from hybrid_sysid_ros.extensions.vision.goal.picture_mpc import PictureMpc
-
-    if settings["policy"] != "exact" or settings["solver"] != "sqp":
-        raise UserError("parameter picture: only the exact MPC weighs pictures: policy:=exact, solver:=sqp")
-    system = goal_of(rig, model.system, settings)
-    problem = mpc_problem(settings, rig, system)
-    return ConfiguredController(controller=PictureMpc(system, problem, **_pace(settings)), problem=problem)
 
 
 def _interior_point(system: System, problem: Problem, settings: Mapping[str, Any], warn: Warn) -> Controller:

@@ -89,6 +89,11 @@ REQUESTS = {kind.do: kind for kind in (Next, SetPoint, Experiment, Fault, Policy
 SERVICES = ("stop", "enable")
 
 
+def check_faults(rig: Rig) -> None:
+    """Raise UserError where the section faults of a rig's file is not as it should be."""
+    Offer.of(rig, ())
+
+
 @dataclass(frozen=True, kw_only=True)
 class Offer:
     """What there is to ask for at a rig."""

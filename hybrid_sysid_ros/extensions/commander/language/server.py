@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hybrid_sysid_ros.extensions.commander.language.command_interface import Desk, Reply
+from hybrid_sysid_ros.extensions.commander.language.command_interface import CommandInterface, Reply
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.set_points import outputs_of
 from hybrid_sysid_ros.support.extras import extra
@@ -18,7 +18,7 @@ EXAMPLES = (
 )
 
 
-def server(rig: Rig, desk: Desk) -> MCPServer[Any]:
+def server(rig: Rig, desk: CommandInterface) -> MCPServer[Any]:
     """A server of three tools. None of them carries a topic, a raw set-point or a confirmation: what an operator has
     not armed waits for the operator.
     """
