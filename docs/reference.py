@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import mkdocs_gen_files
 
+import hybrid_sysid_ros as hs
 from hybrid_sysid_ros.commands.program import LateCommand
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.base import RigNode
@@ -74,8 +75,12 @@ def _class_of(node: str) -> type[RigNode]:
 
 
 def library() -> Iterator[str]:
-    """The public packages: what their __init__ offers."""
-    yield "# Library\n"
+    """The public names, then the packages behind them: what their __init__ offers."""
+    yield "# Library\n\n## `import hybrid_sysid_ros as hs`\n\nThese names are public. All else may change.\n"
+    for name in hs.__all__:
+        found = getattr(hs, name)
+        yield f"\n::: {found.__module__}.{found.__qualname__}\n"
+    yield "\n# Packages behind these names\n"
     for package in LIBRARY:
         name = f"hybrid_sysid_ros.{package}"
         module = importlib.import_module(name)

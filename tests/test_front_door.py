@@ -146,6 +146,7 @@ WRONG: list[Case] = [
     # loops
     ("model", lambda t: hs.simulate("cam_beam", t.other)),
     ("model", lambda t: hs.simulate("cam_beam", TRAINED / "cam_beam" / "model")),  # type: ignore[arg-type]
+    ("plant", lambda t: hs.simulate("cam_beam", t.model, plant=t.other, seconds=1)),
     ("controller", lambda t: hs.simulate("cam_beam", t.model, controller="pid")),
     ("controller", lambda t: hs.simulate("cam_beam", t.model, controller=object())),  # type: ignore[arg-type]
     ("policy", lambda t: hs.simulate("wheel_motor", t.other, controller=t.policy)),
@@ -284,6 +285,13 @@ def test_a_set_point_is_in_the_unit_that_is_shown(things: SimpleNamespace) -> No
     loop = hs.simulate(things.rig, things.model, reference=2.0, seconds=0.1, parameters={"controller.horizon": 15})
     np.testing.assert_allclose(things.rig.display[0].shown(loop.reference), 2.0)
     assert loop.problem.horizon == 15
+
+
+def test_a_model_may_move_in_place_of_the_rig(things: SimpleNamespace) -> None:
+    given: dict[str, Any] = {"reference": 2.0, "seconds": 1.0}
+    real = hs.simulate("cam_beam", things.model, **given)
+    moved = hs.simulate("cam_beam", things.model, plant=things.model, **given)
+    assert not np.array_equal(real.states, moved.states)
 
 
 def test_figures_show_what_was_measured_and_simulated(things: SimpleNamespace) -> None:

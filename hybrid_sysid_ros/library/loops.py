@@ -36,7 +36,7 @@ from hybrid_sysid_ros.runtime.configuration import parameters as parameters_of
 from hybrid_sysid_ros.runtime.controllers import controller_of
 from hybrid_sysid_ros.runtime.parameters import check_rules
 from hybrid_sysid_ros.runtime.set_points import KINDS, signal_of
-from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
+from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.text_table import text_table
@@ -128,13 +128,15 @@ def simulate(
     reference: ReferenceLike = "",
     seconds: float | None = None,
     policy: Policy | None = None,
+    plant: AnyModel | None = None,
     seed: int = 0,
     parameters: Mapping[str, Any] | None = None,
 ) -> Loop:
     """Close the loop of a simulated rig, its estimator and a controller, from rest.
 
-    model: what estimator and controller predict with, by default the one that comes with the package. The plant is the
-    rig's own system, with its noise and disturbances. controller: "exact", the MPC; "network", a policy alone;
+    model: what estimator and controller predict with, by default the one that comes with the package. plant: the model
+    that moves in place of the rig, by default the rig's own system with the values of its file; both have the noise of
+    the rig's sensors and the limits of its actuators. controller: "exact", the MPC; "network", a policy alone;
     "supervised", a policy while its plans pass a check, else the MPC; a policy, which drives alone; or an object with
     the methods of :class:`hybrid_sysid_ros.control.Controller`. reference: "constant", "steps", "sine", "multisine",
     one of the rig's by name (the first by default); a set-point for each output; or a function of times (samples,) [s]
@@ -160,7 +162,7 @@ def simulate(
         driver,
         signal,
         duration=duration,
-        plant=Plant(described, seed=seed_of(seed), bias=described.bias),
+        plant=_plant(described, plant, seed_of(seed)),
         settings=values["estimator"],
     )
     return Loop(
@@ -180,6 +182,12 @@ def _model(rig: Rig, model: AnyModel | None) -> Model:
     if model is None:
         return load_model(shipped(rig.name, "model"), rig=rig.source)
     return sealed(model_of(model, rig))
+
+
+def _plant(rig: Rig, plant: AnyModel | None, seed: int) -> Plant:
+    if plant is None:
+        return Plant(rig, seed=seed, bias=rig.bias)
+    return predicted_plant(rig, model_of(plant, rig, "plant").system, disturbance=rig.bias, seed=seed, noisy=True)
 
 
 def _parameters(rig: Rig, given: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:

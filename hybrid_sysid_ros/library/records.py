@@ -85,7 +85,7 @@ def record(
     rig: RigLike | None = None,
     units: Mapping[str, str] | None = None,
     channels: Mapping[str, ArrayLike] | None = None,
-    name: str = "record",
+    name: str = "arrays",
 ) -> Record:
     """Make a record of arrays.
 
