@@ -1,4 +1,4 @@
-"""The plots of the notebooks' pages: their library is in the site once, and no page asks another server for anything."""
+"""The plots of the notebooks' pages: the site has their library once, and no page asks another server."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from hybrid_sysid_ros.nodes.process import announce, run
 from hybrid_sysid_ros.nodes.timeline import Timeline
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import defaults
-from hybrid_sysid_ros.runtime.set_points import signal_of
+from hybrid_sysid_ros.runtime.references import signal_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -25,8 +25,7 @@ from hybrid_sysid_ros.control.safety.certified_loops import (
     Criteria,
     Distribution,
 )
-from hybrid_sysid_ros.control.safety.online_check import REASONS, Tolerances
-from hybrid_sysid_ros.control.safety.supervisor import Supervisor
+from hybrid_sysid_ros.control.safety.supervisor import REASONS, Supervisor, Tolerances
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.core import stepped
 from hybrid_sysid_ros.models import storage

@@ -115,7 +115,7 @@ WRONG: list[Case] = [
     ("records", lambda t: hs.identify("bags/beam_multisine", "cam_beam")),  # type: ignore[arg-type]
     ("records", lambda t: hs.identify(WAVE, "cam_beam")),  # type: ignore[arg-type]
     ("records[0]", lambda t: hs.identify([WAVE], "cam_beam")),  # type: ignore[list-item]
-    ("records[1]", lambda t: hs.identify([t.record, "bags/beam_multisine"], "cam_beam")),
+    ("records[1]", lambda t: hs.identify([t.record, "bags/beam_multisine"], "cam_beam")),  # type: ignore[list-item]
     ("records[0]", lambda t: hs.identify(t.two_columns, "cam_beam")),
     ("records[0]", lambda t: hs.identify(t.record, "wheel_motor")),
     ("output position", lambda t: hs.identify(t.volts, "cam_beam")),

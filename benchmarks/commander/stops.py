@@ -16,9 +16,9 @@ from rich.progress import track
 from hybrid_sysid_ros.commands.terminal import status
 from hybrid_sysid_ros.extensions.commander.companion import Commander
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.configuration import set_point_ranges
 from hybrid_sysid_ros.runtime.parameters import defaults
 from hybrid_sysid_ros.runtime.run import Run
-from hybrid_sysid_ros.runtime.set_points import outputs_of
 from hybrid_sysid_ros.support.arrays import Array
 
 WAYS = ("service", "topic", "parameter")
@@ -56,7 +56,7 @@ class Operator:
         from hybrid_sysid_ros.nodes.border import Border
         from hybrid_sysid_ros.nodes.topics import TYPES, profile
 
-        self.output = next(item for item in outputs_of(rig) if item.tracked)
+        self.output = next(item for item in set_point_ranges(rig) if item.tracked)
         self.random = np.random.default_rng(seed)
         self.context = rclpy.context.Context()
         rclpy.init(context=self.context, domain_id=domain)

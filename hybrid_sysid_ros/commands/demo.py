@@ -23,12 +23,12 @@ from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, session
-from hybrid_sysid_ros.runtime.augmented_model import controlled, driving
+from hybrid_sysid_ros.runtime.configuration import controller_model, wrap_for_rig
 from hybrid_sysid_ros.runtime.plan import Plan, Records
+from hybrid_sysid_ros.runtime.policies import train_policy
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
-from hybrid_sysid_ros.runtime.training import train_policy
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import beside, check_file, check_folder, make_folder, written_file
 from hybrid_sysid_ros.support.progress import progress_bars
@@ -90,10 +90,10 @@ def demo(out: Path, records: Records | None = None, *, rig: str = "", train: boo
     bag, diagnostics = run_loop(out / "loop", described, plan.reference, model=model_folder, policy_path=policy_folder)
     loop = LoopRecord.from_bag(bag, described)
     console.print("3 comparing with the exact MPC on the same plant")
-    schedule, system = described.schedule(plan.reference), controlled(described, used.system)
+    schedule, system = described.schedule(plan.reference), controller_model(described, used.system)
     costs = [
         simulated_loop(
-            described, used, driving(described, system, controller), schedule, duration=schedule.duration
+            described, used, wrap_for_rig(described, system, controller), schedule, duration=schedule.duration
         ).cost(imitation.problem)
         for controller in (imitation, ExactMpc(system, imitation.problem))
     ]

@@ -3,7 +3,7 @@
 from hybrid_sysid_ros.core.compiled import compiled
 from hybrid_sysid_ros.core.contacts import Ageing, Bristles, Contact, Dry, Hysteretic, MaxwellSlip, Viscous
 from hybrid_sysid_ros.core.declaration import Variable
-from hybrid_sysid_ros.core.networks import Perceptron, Softsign
+from hybrid_sysid_ros.core.networks import Softsign
 from hybrid_sysid_ros.core.parameters import Parameter, bounded
 from hybrid_sysid_ros.core.rollout import Sensitivities, rollouts, simulate, sloped, stepped
 from hybrid_sysid_ros.core.runge_kutta import RungeKutta
@@ -19,7 +19,6 @@ __all__ = [
     "ImplicitFriction",
     "MaxwellSlip",
     "Parameter",
-    "Perceptron",
     "Recurrence",
     "RungeKutta",
     "Sampled",

@@ -23,7 +23,7 @@ from hybrid_sysid_ros.support.structured import section
 
 RigLike: TypeAlias = Rig | str | Path
 """A rig, its name, or the path of its folder."""
-PartLike: TypeAlias = Part | str | Sequence[float]
+PartLike: TypeAlias = Part | str | Sequence[float] | Array
 """A part, "0:0.5", or (0, 0.5)."""
 SamplingLike: TypeAlias = Sampling | Mapping[str, Any]
 """A sampling, or some of its numbers by name."""

@@ -30,12 +30,11 @@ from hybrid_sysid_ros.models import Model as AnyModel
 from hybrid_sysid_ros.rigs.excitation import constant
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.bundled import shipped
-from hybrid_sysid_ros.runtime.configuration import defaults, mpc_problem
+from hybrid_sysid_ros.runtime.configuration import defaults, mpc_problem, shipped
 from hybrid_sysid_ros.runtime.configuration import parameters as parameters_of
 from hybrid_sysid_ros.runtime.controllers import controller_of
 from hybrid_sysid_ros.runtime.parameters import check_rules
-from hybrid_sysid_ros.runtime.set_points import KINDS, signal_of
+from hybrid_sysid_ros.runtime.references import KINDS, signal_of
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError

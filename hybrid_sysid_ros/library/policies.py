@@ -35,9 +35,8 @@ from hybrid_sysid_ros.library.models import Model, load_model, sealed
 from hybrid_sysid_ros.models import Model as AnyModel
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.models.export import STEP, export_casadi
-from hybrid_sysid_ros.runtime import training
-from hybrid_sysid_ros.runtime.bundled import shipped
-from hybrid_sysid_ros.runtime.checking import certification
+from hybrid_sysid_ros.runtime import policies as configured
+from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
@@ -134,7 +133,7 @@ def train_policy(
         sequence=bool(plan),
         followed=options_of(follow, "follow"),
     )
-    trained = training.train_policy(
+    trained = configured.train_policy(
         used,
         settings,
         seed=seed_of(seed),
@@ -190,7 +189,7 @@ def certify(
     length = None if seconds is None else number_of(seconds, "seconds", low=low, high=high, unit="s")
     own = Policy.of(policy, used)
     return certified(
-        certification(own, own.seal, used, seed=seed_of(seed), seconds=length),
+        configured.certification(own, own.seal, used, seed=seed_of(seed), seconds=length),
         loops=whole_of(loops, "loops", low=1, high=MOST),
         delta=number_of(delta, "delta", low=0.0, high=1.0, above=True),
         workers=whole_of(workers, "workers", low=0, high=MOST),

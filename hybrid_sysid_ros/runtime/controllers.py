@@ -16,9 +16,13 @@ from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.augmented_model import controlled, driving
-from hybrid_sysid_ros.runtime.checking import check_tolerances
-from hybrid_sysid_ros.runtime.configuration import mpc_problem, shipped
+from hybrid_sysid_ros.runtime.configuration import (
+    check_tolerances,
+    controller_model,
+    mpc_problem,
+    shipped,
+    wrap_for_rig,
+)
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -63,25 +67,30 @@ def controller_of(
         if settings.get(name):
             further: ConfiguredController = extensions.loaded(target)(rig, model, settings)
             return further
-    system = controlled(rig, model.system)
+    system = controller_model(rig, model.system)
     asked, interior = mpc_problem(settings, rig, system), settings["solver"] == "ipopt"
     path = policy_folder(rig, settings) if network is None else Path("policy")
     if path is None or settings["policy"] == "exact":
         if settings["policy_path"]:  # whoever turns to it later should not find then that it does not fit
             policy.load(Path(settings["policy_path"]), model=model)
-        made = _interior_point(system, asked, settings, warn) if interior else _exact(system, asked, settings)
-        return ConfiguredController(controller=driving(rig, system, made), problem=asked)
+        alone = _interior_point(system, asked, settings, warn) if interior else _exact(system, asked, settings)
+        return ConfiguredController(controller=wrap_for_rig(rig, system, alone), problem=asked)
     if interior:
         raise UserError(f"parameter solver is ipopt, policy {settings['policy']}: ipopt works alone, policy:=exact")
     if network is None:
         network = policy.load(path, model=model)
     _look_at(network, path, asked, settings, warn)
     if settings["policy"] == "network":
-        return ConfiguredController(controller=driving(rig, system, network), problem=network.problem, network=network)
+        return ConfiguredController(
+            controller=wrap_for_rig(rig, system, network), problem=network.problem, network=network
+        )
     tolerances = check_tolerances(settings, rig, network.problem)
     supervisor = Supervisor(network, _exact(system, network.problem, settings), tolerances)
     return ConfiguredController(
-        controller=driving(rig, system, supervisor), problem=network.problem, network=network, supervisor=supervisor
+        controller=wrap_for_rig(rig, system, supervisor),
+        problem=network.problem,
+        network=network,
+        supervisor=supervisor,
     )
 
 

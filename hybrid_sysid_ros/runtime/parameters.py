@@ -1,4 +1,7 @@
-"""Parameters of nodes: declared once for all rigs in msgs_config/nodes.yaml, with the values of each rig's rig.yaml."""
+"""Parameters of nodes: declared once for all rigs in msgs_config/nodes.yaml, with the values of each rig's rig.yaml.
+
+A parameter that names a folder is empty where the folder is meant that comes with the package.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +20,25 @@ from hybrid_sysid_ros.support.structured import KINDS, built, numbers, read_mapp
 
 DECLARATIONS = Path(__file__).parents[1] / "msgs_config" / "nodes.yaml"
 EACH = ("input", "output", "state")
+OPTIONS = {"model": "--model", "policy": "--policy-path", "layers": "--layers"}
+"""Options of commands by which a user gives another folder than the shipped one."""
+TRAINED = Path(__file__).parents[1] / "trained"
+
+
+class NothingShippedError(UserError):
+    """Nothing of a kind comes with the package for a rig."""
+
+
+def shipped(rig: str, kind: str) -> Path:
+    """Folder of what comes trained with the package for a rig; kind: model, policy or layers. Raises
+    NothingShippedError where nothing does.
+    """
+    folder = TRAINED / rig / kind
+    if not folder.is_dir():
+        raise NothingShippedError(
+            f"no {kind} comes with the package for the rig {rig} ({folder}): give {OPTIONS[kind]}"
+        )
+    return folder
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from hybrid_sysid_ros.core.networks import GatedUnits, Perceptron, Polynomial, Softsign
+from benchmarks.perceptron import Perceptron
+from hybrid_sysid_ros.core.networks import GatedUnits, Polynomial, Softsign
 
 ERROR = """
 import sys

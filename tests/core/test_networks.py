@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.network_plant import WEIGHTS, NetworkPlant, layers
-from hybrid_sysid_ros.core import Perceptron, Softsign, System, sloped, stepped
+from benchmarks.perceptron import Perceptron
+from hybrid_sysid_ros.core import Softsign, System, sloped, stepped
 from hybrid_sysid_ros.core.blocks import Block
 from hybrid_sysid_ros.core.networks import AffineRules, GatedUnits, LinkedRules, Memberships, Polynomial
 from hybrid_sysid_ros.core.steppers import Sampled

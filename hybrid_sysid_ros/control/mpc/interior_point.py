@@ -51,7 +51,7 @@ class InteriorPointMpc:
         if self._cold:
             instance.check(state, disturbance, previous_input, preview)
         previous = np.clip(previous_input, self.problem.input_low, self.problem.input_high)
-        instance.take(state, disturbance, previous, preview)
+        instance.assign(state, disturbance, previous, preview)
         if not np.isfinite(self._flat).all():
             return self._planned(Status.FAILED)
         if self._cold:

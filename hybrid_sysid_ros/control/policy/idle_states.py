@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.control.steady_motion import slopes_at
+from hybrid_sysid_ros.control.scenarios import slopes_at
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
 

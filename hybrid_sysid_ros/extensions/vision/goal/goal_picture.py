@@ -17,11 +17,9 @@ from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
 from hybrid_sysid_ros.extensions.vision.reading.renderer import LayerRenderer
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.bundled import shipped
-from hybrid_sysid_ros.runtime.configuration import mpc_problem
+from hybrid_sysid_ros.runtime.configuration import mpc_problem, set_point_ranges
 from hybrid_sysid_ros.runtime.controllers import ConfiguredController, pace
-from hybrid_sysid_ros.runtime.parameters import defaults
-from hybrid_sysid_ros.runtime.set_points import outputs_of
+from hybrid_sysid_ros.runtime.parameters import defaults, shipped
 from hybrid_sysid_ros.support.errors import UserError
 
 LONGEST = 60  # characters of a name that are told
@@ -104,7 +102,7 @@ def goal_of(rig: Rig, system: System, settings: Mapping[str, Any]) -> Pictured:
     where the picture shows no goal: see shown_in(); or one that is out of reach, or the rig has other outputs.
     """
     path, reader = Path(settings["picture"]), reader_of(rig, settings["layers"])
-    shown, (output, *others) = rig.joints.joints[reader.layers.geometry.joint].position, outputs_of(rig)
+    shown, (output, *others) = rig.joints.joints[reader.layers.geometry.joint].position, set_point_ranges(rig)
     if others or output.name != shown:
         raise UserError(f"parameter picture: pictures show {shown or 'no position'}, the one output must be that")
     picture, position = shown_in(path, reader)

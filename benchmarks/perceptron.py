@@ -13,12 +13,12 @@ from hybrid_sysid_ros.core import registers
 from hybrid_sysid_ros.core.blocks import Block, Kernels, not_learnt, weighed
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.mathematics import Scalar, tanh
+from hybrid_sysid_ros.core.networks import Layers
+from hybrid_sysid_ros.core.networks.tanh_layers import column_sum, widths_of
 from hybrid_sysid_ros.core.registers import (
-    added,
     behind,
     load,
     multiplied,
-    plus_scaled,
     scratch,
     store,
     summed,
@@ -27,9 +27,6 @@ from hybrid_sysid_ros.core.registers import (
 )
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Layers = Sequence[tuple[Array, Array]]
-"""(W (out, in), b (out,)) of each layer."""
 
 LANES = (32, 16, 8)
 """Widths of the registers a layer is computed in: the widest that leaves none of it empty."""
@@ -54,13 +51,7 @@ class Perceptron(Block):
     @classmethod
     def of(cls, layers: Layers) -> Perceptron:
         """The network of layers (W (out, in), b (out,)). Raises UserError where they don't fit each other."""
-        for (first, _), (second, _) in pairwise(layers):
-            if second.shape[1] != len(first):
-                raise UserError(f"network: a layer of {len(first)} units is followed by one for {second.shape[1]}")
-        for matrix, bias in layers:
-            if bias.shape != matrix.shape[:1]:
-                raise UserError(f"network: a layer has {len(matrix)} rows and biases of shape {bias.shape}")
-        return cls(widths=(layers[0][0].shape[1], *(len(bias) for _, bias in layers)))
+        return cls(widths=widths_of(layers))
 
     @property
     def padded(self) -> tuple[int, ...]:
@@ -193,18 +184,3 @@ class Perceptron(Block):
         for rows, biases in hidden:
             values = [tanh(weighed(row, values, b)) for row, b in zip(rows, biases, strict=True)]
         return [weighed(row, values, b) for row, b in zip(matrix, bias, strict=True)]
-
-
-@inner
-def column_sum(w: Any, at: int, width: int, factors: Any, count: int, start: Any, lanes: int) -> Any:
-    """Start + sum_j column_j factor_j for ``lanes`` units, in two chains that don't wait for each other.
-
-    Columns are ``width`` numbers apart, the first at w[at:].
-    """
-    even, odd = start, zero(lanes)
-    for j in range(0, count - 1, 2):
-        even = plus_scaled(even, load(w, at + j * width, lanes), factors[j])
-        odd = plus_scaled(odd, load(w, at + (j + 1) * width, lanes), factors[j + 1])
-    if count % 2:
-        even = plus_scaled(even, load(w, at + (count - 1) * width, lanes), factors[count - 1])
-    return added(even, odd)
