@@ -49,7 +49,6 @@ MOST = 10**9
 FORMATS = ("onnx", "c", "both")
 SECONDS = 0.02, 8.0
 """Shortest and longest loop of a certificate [s]."""
-ABOUT_A_POLICY = "give a policy: train_policy makes one, load_policy reads one"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -67,13 +66,6 @@ class Policy(policies.Policy):
         """The same policy beside its model."""
         given = {item.name: getattr(policy, item.name) for item in fields(policies.Policy) if item.init}
         return cls(**given, imitates=model)
-
-    @property
-    def seal(self) -> str:
-        """What its folder is known by, wherever it is saved."""
-        with TemporaryDirectory() as scratch:
-            self.save(Path(scratch) / "policy")
-            return storage.digest(Path(scratch) / "policy", kind="policy")
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
         """Answer one instance: state (n,), disturbance (m,) and previous_input (m,), preview (horizon, p).
@@ -179,7 +171,7 @@ def certify(
     ``certificate.save(folder)`` puts it beside its policy. Raises UserError where policy and model do not fit.
     """
     if not isinstance(policy, policies.Policy):
-        raise UserError(f"policy is {shown(policy)}; {ABOUT_A_POLICY}")
+        raise UserError(f"policy is {shown(policy)}; give a policy: train_policy makes one, load_policy reads one")
     if model is None and not isinstance(policy, Policy):
         raise UserError("model is missing; give the model that the policy imitates")
     used = policy.imitates if isinstance(policy, Policy) and model is None else sealed(model, rig_of(policy.rig))
@@ -187,9 +179,8 @@ def certify(
         raise UserError(f"model is another one than the policy's of {policy.rig}; give the one that it was trained for")
     low, high = SECONDS
     length = None if seconds is None else number_of(seconds, "seconds", low=low, high=high, unit="s")
-    own = Policy.of(policy, used)
     return certified(
-        configured.certification(own, own.seal, used, seed=seed_of(seed), seconds=length),
+        configured.certification(policy, _seal(policy), used, seed=seed_of(seed), seconds=length),
         loops=whole_of(loops, "loops", low=1, high=MOST),
         delta=number_of(delta, "delta", low=0.0, high=1.0, above=True),
         workers=whole_of(workers, "workers", low=0, high=MOST),
@@ -217,10 +208,8 @@ def export(
     if isinstance(model, policies.Policy):
         form = choice_of(format, "format", FORMATS)
         check_folder(folder, marker=MANIFEST, replace=bool(overwrite))
-        own = model if isinstance(model, Policy) else None
-        if own is None:
-            raise UserError(f"model is a policy without its model; {ABOUT_A_POLICY}")
-        export_policy(own, folder, name=identifier(folder.resolve().name), seal=own.seal, form=form)  # type: ignore[arg-type]
+        name, seal = identifier(folder.resolve().name), _seal(model)
+        export_policy(model, folder, name=name, seal=seal, form=form)  # type: ignore[arg-type]
         return folder
     if not isinstance(model, AnyModel):
         raise UserError(f"model is {shown(model)}; give a model or a policy")
@@ -231,6 +220,13 @@ def export(
     }
     export_casadi(sealed(model_of(model)), folder, **given, overwrite=bool(overwrite))
     return folder
+
+
+def _seal(policy: policies.Policy) -> str:
+    """What the policy's folder is known by, wherever it is saved."""
+    with TemporaryDirectory() as scratch:
+        policy.save(Path(scratch) / "policy")
+        return storage.digest(Path(scratch) / "policy", kind="policy")
 
 
 def _widths(value: object) -> tuple[int, ...]:
