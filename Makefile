@@ -37,7 +37,7 @@ lint: .venv/dev
 	$(BIN)/mypy hybrid_sysid_ros studies benchmarks tests
 
 docs: .venv/ros .venv/docs
-	NO_MKDOCS_2_WARNING=1 DISABLE_MKDOCS_2_WARNING=true $(BIN)/mkdocs build --quiet
+	PLOTLY_RENDERER=notebook NO_MKDOCS_2_WARNING=1 DISABLE_MKDOCS_2_WARNING=true $(BIN)/mkdocs build --quiet
 	@echo out/docs/index.html
 
 mutants: .venv/ros .venv/dev .venv/mutants

@@ -75,6 +75,10 @@ class Rig:
         """To another process a rig goes by its source: that runs its Python there, too."""
         return (load, (self.source,)) if _LOADED.get(self.folder) is self else object.__reduce_ex__(self, 2)
 
+    def __repr__(self) -> str:
+        inputs, outputs = (", ".join(map(str, items)) for items in (self.system.inputs, self.system.outputs))
+        return f"Rig({self.name}: {inputs} -> {outputs})"
+
     @property
     def source(self) -> str:
         """What another process loads the rig by: its name, or the path of its folder."""
