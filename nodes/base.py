@@ -14,13 +14,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
 
 from hybrid_sysid_ros.nodes import parameters, topics
-from hybrid_sysid_ros.nodes.border import LARGEST, Border, Reason
+from hybrid_sysid_ros.nodes.adapters import Source
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Task, Troubles
-from hybrid_sysid_ros.nodes.listener import Listener
 from hybrid_sysid_ros.nodes.managed import ManagedNode
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.process import announce, peak_memory
-from hybrid_sysid_ros.nodes.source import Source
+from hybrid_sysid_ros.nodes.subscriptions import Listener
+from hybrid_sysid_ros.nodes.validation import LARGEST, MessageValidator, Reason
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -55,18 +55,18 @@ class RigNode(ManagedNode):
     def _begin(self) -> None:
         self.settings = parameters.declare(self, self.NAME, self.accept, self.carried(), self.words_of)
         self.rig = rigs.load(self.settings["rig"])
-        self.borders: dict[str, Border] = {}
+        self.validators: dict[str, MessageValidator] = {}
         self.sources: Mapping[str, Source] = {}
         """Folders that were read, by the task that they are for."""
         self.changed: dict[str, str] = {}
         """What has become of those that are not the same any more."""
-        self.strangers: Sequence[str] = ()
+        self.incompatible_peers: Sequence[str] = ()
         """Peers that nothing passes to or from, a line each."""
         self.troubles: dict[str, Troubles] = {}
         self._ros_clock = self.get_clock()
         self._diagnostics = self.publication("/diagnostics")
         self._speaking = Lock()
-        self.create_timer(REPORT_PERIOD, self.report, callback_group=self.aside, clock=self._steady)
+        self.create_timer(REPORT_PERIOD, self.report, callback_group=self.service_group, clock=self._steady)
         if self.settings["autostart"]:
             self.bring_up()
 
@@ -114,10 +114,10 @@ class RigNode(ManagedNode):
         """frame_id of what the node publishes, to tell two of a kind apart; none in lockstep, where runs repeat."""
         return "" if self.settings["lockstep"] else f"{self.get_fully_qualified_name()} {os.getpid()}"
 
-    def border(self, topic: str) -> Border:
-        """The border of one of the rig's topics: how far its stamps are believed is what the node's parameters say."""
+    def validator(self, topic: str) -> MessageValidator:
+        """The validator of one of the rig's topics, within the limits of the node's parameters."""
         settings, timed = self.settings, not self.settings["lockstep"]
-        self.borders[topic] = border = Border(
+        self.validators[topic] = validator = MessageValidator(
             topics.TYPES[topic],
             clock=self.now if timed else None,
             steady=monotonic_ns,
@@ -126,13 +126,13 @@ class RigNode(ManagedNode):
             silence=settings["silence"] * SECOND if timed else 0.0,
             largest=topics.LARGEST_OF.get(topic, LARGEST),
         )
-        return border
+        return validator
 
-    def listen(self, border: Border, topic: str, callback: Callable[[Any], None]) -> Listener:
-        """Hear one of the rig's topics: the callback gets what its border lets in."""
+    def listen(self, validator: MessageValidator, topic: str, callback: Callable[[Any], None]) -> Listener:
+        """Hear one of the rig's topics: the callback gets what its validator lets in."""
 
         def arrive(data: bytes) -> None:
-            message = border.unpack(data)
+            message = validator.unpack(data)
             if message is not None:
                 callback(message)
 
@@ -160,15 +160,15 @@ class RigNode(ManagedNode):
 
     def silent(self, task: Task, topic: str) -> Task:
         """The task, or that nothing has come on a topic for stale_seconds, where something came before."""
-        border = self.borders[topic]
-        seconds = (monotonic_ns() - border.heard) / SECOND
-        if not border.heard or seconds < self.settings["stale_seconds"]:
+        validator = self.validators[topic]
+        seconds = (monotonic_ns() - validator.heard) / SECOND
+        if not validator.heard or seconds < self.settings["stale_seconds"]:
             return task
         return replace(task, level=STALE, message=f"nothing on {topic} for {seconds:.1f} s")
 
     def dropped(self, topic: str) -> dict[str, int]:
-        """What was dropped at a topic's border, by reason; who shares a topic with other joints is not troubled."""
-        found = dict(self.borders[topic].dropped)
+        """What was dropped at a topic's validator, by reason; who shares a topic with other joints is not troubled."""
+        found = dict(self.validators[topic].dropped)
         return {reason.value: count for reason, count in found.items() if reason is not Reason.UNRELATED}
 
     def look_at_sources(self) -> None:
@@ -179,9 +179,9 @@ class RigNode(ManagedNode):
         """See which peers there are that nothing passes to or from; a new one is logged."""
         found = self.unmatched()
         for words in found:
-            if words not in self.strangers:
+            if words not in self.incompatible_peers:
                 self.get_logger().warning(words)
-        self.strangers = found
+        self.incompatible_peers = found
 
     def watch_sources(self) -> None:
         """Look at them again and again; in a thread of its own, for a disk may not answer."""
@@ -199,7 +199,7 @@ class RigNode(ManagedNode):
             found[name] = Task(name=name)
         if self._ros_clock.ros_time_is_active and not self.now():
             notes.append((first, "use_sim_time is true, and nothing has come on /clock"))
-        notes += [(first, words) for words in self.strangers]
+        notes += [(first, words) for words in self.incompatible_peers]
         for name, words in notes:
             task = found[name]
             words = words if task.level == OK else f"{task.message}; {words}"

@@ -54,6 +54,11 @@ class Troubles:
         return level, f"{words}, of {tries}"
 
 
+def named_counts(prefix: str, counts: Mapping[str, int]) -> dict[str, int]:
+    """Counts by keys of the diagnostics, which begin with the prefix."""
+    return {f"{prefix}_{name.replace(' ', '_')}": count for name, count in sorted(counts.items())}
+
+
 def _text(value: object) -> str:
     if isinstance(value, float):
         return "nan" if math.isnan(value) else f"{value:.6g}"

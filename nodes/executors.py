@@ -17,7 +17,7 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.node import Node
 from rclpy.task import Task
 
-from hybrid_sysid_ros.nodes.collector import Uncalled
+from hybrid_sysid_ros.nodes.subscriptions import Uncalled
 from hybrid_sysid_ros.nodes.wait_set import Ready, WaitSet
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ class Loop(Executor):
         """services: what the nodes do beside."""
         self._services = services
         super().__init__()
-        self._aside = frozenset(group for node in nodes for group in (node.aside, node.patient))
+        self._aside = frozenset(group for node in nodes for group in (node.service_group, node.slow_group))
         self._exchange = nodes[0].exchange
         self._more = False  # messages of the exchange wait
         for node in nodes:

@@ -23,9 +23,9 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
-from hybrid_sysid_ros.nodes import peers, topics
+from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.exchange import Exchange, Outlet
-from hybrid_sysid_ros.nodes.listener import Listener
+from hybrid_sysid_ros.nodes.subscriptions import Listener, unmatched
 from hybrid_sysid_ros.support.errors import UserError
 
 LOOK_PERIOD = 0.02  # s, between two looks whether a peer is there
@@ -67,7 +67,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self._listeners: list[Listener] = []
         self._ticking: list[Timer] = []
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        LifecycleNodeMixin.__init__(self, callback_group=self.patient)
+        LifecycleNodeMixin.__init__(self, callback_group=self.slow_group)
         change = self._service_change_state
         change.callback = partial(_changed, change.callback)
         for service, action in self.own_services().items():
@@ -202,19 +202,19 @@ class ManagedNode(LifecycleNodeMixin, Node):
             closed.clear()
 
     @cached_property
-    def aside(self) -> MutuallyExclusiveCallbackGroup:
+    def service_group(self) -> MutuallyExclusiveCallbackGroup:
         """What goes on in another thread than the loop's: see :class:`executors.Services`."""
         return MutuallyExclusiveCallbackGroup()
 
     @cached_property
-    def patient(self) -> MutuallyExclusiveCallbackGroup:
+    def slow_group(self) -> MutuallyExclusiveCallbackGroup:
         """What may take long, as parameters and states do where something is loaded and compiled: in a third thread, so
         that a stop does not wait for it.
         """
         return MutuallyExclusiveCallbackGroup()
 
     def create_service(self, kind: Any, *arguments: Any, **options: Any) -> Any:
-        group = self.aside if kind is Trigger else self.patient
+        group = self.service_group if kind is Trigger else self.slow_group
         return super().create_service(kind, *arguments, **{"callback_group": group, **options})
 
     @property
@@ -226,6 +226,8 @@ class ManagedNode(LifecycleNodeMixin, Node):
         """An error in a line; one that nobody has foreseen is logged with where it comes from."""
         if isinstance(error, UserError):
             return str(error)
+        if isinstance(error, TimeoutError) and not error.args:
+            return f"the loop did not answer within {PATIENCE:g} s: it is busy with something else"
         if isinstance(error, OSError):
             return " ".join(str(error).split())[:LONGEST]
         self.get_logger().error("".join(format_exception(error)))
@@ -236,7 +238,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         name = self.resolve_topic_name(topic)
         events = PublisherEventCallbacks(incompatible_qos=lambda event: self._refused.update({name: quality}))
         return super().create_publisher(
-            kind, topic, quality, **{"callback_group": self.aside, "event_callbacks": events, **options}
+            kind, topic, quality, **{"callback_group": self.service_group, "event_callbacks": events, **options}
         )
 
     def publication(self, topic: str) -> Publisher:
@@ -252,7 +254,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         said = [
             line
             for name, quality in list(self._refused.items())
-            for line in peers.unmatched(name, quality, self.get_subscriptions_info_by_topic(name))
+            for line in unmatched(name, quality, self.get_subscriptions_info_by_topic(name))
         ]
         return heard + said
 

@@ -1,4 +1,4 @@
-"""Border: what comes in on a topic is looked at here, once, before a node believes it, and counted by reason."""
+"""Message validation: each message is checked here, once, before a node uses it, and counted by reason where not."""
 
 from __future__ import annotations
 
@@ -45,15 +45,15 @@ class Order(Enum):
     """How a stamp goes on from the last one."""
 
     NEW = "new"
-    AGAIN = "again"
+    DUPLICATE = "duplicate"
     LATE = "late"
     """Before the last one, by less than RESTART."""
     RESTART = "restart"
     """So long before it that time has begun anew."""
 
 
-class Border:
-    """That of one topic of a node.
+class MessageValidator:
+    """Checks the messages of one topic of a node and selects its publisher.
 
     A stamp is believed that is no more than ``ahead`` before and ``behind`` after the clock [ns], and no RESTART before
     the last one that was believed. Time begins anew where the clock itself went back, so that the stamps are near it
@@ -160,19 +160,19 @@ class Border:
 
     def admit(self, joints: Joints) -> Order | None:
         """How a message goes on from the last one; None where its publisher or its stamp is not believed."""
-        found = self._order(joints.stamp) if self.hears(joints.source) else None
+        found = self._order(joints.stamp) if self.accepts_source(joints.source) else None
         if found is not None:
-            self.believe(joints.source)
+            self.select_source(joints.source)
         return found
 
-    def hears(self, source: str) -> bool:
+    def accepts_source(self, source: str) -> bool:
         """Whether a publisher, by its frame_id, is the one that is heard; another one's message is counted."""
         if source != self.source and self.heard and self._steady() - self.heard < self._silence:
             self.drop(Reason.OTHER)
             return False
         return True
 
-    def believe(self, source: str) -> None:
+    def select_source(self, source: str) -> None:
         """From here on this publisher is the one that is heard."""
         self.source, self.heard = source, self._steady()
 
@@ -190,7 +190,7 @@ class Border:
             return None
         found = Order.NEW
         if self.stamp and stamp <= self.stamp:
-            found = Order.AGAIN if stamp == self.stamp else Order.LATE
+            found = Order.DUPLICATE if stamp == self.stamp else Order.LATE
             if stamp < self.stamp - RESTART:
                 if not self._begins_anew(stamp, near=now is not None and math.isfinite(self._behind)):
                     self.drop(Reason.BACKWARDS)
