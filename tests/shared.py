@@ -266,12 +266,6 @@ def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) ->
     return run
 
 
-@pytest.fixture
-def place(tmp_path: Path) -> str:
-    """Where the studies of a search are kept; nothing is there yet."""
-    return str(tmp_path / "deep" / "search.db")
-
-
 def simulated_record(rig: Rig, reference: Reference, *, seconds: float, name: str, seed: int, noisy: bool) -> Record:
     """The simulated rig driven as the author's: u = clip(3 (ref - yf), +-10), after a second of rest."""
     plant = Plant(rig, seed=seed, noisy=noisy)
