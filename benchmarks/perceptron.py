@@ -22,7 +22,7 @@ from hybrid_sysid_ros.core.registers import (
     scratch,
     store,
     summed,
-    tanh_slope,
+    tanh_derivative,
     zero,
 )
 from hybrid_sysid_ros.support.arrays import Array
@@ -36,8 +36,8 @@ LANES = (32, 16, 8)
 class Perceptron(Block):
     """y = W_L tanh(... tanh(W_1 z + b_1) ...) + b_L.
 
-    Hidden layers are filled up with idle units to multiples of eight; :meth:`packed` makes the weights. Their slopes
-    are not computed: a fit does not learn them. Raises UserError for layers without units.
+    Hidden layers are filled up with idle units to multiples of eight; :meth:`packed` makes the weights.
+    Derivatives by these are not computed: a fit does not learn them. Raises UserError for layers without units.
     """
 
     widths: tuple[int, ...]
@@ -144,22 +144,24 @@ class Perceptron(Block):
 
         @inner
         def gradient(w: Any, values: Any, k: int, out: Any) -> None:
-            slopes, others = scratch(widest), scratch(widest)
+            factors, others = scratch(widest), scratch(widest)
             for block in range(0, last, lanes):
                 row = load(w, starts[depth] + k * last + block, lanes)
-                store(slopes, block, multiplied(row, tanh_slope(load(values, begins[depth] + block, lanes))))
+                store(factors, block, multiplied(row, tanh_derivative(load(values, begins[depth] + block, lanes))))
             for layer in range(depth - 1, 0, -1):
                 width, count = widths[layer], columns[layer]
                 rows = starts[layer] + count * width + width
                 for block in range(0, count, lanes):
-                    total = column_sum(w, rows + block, count, slopes, width, zero(lanes), lanes)
-                    store(others, block, multiplied(total, tanh_slope(load(values, begins[layer] + block, lanes))))
-                slopes, others = others, slopes
+                    total = column_sum(w, rows + block, count, factors, width, zero(lanes), lanes)
+                    store(others, block, multiplied(total, tanh_derivative(load(values, begins[layer] + block, lanes))))
+                factors, others = others, factors
             for j in range(features):
-                total_slope = 0.0
+                total_derivative = 0.0
                 for block in range(0, widths[0], lanes):
-                    total_slope += summed(multiplied(load(w, j * widths[0] + block, lanes), load(slopes, block, lanes)))
-                out[j] = total_slope
+                    total_derivative += summed(
+                        multiplied(load(w, j * widths[0] + block, lanes), load(factors, block, lanes))
+                    )
+                out[j] = total_derivative
 
         @inner
         def value(w: Any, at: int, z: Any, y: Any) -> None:
@@ -169,14 +171,14 @@ class Perceptron(Block):
                 y[k] = output(own, memory, k)
 
         @inner
-        def slopes(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
+        def jacobian(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
             memory, own = scratch(memory_size), behind(w, at)
             forward(own, z, memory)
             for k in range(outputs):
                 y[k] = output(own, memory, k)
                 gradient(own, memory, k, behind(by_z, k * features))
 
-        return value, slopes, not_learnt
+        return value, jacobian, not_learnt
 
     def symbolic(self, z: Sequence[Scalar], w: Sequence[Scalar]) -> list[Scalar]:
         values = list(z)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from hybrid_sysid_ros.control.mpc.horizon import Instance, prediction
 from hybrid_sysid_ros.control.mpc.shooting import rollout
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.core import System, sloped
+from hybrid_sysid_ros.core import System, step_with_jacobian
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps, swept_sine
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -55,8 +55,10 @@ def steady_motion(system: System, problem: Problem, outputs: Array) -> SteadyMot
     states, inputs = len(system.states), len(system.inputs)
     unknown, wanted = np.zeros(2 * states + inputs), np.asarray(outputs, dtype=float)[tracked]
     for _ in range(NEWTON_STEPS):
-        following, a, b = slopes_at(system, problem, unknown[:states], unknown[states : states + inputs], output=False)
-        y, c, by_u = slopes_at(system, problem, unknown[:states], unknown[states : states + inputs], output=True)
+        following, a, b = jacobian_at(
+            system, problem, unknown[:states], unknown[states : states + inputs], output=False
+        )
+        y, c, by_u = jacobian_at(system, problem, unknown[:states], unknown[states : states + inputs], output=True)
         c, by_u = c[tracked], by_u[tracked]
         matrix = _equations(a, b, c, by_u)
         matrix[:, :states][:, _unmoved(a, b)] = 0.0
@@ -96,13 +98,13 @@ def _equations(a: Array, b: Array, c: Array, by_u: Array) -> Array:
     )
 
 
-def slopes_at(system: System, problem: Problem, x: Array, u: Array, *, output: bool) -> tuple[Array, Array, Array]:
+def jacobian_at(system: System, problem: Problem, x: Array, u: Array, *, output: bool) -> tuple[Array, Array, Array]:
     """A step of the prediction, or the outputs, and the derivatives by states x (n,) and by inputs u (m,), stick-slip
     rounded.
     """
     step, n = problem.period / problem.substeps, len(x)
-    value, slopes = sloped(system, x, u, step=step, smoothing=problem.smoothing, output=output)
-    return value, slopes[:, :n], slopes[:, n:]
+    value, jacobian = step_with_jacobian(system, x, u, step=step, smoothing=problem.smoothing, output=output)
+    return value, jacobian[:, :n], jacobian[:, n:]
 
 
 Values = tuple[float, ...]

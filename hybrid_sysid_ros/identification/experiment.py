@@ -71,7 +71,9 @@ def prepare(record: Record, system: System, sampling: Sampling) -> Experiment:
         sampling=sampling,
         inputs=np.ascontiguousarray(inputs),
         outputs=outputs,
-        states=system.observed(outputs, rates(record)[::every][:samples], np.concatenate([means, means[-1:]])),
+        states=system.record_map().states_from_record(
+            outputs, rates(record)[::every][:samples], np.concatenate([means, means[-1:]])
+        ),
     )
 
 

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.safety.supervisor import Tolerances
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.wrappers import Drifting, Stabilised, feedback_of, offset_of
+from hybrid_sysid_ros.core.wrappers import RateDisturbanceModel, Stabilised, feedback_of, offset_of
 from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -49,9 +49,9 @@ def estimator_model(rig: Rig, model: Model) -> Model:
 
 def drifting(rig: Rig, system: System) -> System:
     """A system of the rig with the input offsets that the rig's file declares."""
-    if isinstance(system, Drifting) or not rig.offsets:
+    if isinstance(system, RateDisturbanceModel) or not rig.offsets:
         return system
-    return Drifting(within=system, on=tuple(rig.offsets))
+    return RateDisturbanceModel(physics=system, on=tuple(rig.offsets))
 
 
 def controller_model(rig: Rig, system: System) -> System:
@@ -59,7 +59,7 @@ def controller_model(rig: Rig, system: System) -> System:
     system = drifting(rig, system)
     if rig.experiments.stabiliser is None:
         return system
-    return Stabilised(within=system, gains=tuple(map(tuple, feedback_of(system, rig.experiments.stabiliser).tolist())))
+    return Stabilised(physics=system, gains=tuple(map(tuple, feedback_of(system, rig.experiments.stabiliser).tolist())))
 
 
 def wrap_for_rig(rig: Rig, system: System, controller: Controller) -> Controller:

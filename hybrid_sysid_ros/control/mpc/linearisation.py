@@ -11,7 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Prediction
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
-from hybrid_sysid_ros.core.call import call_slopes, call_value, pointer
+from hybrid_sysid_ros.core.call import call_jacobian, call_value, pointer
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -70,23 +70,23 @@ def _interval(prediction: Prediction, horizon: Horizon, smoothing: float, follow
     """Where an interval leads, into ``following`` (n,), and its [A, B] (n, n + m)."""
     n, m = horizon.linear.B.shape[1:]
     work = horizon.work
-    total, moved, slopes, x, drive = work.total, work.moved, work.derivatives, work.state, work.drive
-    address, p, w, h = prediction.step_slopes, prediction.parameters, prediction.network, prediction.h
-    call_slopes(address, x, drive, p, w, h, smoothing, following, total)
+    total, moved, jacobian, x, drive = work.total, work.moved, work.derivatives, work.state, work.drive
+    address, p, w, h = prediction.step_jacobian, prediction.parameters, prediction.network, prediction.h
+    call_jacobian(address, x, drive, p, w, h, smoothing, following, total)
     for _ in range(prediction.substeps - 1):
         for a in range(n):
             x[a] = following[a]
-        call_slopes(address, x, drive, p, w, h, smoothing, following, slopes)
-        _chain(slopes, total, moved, n, m)
+        call_jacobian(address, x, drive, p, w, h, smoothing, following, jacobian)
+        _chain(jacobian, total, moved, n, m)
         total, moved = moved, total
     return total
 
 
 @inner
-def _chain(slopes: Array, total: Array, moved: Array, n: int, m: int) -> None:
-    """The chain rule over a step: moved = slopes_x total + [0, slopes_u], all (n, n + m)."""
+def _chain(jacobian: Array, total: Array, moved: Array, n: int, m: int) -> None:
+    """The chain rule over a step: moved = jacobian_x total + [0, jacobian_u], all (n, n + m)."""
     width = n + m
-    f, t, o = pointer(slopes), pointer(total), pointer(moved)
+    f, t, o = pointer(jacobian), pointer(total), pointer(moved)
     for a in range(n):
         for c in range(width):
             change = f[a * width + c] if c >= n else 0.0
@@ -99,16 +99,16 @@ def _chain(slopes: Array, total: Array, moved: Array, n: int, m: int) -> None:
 def _observe(prediction: Prediction, horizon: Horizon, i: int) -> None:
     """The outputs at the end of interval i, and C and D."""
     n, m = horizon.linear.B.shape[1:]
-    slopes, drive = horizon.work.derivatives, horizon.work.drive
-    call_slopes(
-        prediction.output_slopes, horizon.states[i + 1], drive, prediction.parameters, prediction.network,
-        prediction.h, 0.0, horizon.linear.outputs[i], slopes,
+    jacobian, drive = horizon.work.derivatives, horizon.work.drive
+    call_jacobian(
+        prediction.output_jacobian, horizon.states[i + 1], drive, prediction.parameters, prediction.network,
+        prediction.h, 0.0, horizon.linear.outputs[i], jacobian,
     )  # fmt: skip
     for k in range(horizon.linear.outputs.shape[1]):
         for b in range(n):
-            horizon.linear.C[i, k, b] = slopes[k, b]
+            horizon.linear.C[i, k, b] = jacobian[k, b]
         for j in range(m):
-            horizon.linear.D[i, k, j] = slopes[k, n + j]
+            horizon.linear.D[i, k, j] = jacobian[k, n + j]
 
 
 @inner

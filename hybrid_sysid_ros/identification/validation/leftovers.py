@@ -37,7 +37,8 @@ def before_and_after(system: ResidualHybrid, experiment: Experiment) -> Iterator
 
     experiment: prepared for the hybrid. Raises UserError for a constant output, and too few samples to test.
     """
-    first, count = system.remembered.start, system.remembered.stop
+    memory = system.record_map().delay_line
+    first, count = memory.start, memory.stop
     own = [*range(first), *range(count, len(system.states))]
     alone = Experiment(
         name=experiment.name,
