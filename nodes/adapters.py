@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import gc
 import math
-import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -18,6 +16,7 @@ from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.estimation import METHODS, Estimate
 from hybrid_sysid_ros.models import Model, load
+from hybrid_sysid_ros.nodes.base import Source
 from hybrid_sysid_ros.nodes.cdr import JointWriter, TrajectoryWriter
 from hybrid_sysid_ros.nodes.layout import AHEAD, Layout, Place, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND
@@ -33,31 +32,6 @@ Measured = tuple[float, list[float]]
 """Time [s], and the outputs and applied inputs that were measured then."""
 WARM_UPS = 6  # answers of a controller before it drives
 COMPILING = 1.0  # s, from which on an answer of it has compiled something
-
-
-class Source:
-    """A folder that a node has read. The node goes on with what it read, whatever becomes of the folder."""
-
-    def __init__(self, folder: Path | str) -> None:
-        self.folder = Path(folder)
-        self._read = self._marks()
-
-    def changed(self) -> str:
-        """Return a sentence where the folder has changed since, else an empty one. Asks the disk, which may be slow."""
-        now = self._marks()
-        if now == self._read:
-            return ""
-        kept = "the one that was read stays in use until the node starts again"
-        return f"{self.folder} {'has changed' if now else 'is gone'}: {kept}"
-
-    def _marks(self) -> dict[str, tuple[int, int, int]]:
-        """What tells each file from another one in its place: inode, time of change and size."""
-        try:
-            with os.scandir(self.folder) as entries:
-                found = {entry.name: entry.stat() for entry in entries if entry.is_file()}
-        except OSError:
-            return {}
-        return {name: (each.st_ino, each.st_mtime_ns, each.st_size) for name, each in found.items()}
 
 
 def model_of(rig: Rig, settings: Mapping[str, Any]) -> tuple[Model, Source]:

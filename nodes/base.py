@@ -1,4 +1,4 @@
-"""Base: what all nodes of a rig share: their parameters, topics and diagnostics."""
+"""Base: what all nodes of a rig share: their parameters, topics, diagnostics and the folders that they have read."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from threading import Lock
 from time import monotonic_ns, sleep, time_ns
 from typing import Any
@@ -14,7 +15,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
 
 from hybrid_sysid_ros.nodes import parameters, topics
-from hybrid_sysid_ros.nodes.adapters import Source
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Task, Troubles
 from hybrid_sysid_ros.nodes.managed import ManagedNode
 from hybrid_sysid_ros.nodes.messages import SECOND
@@ -26,6 +26,31 @@ from hybrid_sysid_ros.support.errors import UserError
 
 LOCKSTEP_DEPTH = 10_000  # messages that are kept for readers that are slower
 REPORT_PERIOD = 0.4  # s: what takes half a second to be heard of is still told within one
+
+
+class Source:
+    """A folder that a node has read. The node goes on with what it read, whatever becomes of the folder."""
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+        self._read = self._marks()
+
+    def changed(self) -> str:
+        """Return a sentence where the folder has changed since, else an empty one. Asks the disk, which may be slow."""
+        now = self._marks()
+        if now == self._read:
+            return ""
+        kept = "the one that was read stays in use until the node starts again"
+        return f"{self.folder} {'has changed' if now else 'is gone'}: {kept}"
+
+    def _marks(self) -> dict[str, tuple[int, int, int]]:
+        """What tells each file from another one in its place: inode, time of change and size."""
+        try:
+            with os.scandir(self.folder) as entries:
+                found = {entry.name: entry.stat() for entry in entries if entry.is_file()}
+        except OSError:
+            return {}
+        return {name: (each.st_ino, each.st_mtime_ns, each.st_size) for name, each in found.items()}
 
 
 class RigNode(ManagedNode):

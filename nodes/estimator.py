@@ -16,8 +16,8 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 
 from hybrid_sysid_ros.estimation import Estimate
 from hybrid_sysid_ros.estimation.consistency import band
-from hybrid_sysid_ros.nodes.adapters import EstimatorAdapter, FrozenSensorDetector, Measured, Source, model_of
-from hybrid_sysid_ros.nodes.base import RigNode
+from hybrid_sysid_ros.nodes.adapters import EstimatorAdapter, FrozenSensorDetector, Measured, model_of
+from hybrid_sysid_ros.nodes.base import RigNode, Source
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints
 from hybrid_sysid_ros.nodes.process import run

@@ -102,11 +102,9 @@ class ViewNode(RigNode):
         self.statuses: set[str] = set()
         """Names of the tasks that diagnostics have told of."""
         self.collectors = {topic: Collector(self, TYPES[topic], topic) for topic in self.HEARS}
-        silence = self.settings["silence"] * SECOND
+        silence = self.settings["silence"] * SECOND  # whatever the stamps of messages
         for topic in self.HEARS:
-            self.validators[topic] = MessageValidator(
-                TYPES[topic], steady=monotonic_ns, silence=silence
-            )  # whatever their stamps
+            self.validators[topic] = MessageValidator(TYPES[topic], steady=monotonic_ns, silence=silence)
         self.set_points = self.open("set_point")
         self.setters = {
             node: self._client(SetParameters, f"{node}/set_parameters") for node in ("plant", "controller", "reference")

@@ -18,8 +18,7 @@ from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import STANDS, AngleReader, Reading
 from hybrid_sysid_ros.extensions.vision.reading.footage import FROZEN
 from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
-from hybrid_sysid_ros.nodes.adapters import Source
-from hybrid_sysid_ros.nodes.base import RigNode
+from hybrid_sysid_ros.nodes.base import RigNode, Source
 from hybrid_sysid_ros.nodes.cdr import JointWriter
 from hybrid_sysid_ros.nodes.diagnostics import OK, Task
 from hybrid_sysid_ros.nodes.layout import Place, Slots
