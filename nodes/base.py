@@ -25,7 +25,7 @@ from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
 
 LOCKSTEP_DEPTH = 10_000  # messages that are kept for readers that are slower
-REPORT_PERIOD = 0.4  # s: what takes half a second to be heard of is still told within one
+REPORT_PERIOD = 0.4  # s, so that a change is reported within a second
 
 
 class Source:
@@ -60,9 +60,9 @@ class RigNode(ManagedNode):
     """
 
     NAME = ""
-    """Of the node where nobody gives it another one, and of its section in msgs_config."""
+    """Default name of the node, and name of its section in msgs_config."""
     PUBLISHES: Sequence[str] = ()
-    """Topics that it publishes, beside /diagnostics."""
+    """Topics that the node publishes, besides /diagnostics."""
     HEARS: Sequence[str] = ()
 
     def __init__(self, **options: Any) -> None:
@@ -82,11 +82,11 @@ class RigNode(ManagedNode):
         self.rig = rigs.load(self.settings["rig"])
         self.validators: dict[str, MessageValidator] = {}
         self.sources: Mapping[str, Source] = {}
-        """Folders that were read, by the task that they are for."""
+        """Folders that were read, by task."""
         self.changed: dict[str, str] = {}
-        """What has become of those that are not the same any more."""
+        """A sentence about each folder that has changed since, by task."""
         self.incompatible_peers: Sequence[str] = ()
-        """Peers that nothing passes to or from, a line each."""
+        """A line for each peer whose quality of service does not match, so that no message passes."""
         self.troubles: dict[str, Troubles] = {}
         self._ros_clock = self.get_clock()
         self._diagnostics = self.publication("/diagnostics")
@@ -99,7 +99,7 @@ class RigNode(ManagedNode):
         self.sources = {}
 
     def quality(self, topic: str) -> QoSProfile:
-        """In lockstep the loop runs as fast as it can, and a recorder that comes after it must miss nothing."""
+        """The QoS of a topic. Its queue is long in lockstep, for the recorder is slower than the loop."""
         return topics.profile(topic, depth=LOCKSTEP_DEPTH if self.settings.get("lockstep") else None)
 
     def carried(self) -> dict[str, set[str]]:

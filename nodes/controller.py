@@ -46,7 +46,7 @@ OF_PROBLEM = {
 
 
 class Mode(Enum):
-    """What the services ask for."""
+    """What the services have asked for last."""
 
     DRIVE = "driving"
     HOLD = "holding the outputs"
@@ -54,15 +54,15 @@ class Mode(Enum):
 
 
 class ControllerNode(RigNode):
-    """state_estimate and reference in; joint_command out with the stamp of the estimate, and, where somebody reads
-    them, its bare numbers as effort_command, as ros2_control's forward_command_controller takes them.
+    """state_estimate and reference in; joint_command out with the stamp of the estimate. A reader of effort_command
+    gets its bare numbers, as ros2_control's forward_command_controller takes them.
 
-    Layers, each counted: the network's plan; where that does not pass its check, the exact MPC's; where that is late or
-    has no solution, the rest of the last plan; for an estimate that is no number or older than stale_after the last
-    command; when these have lasted for zero_after, inputs at rest, as on the way out. Without supervision the network
-    or the exact MPC is the first layer. References are held within the rig's travel.
-    Until the first reference comes the outputs are held where they were found. In lockstep an estimate waits for a
-    reference that covers its preview instead. joint_command is advertised once there are estimates to expect.
+    The answer comes from the first of these layers that has one, and each use is counted: the network's plan, if it
+    passes its check; the exact MPC's plan; the rest of the last plan, if the MPC is late or has no solution; the last
+    command, if the estimate is NaN or older than stale_after; inputs at rest, if nothing sound came for zero_after.
+    Without supervision the network or the exact MPC is the first layer. References are clamped to the rig's travel.
+    Before the first reference the outputs are held where they were found; in lockstep an estimate waits for a
+    reference that covers its preview. The node advertises joint_command once a publisher of estimates is there.
 
     Services: stop brings the inputs to rest within stop_seconds and leaves them there, hold holds the outputs where
     they are, enable drives again, reset begins a new experiment. Other parameters make another controller while the

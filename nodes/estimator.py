@@ -28,21 +28,20 @@ from hybrid_sysid_ros.support.errors import UserError
 
 SHOW_PERIOD = SECOND // 20  # ns, between two covariances
 SOON = 0.6  # periods, less than which lie between measurements that are more frequent than expected
-REPEATED = 1.0  # s of measurements that an adapter sees before it takes over from another one
-WORDS = {"innovation_warn", "innovation_error", "warn_share", "error_share", "stale_seconds"}  # of diagnostics alone
+REPEATED = 1.0  # s of measurements that an adapter sees before it replaces another one
+DIAGNOSTIC = {"innovation_warn", "innovation_error", "warn_share", "error_share", "stale_seconds"}
+"""Parameters that change the diagnostics alone."""
 
 
 class EstimatorNode(RigNode):
     """joint_states in; state_estimate out with the stamp of the measurement.
 
-    state_estimate has each joint at that stamp and, as NAME_ahead, when the command that answers will act: position,
-    velocity, and as effort the disturbance of its input. Other states, such as link states, deflections, hidden units
-    and lags, have entries of their own names and NAME_ahead, their values as position; so have outputs that are no
-    motion of a joint, and the followed parameters: they travel with the estimate that they belong to, and a controller
-    that adapts answers the same in every run in lockstep. state_estimate is advertised once there is a measurement to
-    expect, so that who sees it knows that measurements come this far. camera/joint_states has NAME_camera, a further
-    sensor of the first output: it corrects the estimate at its own stamp and is not answered, but where a measurement
-    waits for a first number to begin with.
+    state_estimate holds each joint at that stamp and, as NAME_ahead, at the time when the command that answers will
+    act: its position, its velocity, and the disturbance of its input as effort. Other states (link states, deflections,
+    hidden units, lags), outputs that are no motion of a joint, and followed parameters have entries of their own names,
+    with their values as position. The node advertises state_estimate once a publisher of measurements is there.
+    camera/joint_states holds NAME_camera, a second sensor of the first output. It corrects the estimate at its own
+    stamp and is not answered, unless a measurement waits for a first reading to begin with.
     """
 
     NAME = "estimator"
@@ -55,7 +54,7 @@ class EstimatorNode(RigNode):
         self.noisy = [sensor.noisy for sensor in self.rig.sensors]
 
     def adapter_of(self, settings: Mapping[str, Any]) -> tuple[EstimatorAdapter, Source]:
-        """What parameters name, and where its model was read."""
+        """The estimator that the parameters name, and where its model was read."""
         model, source = model_of(self.rig, settings)
         return EstimatorAdapter(self.rig, model, settings, self.signature), source
 
@@ -74,7 +73,7 @@ class EstimatorNode(RigNode):
         self.recent: deque[Measured] = deque(maxlen=round(REPEATED * self.settings["rate"]))
 
     def prepare(self, settings: Mapping[str, Any], names: frozenset[str]) -> Callable[[], object]:
-        if names <= WORDS:
+        if names <= DIAGNOSTIC:
             return super().prepare(settings, names)
         made = self.adapter_of(settings)
         seen = list(self.recent) if self.active else []
@@ -182,7 +181,7 @@ class EstimatorNode(RigNode):
             self.estimates.publish(self.packed)
 
     def afterwards(self, estimate: Estimate) -> None:
-        """What need not be done before the answer."""
+        """Do what need not be done before the answer."""
         self.adapter.note(estimate)
         if self.estimates is None or self.stamp - self.shown < SHOW_PERIOD:
             return
@@ -216,14 +215,14 @@ class EstimatorNode(RigNode):
         judged = self.silent(self.judged("loop", loop, counters.updates, **values), "joint_states")
         if not self.stamp and judged.level == OK:
             judged = replace(judged, message="waiting for measurements")
-        return [judged, self.sensor(), self.believed()]
+        return [judged, self.sensor(), self.model()]
 
     def _dropped_frames(self) -> dict[str, int]:
-        """Frames of a camera that were not believed, by reason."""
+        """Rejected frames of a camera, by reason."""
         return self.dropped("camera/joint_states") if "camera/joint_states" in self.validators else {}
 
     def sensor(self) -> Task:
-        """What is to be said of the readings."""
+        """The task of the sensors: readings that are missing, frozen or implausible."""
         counters, frozen = self.adapter.filter.counters, [detector.count for detector in self.frozen]
         values = {
             "invalid_entries": counters.invalid,
@@ -241,8 +240,8 @@ class EstimatorNode(RigNode):
         }
         return self.judged("sensor", troubles, counters.updates, **values)
 
-    def believed(self) -> Task:
-        """What is to be said of the model: whether its innovations are as large as it says."""
+    def model(self) -> Task:
+        """The task of the model: whether innovations are as large as it predicts."""
         innovations, parameters = list(self.adapter.innovations), self.adapter.parameters
         count = len(innovations)
         low, high = band(max(count, 1), len(self.names))
