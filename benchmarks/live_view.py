@@ -92,17 +92,17 @@ def heard(domain: int, topic: str) -> Iterator[Any]:
     from rclpy.executors import SingleThreadedExecutor
     from trajectory_msgs.msg import JointTrajectory
 
-    from hybrid_sysid_ros.nodes.border import Border
+    from hybrid_sysid_ros.nodes.validation import MessageValidator
 
     context = rclpy.context.Context()
     rclpy.init(context=context, domain_id=domain)
     node = rclpy.create_node("witness", context=context)
     found: list[tuple[float, float]] = []
 
-    border = Border(JointTrajectory, steady=time.monotonic_ns)
+    validator = MessageValidator(JointTrajectory, steady=time.monotonic_ns)
 
     def note(data: bytes) -> None:
-        came, message = time.perf_counter(), border.unpack(data)  # which takes ROS's own Python some milliseconds
+        came, message = time.perf_counter(), validator.unpack(data)  # which takes ROS's own Python some milliseconds
         if message is not None:
             positions, velocities, _ = message.lists
             found.append((came, float((positions or velocities)[0][-1])))

@@ -20,11 +20,11 @@ from trajectory_msgs.msg import JointTrajectory
 
 from benchmarks import result
 from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.nodes.border import Border
 from hybrid_sysid_ros.nodes.cdr import JointWriter, TrajectoryWriter
 from hybrid_sysid_ros.nodes.layout import FIELDS, Place, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.preview import Preview
+from hybrid_sysid_ros.nodes.validation import MessageValidator
 
 NAME = "message_cost"
 SIZES = (1, 2, 20)  # joints, with position, velocity and effort each
@@ -55,17 +55,17 @@ def measure(joints: int) -> dict[str, float]:
     """Microseconds of each part, for a message of so many joints."""
     slots = Slots([Place(f"joint_{k}", field) for k in range(joints) for field in FIELDS])
     values, writer = [0.1 * k for k in range(len(slots))], JointWriter(slots, "/rig/estimator 12345")
-    border = Border(
+    validator = MessageValidator(
         JointState, clock=time_ns, steady=monotonic_ns, ahead=60 * SECOND, behind=600 * SECOND, silence=SECOND / 2
     )
     data = writer.pack(time_ns(), values)
-    said, message = border.unpack(data), deserialize_message(data, JointState)
+    said, message = validator.unpack(data), deserialize_message(data, JointState)
     assert said is not None
     calls: dict[str, Callable[[], Any]] = {
         "deserialised": lambda: deserialize_message(data, JointState),
-        "unpacked": lambda: border.unpack(data),
-        "read": lambda: border.read(said, slots),
-        "admitted": lambda: border.admit(said),
+        "unpacked": lambda: validator.unpack(data),
+        "read": lambda: validator.read(said, slots),
+        "admitted": lambda: validator.admit(said),
         "serialised": lambda: serialize_message(message),
         "packed": lambda: writer.pack(said.stamp, values),
     }
@@ -76,14 +76,14 @@ def measure_preview(points: int) -> dict[str, float]:
     """Microseconds of each part, for a reference of one joint and so many points."""
     slots, offsets = Slots([Place("joint", "position")]), [k * SECOND // 1000 for k in range(points)]
     writer, rows = TrajectoryWriter(slots, offsets, "/rig/reference 12345"), [[0.1 * k] for k in range(points)]
-    border, tracked = Border(JointTrajectory, steady=monotonic_ns), np.array([True])
+    validator, tracked = MessageValidator(JointTrajectory, steady=monotonic_ns), np.array([True])
     data = writer.pack(time_ns(), rows)
-    said, message = border.unpack(data), deserialize_message(data, JointTrajectory)
+    said, message = validator.unpack(data), deserialize_message(data, JointTrajectory)
     assert said is not None
     calls: dict[str, Callable[[], Any]] = {
         "deserialised": lambda: deserialize_message(data, JointTrajectory),
-        "unpacked": lambda: border.unpack(data),
-        "read": lambda: Preview.of(said, border, slots, tracked, 0),
+        "unpacked": lambda: validator.unpack(data),
+        "read": lambda: Preview.of(said, validator, slots, tracked, 0),
         "serialised": lambda: serialize_message(message),
         "packed": lambda: writer.pack(said.stamp, rows),
     }

@@ -1,4 +1,4 @@
-"""Base: what all nodes of a rig share: their parameters, topics and diagnostics."""
+"""Base: what all nodes of a rig share: their parameters, topics, diagnostics and the folders that they have read."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from threading import Lock
 from time import monotonic_ns, sleep, time_ns
 from typing import Any
@@ -14,18 +15,42 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile
 
 from hybrid_sysid_ros.nodes import parameters, topics
-from hybrid_sysid_ros.nodes.border import LARGEST, Border, Reason
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, STALE, WARN, Task, Troubles
-from hybrid_sysid_ros.nodes.listener import Listener
 from hybrid_sysid_ros.nodes.managed import ManagedNode
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.process import announce, peak_memory
-from hybrid_sysid_ros.nodes.source import Source
+from hybrid_sysid_ros.nodes.subscriptions import Listener
+from hybrid_sysid_ros.nodes.validation import LARGEST, MessageValidator, Reason
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
 
 LOCKSTEP_DEPTH = 10_000  # messages that are kept for readers that are slower
-REPORT_PERIOD = 0.4  # s: what takes half a second to be heard of is still told within one
+REPORT_PERIOD = 0.4  # s, so that a change is reported within a second
+
+
+class Source:
+    """A folder that a node has read. The node goes on with what it read, whatever becomes of the folder."""
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+        self._read = self._marks()
+
+    def changed(self) -> str:
+        """Return a sentence where the folder has changed since, else an empty one. Asks the disk, which may be slow."""
+        now = self._marks()
+        if now == self._read:
+            return ""
+        kept = "the one that was read stays in use until the node starts again"
+        return f"{self.folder} {'has changed' if now else 'is gone'}: {kept}"
+
+    def _marks(self) -> dict[str, tuple[int, int, int]]:
+        """What tells each file from another one in its place: inode, time of change and size."""
+        try:
+            with os.scandir(self.folder) as entries:
+                found = {entry.name: entry.stat() for entry in entries if entry.is_file()}
+        except OSError:
+            return {}
+        return {name: (each.st_ino, each.st_mtime_ns, each.st_size) for name, each in found.items()}
 
 
 class RigNode(ManagedNode):
@@ -35,9 +60,9 @@ class RigNode(ManagedNode):
     """
 
     NAME = ""
-    """Of the node where nobody gives it another one, and of its section in msgs_config."""
+    """Default name of the node, and name of its section in msgs_config."""
     PUBLISHES: Sequence[str] = ()
-    """Topics that it publishes, beside /diagnostics."""
+    """Topics that the node publishes, besides /diagnostics."""
     HEARS: Sequence[str] = ()
 
     def __init__(self, **options: Any) -> None:
@@ -55,18 +80,18 @@ class RigNode(ManagedNode):
     def _begin(self) -> None:
         self.settings = parameters.declare(self, self.NAME, self.accept, self.carried(), self.words_of)
         self.rig = rigs.load(self.settings["rig"])
-        self.borders: dict[str, Border] = {}
+        self.validators: dict[str, MessageValidator] = {}
         self.sources: Mapping[str, Source] = {}
-        """Folders that were read, by the task that they are for."""
+        """Folders that were read, by task."""
         self.changed: dict[str, str] = {}
-        """What has become of those that are not the same any more."""
-        self.strangers: Sequence[str] = ()
-        """Peers that nothing passes to or from, a line each."""
+        """A sentence about each folder that has changed since, by task."""
+        self.incompatible_peers: Sequence[str] = ()
+        """A line for each peer whose quality of service does not match, so that no message passes."""
         self.troubles: dict[str, Troubles] = {}
         self._ros_clock = self.get_clock()
         self._diagnostics = self.publication("/diagnostics")
         self._speaking = Lock()
-        self.create_timer(REPORT_PERIOD, self.report, callback_group=self.aside, clock=self._steady)
+        self.create_timer(REPORT_PERIOD, self.report, callback_group=self.service_group, clock=self._steady)
         if self.settings["autostart"]:
             self.bring_up()
 
@@ -74,7 +99,7 @@ class RigNode(ManagedNode):
         self.sources = {}
 
     def quality(self, topic: str) -> QoSProfile:
-        """In lockstep the loop runs as fast as it can, and a recorder that comes after it must miss nothing."""
+        """The QoS of a topic. Its queue is long in lockstep, for the recorder is slower than the loop."""
         return topics.profile(topic, depth=LOCKSTEP_DEPTH if self.settings.get("lockstep") else None)
 
     def carried(self) -> dict[str, set[str]]:
@@ -114,10 +139,10 @@ class RigNode(ManagedNode):
         """frame_id of what the node publishes, to tell two of a kind apart; none in lockstep, where runs repeat."""
         return "" if self.settings["lockstep"] else f"{self.get_fully_qualified_name()} {os.getpid()}"
 
-    def border(self, topic: str) -> Border:
-        """The border of one of the rig's topics: how far its stamps are believed is what the node's parameters say."""
+    def validator(self, topic: str) -> MessageValidator:
+        """The validator of one of the rig's topics, within the limits of the node's parameters."""
         settings, timed = self.settings, not self.settings["lockstep"]
-        self.borders[topic] = border = Border(
+        self.validators[topic] = validator = MessageValidator(
             topics.TYPES[topic],
             clock=self.now if timed else None,
             steady=monotonic_ns,
@@ -126,13 +151,13 @@ class RigNode(ManagedNode):
             silence=settings["silence"] * SECOND if timed else 0.0,
             largest=topics.LARGEST_OF.get(topic, LARGEST),
         )
-        return border
+        return validator
 
-    def listen(self, border: Border, topic: str, callback: Callable[[Any], None]) -> Listener:
-        """Hear one of the rig's topics: the callback gets what its border lets in."""
+    def listen(self, validator: MessageValidator, topic: str, callback: Callable[[Any], None]) -> Listener:
+        """Hear one of the rig's topics: the callback gets what its validator lets in."""
 
         def arrive(data: bytes) -> None:
-            message = border.unpack(data)
+            message = validator.unpack(data)
             if message is not None:
                 callback(message)
 
@@ -160,15 +185,15 @@ class RigNode(ManagedNode):
 
     def silent(self, task: Task, topic: str) -> Task:
         """The task, or that nothing has come on a topic for stale_seconds, where something came before."""
-        border = self.borders[topic]
-        seconds = (monotonic_ns() - border.heard) / SECOND
-        if not border.heard or seconds < self.settings["stale_seconds"]:
+        validator = self.validators[topic]
+        seconds = (monotonic_ns() - validator.heard) / SECOND
+        if not validator.heard or seconds < self.settings["stale_seconds"]:
             return task
         return replace(task, level=STALE, message=f"nothing on {topic} for {seconds:.1f} s")
 
     def dropped(self, topic: str) -> dict[str, int]:
-        """What was dropped at a topic's border, by reason; who shares a topic with other joints is not troubled."""
-        found = dict(self.borders[topic].dropped)
+        """What was dropped at a topic's validator, by reason; who shares a topic with other joints is not troubled."""
+        found = dict(self.validators[topic].dropped)
         return {reason.value: count for reason, count in found.items() if reason is not Reason.UNRELATED}
 
     def look_at_sources(self) -> None:
@@ -179,9 +204,9 @@ class RigNode(ManagedNode):
         """See which peers there are that nothing passes to or from; a new one is logged."""
         found = self.unmatched()
         for words in found:
-            if words not in self.strangers:
+            if words not in self.incompatible_peers:
                 self.get_logger().warning(words)
-        self.strangers = found
+        self.incompatible_peers = found
 
     def watch_sources(self) -> None:
         """Look at them again and again; in a thread of its own, for a disk may not answer."""
@@ -199,7 +224,7 @@ class RigNode(ManagedNode):
             found[name] = Task(name=name)
         if self._ros_clock.ros_time_is_active and not self.now():
             notes.append((first, "use_sim_time is true, and nothing has come on /clock"))
-        notes += [(first, words) for words in self.strangers]
+        notes += [(first, words) for words in self.incompatible_peers]
         for name, words in notes:
             task = found[name]
             words = words if task.level == OK else f"{task.message}; {words}"

@@ -19,26 +19,22 @@ from std_msgs.msg import Float64MultiArray
 
 from hybrid_sysid_ros.control import Plan
 from hybrid_sysid_ros.control.safety.supervisor import LAYERS
+from hybrid_sysid_ros.nodes.adapters import ControllerAdapter
 from hybrid_sysid_ros.nodes.base import RigNode
-from hybrid_sysid_ros.nodes.border import Order
-from hybrid_sysid_ros.nodes.diagnostics import OK, Task
+from hybrid_sysid_ros.nodes.diagnostics import OK, Task, named_counts
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory
-from hybrid_sysid_ros.nodes.pilot import Pilot
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.process import run
 from hybrid_sysid_ros.nodes.timing import Timing
+from hybrid_sysid_ros.nodes.validation import Order
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 WATCH_PERIOD = 0.05  # s, between two looks whether estimates still come
 SHOW_PERIOD = 0.1  # s, between two predicted trajectories
-TIMES = {"stale_after", "zero_after", "stop_seconds", "warn_share", "error_share", "stale_seconds"}  # not the pilot's
-NO_REFERENCE, HELD, ZEROED, STOPPED = (
-    "no reference",
-    "held",
-    "zeroed",
-    "stopped",
-)  # layers of safety, beside those of the controller
+TIMES = {"stale_after", "zero_after", "stop_seconds", "warn_share", "error_share", "stale_seconds"}  # not the adapter's
+NO_REFERENCE, HELD, ZEROED, STOPPED = "no reference", "held", "zeroed", "stopped"
+"""Layers of safety, beside those of the controller."""
 SOUND = {"solved", "iterated", "policy"}
 STANDING_IN = {"shifted plan", "held"}  # layers that may stand in for zero_after, no longer
 REFERENCE_PATIENCE = 3 * SECOND  # that a controller waits for somebody who gives references
@@ -50,7 +46,7 @@ OF_PROBLEM = {
 
 
 class Mode(Enum):
-    """What the services ask for."""
+    """What the services have asked for last."""
 
     DRIVE = "driving"
     HOLD = "holding the outputs"
@@ -58,20 +54,19 @@ class Mode(Enum):
 
 
 class ControllerNode(RigNode):
-    """state_estimate and reference in; joint_command out with the stamp of the estimate, and, where somebody reads
-    them, its bare numbers as effort_command, as ros2_control's forward_command_controller takes them.
+    """state_estimate and reference in; joint_command out with the stamp of the estimate. A reader of effort_command
+    gets its bare numbers, as ros2_control's forward_command_controller takes them.
 
-    Layers, each counted: the network's plan; where that does not pass its check, the exact MPC's; where that is late or
-    has no solution, the rest of the last plan; for an estimate that is no number or older than stale_after the last
-    command; when these have lasted for zero_after, inputs at rest, as on the way out. Without supervision the network
-    or the exact MPC is the first layer. References are held within the rig's travel.
-    Until the first reference comes the outputs are held where they were found. In lockstep an estimate waits for a
-    reference that covers its preview instead. joint_command is advertised once there are estimates to expect.
+    The answer comes from the first of these layers that has one, and each use is counted: the network's plan, if it
+    passes its check; the exact MPC's plan; the rest of the last plan, if the MPC is late or has no solution; the last
+    command, if the estimate is NaN or older than stale_after; inputs at rest, if nothing sound came for zero_after.
+    Without supervision the network or the exact MPC is the first layer. References are clamped to the rig's travel.
+    Before the first reference the outputs are held where they were found; in lockstep an estimate waits for a
+    reference that covers its preview. The node advertises joint_command once a publisher of estimates is there.
 
     Services: stop brings the inputs to rest within stop_seconds and leaves them there, hold holds the outputs where
-    they are, enable drives again, reset begins a new experiment. Pilots change while the loop runs, when parameters do.
-
-    The state is rebuilt by name from the entries NAME_ahead, whatever else there is and in whatever order.
+    they are, enable drives again, reset begins a new experiment. Other parameters make another controller while the
+    loop runs. The state is read by name from the entries NAME_ahead, whatever else there is and in whatever order.
     """
 
     NAME = "controller"
@@ -80,29 +75,25 @@ class ControllerNode(RigNode):
 
     def configure(self) -> None:
         self.lockstep: bool = self.settings["lockstep"]
-        actuators = self.rig.actuators
-        self.rest = np.array([actuator.rest for actuator in actuators])
-        self.span = np.array([actuator.high - actuator.low for actuator in actuators])
-        self.reach = self.rig.reach
-        self.fly(self.pilot_of(self.settings))
+        self.use(self.adapter_of(self.settings))
 
-    def pilot_of(self, settings: Mapping[str, Any]) -> Pilot:
-        """What the parameters name."""
-        return Pilot(self.rig, settings, self.signature, self.get_logger().warning)
+    def adapter_of(self, settings: Mapping[str, Any]) -> ControllerAdapter:
+        """The controller that the parameters name."""
+        return ControllerAdapter(self.rig, settings, self.signature, self.get_logger().warning)
 
-    def fly(self, pilot: Pilot) -> None:
-        """Let a pilot answer from now on."""
-        self.pilot, self.sources = pilot, pilot.sources
+    def use(self, adapter: ControllerAdapter) -> None:
+        """Answer with an adapter from now on."""
+        self.adapter, self.sources = adapter, adapter.sources
 
     def prepare(self, settings: Mapping[str, Any], names: frozenset[str]) -> Callable[[], object]:
         if names <= TIMES:
             return super().prepare(settings, names)
-        pilot = self.pilot_of(settings)
-        if pilot.network is not None and (kept := sorted(names & OF_PROBLEM)):
+        adapter = self.adapter_of(settings)
+        if adapter.network is not None and (kept := sorted(names & OF_PROBLEM)):
             raise UserError(
                 f"parameter {kept[0]}: the network keeps the one that it was trained with; policy exact takes it"
             )
-        return partial(self.fly, pilot)
+        return partial(self.use, adapter)
 
     def activate(self) -> None:
         self.layers: Counter[str] = Counter()
@@ -113,9 +104,8 @@ class ControllerNode(RigNode):
         self.forget()
         self.commands: Publisher | None = None
         self.predictions, self.efforts = self.open("predicted_trajectory"), self.open("effort_command")
-        self.numbers = Float64MultiArray()
-        self.numbered = False
-        self.entry, self.wishes = self.border("state_estimate"), self.border("reference")
+        self.numbers, self.numbered = Float64MultiArray(), False
+        self.entry, self.wishes = self.validator("state_estimate"), self.validator("reference")
         needed = [self.listen(self.entry, "state_estimate", self.on_estimate)]
         references = self.listen(self.wishes, "reference", self.on_reference)
         if self.lockstep:
@@ -136,18 +126,18 @@ class ControllerNode(RigNode):
 
     def forget(self) -> None:
         """Begin a new experiment."""
-        self.pilot.begin()
+        self.adapter.begin()
         self.stamp = self.sound = self.shown = self.answered = self.acted = 0
         self.settled = False
-        self.home = np.zeros(len(self.pilot.outputs))
-        self.input = self.rest.copy()
+        self.home = np.zeros(len(self.adapter.outputs))
+        self.input = self.adapter.rest.copy()
         self.preview: Preview | None = None
         self.waiting: Joints | None = None
 
     def turn_to(self, mode: Mode) -> None:
         """Drive, hold the outputs where they are now, or bring the inputs to rest and leave them there."""
         if self.mode is Mode.STOP:
-            self.pilot.controller.reset()
+            self.adapter.controller.reset()
         self.mode, self.settled = mode, False
 
     def wind_down(self) -> None:
@@ -163,14 +153,14 @@ class ControllerNode(RigNode):
 
     def on_reference(self, message: Trajectory) -> None:
         """Keep the newest reference."""
-        if not self.wishes.hears(message.source):
+        if not self.wishes.accepts_source(message.source):
             return
         now = self.stamp if self.lockstep else self.now()
-        preview = Preview.of(message, self.wishes, self.pilot.outputs, self.pilot.tracked, now)
+        preview = Preview.of(message, self.wishes, self.adapter.outputs, self.adapter.tracked, now)
         if preview is None:
             return
-        self.wishes.believe(message.source)
-        self.clipped += not preview.within(*self.reach)
+        self.wishes.select_source(message.source)
+        self.clipped += not preview.within(*self.rig.reach)
         self.preview = preview
         if self.waiting is not None:
             waiting, self.waiting = self.waiting, None
@@ -179,29 +169,29 @@ class ControllerNode(RigNode):
     def on_estimate(self, joints: Joints) -> None:
         """Answer an estimate."""
         began = perf_counter()
-        given = self.entry.read(joints, self.pilot.estimated)
+        given = self.entry.read(joints, self.adapter.estimated)
         if given is None or (order := self.entry.admit(joints)) is None:
             return
-        if order is Order.AGAIN or order is Order.LATE:
+        if order is Order.DUPLICATE or order is Order.LATE:
             self.repeated += 1
             self.publish()
             return
         if order is Order.RESTART:
             self.forget()
-        self.pilot.given[:] = given
+        self.adapter.given[:] = given
         self.proceed(joints, joints.stamp if self.lockstep else self.now(), began)
 
     def proceed(self, joints: Joints, now: int, began: float) -> None:
         """Answer an estimate that is believed and read; now: in the ROS clock [ns], began: when it came [s]."""
         stamp = joints.stamp
-        last = stamp + self.pilot.ahead + int(self.pilot.grid[-1])
+        last = stamp + self.adapter.ahead + int(self.adapter.grid[-1])
         if self.lockstep and (self.preview is None or not self.preview.covers(last)):
             self.wait(joints, last - stamp)
             return
         plan = self.answer(joints, (now - stamp) / SECOND, began)
         if plan is not None and stamp - self.shown >= SHOW_PERIOD * SECOND:
             self.shown = stamp
-            self.show(plan, stamp + self.pilot.ahead)
+            self.show(plan, stamp + self.adapter.ahead)
 
     def wait(self, joints: Joints, reach: int) -> None:
         """In lockstep: keep an estimate until the reference reaches far enough [ns]."""
@@ -218,55 +208,48 @@ class ControllerNode(RigNode):
         if self.mode is Mode.STOP:
             self.stop()
             return None
-        sound = bool(np.isfinite(self.pilot.given).all())
+        sound = bool(np.isfinite(self.adapter.given).all())
         sound = sound and self.settle(joints)
         if not sound or age > self.settings["stale_after"]:
             self.hold()
             return None
-        self.follow(joints)
+        if self.adapter.followed.names and (parameters := self.entry.read(joints, self.adapter.followed)) is not None:
+            self.adapter.adapt(parameters)
         preview = self.reference(stamp)
-        plan = self.pilot.controller.control(self.pilot.state, self.pilot.disturbance, self.input, preview)
+        plan = self.adapter.controller.control(self.adapter.state, self.adapter.disturbance, self.input, preview)
         layer = LAYERS[plan.status]
         self.statuses[plan.status.value] += 1
         if layer not in STANDING_IN:
             self.sound = self.time()
         elif self.is_long():
             self.layers[ZEROED] += 1
-            self.send(self.rest)
+            self.send(self.adapter.rest)
             return None
         self.layers[layer] += 1
         taken = perf_counter() - began
         self.send(plan.input)
         self.execution.add(taken)
-        self.pilot.controller.prepare((stamp - self.answered) / SECOND if self.answered else 0.0)
+        self.adapter.controller.prepare((stamp - self.answered) / SECOND if self.answered else 0.0)
         self.answered = stamp
         return plan
 
     def settle(self, joints: Joints) -> bool:
         """Remember where the outputs were found first; whether the tracked ones were numbers."""
         if not self.settled:
-            found = self.entry.read(joints, self.pilot.outputs)
+            found = self.entry.read(joints, self.adapter.outputs)
             self.home[:] = math.nan if found is None else found
-            self.home[~self.pilot.tracked] = 0.0
+            self.home[~self.adapter.tracked] = 0.0
             self.settled = bool(np.isfinite(self.home).all())
         return self.settled
 
-    def follow(self, joints: Joints) -> None:
-        """Tell the pilot the parameters that the estimator follows, if it wants to know."""
-        if self.pilot.followed.names:
-            parameters = self.entry.read(joints, self.pilot.followed)
-            if parameters is not None:
-                self.pilot.adapt(parameters)
-
     def reference(self, stamp: int) -> Array:
         """Reference for the preview of an estimate (horizon, outputs)."""
-        if self.mode is Mode.HOLD:
-            return np.tile(self.home, (len(self.pilot.grid), 1))
-        if self.preview is None:
+        if self.mode is not Mode.HOLD and self.preview is None:
             self.layers[NO_REFERENCE] += 1
-            return np.tile(self.home, (len(self.pilot.grid), 1))
+        if self.mode is Mode.HOLD or self.preview is None:
+            return np.tile(self.home, (len(self.adapter.grid), 1))
         self.ended += not self.preview.covers(stamp)
-        return self.preview.at(stamp + self.pilot.ahead + self.pilot.grid)
+        return self.preview.at(stamp + self.adapter.ahead + self.adapter.grid)
 
     def time(self) -> int:
         """Time that no clock can set [ns]; in lockstep that of the estimates."""
@@ -280,40 +263,36 @@ class ControllerNode(RigNode):
         """Without a sound estimate: the last command, and inputs at rest when that has lasted too long."""
         long = self.is_long()
         self.layers[ZEROED if long else HELD] += 1
-        self.send(self.rest if long else self.input)
+        self.send(self.adapter.rest if long else self.input)
 
     def stop(self) -> None:
-        """Bring the inputs nearer to rest, or to what a stabiliser answers with, by so much of their range as the time
-        since the last command is of stop_seconds.
-        """
+        """Move the inputs nearer to rest, so that they get there within stop_seconds."""
         now, seconds = self.time(), self.settings["stop_seconds"] * SECOND
         share = min((now - self.acted) / seconds, 1.0) if seconds else 1.0
-        rest = self.pilot.at_rest()
-        away, step = self.input - rest, share * self.span
         self.layers[STOPPED] += 1
-        self.send(rest + np.sign(away) * np.maximum(np.abs(away) - step, 0.0))
+        self.send(self.adapter.nearer_rest(self.input, share))
 
     def watch(self) -> None:
         """Let the inputs rest when estimates stop: not every drive has a timeout of its own. See who wants numbers."""
         self.numbered = self.efforts.get_subscription_count() > 0
         if self.moves() and self.time() - self.acted > self.settings["zero_after"] * SECOND:
             self.layers[ZEROED] += 1
-            self.send(self.rest)
+            self.send(self.adapter.rest)
 
     def moves(self) -> bool:
         """Whether the newest command is not at rest."""
-        return bool((self.input != self.rest).any())
+        return bool((self.input != self.adapter.rest).any())
 
     def deactivate(self) -> None:
         """Leave the inputs at rest."""
         if self.moves():
-            self.send(self.rest)
+            self.send(self.adapter.rest)
 
     def send(self, inputs: Array) -> None:
         """Publish a command (m,) that answers the newest estimate."""
         self.acted = self.time()
         self.input[:] = inputs
-        self.command = self.pilot.writer.pack(self.stamp, inputs.tolist())
+        self.command = self.adapter.writer.pack(self.stamp, inputs.tolist())
         self.publish()
 
     def publish(self) -> None:
@@ -328,7 +307,7 @@ class ControllerNode(RigNode):
         """Publish the predicted trajectory, if someone looks."""
         if not len(plan.states) or not self.predictions.get_subscription_count():
             return
-        self.predictions.publish(self.pilot.plans.pack(start, np.hstack([plan.states, plan.inputs]).tolist()))
+        self.predictions.publish(self.adapter.plans.pack(start, np.hstack([plan.states, plan.inputs]).tolist()))
 
     def health(self) -> Sequence[Task]:
         layers, statuses = dict(self.layers), dict(self.statuses)
@@ -345,7 +324,7 @@ class ControllerNode(RigNode):
         values = {
             "policy": self.settings["policy"],
             "commands": answers,
-            **named("layer", layers),
+            **named_counts("layer", layers),
             "dropped_estimates": sum(self.entry.dropped.values()),
             "dropped_references": sum(self.wishes.dropped.values()),
             "clipped_references": self.clipped,
@@ -359,14 +338,9 @@ class ControllerNode(RigNode):
         elif self.mode is not Mode.DRIVE and judged.level == OK:
             judged = replace(judged, message=f"{self.mode.value} until the service enable is called")
         plans = {f"plans {name}": count for name, count in statuses.items() if name not in SOUND}
-        supervisor = self.pilot.supervisor
-        checked = {} if supervisor is None else named("check", dict(supervisor.reasons))
-        return [judged, self.judged("policy", plans, answers, **named("status", statuses), **checked)]
-
-
-def named(prefix: str, counts: Mapping[str, int]) -> dict[str, int]:
-    """Counts by a key of the diagnostics."""
-    return {f"{prefix}_{name.replace(' ', '_')}": count for name, count in sorted(counts.items())}
+        supervisor = self.adapter.supervisor
+        checked = {} if supervisor is None else named_counts("check", dict(supervisor.reasons))
+        return [judged, self.judged("policy", plans, answers, **named_counts("status", statuses), **checked)]
 
 
 main = partial(run, ControllerNode)

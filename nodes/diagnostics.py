@@ -1,4 +1,4 @@
-"""Diagnostics: what a node says of each of its tasks, how bad it is, and why, in words."""
+"""Diagnostics: the status of each task of a node, its level, and the reason in words."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticS
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """One task of a node: a status of its own in the diagnostics."""
+    """One task of a node, which has a status of its own in the diagnostics."""
 
     name: str
     """loop, sensor, model, policy, recorder: what an aggregator groups by."""
@@ -33,14 +33,14 @@ class Task:
 
 
 class Troubles:
-    """Counters of what goes wrong in a task, judged by what they grew by since the last report."""
+    """Judges a task by how much its counters of faults grew since the last report."""
 
     def __init__(self) -> None:
         self._before: dict[str, int] = {}
 
     def judge(self, counted: Mapping[str, int], total: int, *, warn: float, error: float) -> tuple[bytes, str]:
-        """Level and words. counted: of all times, by what it is called; total: of all times, what could have gone
-        wrong. warn, error: share of it from which on it is that bad.
+        """Return the level and a sentence. counted: faults since the start by name; total: tries since the start.
+        warn, error: shares of faults among the tries since the last report from which on the level is that one.
         """
         before, self._before = self._before, {**counted, "": total}
         grown = {name: count - before.get(name, 0) for name, count in counted.items()}
@@ -52,6 +52,11 @@ class Troubles:
         words = ", ".join(f"{count} {name}" for count, name in troubles)
         level = ERROR if share >= error else WARN if share >= warn else OK
         return level, f"{words}, of {tries}"
+
+
+def named_counts(prefix: str, counts: Mapping[str, int]) -> dict[str, int]:
+    """Counts by keys of the diagnostics, which begin with the prefix."""
+    return {f"{prefix}_{name.replace(' ', '_')}": count for name, count in sorted(counts.items())}
 
 
 def _text(value: object) -> str:

@@ -16,35 +16,32 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 
 from hybrid_sysid_ros.estimation import StateEstimate
 from hybrid_sysid_ros.estimation.consistency import band
-from hybrid_sysid_ros.nodes.base import RigNode
-from hybrid_sysid_ros.nodes.border import Order
+from hybrid_sysid_ros.nodes.adapters import EstimatorAdapter, FrozenSensorDetector, Measured, model_of
+from hybrid_sysid_ros.nodes.base import RigNode, Source
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints
-from hybrid_sysid_ros.nodes.model import model_of
-from hybrid_sysid_ros.nodes.observer import Measured, Observer, Still
 from hybrid_sysid_ros.nodes.process import run
-from hybrid_sysid_ros.nodes.source import Source
 from hybrid_sysid_ros.nodes.timing import Timing
+from hybrid_sysid_ros.nodes.validation import Order
 from hybrid_sysid_ros.runtime.configuration import CAMERA
 from hybrid_sysid_ros.support.errors import UserError
 
 SHOW_PERIOD = SECOND // 20  # ns, between two covariances
 SOON = 0.6  # periods, less than which lie between measurements that are more frequent than expected
-REPEATED = 1.0  # s of measurements that an observer sees before it takes over from another one
-WORDS = {"innovation_warn", "innovation_error", "warn_share", "error_share", "stale_seconds"}  # of diagnostics alone
+REPEATED = 1.0  # s of measurements that an adapter sees before it replaces another one
+DIAGNOSTIC = {"innovation_warn", "innovation_error", "warn_share", "error_share", "stale_seconds"}
+"""Parameters that change the diagnostics alone."""
 
 
 class EstimatorNode(RigNode):
     """joint_states in; state_estimate out with the stamp of the measurement.
 
-    state_estimate has each joint at that stamp and, as NAME_ahead, when the command that answers will act: position,
-    velocity, and as effort the disturbance of its input. Other states, such as link states, deflections, hidden units
-    and lags, have entries of their own names and NAME_ahead, their values as position; so have outputs that are no
-    motion of a joint, and the followed parameters: they travel with the estimate that they belong to, and a controller
-    that adapts answers the same in every run in lockstep. state_estimate is advertised once there is a measurement to
-    expect, so that who sees it knows that measurements come this far. camera/joint_states has NAME_camera, a further
-    sensor of the first output: it corrects the estimate at its own stamp and is not answered, but where a measurement
-    waits for a first number to begin with.
+    state_estimate holds each joint at that stamp and, as NAME_ahead, at the time when the command that answers will
+    act: its position, its velocity, and the disturbance of its input as effort. Other states (link states, deflections,
+    hidden units, lags), outputs that are no motion of a joint, and followed parameters have entries of their own names,
+    with their values as position. The node advertises state_estimate once a publisher of measurements is there.
+    camera/joint_states holds NAME_camera, a second sensor of the first output. It corrects the estimate at its own
+    stamp and is not answered, unless a measurement waits for a first reading to begin with.
     """
 
     NAME = "estimator"
@@ -52,33 +49,33 @@ class EstimatorNode(RigNode):
     HEARS = ("joint_states", "camera/joint_states")
 
     def configure(self) -> None:
-        self.use(self.observer_of(self.settings))
+        self.use(self.adapter_of(self.settings))
         self.names = [item.name for item in self.rig.system.outputs]
         self.noisy = [sensor.noisy for sensor in self.rig.sensors]
 
-    def observer_of(self, settings: Mapping[str, Any]) -> tuple[Observer, Source]:
-        """What parameters name, and where its model was read."""
+    def adapter_of(self, settings: Mapping[str, Any]) -> tuple[EstimatorAdapter, Source]:
+        """The estimator that the parameters name, and where its model was read."""
         model, source = model_of(self.rig, settings)
-        return Observer(self.rig, model, settings, self.signature), source
+        return EstimatorAdapter(self.rig, model, settings, self.signature), source
 
-    def use(self, made: tuple[Observer, Source]) -> None:
-        """Estimate with an observer from now on."""
-        self.observer, source = made
+    def use(self, made: tuple[EstimatorAdapter, Source]) -> None:
+        """StateEstimate with an adapter from now on."""
+        self.adapter, source = made
         self.sources = {"model": source}
-        self.covariance_message = _labelled(self.observer.filter.labels)
+        self.covariance_message = _labelled(self.adapter.filter.labels)
 
     def forget(self) -> None:
         """Begin a new experiment."""
-        self.observer.begin()
+        self.adapter.begin()
         self.stamp = self.shown = self.usable = self.zero = 0
         self.waiting: tuple[list[float], int] | None = None
         """A measurement that waits for a first number."""
         self.recent: deque[Measured] = deque(maxlen=round(REPEATED * self.settings["rate"]))
 
     def prepare(self, settings: Mapping[str, Any], names: frozenset[str]) -> Callable[[], object]:
-        if names <= WORDS:
+        if names <= DIAGNOSTIC:
             return super().prepare(settings, names)
-        made = self.observer_of(settings)
+        made = self.adapter_of(settings)
         seen = list(self.recent) if self.active else []
         made[0].see(seen)
 
@@ -93,13 +90,15 @@ class EstimatorNode(RigNode):
         settings = self.settings
         self.forget()
         self.unusable = self.repeated = self.restarts = self.too_soon = self.seen = self.blind = 0
-        self.still = [Still(after=round(settings["frozen_after"] * settings["rate"])) for _ in self.names]
+        self.frozen = [
+            FrozenSensorDetector(after=round(settings["frozen_after"] * settings["rate"])) for _ in self.names
+        ]
         self.execution = Timing()
         self.estimates: Publisher | None = None
         self.covariances = self.open("state_covariance")
-        self.entry = self.border("joint_states")
-        if self.observer.tuning.channels:
-            self.frames = self.border("camera/joint_states")
+        self.entry = self.validator("joint_states")
+        if self.adapter.tuning.channels:
+            self.frames = self.validator("camera/joint_states")
             self.listen(self.frames, "camera/joint_states", self.on_camera)
         measurements = self.listen(self.entry, "joint_states", self.on_measurement)
         self.when(lambda: measurements.publishers() > 0, self.advertise)
@@ -114,32 +113,32 @@ class EstimatorNode(RigNode):
     def on_measurement(self, joints: Joints) -> None:
         """Answer a measurement."""
         began = perf_counter()
-        given = self.entry.read(joints, self.observer.measured)
+        given = self.entry.read(joints, self.adapter.measured)
         if given is not None and (order := self.entry.admit(joints)) is not None:
             self.answer(given, joints.stamp, order, began)
 
     def answer(self, given: list[float], stamp: int, order: Order, began: float) -> None:
         """Answer what a measurement gave, outputs and inputs; stamp [ns], began: when it came [s]."""
-        if order is Order.AGAIN:
+        if order is Order.DUPLICATE:
             self.repeated += 1
             self.publish()
             return
         if order is Order.RESTART:
-            self.observer.filter.reset()
+            self.adapter.filter.reset()
             self.stamp = self.shown = self.usable = self.zero = 0
             self.restarts += 1
         self.zero = self.zero or stamp
         if self.stamp and 0 < stamp - self.stamp < SOON * SECOND / self.settings["rate"]:
             self.too_soon += 1
-        for k, still in enumerate(self.still):
-            if self.noisy[k] and still.sees(given[k]):
+        for k, detector in enumerate(self.frozen):
+            if self.noisy[k] and detector.is_frozen(given[k]):
                 given[k] = math.nan
-        self.observer.given[:] = given
+        self.adapter.given[:] = given
         self.recent.append(((stamp - self.zero) / SECOND, given))
         if any(map(math.isfinite, given[: len(self.names)])):
             self.usable = max(stamp, self.usable)
         try:
-            estimate = self.observer.update((stamp - self.zero) / SECOND)
+            estimate = self.adapter.update((stamp - self.zero) / SECOND)
         except UserError as error:  # nothing to hold on to yet
             self.unusable += 1
             self.waiting = given, stamp
@@ -151,7 +150,7 @@ class EstimatorNode(RigNode):
         self.stamp = stamp
         blind = stamp - self.usable > self.settings["sensor_timeout"] * SECOND
         self.blind += blind
-        self.packed = self.observer.pack(estimate, stamp, blind=blind)
+        self.packed = self.adapter.pack(estimate, stamp, blind=blind)
         taken = perf_counter() - began
         self.publish()
         self.execution.add(taken)
@@ -159,13 +158,13 @@ class EstimatorNode(RigNode):
 
     def on_camera(self, joints: Joints) -> None:
         """Use a frame of a camera, in its place by its stamp."""
-        began, found, stamp = perf_counter(), self.frames.read(joints, self.observer.camera), joints.stamp
-        if found is None or not self.frames.is_near(stamp) or not self.frames.hears(joints.source):
+        began, found, stamp = perf_counter(), self.frames.read(joints, self.adapter.camera), joints.stamp
+        if found is None or not self.frames.is_near(stamp) or not self.frames.accepts_source(joints.source):
             return
-        self.frames.believe(joints.source)
+        self.frames.select_source(joints.source)
         self.zero = self.zero or stamp
         try:
-            self.observer.filter.correct((stamp - self.zero) / SECOND, found[0], CAMERA)
+            self.adapter.filter.correct((stamp - self.zero) / SECOND, found[0], CAMERA)
         except UserError as error:  # nothing to correct yet
             self.unusable += 1
             self.get_logger().warning(str(error), once=True)
@@ -182,8 +181,8 @@ class EstimatorNode(RigNode):
             self.estimates.publish(self.packed)
 
     def afterwards(self, estimate: StateEstimate) -> None:
-        """What need not be done before the answer."""
-        self.observer.note(estimate)
+        """Do what need not be done before the answer."""
+        self.adapter.note(estimate)
         if self.estimates is None or self.stamp - self.shown < SHOW_PERIOD:
             return
         self.shown = self.stamp
@@ -192,7 +191,7 @@ class EstimatorNode(RigNode):
             self.covariances.publish(self.covariance_message)
 
     def health(self) -> Sequence[Task]:
-        counters, entry = self.observer.filter.counters, self.entry
+        counters, entry = self.adapter.filter.counters, self.entry
         loop = {
             "measurements missing": counters.missing,
             "measurements too late": counters.late,
@@ -216,15 +215,15 @@ class EstimatorNode(RigNode):
         judged = self.silent(self.judged("loop", loop, counters.updates, **values), "joint_states")
         if not self.stamp and judged.level == OK:
             judged = replace(judged, message="waiting for measurements")
-        return [judged, self.sensor(), self.believed()]
+        return [judged, self.sensor(), self.model()]
 
     def _dropped_frames(self) -> dict[str, int]:
-        """Frames of a camera that were not believed, by reason."""
-        return self.dropped("camera/joint_states") if "camera/joint_states" in self.borders else {}
+        """Rejected frames of a camera, by reason."""
+        return self.dropped("camera/joint_states") if "camera/joint_states" in self.validators else {}
 
     def sensor(self) -> Task:
-        """What is to be said of the readings."""
-        counters, frozen = self.observer.filter.counters, [still.seen for still in self.still]
+        """The task of the sensors: readings that are missing, frozen or implausible."""
+        counters, frozen = self.adapter.filter.counters, [detector.count for detector in self.frozen]
         values = {
             "invalid_entries": counters.invalid,
             "gated_outliers": counters.gated,
@@ -241,9 +240,9 @@ class EstimatorNode(RigNode):
         }
         return self.judged("sensor", troubles, counters.updates, **values)
 
-    def believed(self) -> Task:
-        """What is to be said of the model: whether its innovations are as large as it says."""
-        innovations, parameters = list(self.observer.innovations), self.observer.parameters
+    def model(self) -> Task:
+        """The task of the model: whether innovations are as large as it predicts."""
+        innovations, parameters = list(self.adapter.innovations), self.adapter.parameters
         count = len(innovations)
         low, high = band(max(count, 1), len(self.names))
         mean = math.fsum(innovations) / count if count else math.nan

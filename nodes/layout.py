@@ -1,4 +1,4 @@
-"""Layout: where the states, inputs and outputs of a system stand in the messages of its rig's joints."""
+"""Layout: where states, inputs and outputs of a system stand in the messages of its rig's joints."""
 
 from __future__ import annotations
 

@@ -25,9 +25,9 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
-from hybrid_sysid_ros.nodes import peers, topics
+from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.exchange import Exchange, Outlet
-from hybrid_sysid_ros.nodes.listener import Listener
+from hybrid_sysid_ros.nodes.subscriptions import Listener, unmatched
 from hybrid_sysid_ros.support.errors import UserError
 
 LOOK_PERIOD = 0.02  # s, between two looks whether a peer is there
@@ -69,7 +69,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self._listeners: list[Listener] = []
         self._ticking: list[Timer] = []
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        LifecycleNodeMixin.__init__(self, callback_group=self.patient)
+        LifecycleNodeMixin.__init__(self, callback_group=self.slow_group)
         change = next(service for service in self.services if service.srv_type is ChangeState)
         change.callback = partial(_changed, change.callback)
         for service, action in self.own_services().items():
@@ -214,19 +214,19 @@ class ManagedNode(LifecycleNodeMixin, Node):
             closed.clear()
 
     @cached_property
-    def aside(self) -> MutuallyExclusiveCallbackGroup:
+    def service_group(self) -> MutuallyExclusiveCallbackGroup:
         """What goes on in another thread than the loop's: see :class:`executors.Services`."""
         return MutuallyExclusiveCallbackGroup()
 
     @cached_property
-    def patient(self) -> MutuallyExclusiveCallbackGroup:
+    def slow_group(self) -> MutuallyExclusiveCallbackGroup:
         """What may take long, as parameters and states do where something is loaded and compiled: in a third thread, so
         that a stop does not wait for it.
         """
         return MutuallyExclusiveCallbackGroup()
 
     def create_service(self, kind: Any, *arguments: Any, **options: Any) -> Any:
-        group = self.aside if kind is Trigger else self.patient
+        group = self.service_group if kind is Trigger else self.slow_group
         return super().create_service(kind, *arguments, **{"callback_group": group, **options})
 
     @property
@@ -248,7 +248,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         name = self.resolve_topic_name(topic)
         events = PublisherEventCallbacks(incompatible_qos=lambda event: self._refused.update({name: quality}))
         return super().create_publisher(
-            kind, topic, quality, **{"callback_group": self.aside, "event_callbacks": events, **options}
+            kind, topic, quality, **{"callback_group": self.service_group, "event_callbacks": events, **options}
         )
 
     def publication(self, topic: str) -> Publisher:
@@ -264,7 +264,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         said = [
             line
             for name, quality in list(self._refused.items())
-            for line in peers.unmatched(name, quality, self.get_subscriptions_info_by_topic(name))
+            for line in unmatched(name, quality, self.get_subscriptions_info_by_topic(name))
         ]
         return heard + said
 

@@ -17,8 +17,7 @@ from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints
 from hybrid_sysid_ros.nodes.motion import Motion
 from hybrid_sysid_ros.nodes.process import announce, run
-from hybrid_sysid_ros.nodes.timeline import Timeline
-from hybrid_sysid_ros.nodes.timing import Timing
+from hybrid_sysid_ros.nodes.timing import Timeline, Timing
 from hybrid_sysid_ros.rigs.joints import FILTERED
 from hybrid_sysid_ros.rigs.plant import Plant
 
@@ -79,13 +78,13 @@ class PlantNode(RigNode):
         self.alone = perf_counter()  # when somebody was missing last without whom there is no loop [s]
         self.measurements = self.open("joint_states")
         self.motions = self.open("motion")
-        self.entry = self.border("joint_command")
+        self.entry = self.validator("joint_command")
         self.commands = self.listen(self.entry, "joint_command", self.on_command)
         self.frame = -1
         """Stamp of the newest frame that was read [ns]."""
         self.frames = None
         if self.settings["camera_rate"]:
-            self.frames = self.listen(self.border("camera/joint_states"), "camera/joint_states", self.on_frame)
+            self.frames = self.listen(self.validator("camera/joint_states"), "camera/joint_states", self.on_frame)
         self.when(self.is_matched, self.wait)
 
     def own_services(self) -> Mapping[str, Callable[[], object]]:
@@ -147,17 +146,20 @@ class PlantNode(RigNode):
             self.publish()
 
     def tick(self) -> None:
-        """In real time: integrate up to now and publish the measurement that is due, and those that were missed."""
+        """In real time: integrate up to now and publish the measurement that is due. Those that were missed are left
+        out: a burst of old ones would keep the loop from answering the new one.
+        """
         elapsed = self.timeline.follow() / SECOND
         self.answers.start = self.timeline.start
         period = self.answers.period / SECOND
         number = int(elapsed / period + EARLY)
-        self.overruns += max(number - self.answers.latest - 1, 0)
+        due = number - self.answers.latest
+        self.overruns += max(due - 1, 0)
         self.lateness.add(max(elapsed - number * period, 0.0))
         self.disturb()
         self.drive.timeout = self.settings["command_timeout"]
-        while self.answers.latest < number and not self.finished.done():
-            self.measure(self.answers.latest + 1, self.integrate(self.steps))
+        if due > 0 and not self.finished.done():
+            self.measure(number, self.integrate(due * self.steps))
 
     def disturb(self) -> None:
         """Let those faults be in force that the parameters say."""
@@ -211,14 +213,14 @@ class PlantNode(RigNode):
             return
         if inputs == self.rest and not self.lockstep and not self.answers.awaits(stamp):
             self.stops += 1
-        elif not self.entry.hears(joints.source):
+        elif not self.entry.accepts_source(joints.source):
             return
         elif not self.answers.answer(stamp, time):
             if not self.is_direct(stamp, time):
                 self.rejected += 1
                 return
             self.direct += 1
-        self.entry.believe(joints.source)
+        self.entry.select_source(joints.source)
         self.drive.command(inputs, (self.plant.time if self.lockstep else time) + self.settings["command_delay"])
         self.go_on()
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.nodes.border import Border, Reason
 from hybrid_sysid_ros.nodes.layout import Slots
 from hybrid_sysid_ros.nodes.messages import Trajectory
+from hybrid_sysid_ros.nodes.validation import MessageValidator, Reason
 from hybrid_sysid_ros.rigs.rig import BEYOND
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -23,20 +23,20 @@ class Preview:
 
     @classmethod
     def of(
-        cls, message: Trajectory, border: Border, outputs: Slots, tracked: NDArray[np.bool_], now: int
+        cls, message: Trajectory, validator: MessageValidator, outputs: Slots, tracked: NDArray[np.bool_], now: int
     ) -> Preview | None:
         """Preview of a message, 0 for the outputs that are not tracked (outputs,); None where it lacks one that is, or
-        its numbers or times make no sense, which its border counts. now: where one begins that has no stamp [ns].
+        its numbers or times make no sense, which its validator counts. now: where one begins that has no stamp [ns].
         """
         rows = outputs.read(message.names, message.lists)
         times = (message.stamp or now) + message.times
         values = np.stack([np.broadcast_to(row, times.shape) for row in rows], axis=-1)
         values[:, ~tracked] = 0.0
         if not len(times) or (np.diff(times) <= 0).any():
-            border.drop(Reason.MALFORMED)
+            validator.drop(Reason.MALFORMED)
             return None
         if not (np.abs(values) <= BEYOND).all():
-            border.drop(Reason.NO_NUMBER if np.isnan(values).any() else Reason.OUT_OF_RANGE)
+            validator.drop(Reason.NO_NUMBER if np.isnan(values).any() else Reason.OUT_OF_RANGE)
             return None
         return cls(times, values)
 

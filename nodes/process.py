@@ -79,7 +79,10 @@ def _end_with_starter() -> None:
 
 
 def _serve(nodes: Sequence[RigNode], ending: Interruption) -> None:
-    services = [Services(nodes, [node.aside for node in nodes]), Services(nodes, [node.patient for node in nodes])]
+    services = [
+        Services(nodes, [node.service_group for node in nodes]),
+        Services(nodes, [node.slow_group for node in nodes]),
+    ]
     executor = Loop(nodes, services)
     servers = [Thread(target=item.serve, daemon=True) for item in services]
     for node in nodes:

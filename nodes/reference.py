@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hybrid_sysid_ros.nodes.base import RigNode
-from hybrid_sysid_ros.nodes.border import Order
 from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
 from hybrid_sysid_ros.nodes.diagnostics import Task
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.process import announce, run
-from hybrid_sysid_ros.nodes.timeline import Timeline
+from hybrid_sysid_ros.nodes.timing import Timeline
+from hybrid_sysid_ros.nodes.validation import Order
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import defaults
 from hybrid_sysid_ros.runtime.references import signal_of
@@ -111,9 +111,9 @@ class ReferenceNode(RigNode):
         self.zero = self.sent = 0
         self.timeline = Timeline(self.now)
         self.previews = self.open("reference")
-        self.entry = self.border("joint_states")
+        self.entry = self.validator("joint_states")
         self.measurements = self.listen(self.entry, "joint_states", self.on_measurement)
-        self.wishes = self.border("set_point")
+        self.wishes = self.validator("set_point")
         self.listen(self.wishes, "set_point", self.on_set_point)
         if not self.settings["lockstep"]:
             self.every(self.settings["publish_period"], self.tick)
@@ -130,19 +130,19 @@ class ReferenceNode(RigNode):
         if not self.zero:
             self.begin(stamp)
             announce("begun")
-        if order is Order.AGAIN:  # nobody answered it: maybe for want of a reference
+        if order is Order.DUPLICATE:  # nobody answered it: maybe for want of a reference
             self.previews.publish(self.preview)
         self.advance(stamp - self.zero)
 
     def on_set_point(self, message: Trajectory) -> None:
         """Follow it from now on, and say so at once."""
-        if not self.zero or not self.wishes.hears(message.source):
+        if not self.zero or not self.wishes.accepts_source(message.source):
             return
         elapsed = self.entry.stamp - self.zero if self.settings["lockstep"] else self.timeline.elapsed()
         tracked = np.isin(np.arange(len(self.scales)), self.tracked)
         preview = Preview.of(message, self.wishes, self.outputs, tracked, self.zero + elapsed)
         if preview is not None:
-            self.wishes.believe(message.source)
+            self.wishes.select_source(message.source)
             self.choice = SetPoint(preview, self.zero, self.scales)
             self.publish(elapsed // self.spacing * self.spacing)
 

@@ -18,7 +18,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from hybrid_sysid_ros.bags import Quality
-from hybrid_sysid_ros.nodes.border import LARGEST
+from hybrid_sysid_ros.nodes.validation import LARGEST
 from hybrid_sysid_ros.runtime.parameters import DECLARATIONS, declaration_files
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError

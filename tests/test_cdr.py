@@ -15,10 +15,10 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hybrid_sysid_ros.nodes.border import FORMS, Border
 from hybrid_sysid_ros.nodes.cdr import JointForm, JointWriter, TrajectoryWriter
 from hybrid_sysid_ros.nodes.layout import Place, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory, set_nanoseconds
+from hybrid_sysid_ros.nodes.validation import FORMS, MessageValidator
 
 TEXTS = ("", "a", "beam", "beam_ahead", "gelenk_ä", "関節", "🦾", "a b\t\n", "x" * 300)
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -51,8 +51,8 @@ def rosbags_bytes(message: JointState, *, little: bool) -> bytes:
     return bytes(STORE.serialize_cdr(said, "sensor_msgs/msg/JointState", little_endian=little))
 
 
-def new_border() -> Border:
-    return Border(JointState, steady=lambda: 0)
+def new_border() -> MessageValidator:
+    return MessageValidator(JointState, steady=lambda: 0)
 
 
 def shown(joints: Joints | Trajectory | None) -> object:
@@ -93,16 +93,16 @@ def test_a_form_reads_what_the_middleware_reads(seed: int) -> None:
 
 @pytest.mark.parametrize("little", [True, False])
 def test_both_orders_of_bytes_are_read(little: bool) -> None:
-    border, message = new_border(), any_numbers(random.Random(1), "beam", ["a", "関節"], [2, 0, 2])
+    validator, message = new_border(), any_numbers(random.Random(1), "beam", ["a", "関節"], [2, 0, 2])
     for _ in range(2):
-        assert shown(border.unpack(rosbags_bytes(message, little=little))) == shown(Joints.of(message))
+        assert shown(validator.unpack(rosbags_bytes(message, little=little))) == shown(Joints.of(message))
 
 
 def test_a_border_knows_several_forms_and_forgets() -> None:
-    border, draw = new_border(), random.Random(2)
+    validator, draw = new_border(), random.Random(2)
     messages = [any_message(draw) for _ in range(3 * FORMS)]
     for message in [*messages, *reversed(messages), *messages[:2] * 3]:
-        assert shown(border.unpack(serialize_message(message))) == shown(Joints.of(message))
+        assert shown(validator.unpack(serialize_message(message))) == shown(Joints.of(message))
 
 
 def damaged(draw: random.Random, good: bytes) -> bytes:
@@ -131,22 +131,22 @@ def test_damaged_messages_are_what_the_middleware_says_they_are(seed: int) -> No
     draw = random.Random(seed)
     good = serialize_message(any_message(draw))
     for _ in range(100):
-        border, without_forms = new_border(), new_border()
-        border.unpack(good)
+        validator, without_forms = new_border(), new_border()
+        validator.unpack(good)
         data = damaged(draw, good)
-        assert shown(border.unpack(data)) == shown(without_forms.unpack(data))
-        assert border.dropped == without_forms.dropped
+        assert shown(validator.unpack(data)) == shown(without_forms.unpack(data))
+        assert validator.dropped == without_forms.dropped
 
 
 def test_what_is_written_can_be_read_by_name() -> None:
     slots = Slots([Place("a", "position"), Place("b", "effort"), Place("a", "effort")])
-    writer, border = JointWriter(slots, "someone"), new_border()
+    writer, validator = JointWriter(slots, "someone"), new_border()
     for stamp in range(1, 4):
         values = [stamp, 2.0, -3.5]
-        joints = border.unpack(writer.pack(stamp, values))
+        joints = validator.unpack(writer.pack(stamp, values))
         assert joints is not None
         assert (joints.source, joints.stamp) == ("someone", stamp)
-        assert border.read(joints, slots) == values
+        assert validator.read(joints, slots) == values
 
 
 def any_trajectory(draw: random.Random, names: list[str], shape: tuple[int, ...], points: int) -> JointTrajectory:
@@ -167,23 +167,25 @@ def test_trajectories_are_read_as_the_middleware_reads_them(seed: int) -> None:
     draw = random.Random(seed)
     names, points = draw.sample(TEXTS, draw.randrange(4)), draw.randrange(5)
     shape = tuple(draw.randrange(2) for _ in range(4))
-    border = Border(JointTrajectory, steady=lambda: 0)
+    validator = MessageValidator(JointTrajectory, steady=lambda: 0)
     for _ in range(3):
         message = any_trajectory(draw, names, shape, points)
         said, data = Trajectory.of(message), serialize_message(message)
-        assert shown(border.unpack(data)) == shown(said)
+        assert shown(validator.unpack(data)) == shown(said)
         for k, point in enumerate(message.points):
             for rows, values in zip(said.lists, (point.positions, point.velocities, point.effort), strict=True):
                 assert array("d", [row[k] for row in rows]).tobytes() == values.tobytes()
         other = damaged(draw, data)
-        assert shown(border.unpack(other)) == shown(Border(JointTrajectory, steady=lambda: 0).unpack(other))
+        assert shown(validator.unpack(other)) == shown(
+            MessageValidator(JointTrajectory, steady=lambda: 0).unpack(other)
+        )
 
 
 def test_points_may_have_different_lists() -> None:
     points = [JointTrajectoryPoint(positions=[1.0]), JointTrajectoryPoint(velocities=[2.0])]
-    border = Border(JointTrajectory, steady=lambda: 0)
+    validator = MessageValidator(JointTrajectory, steady=lambda: 0)
     for _ in range(2):
-        said = border.unpack(serialize_message(JointTrajectory(joint_names=["a"], points=points)))
+        said = validator.unpack(serialize_message(JointTrajectory(joint_names=["a"], points=points)))
         assert said is not None
         np.testing.assert_array_equal(said.lists[0], [[1.0, np.nan]])
         np.testing.assert_array_equal(said.lists[1], [[np.nan, 2.0]])

@@ -26,9 +26,9 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hybrid_sysid_ros.nodes.border import Reason
 from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.messages import SECOND, set_nanoseconds
+from hybrid_sysid_ros.nodes.validation import Reason
 from tests.node_bench import VOLT, Bench, joint, stamp_of
 
 
@@ -133,10 +133,10 @@ def test_what_stands_in_for_a_plan_becomes_zero(bench: Bench, model_folder: Path
     assert wheel.command(0.0) == pytest.approx(4.0)
 
     def none(state: Any, disturbance: Any, previous: Any, preview: Any) -> Plan:
-        return held(previous, wheel.controller.pilot.problem, Status.FAILED)
+        return held(previous, wheel.controller.adapter.problem, Status.FAILED)
 
-    parts = {"prepare": lambda elapsed: None, "horizon": wheel.controller.pilot.controller.horizon, "period": 0.02}
-    wheel.controller.pilot.controller = SimpleNamespace(control=none, **parts)
+    parts = {"prepare": lambda elapsed: None, "horizon": wheel.controller.adapter.controller.horizon, "period": 0.02}
+    wheel.controller.adapter.controller = SimpleNamespace(control=none, **parts)
     commands = [wheel.command(0.0) for _ in range(50)]
     assert commands[:39] == [pytest.approx(4.0)] * 39  # .2 s at 200 Hz
     assert commands[41:] == [0.0] * 9
@@ -232,7 +232,7 @@ def test_the_exact_mpc_answers_and_shows_its_plan(bench: Bench, model_folder: Pa
     wheel.refer([VOLT] * 3)
     assert 1.0 < wheel.command(0.0) <= 10.0
     bench.until(lambda: plans)
-    assert len(plans[0].points) == wheel.controller.pilot.controller.horizon
+    assert len(plans[0].points) == wheel.controller.adapter.controller.horizon
     assert plans[0].points[-1].positions[0] == pytest.approx(VOLT, rel=0.1)
 
 

@@ -15,9 +15,9 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 
 from sensor_msgs.msg import JointState
 
-from hybrid_sysid_ros.nodes.border import Reason
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.nodes.messages import SECOND
+from hybrid_sysid_ros.nodes.validation import Reason
 from tests.node_bench import Bench, joint, stamp_of
 
 
@@ -67,8 +67,8 @@ def test_followed_parameters_travel_with_the_estimate(bench: Bench, model_folder
     known = rig.system.named
     assert list(answer.name) == ["beam", "beam_ahead", "coulomb", "centre"]
     coulomb, centre = answer.position[2:]
-    assert 0.0 <= coulomb == desk.estimator.observer.parameters["coulomb"] < known["coulomb"]
-    assert centre == desk.estimator.observer.parameters["centre"] < known["centre"]
+    assert 0.0 <= coulomb == desk.estimator.adapter.parameters["coulomb"] < known["coulomb"]
+    assert centre == desk.estimator.adapter.parameters["centre"] < known["centre"]
     assert all(math.isnan(value) for value in [*answer.velocity[2:], *answer.effort[2:]])
     # To whoever has the equation as it was, a lower centre is an input offset upwards.
     assert answer.effort[0] == pytest.approx(known["centre"] - centre)
@@ -80,7 +80,7 @@ def test_every_method_answers(bench: Bench, model_folder: Path, method: str) -> 
     for _ in range(30):
         answer = desk.estimate(0.01)
     assert answer.position[0] == pytest.approx(0.01, abs=1e-3)
-    assert type(desk.estimator.observer.filter) is METHODS[method]
+    assert type(desk.estimator.adapter.filter) is METHODS[method]
 
 
 def test_frames_of_a_camera_correct_the_estimate_and_are_not_answered(bench: Bench, model_folder: Path) -> None:
@@ -93,7 +93,7 @@ def test_frames_of_a_camera_correct_the_estimate_and_are_not_answered(bench: Ben
     bench.until(lambda: desk.estimator.seen == 2)
     desk.estimate(0.0)
     assert len(desk.estimates) == 31
-    assert desk.estimator.observer.filter.counters.delayed == 2
+    assert desk.estimator.adapter.filter.counters.delayed == 2
 
 
 def test_a_measurement_that_is_no_number_is_predicted_over(bench: Bench, model_folder: Path) -> None:
@@ -102,7 +102,7 @@ def test_a_measurement_that_is_no_number_is_predicted_over(bench: Bench, model_f
     assert math.isfinite(desk.estimate(math.nan).position[0])
     desk.measure(0.01, name="arm")  # of others, who share the topic
     assert math.isfinite(desk.estimate(0.01).position[0])
-    counters = desk.estimator.observer.filter.counters
+    counters = desk.estimator.adapter.filter.counters
     assert counters.invalid == 1
     assert desk.estimator.entry.dropped == {Reason.NO_NUMBER: 1, Reason.UNRELATED: 1}
 
@@ -121,7 +121,7 @@ def test_a_gap_is_counted_and_what_comes_late_is_used_or_ignored_but_not_answere
     desk = Desk(bench, model_folder)
     desk.estimate(0.01)
     desk.estimate(0.01, step=4)
-    counters = desk.estimator.observer.filter.counters
+    counters = desk.estimator.adapter.filter.counters
     assert counters.missing == 3
     desk.measure(0.01, step=-2)  # within the gap
     bench.until(lambda: counters.delayed)
@@ -155,7 +155,7 @@ def test_a_repeated_measurement_is_answered_again_without_being_used(bench: Benc
     first = desk.estimate(0.01)
     again = desk.estimate(0.01, step=0)
     assert again == first
-    assert desk.estimator.observer.filter.counters.updates == 1
+    assert desk.estimator.adapter.filter.counters.updates == 1
 
 
 def test_stamps_that_begin_again_begin_a_new_experiment(bench: Bench, model_folder: Path) -> None:

@@ -20,7 +20,7 @@ from hybrid_sysid_ros.bags.sampling import (
     multiple,
     uniform_period,
 )
-from hybrid_sysid_ros.control.policy.training_range import TrainingRange
+from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.estimation import Tuning
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.models import Sampling
@@ -216,7 +216,7 @@ def test_troubles_are_judged_by_their_share_since_the_last_look():
 def test_stamps_follow_a_clock_that_is_off(off, start, sets):
     """By nothing up to a millisecond, by a slew up to 20, and at once beyond."""
     pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
-    from hybrid_sysid_ros.nodes.timeline import SLEW, Timeline
+    from hybrid_sysid_ros.nodes.timing import SLEW, Timeline
 
     clock = [10**15]
     timeline = Timeline(lambda: clock[0], lambda: 0)

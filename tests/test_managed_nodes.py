@@ -254,9 +254,7 @@ def test_an_estimator_that_takes_other_noise_goes_on_where_it_was(bench: Bench, 
     for _ in range(300):
         before = desk.estimate(0.2)
     assert set_parameter(bench, "estimator", "measurement_noise", 0.02) == ""
-    assert desk.estimator.observer.tuning.measurement_noise[0] == pytest.approx(
-        load_rig("cam_beam").display[0].si(0.02)
-    )
+    assert desk.estimator.adapter.tuning.measurement_noise[0] == pytest.approx(load_rig("cam_beam").display[0].si(0.02))
     after = desk.estimate(0.2)
     assert after.position[0] == pytest.approx(before.position[0], abs=1e-3)
     assert after.effort[0] == pytest.approx(before.effort[0], abs=0.1 * abs(before.effort[0]) + 1e-3)
@@ -296,7 +294,7 @@ def test_what_nobody_has_foreseen_is_refused_and_the_services_go_on(
     wheel.refer([VOLT] * 9)
     assert wheel.command(0.0) == pytest.approx(4.0)
     assert "too long" in set_parameter(wheel.bench, "controller", "model", 300 * "x")
-    monkeypatch.setattr(wheel.controller, "pilot_of", lambda settings: 1 / 0)
+    monkeypatch.setattr(wheel.controller, "adapter_of", lambda settings: 1 / 0)
     assert "ZeroDivisionError" in set_parameter(wheel.bench, "controller", "policy", "exact")
     assert wheel.command(VOLT) == pytest.approx(1.0)
     assert ask(wheel.bench, Trigger, "controller/stop", Trigger.Request()).success
@@ -308,7 +306,7 @@ from hybrid_sysid_ros.nodes import controller, process
 
 def make():
     node = controller.ControllerNode()
-    node.pilot_of = lambda settings: time.sleep(60.0)
+    node.adapter_of = lambda settings: time.sleep(60.0)
     return node
 
 sys.exit(process.run(make))

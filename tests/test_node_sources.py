@@ -11,9 +11,9 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from hybrid_sysid_ros.nodes.base import Source
 from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
-from hybrid_sysid_ros.nodes.source import Source
 from tests.node_bench import Bench
 
 

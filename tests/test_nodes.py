@@ -121,7 +121,7 @@ def test_parameters_are_described_with_range_and_unit(bench: Bench) -> None:
 def test_a_change_is_refused_with_a_reason_or_applied(bench: Bench) -> None:
     node = bench.start(PlantNode)
     for name, value, reason in (
-        ("bias", [2e9], "within"),
+        ("bias", [10.1], "within [-10, 10]"),
         ("bias", [0.1, 0.2], "one for each input"),
         ("bias", "much", "needs a number"),
         ("rate", 100.0, "read when the node is configured"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.nodes.messages import SECOND
-from hybrid_sysid_ros.nodes.timeline import DRIFT, SET, SLEW, Timeline
+from hybrid_sysid_ros.nodes.timing import DRIFT, SET, SLEW, Timeline
 
 PERIOD = SECOND // 200
 

@@ -53,8 +53,8 @@ class Operator:
         from std_msgs.msg import String
         from std_srvs.srv import SetBool, Trigger
 
-        from hybrid_sysid_ros.nodes.border import Border
         from hybrid_sysid_ros.nodes.topics import TYPES, profile
+        from hybrid_sysid_ros.nodes.validation import MessageValidator
 
         self.output = next(item for item in set_point_ranges(rig) if item.tracked)
         self.random = np.random.default_rng(seed)
@@ -67,10 +67,10 @@ class Operator:
         (low, high), rest, seconds = rig.limits, rig.actuators[0].rest, defaults(rig, "controller")["stop_seconds"]
         self.fall = float(high[0] - low[0]) / (defaults(rig, "plant")["rate"] * seconds)
         """By how much a stop brings the first input nearer to rest at a measurement."""
-        border = Border(TYPES["joint_command"], steady=time.monotonic_ns)
+        validator = MessageValidator(TYPES["joint_command"], steady=time.monotonic_ns)
 
         def note(data: bytes, information: Mapping[str, int]) -> None:
-            message = border.unpack(data)
+            message = validator.unpack(data)
             if message is not None:
                 published = information["source_timestamp"] * 1e-9  # not when it came: this process may wait its turn
                 self.commands.append((published, abs(float(message.lists[2][0]) - rest)))

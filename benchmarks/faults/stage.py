@@ -33,9 +33,9 @@ from sensor_msgs.msg import JointState
 from benchmarks.faults import disk
 from benchmarks.faults.disk import TROUBLE
 from hybrid_sysid_ros.nodes import middleware, topics
-from hybrid_sysid_ros.nodes.border import Border
 from hybrid_sysid_ros.nodes.messages import set_nanoseconds
 from hybrid_sysid_ros.nodes.process import SWITCH_INTERVAL
+from hybrid_sysid_ros.nodes.validation import MessageValidator
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import TRAINED, shipped
 from hybrid_sysid_ros.runtime.processes import permitted_priority, priority_of
@@ -152,7 +152,7 @@ class Stage:
         rclpy.init(context=self.context, domain_id=self.domain)
         options = {"start_parameter_services": False, "enable_rosout": False}  # each would cost the relay time
         self.node = Node("saboteur", context=self.context, namespace=self.rig.namespace, **options)
-        self.border = Border(JointState, steady=time.monotonic_ns)  # by which bytes are read at once
+        self.validator = MessageValidator(JointState, steady=time.monotonic_ns)  # by which bytes are read at once
         self.relay = Relay(self.node, self._see)
         if self.clocked:
             self.clock = SetClock(self.node)
@@ -265,7 +265,7 @@ class Stage:
     # ------------------------------------------------------------------ what is seen
 
     def _see(self, data: bytes) -> None:
-        now, joints = time.monotonic(), self.border.unpack(data)
+        now, joints = time.monotonic(), self.validator.unpack(data)
         if joints is None:
             return
         position, _, effort = joints.lists
@@ -273,7 +273,7 @@ class Stage:
         self.measured.append((now, joints.stamp, position[index], effort[index]))
 
     def _hear(self, data: bytes) -> None:
-        now, joints = time.monotonic(), self.border.unpack(data)
+        now, joints = time.monotonic(), self.validator.unpack(data)
         if joints is None:
             return
         self.answered.setdefault(joints.stamp, now)

@@ -35,11 +35,11 @@ CAMERA = "camera"
 OWN_NOISE = 0.05
 """Process noise of a state without a unit that a model has beside the rig's [1/sqrt(s)]."""
 AT_FIRST = 10.0
-"""What is believed of an offset at first, in what it drifts in a second: as much as it drifts in 100 s."""
+"""Initial deviation of an offset, in units of its drift in one second: as much as it drifts in 100 s."""
 NONE = 1e9
-"""A bound of a state from which on it is none."""
+"""A bound of a state that is at least this large counts as no bound."""
 REACH = 2.0
-"""Times the rig's own amplitude of references, within which set-points are."""
+"""Set-points lie within this many times the amplitude of the rig's own references."""
 
 
 def estimator_model(rig: Rig, model: Model) -> Model:
@@ -181,7 +181,7 @@ def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: Problem) -> T
 
 
 def _violation(values: Mapping[str, Any], rig: Rig) -> float:
-    """The least noise of the outputs that are states with bounds, of all outputs where no such one is measured."""
+    """The least noise of the measured states that have bounds, or of all outputs if none of these is measured."""
     limits = zip(rig.system.states, values["state_low"], values["state_high"], strict=True)
     bounded = {item.name for item, low, high in limits if max(low, -high) > -NONE}
     noise = dict(zip((item.name for item in rig.system.outputs), _noise(rig).tolist(), strict=True))
@@ -237,7 +237,7 @@ def listed(content: Mapping[str, Any], key: str, where: str, count: int) -> tupl
 
 @dataclass(frozen=True, kw_only=True)
 class SetPointRange:
-    """An output as it is shown, and where its set-points may be; NaN where it is not tracked."""
+    """An output as it is shown, and the range of its set-points; NaN if it is not tracked."""
 
     name: str
     unit: str
@@ -249,7 +249,7 @@ class SetPointRange:
 
     @property
     def moves(self) -> bool:
-        """Whether it may be sent anywhere: one whose references have no amplitude is weighed, but belongs at 0."""
+        """Whether the output has a range: one whose references have no amplitude is weighed but stays at 0."""
         return self.high > self.low
 
 

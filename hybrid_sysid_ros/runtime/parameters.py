@@ -131,6 +131,9 @@ def parameters(rig: Rig | str, node: str) -> dict[str, Parameter]:
     found = {}
     for name, entry in declared[node].items():
         fitted = {**entry, "unit": _unit(entry, rig), "count": _count(entry, rig)}
+        if entry.get("range") == "ACTUATOR":
+            largest = max(max(abs(item.low), abs(item.high)) for item in rig.actuators)
+            fitted["range"] = [-largest, largest]
         found[name] = _parameter(name, fitted, f"{DECLARATIONS}: nodes.{node}.{name}")
         if name in values:
             try:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.control.mpc import shooting
-from hybrid_sysid_ros.control.safety.online_check import ROUNDING, _bounded
+from hybrid_sysid_ros.control.safety.supervisor import ROUNDING, _bounded
 
 HORIZON = SimpleNamespace(low=np.array([-2.0, -1.0]), high=np.array([4.0, 1.0]), rate=np.array([1.5, 9.0]))
 STEADY = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])

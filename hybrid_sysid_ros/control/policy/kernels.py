@@ -171,11 +171,11 @@ def _evaluate(sizes: Any, numbers: Any, z: Any, answers: Any) -> None:
     shape = PLACES + sizes[TRACKED]
     forward(sizes, shape, numbers, sizes[NETWORK], z, answers)
     if sizes[FOLLOWED] > 0:
-        slopes = scratch(WIDEST)
-        forward(sizes, shape + sizes[shape] + 2, numbers, sizes[CORRECTION], z, slopes)
+        changes = scratch(WIDEST)
+        forward(sizes, shape + sizes[shape] + 2, numbers, sizes[CORRECTION], z, changes)
         for i in range(sizes[FOLLOWED]):
             for k in range(count):
-                answers[k] += slopes[i * count + k] * numbers[sizes[DEVIATION] + i]
+                answers[k] += changes[i * count + k] * numbers[sizes[DEVIATION] + i]
     for k in range(count):
         low, high = numbers[sizes[LOW] + k % inputs], numbers[sizes[HIGH] + k % inputs]
         answers[k] = 0.5 * (low + high) + 0.5 * (high - low) * answers[k]

@@ -27,10 +27,10 @@ from hybrid_sysid_ros.extensions.commander.nodes.configured_interpreter import C
 from hybrid_sysid_ros.extensions.commander.nodes.loop_monitor import HEARS, LoopMonitor
 from hybrid_sysid_ros.extensions.commander.nodes.plan_writer import PlanWriter
 from hybrid_sysid_ros.nodes.base import RigNode
-from hybrid_sysid_ros.nodes.border import Border
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.process import run
+from hybrid_sysid_ros.nodes.validation import MessageValidator
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -104,7 +104,7 @@ class CommanderNode(RigNode):
         self.monitor = LoopMonitor(self, self.rig, self.writer.tracked, silence=silence)
         self.set_points, self.planned = self.open("set_point"), self.open("planned")
         self.replies = self.open("command_reply")
-        self.borders["command_text"] = entry = Border(String, steady=monotonic_ns)  # people have no stamps
+        self.validators["command_text"] = entry = MessageValidator(String, steady=monotonic_ns)  # people have no stamps
         self.listen(entry, "command_text", self.on_text)
         self.interpreting = ConfiguredInterpreter(self)
         self.every(LOOK_PERIOD, self.look)

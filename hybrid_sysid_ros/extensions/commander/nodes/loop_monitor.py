@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.commander.language.forecast import Start
-from hybrid_sysid_ros.nodes.border import Border
-from hybrid_sysid_ros.nodes.collector import Collector
 from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.managed import ManagedNode
 from hybrid_sysid_ros.nodes.messages import Joints, Trajectory
 from hybrid_sysid_ros.nodes.preview import Preview
+from hybrid_sysid_ros.nodes.subscriptions import Collector
 from hybrid_sysid_ros.nodes.topics import TYPES
+from hybrid_sysid_ros.nodes.validation import MessageValidator
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -31,7 +31,9 @@ class LoopMonitor:
         """tracked: outputs that have references (outputs,). silence: after which another publisher is heard [ns]."""
         self.rig, self.tracked = rig, tracked
         self.collectors = {topic: Collector(node, TYPES[topic], topic) for topic in HEARS}
-        self.borders = {topic: Border(TYPES[topic], steady=monotonic_ns, silence=silence) for topic in HEARS}
+        self.validators = {
+            topic: MessageValidator(TYPES[topic], steady=monotonic_ns, silence=silence) for topic in HEARS
+        }
         layout = Layout(rig, rig.system)
         self.outputs, self.inputs = Slots(layout.outputs), Slots(layout.inputs)
         self.scales = np.array([display.scale for display in rig.display])
@@ -45,11 +47,11 @@ class LoopMonitor:
     def look(self) -> None:
         """Take in what has come."""
         for topic, collector in self.collectors.items():
-            border = self.borders[topic]
+            validator = self.validators[topic]
             for data, _ in collector.fetch():
-                message = border.unpack(data)
-                if message is not None and border.hears(message.source):
-                    border.believe(message.source)
+                message = validator.unpack(data)
+                if message is not None and validator.accepts_source(message.source):
+                    validator.select_source(message.source)
                     self.newest[topic] = message
 
     @property
@@ -77,7 +79,7 @@ class LoopMonitor:
         message = self.newest.get("reference")
         if message is None:
             raise UserError("no reference is published yet: is the loop running, and its reference node?")
-        preview = Preview.of(Trajectory(*message), self.borders["reference"], self.outputs, self.tracked, self.stamp)
+        preview = Preview.of(Trajectory(*message), self.validators["reference"], self.outputs, self.tracked, self.stamp)
         if preview is None:
             raise UserError("the reference makes no sense: see the controller's diagnostics")
         found: Array = preview.at(np.array([self.stamp]))[0] / self.scales

@@ -27,9 +27,9 @@ from hybrid_sysid_ros.bags import BagWriter
 from hybrid_sysid_ros.bags.bag import Bag, opened
 from hybrid_sysid_ros.nodes import middleware
 from hybrid_sysid_ros.nodes.base import RigNode
-from hybrid_sysid_ros.nodes.border import Border
 from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
+from hybrid_sysid_ros.nodes.validation import MessageValidator
 from hybrid_sysid_ros.support.errors import UserError
 
 Kind = TypeVar("Kind", bound=RigNode)
@@ -138,11 +138,13 @@ class Replay:
         return 0 if joints is None else int(joints.stamp)
 
     @staticmethod
-    def _tell(node: RigNode, border: Border, callback: Callable[[Any], None], logged: int, data: bytes) -> None:
+    def _tell(
+        node: RigNode, validator: MessageValidator, callback: Callable[[Any], None], logged: int, data: bytes
+    ) -> None:
         clock = node.get_clock()
         if isinstance(clock, ROSClock) and clock.ros_time_is_active:
             clock.set_ros_time_override(Time(nanoseconds=logged, clock_type=clock.clock_type))
-        message = border.unpack(data)
+        message = validator.unpack(data)
         if message is not None:
             callback(message)
 

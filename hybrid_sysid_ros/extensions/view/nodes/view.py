@@ -33,14 +33,14 @@ from hybrid_sysid_ros.extensions.view.requests import (
 )
 from hybrid_sysid_ros.extensions.view.tables import Cursor, Tables
 from hybrid_sysid_ros.nodes.base import RigNode
-from hybrid_sysid_ros.nodes.border import Border
 from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
-from hybrid_sysid_ros.nodes.collector import Collector
 from hybrid_sysid_ros.nodes.diagnostics import Task
 from hybrid_sysid_ros.nodes.layout import Layout, Place, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory
 from hybrid_sysid_ros.nodes.process import announce, run
+from hybrid_sysid_ros.nodes.subscriptions import Collector
 from hybrid_sysid_ros.nodes.topics import TYPES
+from hybrid_sysid_ros.nodes.validation import MessageValidator
 from hybrid_sysid_ros.runtime.parameters import defaults
 from hybrid_sysid_ros.runtime.references import KINDS
 from hybrid_sysid_ros.support.arrays import Array
@@ -102,9 +102,9 @@ class ViewNode(RigNode):
         self.statuses: set[str] = set()
         """Names of the tasks that diagnostics have told of."""
         self.collectors = {topic: Collector(self, TYPES[topic], topic) for topic in self.HEARS}
-        silence = self.settings["silence"] * SECOND
+        silence = self.settings["silence"] * SECOND  # whatever the stamps of messages
         for topic in self.HEARS:
-            self.borders[topic] = Border(TYPES[topic], steady=monotonic_ns, silence=silence)  # whatever their stamps
+            self.validators[topic] = MessageValidator(TYPES[topic], steady=monotonic_ns, silence=silence)
         self.set_points = self.open("set_point")
         self.setters = {
             node: self._client(SetParameters, f"{node}/set_parameters") for node in ("plant", "controller", "reference")
@@ -125,7 +125,7 @@ class ViewNode(RigNode):
             collector.close()
 
     def _client(self, kind: type[Any], service: str) -> Client:
-        return self.create_client(kind, service, callback_group=self.aside)
+        return self.create_client(kind, service, callback_group=self.service_group)
 
     def greeting(self) -> Mapping[str, Any]:
         """What a page must know of the rig."""
@@ -171,22 +171,22 @@ class ViewNode(RigNode):
             scales = np.concatenate([self.scales, np.ones(len(self.rig.actuators))])
             self.tables.replace("prediction", self._rows(message, self.measured, scales))
         for data, _ in self.collectors["/diagnostics"].fetch():
-            said = self.borders["/diagnostics"].unpack(data)
+            said = self.validators["/diagnostics"].unpack(data)
             if said is not None:
                 self._diagnose(said)
 
     def _joints(self, topic: str) -> Sequence[tuple[Joints, int]]:
         """What has come of joints, of the one publisher that is heard, and when it was published."""
-        border, found = self.borders[topic], []
+        validator, found = self.validators[topic], []
         for data, published in self.collectors[topic].fetch():
-            joints = border.unpack(data)
-            if joints is not None and border.hears(joints.source):
-                border.believe(joints.source)
+            joints = validator.unpack(data)
+            if joints is not None and validator.accepts_source(joints.source):
+                validator.select_source(joints.source)
                 found.append((joints, published))
         return found
 
     def _measure(self, joints: Joints, published: int) -> None:
-        values = self.borders["joint_states"].read(joints, self.measured)
+        values = self.validators["joint_states"].read(joints, self.measured)
         if values is None:
             return
         self.published[joints.stamp] = published
@@ -197,7 +197,7 @@ class ViewNode(RigNode):
         self.tables.tables["measured"].add([time, *shown.tolist(), *values[outputs:]])
 
     def _estimate(self, joints: Joints) -> None:
-        values = self.borders["state_estimate"].read(joints, self.estimated)
+        values = self.validators["state_estimate"].read(joints, self.estimated)
         if values is None:
             return
         time, outputs = self.tables.time(joints.stamp), len(self.scales)
@@ -211,7 +211,7 @@ class ViewNode(RigNode):
         self.tables.tables["estimate"].add(row)
 
     def _command(self, joints: Joints, published: int) -> None:
-        values = self.borders["joint_command"].read(joints, self.commanded)
+        values = self.validators["joint_command"].read(joints, self.commanded)
         if values is None:
             return
         began = self.published.pop(joints.stamp, None)
@@ -221,11 +221,11 @@ class ViewNode(RigNode):
 
     def _trajectories(self, topic: str) -> Sequence[Trajectory]:
         """What has come of trajectories, of the one publisher that is heard."""
-        border, found = self.borders[topic], []
+        validator, found = self.validators[topic], []
         for data, _ in self.collectors[topic].fetch():
-            message = border.unpack(data)
-            if message is not None and border.hears(message.source) and len(message.times):
-                border.believe(message.source)
+            message = validator.unpack(data)
+            if message is not None and validator.accepts_source(message.source) and len(message.times):
+                validator.select_source(message.source)
                 found.append(message)
         return found
 

@@ -57,7 +57,7 @@ class CameraNode(RigNode):
         self.frames = self.restarts = 0
         self.began = self.known = 0
         self.times, self.angles = np.empty(0, dtype=np.int64), np.empty(0)
-        self.entry = self.border("motion")
+        self.entry = self.validator("motion")
         self.listen(self.entry, "motion", self.on_motion)
         self.images = self.open("camera/image_raw/compressed")  # who sees it knows that the motion is heard
         self.infos = self.open("camera/camera_info")

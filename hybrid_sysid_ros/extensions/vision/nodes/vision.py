@@ -18,13 +18,12 @@ from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import STANDS, AngleReader, Reading
 from hybrid_sysid_ros.extensions.vision.reading.footage import FROZEN
 from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
-from hybrid_sysid_ros.nodes.base import RigNode
+from hybrid_sysid_ros.nodes.base import RigNode, Source
 from hybrid_sysid_ros.nodes.cdr import JointWriter
 from hybrid_sysid_ros.nodes.diagnostics import OK, Task
 from hybrid_sysid_ros.nodes.layout import Place, Slots
 from hybrid_sysid_ros.nodes.messages import nanoseconds
 from hybrid_sysid_ros.nodes.process import run
-from hybrid_sysid_ros.nodes.source import Source
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.runtime.configuration import CAMERA, shipped
 from hybrid_sysid_ros.support.arrays import Array
@@ -70,7 +69,7 @@ class VisionNode(RigNode):
         """How often the newest picture has come, and that picture."""
         self.sceneries = deque[Array](maxlen=LOOKS)
         self.moved = False
-        self.entry = self.border("camera/image_raw/compressed")
+        self.entry = self.validator("camera/image_raw/compressed")
         images = self.listen(self.entry, "camera/image_raw/compressed", self.on_image)
         self.when(lambda: images.publishers() > 0, self.advertise)
 
@@ -103,7 +102,7 @@ class VisionNode(RigNode):
                 self.lost += 1
         if self.readings is not None:
             self.readings.publish(self.writer.pack(stamp, [position, deviation]))
-        self.entry.believe(message.header.frame_id)
+        self.entry.select_source(message.header.frame_id)
         self.reading.add(perf_counter() - began)
 
     def look(self, picture: Picture) -> Reading:

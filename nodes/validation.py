@@ -1,4 +1,4 @@
-"""Border: what comes in on a topic is looked at here, once, before a node believes it, and counted by reason."""
+"""Message validation: each message is checked here, once, before a node uses it, and counted by reason where not."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from hybrid_sysid_ros.nodes.layout import Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory, point_lists
 
 LARGEST = 1 << 17
-"""Bytes of a message: a preview of some 2000 points. A larger one is not even unpacked, which would take its time."""
+"""Bytes of a message: a preview of some 2000 points. A larger message is dropped before it is unpacked."""
 FORMS = 8
-"""Forms of messages that are known at a time: those of the estimates, say, or of a sensor's and a camera's readings."""
+"""Number of message forms that are remembered at a time, such as those of a sensor and of a camera."""
 RESTART = SECOND
-"""A stamp so far before the last one is a new experiment, or a fault [ns]."""
+"""A stamp this far before the last one begins a new experiment, or is a fault [ns]."""
 
 
 class Reason(Enum):
-    """Why a message, or its numbers, were not believed."""
+    """Why a message, or some of its numbers, are rejected."""
 
     TOO_LARGE = "too large"
     UNREADABLE = "unreadable"
@@ -42,24 +42,24 @@ class Reason(Enum):
 
 
 class Order(Enum):
-    """How a stamp goes on from the last one."""
+    """How a stamp follows the last one."""
 
     NEW = "new"
-    AGAIN = "again"
+    DUPLICATE = "duplicate"
     LATE = "late"
-    """Before the last one, by less than RESTART."""
+    """It lies before the last one, by less than RESTART."""
     RESTART = "restart"
-    """So long before it that time has begun anew."""
+    """It lies so long before the last one that time has begun anew."""
 
 
-class Border:
-    """That of one topic of a node.
+class MessageValidator:
+    """Checks the messages of one topic of a node and selects its publisher.
 
-    A stamp is believed that is no more than ``ahead`` before and ``behind`` after the clock [ns], and no RESTART before
-    the last one that was believed. Time begins anew where the clock itself went back, so that the stamps are near it
-    again; without a clock, as in lockstep, where two messages in a row go on from one another that long before the
-    last. The first publisher, as frame_id names it, is the only one that is heard until it has been silent for
-    ``silence`` [ns] of steady time.
+    A stamp is accepted if it lies at most ``ahead`` ahead of the clock and ``behind`` behind it [ns], and less than
+    RESTART before the last accepted one. Time begins anew if the clock itself went back and the stamps are near it
+    again; without a clock, as in lockstep, if two messages in a row follow each other that long before the last one.
+    The first publisher, as frame_id names it, is the selected one until it has been silent for ``silence`` [ns] of
+    steady time.
     """
 
     def __init__(
@@ -73,16 +73,16 @@ class Border:
         silence: float = 0.0,
         largest: int = LARGEST,
     ) -> None:
-        """kind: of the messages. largest: bytes of one. clock: that of the stamps [ns]; None: none. steady: for
-        silences [ns].
+        """kind: type of the messages. largest: bytes of a message. clock: the one of the stamps [ns], if there is one.
+        steady: a clock for silences [ns].
         """
         self.dropped: Counter[Reason] = Counter()
         self.stamp = 0
-        """The newest believed one [ns], 0 before the first."""
+        """The newest accepted stamp [ns], 0 before the first."""
         self.heard = 0
-        """When something was believed last, in steady time [ns]; 0 before that."""
+        """When a message was accepted last, in steady time [ns]; 0 before the first."""
         self.source: str | None = None
-        """frame_id of who is heard."""
+        """frame_id of the selected publisher."""
         self._kind = kind
         self._largest = largest
         self._clock = clock
@@ -92,12 +92,12 @@ class Border:
         self._forms: dict[int, JointForm | TrajectoryForm] = {}
 
     def drop(self, reason: Reason) -> None:
-        """Count a message that is not believed."""
+        """Count a message that is rejected."""
         self.dropped[reason] += 1
 
     def unpack(self, data: bytes) -> Any | None:
-        """What bytes say, with a number for each name or none: Joints, a Trajectory, or another message; None where it
-        is none.
+        """Return the message in the bytes: Joints or a Trajectory, with a number for each name or none, or another
+        kind; None if the bytes are no message of the kind.
         """
         form = self._forms.get(len(data))  # most messages are like one before
         if form is not None and (said := form.unpack(data)) is not None:
@@ -134,14 +134,14 @@ class Border:
         return trajectory
 
     def _keep(self, size: int, form: JointForm | TrajectoryForm) -> None:
-        """Expect more messages of a form, which have this size."""
+        """Remember the form of a message by its size, for the next ones."""
         if len(self._forms) >= FORMS:
             self._forms.clear()
         self._forms[size] = form
 
     def read(self, joints: Joints, slots: Slots) -> list[float] | None:
-        """A message's numbers, NaN where there is none, or one beyond the slots' bounds; None where it names none of
-        their entries. What is missing or wrong is counted once.
+        """Return a message's numbers, NaN where one is missing or beyond the bounds of its slot; None if the message
+        names none of the slots' entries. What is missing or wrong is counted once a message.
         """
         values = slots.read(joints.names, joints.lists)
         if all(map(le, slots.low, values)) and all(map(le, values, slots.high)):
@@ -159,21 +159,21 @@ class Border:
         return values
 
     def admit(self, joints: Joints) -> Order | None:
-        """How a message goes on from the last one; None where its publisher or its stamp is not believed."""
-        found = self._order(joints.stamp) if self.hears(joints.source) else None
+        """Return how a message follows the last one; None if its publisher or its stamp is not accepted."""
+        found = self._order(joints.stamp) if self.accepts_source(joints.source) else None
         if found is not None:
-            self.believe(joints.source)
+            self.select_source(joints.source)
         return found
 
-    def hears(self, source: str) -> bool:
-        """Whether a publisher, by its frame_id, is the one that is heard; another one's message is counted."""
+    def accepts_source(self, source: str) -> bool:
+        """Whether a publisher, by its frame_id, is the selected one or may become it; else its message is counted."""
         if source != self.source and self.heard and self._steady() - self.heard < self._silence:
             self.drop(Reason.OTHER)
             return False
         return True
 
-    def believe(self, source: str) -> None:
-        """From here on this publisher is the one that is heard."""
+    def select_source(self, source: str) -> None:
+        """Select a publisher: from here on only its messages are accepted."""
         self.source, self.heard = source, self._steady()
 
     def is_near(self, stamp: int) -> bool:
@@ -190,7 +190,7 @@ class Border:
             return None
         found = Order.NEW
         if self.stamp and stamp <= self.stamp:
-            found = Order.AGAIN if stamp == self.stamp else Order.LATE
+            found = Order.DUPLICATE if stamp == self.stamp else Order.LATE
             if stamp < self.stamp - RESTART:
                 if not self._begins_anew(stamp, near=now is not None and math.isfinite(self._behind)):
                     self.drop(Reason.BACKWARDS)
@@ -201,7 +201,7 @@ class Border:
         return found
 
     def _begins_anew(self, stamp: int, *, near: bool) -> bool:
-        """Whether a stamp long before the last one is no fault; near: it is near the clock, so that went back."""
+        """Whether a stamp long before the last one begins anew and is no fault; near: the stamp is near the clock."""
         before, self._back = self._back, stamp
         return near or 0 < before < stamp < before + RESTART
 

@@ -1,20 +1,44 @@
-"""Listener: what a node hears of a topic, from whoever publishes it."""
+"""Subscriptions: what a node hears of a topic, from whoever publishes it, and with whom nothing passes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSCompatibility, QoSPolicyKind, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo, TopicEndpointTypeEnum
 
-from hybrid_sysid_ros.nodes import peers
 from hybrid_sysid_ros.nodes.exchange import Exchange
 from hybrid_sysid_ros.nodes.topics import OVERRIDES
+
+UNKNOWN = "_NODE_NAME_UNKNOWN_"
+"""What ROS calls the node of an endpoint that has none."""
+
+
+def name_of(peer: TopicEndpointInfo) -> str:
+    """Full name of a peer's node."""
+    if peer.node_name == UNKNOWN:
+        return "a peer that is no ROS node"
+    return f"{peer.node_namespace.rstrip('/')}/{peer.node_name}"
+
+
+def unmatched(topic: str, quality: QoSProfile, peers: Iterable[TopicEndpointInfo]) -> list[str]:
+    """Those peers of an endpoint with this quality of service between whom and it nothing passes, and why."""
+    found = []
+    for peer in peers:
+        hears = peer.endpoint_type == TopicEndpointTypeEnum.SUBSCRIPTION
+        offered, asked = (quality, peer.qos_profile) if hears else (peer.qos_profile, quality)
+        compatibility, reason = qos_check_compatible(offered, asked)
+        if compatibility == QoSCompatibility.ERROR:
+            words = reason.replace("ERROR: ", "").strip("; ").lower()
+            found.append(f"{topic}: nothing {'gets to' if hears else 'comes from'} {name_of(peer)}: {words}")
+    return found
 
 
 class Listener:
@@ -64,7 +88,7 @@ class Listener:
         subscription = self._subscription
         if not self._refused or subscription is None:
             return []
-        return peers.unmatched(self._name, subscription.qos_profile, self._publishers())
+        return unmatched(self._name, subscription.qos_profile, self._publishers())
 
     def _publishers(self) -> list[Any]:
         return list(self._node.get_publishers_info_by_topic(self._name))
@@ -77,7 +101,7 @@ class Listener:
             return
         if not offers and policy != QoSPolicyKind.RELIABILITY:
             return
-        who = ", ".join(map(peers.name_of, offers)) or "a publisher"
+        who = ", ".join(map(name_of, offers)) or "a publisher"
         self._node.get_logger().warning(f"{self._name}: {who} offers best effort: heard so from now on")
         quality = self._subscription.qos_profile
         self._unsubscribe()
@@ -115,3 +139,48 @@ class Listener:
             event_callbacks=events,
             qos_overriding_options=overrides,
         )
+
+
+DEPTH = 1000  # messages that wait; older ones are lost
+
+
+class Uncalled(CallbackGroup):
+    """Of what no executor waits for."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        pass
+
+
+class Collector:
+    """A subscription of serialised messages, best effort: a publisher waits for no answer of it, and both kinds of
+    publishers are heard.
+    """
+
+    def __init__(self, node: Node, kind: type[Any], topic: str) -> None:
+        """kind: of the messages; topic: its name, for rclpy to resolve."""
+        quality = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._node, self._kind = node, kind
+        self._subscription = node.create_subscription(
+            kind, topic, lambda data: None, quality, raw=True, callback_group=Uncalled()
+        )
+
+    def fetch(self) -> Iterator[tuple[bytes, int]]:
+        """What has come since the last time: each message, and when it was published [ns, system time]."""
+        handle = self._subscription.handle
+        with handle:
+            for _ in range(DEPTH):
+                found = handle.take_message(self._kind, True)
+                if found is None:
+                    return
+                data, information = found
+                yield data, information["source_timestamp"] or information["received_timestamp"]
+
+    def close(self) -> None:
+        """Hear nothing any more."""
+        self._node.destroy_subscription(self._subscription)

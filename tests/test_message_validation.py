@@ -1,4 +1,4 @@
-"""The border of a topic: which messages, stamps and publishers are believed, and what is counted of the rest."""
+"""The validator of a topic: which messages, stamps and publishers are believed, and what is counted of the rest."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hybrid_sysid_ros.nodes.border import FORMS, LARGEST, Border, Order, Reason
 from hybrid_sysid_ros.nodes.layout import Place, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints
+from hybrid_sysid_ros.nodes.validation import FORMS, LARGEST, MessageValidator, Order, Reason
 from tests.node_bench import joint
 
 MS = SECOND // 1000
 
 
 class Gate:
-    """A border whose clocks the test sets."""
+    """A validator whose clocks the test sets."""
 
     def __init__(self, *, timed: bool = True, **options: Any) -> None:
         self.now, self.steady = 1000 * SECOND, 5 * SECOND
         given = {"ahead": 20 * MS, "behind": 500 * MS, "silence": 500 * MS, **options}
-        self.border = Border(
+        self.validator = MessageValidator(
             JointState, clock=(lambda: self.now) if timed else None, steady=lambda: self.steady, **given
         )
 
     def say(self, stamp: int, source: str = "") -> Order | None:
-        return self.border.admit(Joints(source, stamp, ["beam"], ([], [], [])))
+        return self.validator.admit(Joints(source, stamp, ["beam"], ([], [], [])))
 
     def wait(self, time: int) -> None:
         self.now += time
@@ -48,13 +48,13 @@ def test_stamps_are_believed_near_the_clock_only() -> None:
         assert gate.say(gate.now - 5 * MS) is Order.NEW
     assert gate.say(gate.now - 2 * SECOND) is None  # nor does an old one begin anything anew
     assert gate.say(0) is None
-    assert gate.border.dropped == {Reason.AHEAD: 20, Reason.LONG_PAST: 2}
+    assert gate.validator.dropped == {Reason.AHEAD: 20, Reason.LONG_PAST: 2}
 
 
 def test_a_stamp_comes_again_or_late() -> None:
     gate = Gate()
     gate.say(gate.now)
-    assert gate.say(gate.now) is Order.AGAIN
+    assert gate.say(gate.now) is Order.DUPLICATE
     assert gate.say(gate.now - 10 * MS) is Order.LATE
     assert gate.say(gate.now + MS) is Order.NEW
 
@@ -75,7 +75,7 @@ def test_without_a_clock_two_stamps_in_a_row_begin_anew() -> None:
     assert gate.say(100 * SECOND + 3 * MS) is Order.NEW
     assert gate.say(SECOND) is None
     assert gate.say(SECOND + 5 * MS) is Order.RESTART
-    assert gate.border.dropped == {Reason.BACKWARDS: 2}
+    assert gate.validator.dropped == {Reason.BACKWARDS: 2}
 
 
 def test_one_publisher_is_heard_until_it_is_silent() -> None:
@@ -87,7 +87,7 @@ def test_one_publisher_is_heard_until_it_is_silent() -> None:
     gate.wait(600 * MS)
     assert gate.say(gate.now, "second") is Order.NEW
     assert gate.say(gate.now + MS, "first") is None
-    assert gate.border.dropped == {Reason.OTHER: 2}
+    assert gate.validator.dropped == {Reason.OTHER: 2}
 
 
 @pytest.mark.parametrize(
@@ -101,18 +101,18 @@ def test_one_publisher_is_heard_until_it_is_silent() -> None:
     ],
 )
 def test_a_message_that_does_not_fit_is_dropped(message: Any, reason: Reason) -> None:
-    border = Border(type(message), steady=lambda: 0)
-    assert border.unpack(serialize_message(message)) is None
-    assert border.dropped == {reason: 1}
+    validator = MessageValidator(type(message), steady=lambda: 0)
+    assert validator.unpack(serialize_message(message)) is None
+    assert validator.dropped == {reason: 1}
 
 
 def test_bytes_that_are_no_message_are_dropped() -> None:
-    border = Border(JointState, steady=lambda: 0)
+    validator = MessageValidator(JointState, steady=lambda: 0)
     good = serialize_message(joint(SECOND, position=[1.0]))
-    assert border.unpack(good) == Joints.of(joint(SECOND, position=[1.0]))
+    assert validator.unpack(good) == Joints.of(joint(SECOND, position=[1.0]))
     for data in (b"", b"\x00", good[: len(good) // 2], b"\xff" * len(good)):
-        assert border.unpack(data) is None
-    assert border.dropped == {Reason.UNREADABLE: 4}
+        assert validator.unpack(data) is None
+    assert validator.dropped == {Reason.UNREADABLE: 4}
 
 
 @pytest.mark.parametrize(
@@ -120,30 +120,36 @@ def test_bytes_that_are_no_message_are_dropped() -> None:
     [(math.nan, Reason.NO_NUMBER), (math.inf, Reason.OUT_OF_RANGE), (-1e300, Reason.OUT_OF_RANGE)],
 )
 def test_numbers_that_no_rig_has_become_none(value: float, reason: Reason) -> None:
-    border, slots = Border(JointState, steady=lambda: 0), Slots([Place("a", "position"), Place("b", "effort")])
+    validator, slots = (
+        MessageValidator(JointState, steady=lambda: 0),
+        Slots([Place("a", "position"), Place("b", "effort")]),
+    )
     message = JointState(name=["b", "a"], position=[math.nan, value], effort=[2.0, math.nan])
-    found = border.read(Joints.of(message), slots)
+    found = validator.read(Joints.of(message), slots)
     assert found is not None
     assert math.isnan(found[0])
     assert found[1] == 2.0
-    assert border.dropped == {reason: 1}
+    assert validator.dropped == {reason: 1}
 
 
 def test_names_that_are_missing_are_counted() -> None:
-    border, slots = Border(JointState, steady=lambda: 0), Slots([Place("a", "position"), Place("b", "effort")])
-    assert border.read(Joints.of(joint(0, name=["a"], position=[1.0])), slots) == pytest.approx(
+    validator, slots = (
+        MessageValidator(JointState, steady=lambda: 0),
+        Slots([Place("a", "position"), Place("b", "effort")]),
+    )
+    assert validator.read(Joints.of(joint(0, name=["a"], position=[1.0])), slots) == pytest.approx(
         [1.0, math.nan], nan_ok=True
     )
-    assert border.read(Joints.of(joint(0, name=["c"], position=[1.0])), slots) is None
-    assert border.dropped == {Reason.UNNAMED: 1, Reason.UNRELATED: 1}
+    assert validator.read(Joints.of(joint(0, name=["c"], position=[1.0])), slots) is None
+    assert validator.dropped == {Reason.UNNAMED: 1, Reason.UNRELATED: 1}
 
 
 def test_a_stamp_is_near_up_to_its_bounds_and_no_further() -> None:
     gate = Gate()
     for stamp, near in ((20 * MS, True), (20 * MS + 1, False), (-500 * MS, True), (-500 * MS - 1, False)):
-        assert gate.border.is_near(gate.now + stamp) is near
+        assert gate.validator.is_near(gate.now + stamp) is near
         assert (Gate().say(gate.now + stamp) is Order.NEW) is near
-    assert Gate(timed=False).border.is_near(0)
+    assert Gate(timed=False).validator.is_near(0)
 
 
 def test_without_a_clock_time_begins_anew_where_two_go_on_from_one_another() -> None:
@@ -166,33 +172,36 @@ def test_a_publisher_is_silent_from_its_bound_on() -> None:
     assert gate.say(gate.now, "second") is None
     gate.wait(1)
     assert gate.say(gate.now, "second") is Order.NEW
-    assert gate.border.source == "second"
+    assert gate.validator.source == "second"
 
 
 def test_no_more_forms_are_known_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each is unpacked by the middleware once, and all once more when there were too many."""
-    border = Border(JointState, steady=lambda: 0)
+    validator = MessageValidator(JointState, steady=lambda: 0)
     unpacked: list[bytes] = []
 
     def unpack(data: bytes, kind: type[Any]) -> Any:
         unpacked.append(data)
         return deserialize_message(data, kind)
 
-    monkeypatch.setattr("hybrid_sysid_ros.nodes.border.deserialize_message", unpack)
+    monkeypatch.setattr("hybrid_sysid_ros.nodes.validation.deserialize_message", unpack)
     messages = [serialize_message(joint(5, name=["b" * (8 * k + 1)], position=[1.0])) for k in range(FORMS + 1)]
     for message in 2 * messages[:FORMS]:
-        border.unpack(message)
+        validator.unpack(message)
     assert len(unpacked) == FORMS
     for message in (messages[FORMS], *messages[:FORMS]):
-        border.unpack(message)
+        validator.unpack(message)
     assert len(unpacked) == 2 * FORMS + 1
 
 
 def test_what_is_not_known_yet_is_told_from_what_is_wrong() -> None:
-    border, slots = Border(JointState, steady=lambda: 0), Slots([Place("a", "position"), Place("b", "effort")])
+    validator, slots = (
+        MessageValidator(JointState, steady=lambda: 0),
+        Slots([Place("a", "position"), Place("b", "effort")]),
+    )
     slots.low[:], slots.high[:] = [-1.0, -1.0], [1.0, 1.0]
     for value, inside in ((1.0, True), (-1.0, True), (1.001, False), (-1.001, False)):
         for other in (0.0, math.nan):  # what is wrong beside it changes nothing
-            read = border.read(Joints("", 1, ["a", "b"], ([value, 0.0], [], [0.0, other])), slots)
+            read = validator.read(Joints("", 1, ["a", "b"], ([value, 0.0], [], [0.0, other])), slots)
             assert read is not None
             assert (read[0] == value) is inside

@@ -1,0 +1,204 @@
+"""Adapters: model, estimator and controller as the nodes use them, made beside a loop that goes on with others."""
+
+from __future__ import annotations
+
+import gc
+import math
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from hybrid_sysid_ros.control.cascade import Cascade
+from hybrid_sysid_ros.core.rollout import output_of
+from hybrid_sysid_ros.estimation import METHODS, StateEstimate
+from hybrid_sysid_ros.models import Model, load
+from hybrid_sysid_ros.nodes.base import Source
+from hybrid_sysid_ros.nodes.cdr import JointWriter, TrajectoryWriter
+from hybrid_sysid_ros.nodes.layout import AHEAD, Layout, Place, Slots
+from hybrid_sysid_ros.nodes.messages import SECOND
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.configuration import CAMERA, estimator_model, estimator_tuning, shipped
+from hybrid_sysid_ros.runtime.controllers import controller_of, policy_folder
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+SLACK = 0.05  # of its range, by which an input may be beyond its limits to be accepted
+WINDOW = 10.0  # s of innovations whose mean square is reported
+Measured = tuple[float, list[float]]
+"""Time [s], and the outputs and applied inputs that were measured then."""
+WARM_UPS = 6  # answers of a controller before it drives
+COMPILING = 1.0  # s, from which on an answer of it has compiled something
+
+
+def model_of(rig: Rig, settings: Mapping[str, Any]) -> tuple[Model, Source]:
+    """The model that the parameter names, or the one that comes with the package, and where it was read. Raises
+    UserError where it cannot be loaded or is of another rig.
+    """
+    folder = settings["model"] or shipped(rig.name, "model")
+    source = Source(folder)
+    return estimator_model(rig, load(folder, rig=rig.source)), source
+
+
+class EstimatorAdapter:
+    """An estimator, what it reads out of measurements, and the message that its estimate becomes.
+
+    It is made beside a loop that goes on with another one.
+
+    given: what a measurement gave, outputs and applied inputs (p + m,), written by the caller before update().
+    """
+
+    def __init__(self, rig: Rig, model: Model, settings: Mapping[str, Any], signature: str) -> None:
+        """Compiles. Raises UserError where parameters and model don't go together."""
+        self.system = system = model.system
+        layout = Layout(rig, system)
+        limits = [(item.low, item.high, SLACK * (item.high - item.low)) for item in rig.actuators]
+        bounds = [(low - slack, high + slack) for low, high, slack in limits]
+        self.measured = Slots([*layout.outputs, *layout.inputs], bounds=bounds)
+        self.camera = Slots([layout.outputs[0].ending(f"_{CAMERA}")])
+        self.given = np.zeros(len(self.measured))
+        self.outputs, self.applied = np.split(self.given, [len(layout.outputs)])
+        self.tuning = estimator_tuning(settings, rig, system)
+        self._further = layout.further
+        self._settings = settings
+        self._writer = JointWriter(Slots(layout.estimate(tuple(self.tuning.followed))), signature)
+        self.begin()
+        for k in range(1, 4):  # compiles, and has seen it all once before it matters
+            self.pack(self.update((k - 1) / settings["rate"]), round(k * SECOND), blind=False)
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget all estimates and counts."""
+        settings = self._settings
+        kind, period = METHODS[settings["method"]], 1.0 / settings["rate"]
+        self.filter = kind(self.system, self.tuning, period=period, latency=settings["latency"])
+        self.innovations: deque[float] = deque(maxlen=round(WINDOW * settings["rate"]))
+        self.parameters: Mapping[str, float] = {}
+
+    def see(self, measured: Sequence[Measured]) -> None:
+        """Take measurements that another adapter has answered, to go on where that one is."""
+        for time, given in measured:
+            self.given[:] = given
+            with suppress(UserError):  # nothing to hold on to yet
+                self.note(self.update(time))
+
+    def update(self, time: float) -> StateEstimate:
+        """Estimate with what was given at a time [s]. Raises UserError where there is nothing to hold on to yet."""
+        return self.filter.update(time, self.outputs, self.applied)
+
+    def pack(self, estimate: StateEstimate, stamp: int, *, blind: bool) -> bytes:
+        """The message of an estimate with its stamp [ns]; blind: it is a guess, on which nobody should act."""
+        state, ahead, disturbance = estimate.state.tolist(), estimate.ahead.tolist(), estimate.disturbance.tolist()
+        further: list[float] = []
+        if self._further:
+            outputs = output_of(self.system, estimate.state, self.applied + estimate.disturbance)
+            further = outputs[self._further].tolist()
+        parameters = estimate.parameters.tolist()
+        numbers = [*state, *further, *disturbance, *ahead, *disturbance, *parameters]
+        return self._writer.pack(stamp, [math.nan] * len(numbers) if blind else numbers)
+
+    def note(self, estimate: StateEstimate) -> None:
+        """Keep innovation and parameters of an estimate, for the diagnostics."""
+        if math.isfinite(estimate.normalised_innovation):
+            self.innovations.append(estimate.normalised_innovation)
+        self.parameters = dict(zip(self.tuning.followed, estimate.parameters, strict=True))
+
+
+class FrozenSensorDetector:
+    """Detects a sensor that shows exactly the same number for too long, although it has noise."""
+
+    def __init__(self, *, after: int) -> None:
+        self.count = 0
+        """Readings that were found frozen."""
+        self._after, self._repeats, self._last = after, 0, math.nan
+
+    def is_frozen(self, reading: float) -> bool:
+        """Whether this reading and those before it are the same for too long."""
+        self._repeats = self._repeats + 1 if reading == self._last else 0
+        self._last = reading
+        found = 0 < self._after <= self._repeats
+        self.count += found
+        return found
+
+
+class ControllerAdapter:
+    """A controller, what it reads out of estimates and references, and the messages that its plans become.
+
+    It is made beside a loop that goes on with another one.
+
+    given: state and input disturbance when the command acts (n + m,), written by the caller; state, disturbance: the
+    parts of it.
+    """
+
+    def __init__(self, rig: Rig, settings: Mapping[str, Any], signature: str, warn: Callable[[str], object]) -> None:
+        """Loads, checks and compiles. warn: gets what a user should know. Raises UserError where parameters, model and
+        policy don't go together.
+        """
+        self.rig, self.settings = rig, settings
+        model, source = model_of(rig, settings)
+        self.sources = {"model": source}
+        if (folder := policy_folder(rig, settings)) is not None:
+            self.sources["policy"] = Source(folder)
+        made = controller_of(rig, model, settings, warn)
+        self.controller, self.problem = made.controller, made.problem
+        self.network, self.supervisor = made.network, made.supervisor
+        self.ahead = round((model.system.delay + settings["latency"]) * SECOND)
+        period, horizon = self.controller.period, self.controller.horizon
+        self.grid = np.round(period * np.arange(1, horizon + 1) * SECOND).astype(np.int64)
+        layout = Layout(rig, model.system)
+        states, inputs = len(layout.states), len(layout.inputs)
+        self.estimated = Slots([place.ending(AHEAD) for place in (*layout.states, *layout.inputs)])
+        self.given = np.zeros(states + inputs)
+        self.state, self.disturbance = np.split(self.given, [states])
+        self.outputs = Slots(layout.outputs)
+        self.tracked = np.array(self.problem.output_weights) > 0.0
+        correction = self.network.correction if self.network is not None else None
+        names: tuple[str, ...] = correction.names if correction is not None else ()
+        self.followed = Slots([Place(name, "position") for name in names])
+        self.plans = TrajectoryWriter(Slots([*layout.states, *layout.inputs]), self.grid.tolist(), signature)
+        self.writer = JointWriter(Slots(layout.inputs), signature)
+        self.rest = np.array([actuator.rest for actuator in rig.actuators])
+        self._span = np.array([actuator.high - actuator.low for actuator in rig.actuators])
+        self._warm_up(self.rest)
+
+    def _warm_up(self, rest: Array) -> None:
+        """Answer made-up states: this compiles, and loads what is loaded at first use.
+
+        The first answers are late, for they compile; those after them go on as in the loop.
+        """
+        for _ in range(WARM_UPS):
+            began = perf_counter()
+            plan = self.controller.control(
+                self.state, self.disturbance, rest, np.zeros((len(self.grid), len(self.outputs)))
+            )
+            self.writer.pack(0, plan.input.tolist())
+            self.controller.prepare(self.controller.period)
+            if perf_counter() - began > COMPILING:
+                gc.collect()  # what the compiler has left, before it needs as much again
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a new experiment."""
+        self.controller.reset()
+        if self.supervisor is not None:
+            self.supervisor.reasons.clear()
+
+    def at_rest(self) -> Array:
+        """Inputs at rest (m,), or what a stabiliser answers the newest state with: an unstable rig is lost without."""
+        if isinstance(self.controller, Cascade) and np.isfinite(self.state).all():
+            return self.controller.held(self.state)
+        return self.rest
+
+    def nearer_rest(self, inputs: Array, share: float) -> Array:
+        """Inputs (m,) moved towards :meth:`at_rest` by at most a share of their range."""
+        rest = self.at_rest()
+        away = inputs - rest
+        return np.asarray(rest + np.sign(away) * np.maximum(np.abs(away) - share * self._span, 0.0))
+
+    def adapt(self, parameters: list[float]) -> None:
+        """Tell a network with a correction the parameters that the estimator follows; NaN leaves one as it was."""
+        if self.network is not None:
+            self.network.adapt(dict(zip(self.followed.names, parameters, strict=True)))
