@@ -8,17 +8,17 @@ import numpy as np
 
 from hybrid_sysid_ros.core import Dry, RungeKutta, System, Variable, bounded
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.models import STRUCTURES, build
-from hybrid_sysid_ros.models.difnn import Difnn
+from hybrid_sysid_ros.extensions.fuzzy.difnn import Difnn
+from hybrid_sysid_ros.extensions.fuzzy.takagi_sugeno import TakagiSugeno
+from hybrid_sysid_ros.models import build, structure_names
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.residual import ResidualHybrid
-from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 
 RANGE = np.array([0.15, 0.5, 10.0])  # position [rad], velocity [rad/s], drive [V] of the beam's records
 DEFLECTION = 0.005  # of bristles, as far as they bend [rad]
-MOTIONS = [name for name in STRUCTURES if name not in ("narx", "takagi_sugeno", "difnn", "recurrent", "residual")]
+MOTIONS = [name for name in structure_names() if name not in ("narx", "takagi_sugeno", "difnn", "recurrent", "residual")]
 
 
 def structure(name: str, seed: int = 0) -> System:

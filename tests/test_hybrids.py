@@ -13,11 +13,11 @@ from hybrid_sysid_ros.core.mathematics import sin
 from hybrid_sysid_ros.core.symbolic import symbolic_rates
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.fitting import fit
-from hybrid_sysid_ros.identification.starting import placed
+from hybrid_sysid_ros.identification.starting import initialised
 from hybrid_sysid_ros.models import Sampling, build
 from hybrid_sysid_ros.models.hybrid import Hybrid, averaged
 from hybrid_sysid_ros.models.region import FADED, Region
-from hybrid_sysid_ros.models.structures import assemble
+from hybrid_sysid_ros.models.structure import assemble
 from hybrid_sysid_ros.support.errors import UserError
 
 STEP = 0.02
@@ -69,7 +69,7 @@ def begun(kind: str) -> Hybrid:
     """In its training data, and without a word yet."""
     system, _ = build("hybrid", Swing(), scales=np.array([1.0, 2.0, 2.0]), seed=0, options=KINDS[kind])
     assert isinstance(system, Hybrid)
-    return placed(system, [record(Stiffening(), 0)], seed=0)
+    return initialised(system, [record(Stiffening(), 0)], seed=0)
 
 
 def spoken(kind: str) -> Hybrid:
@@ -179,7 +179,7 @@ def test_rules_stand_in_place_of_a_network_on_rates_too():
     system, _ = build("hybrid", Swing(), scales=np.array([1.0, 2.0, 2.0]), seed=0, options=options)
     assert isinstance(system, Hybrid)
     assert (system.on, system.region) == (("rate",), None)
-    system = placed(system, [record(Stiffening(), 0)], seed=0)
+    system = initialised(system, [record(Stiffening(), 0)], seed=0)
     random = np.random.default_rng(2)
     system = system.with_weights(random.normal(size=len(system.weights)))
     z = np.clip(np.array([1.0 - np.sin(0.2), 0.2]) / system.scales[:2], -1.5, 1.5)

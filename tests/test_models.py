@@ -15,12 +15,12 @@ import yaml
 from hybrid_sysid_ros import models
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.core.rollout import output_of
-from hybrid_sysid_ros.models import STRUCTURES, Model, Sampling, build, storage
+from hybrid_sysid_ros.models import Model, Sampling, build, storage, structure_names
 from hybrid_sysid_ros.models.export import export_casadi
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.model import FORMAT
 from hybrid_sysid_ros.models.options import parse
-from hybrid_sysid_ros.models.structures import assemble, options_of
+from hybrid_sysid_ros.models.structure import assemble, options_of
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
 from tests.one_joint import narx as narx_of
@@ -44,7 +44,7 @@ FROM_DATA = {
     "recurrent": recurrent_of(3, scales=(0.03, 0.2, 4.0), period=0.025),
     "residual": residual(CamBeam()),
 }
-BUILT = [name for name in STRUCTURES if name not in FROM_DATA]
+BUILT = [name for name in structure_names() if name not in FROM_DATA]
 SCALES = np.array([0.1, 0.4, 5.0])
 
 
@@ -87,7 +87,7 @@ def folder(tmp_path):
     return tmp_path / "model"
 
 
-@pytest.mark.parametrize("structure", STRUCTURES)
+@pytest.mark.parametrize("structure", structure_names())
 def test_a_model_comes_back_to_the_last_bit(tmp_path, structure):
     model = model_of(structure)
     model.save(tmp_path / "model")
@@ -263,7 +263,7 @@ def test_a_structure_begins_where_no_earlier_fit_leaks_in():
 def test_a_linear_system_begins_within_its_bounds_to_the_last_digit(size):
     system, _ = build("linear", CamBeam(), scales=np.array([1.0, size, size**3]) * RANGE, seed=0)
     assert isinstance(system, Linear)
-    begun = system.begun({item.name: 1e9 for item in system.parameters if not item.fixed})
+    begun = system.initialised({item.name: 1e9 for item in system.parameters if not item.fixed})
     begun.with_values([item.start for item in begun.parameters]).check()
 
 
@@ -291,7 +291,7 @@ def test_physics_has_its_terms_as_options_and_a_network_its_own():
     assert {"cam", "stribeck", "creep", "starts"} <= set(options_of("gray", CamBeam()))
     assert {"cam", "units", "members", "ridge"} <= set(options_of("hybrid", CamBeam()))
     assert set(options_of("linear", CamBeam())) == {"starts", "input_bias"}
-    for structure in STRUCTURES:
+    for structure in structure_names():
         for name, option in options_of(structure, CamBeam()).items():
             assert option.low <= option.default <= option.high, name
 
@@ -333,7 +333,7 @@ def test_an_unknown_structure_names_those_that_are_known():
         build("magic", CamBeam(), scales=SCALES, seed=0)
 
 
-@pytest.mark.parametrize("structure", sorted(set(STRUCTURES) - {"linear", "stribeck", "dahl", "lugre", "gray"}))
+@pytest.mark.parametrize("structure", sorted(set(structure_names()) - {"linear", "stribeck", "dahl", "lugre", "gray"}))
 def test_a_learned_part_needs_its_design_and_its_weights(structure):
     system = begun(structure, 0)
     for missing in ({"design": None}, {"weights": None}):

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hybrid_sysid_ros.identification.recipes import Recipe
 
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.recipes import Recipe
 from hybrid_sysid_ros.identification.selection.cross_validation import (
     BLOCKS,
     WORST,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.identification.fitting import Fit
+from hybrid_sysid_ros.models.fit import Fit
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.models.sampling import Sampling
-from hybrid_sysid_ros.models.structures import assemble
+from hybrid_sysid_ros.models.structure import Structure, assemble, structure_of
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -52,6 +52,12 @@ class Model:
     place: str = ""
     """Folder of a rig outside the package."""
     seal: str = ""
+
+    @property
+    def kind(self) -> Structure:
+        """Its structure on its rig."""
+        rig = rigs.load(self.rig)
+        return structure_of(self.structure, rig.system, rig.structures)
 
     @property
     def standard_errors(self) -> dict[str, float]:

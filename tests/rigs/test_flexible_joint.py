@@ -12,7 +12,7 @@ from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.idle_states import without_idle
 from hybrid_sysid_ros.core import simulate, stepped
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.models.structures import build, structure_of
+from hybrid_sysid_ros.models.structure import build, structure_of
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import configuration
 

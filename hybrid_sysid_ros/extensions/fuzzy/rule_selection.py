@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Variable
-from hybrid_sysid_ros.core.networks.memberships import memberships, packed
-from hybrid_sysid_ros.identification.clustering import fuzzy_c_means, gustafson_kessel
+from hybrid_sysid_ros.extensions.fuzzy.clustering import fuzzy_c_means, gustafson_kessel
+from hybrid_sysid_ros.extensions.fuzzy.memberships import memberships, packed
+from hybrid_sysid_ros.extensions.fuzzy.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.selection.regression import Regression, least_squares
-from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]

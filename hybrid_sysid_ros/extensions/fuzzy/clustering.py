@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 
-from hybrid_sysid_ros.core.networks.memberships import NEAREST, memberships
+from hybrid_sysid_ros.extensions.fuzzy.memberships import NEAREST, memberships
 from hybrid_sysid_ros.support.errors import UserError
 
 Array = NDArray[np.float64]
