@@ -1,25 +1,25 @@
 """What colcon reads too: the rest is in pyproject.toml, which colcon does not link into a --symlink-install."""
 
+import ast
 import sys
 from glob import glob
+from pathlib import Path
 from xml.etree import ElementTree
 
 from setuptools import Distribution, find_namespace_packages, setup
 
 NAME = "hybrid_sysid_ros"
-NODES = (
-    "plant",
-    "estimator",
-    "controller",
-    "reference",
-    "recorder",
-    "composed",
-    "player",
-    "view",
-    "commander",
-    "camera",
-    "vision",
-)
+MANIFESTS = [f"{NAME}/support/trunk.py", *sorted(glob(f"{NAME}/extensions/*/extension.py"))]
+
+
+def nodes(manifest):
+    """Names of the nodes of a manifest, which is read, not run: nothing that it needs is installed yet."""
+    words = ast.walk(ast.parse(Path(manifest).read_text(encoding="utf-8")))
+    tables = [word.value for word in words if isinstance(word, ast.keyword) and word.arg == "nodes"]
+    return [key.value for table in tables for key in table.keys]
+
+
+NODES = [node for manifest in MANIFESTS for node in nodes(manifest)]
 PIP = not {"bdist_wheel", "dist_info", "editable_wheel", "sdist"}.isdisjoint(sys.argv)
 
 # `ros2 run` looks in lib/hybrid_sysid_ros. colcon installs the console scripts there, under the nodes' own names; pip

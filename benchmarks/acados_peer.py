@@ -15,13 +15,11 @@ from typing import Any
 
 import casadi
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control import Plan, Problem, Status
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.symbolic import symbolic_step
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 
 def installed() -> bool:

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks import picture, result
@@ -38,8 +37,9 @@ from hybrid_sysid_ros.rigs.excitation import (
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.checking import check_tolerances
+from hybrid_sysid_ros.runtime.controllers import check_tolerances
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
+from hybrid_sysid_ros.support.arrays import Array
 
 RIG = "cam_beam"
 NAME = "closed_loop"
@@ -62,7 +62,6 @@ REGULATOR_SMOOTHING = 0.1
 cost over other seeds and references than those measured here (100 and 101, 20 s of random steps and a multisine), with
 preview and without."""
 
-Array = NDArray[np.float64]
 Drive = Callable[..., ClosedLoop]
 """drive(reference, seed=..., duration=...): a loop under one of the controllers."""
 

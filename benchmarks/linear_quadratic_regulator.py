@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, null_space, solve_discrete_are
 
 from hybrid_sysid_ros.control.controller import Plan, Status
@@ -15,9 +14,8 @@ from hybrid_sysid_ros.control.mpc.shooting import bounded
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import kernel
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 NEWTON_STEPS = 50
 ROUNDING_ERROR = 1e-9
@@ -88,7 +86,9 @@ class LinearQuadraticRegulator:
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`. What is not a number gives HELD."""
         previous = np.asarray(previous_input, dtype=float)
-        last = np.clip(np.where(np.isfinite(previous), previous, 0.0), self._limits.low, self._limits.high)
+        last = np.clip(
+            np.where(np.isfinite(previous), previous, 0.0), self._limits.limits.low, self._limits.limits.high
+        )
         preview = np.asarray(preview, dtype=float)
         final = preview[-1] if self._previewing else preview[0]
         target = self.rest.point + self.target @ (final - self.rest.outputs)
@@ -120,12 +120,12 @@ def _rest(system: System, problem: Problem, wanted: Array) -> Rest:
         _linearised(model, horizon)
         found = Rest(
             point=point,
-            outputs=horizon.outputs[0].copy(),
-            transition=horizon.A[0].copy(),
-            gain=horizon.B[0].copy(),
-            reading=np.hstack([horizon.C[0], horizon.D[0]]),
+            outputs=horizon.linear.outputs[0].copy(),
+            transition=horizon.linear.A[0].copy(),
+            gain=horizon.linear.B[0].copy(),
+            reading=np.hstack([horizon.linear.C[0], horizon.linear.D[0]]),
         )
-        moved = horizon.reached[0] - point[:n]
+        moved = horizon.linear.reached[0] - point[:n]
         if not (np.isfinite(moved).all() and np.isfinite(found.outputs).all()):
             break
         back = -np.linalg.lstsq(_balance(found), moved, rcond=None)[0]

@@ -20,6 +20,7 @@ from rich.table import Table
 
 from benchmarks import browser, result
 from hybrid_sysid_ros.commands.terminal import print_table
+from hybrid_sysid_ros.extensions.view.companion import View
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.errors import UserError
@@ -63,7 +64,7 @@ def loop(seconds: float, *, view: bool, page: bool) -> dict[str, Any]:
         rate=RATE,
         duration=seconds,
         reference="steps",
-        view=0 if view else None,
+        companions=[View(port=0)] if view else [],
         tell=shown.tell,
     ).go()
     if outcome.interrupted:
@@ -163,7 +164,7 @@ def set_points(count: int) -> dict[str, Any]:
 
     sender = threading.Thread(target=send, daemon=True)
     sender.start()
-    Run(rate=RATE, duration=UNTOUCHED, reference="constant", view=0, tell=shown.tell).go()
+    Run(rate=RATE, duration=UNTOUCHED, reference="constant", companions=[View(port=0)], tell=shown.tell).go()
     sender.join(10.0)
     if trouble:
         raise trouble[0]

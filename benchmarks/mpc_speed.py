@@ -15,7 +15,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks import acados_peer, result
@@ -29,11 +28,11 @@ from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.support.arrays import Array
 
 NAME = "mpc_speed"
 SEEDS = (0, 1, 2)
 STRIDE = 5
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

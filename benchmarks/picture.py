@@ -8,12 +8,10 @@ from pathlib import Path
 from xml.sax.saxutils import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.report.line_plots import ticks
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.files import written_file
-
-Array = NDArray[np.float64]
 
 WIDTH, LEFT, RIGHT, TOP, GAP, BOTTOM = 960, 58, 14, 44, 26, 40
 COLOURS = ("#8b95a1", "#d98880", "#c9a227", "#2e7d4f", "#3f7fbf", "#e8710a", "#4a235a", "#0f8b8d")

@@ -23,7 +23,6 @@ from typing import Any
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 from rich.markup import escape
 from rich.table import Table
 
@@ -45,7 +44,8 @@ from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.training import train_policy
+from hybrid_sysid_ros.runtime.policies import train_policy
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.extras import extra
 
 NAME = "policy"
@@ -66,8 +66,6 @@ FIRST_SEED = 900_000_000
 
 CALLS = 20_000
 """Of the policy on one question after another, to measure their time."""
-
-Array = NDArray[np.float64]
 
 
 def main(arguments: list[str]) -> int:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.rigs.excitation import Schedule
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 
 def levels(schedule: Schedule, output: int) -> list[tuple[float, float, float, float]]:

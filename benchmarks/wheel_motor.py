@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks import picture, result, step_response
@@ -29,11 +28,10 @@ from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.checking import check_tolerances
+from hybrid_sysid_ros.runtime.controllers import check_tolerances
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.run import Run
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 RIG, STEPS, SINES, PERIOD = "wheel_motor", "steps", "sines", 0.01
 BAND = 0.02

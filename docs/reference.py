@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator
-from typing import Any
 
 import mkdocs_gen_files
-import typer
 
-from hybrid_sysid_ros.commands.app import COMMANDS, MODEL_COMMANDS, POLICY_COMMANDS, RIG_COMMANDS
+from hybrid_sysid_ros.commands.program import LateCommand
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.parameters import declarations, parameters
+from hybrid_sysid_ros.support import extensions
 
-LIBRARY = ("core", "rigs", "bags", "models", "identification", "estimation", "control", "accuracy", "runtime")
+LIBRARY = (
+    "core", "rigs", "bags", "models", "identification", "estimation", "control", "runtime",
+    "extensions.accuracy.statistics",
+)  # fmt: skip
 
 
 def page(name: str, lines: Iterator[str]) -> None:
@@ -27,15 +29,10 @@ def page(name: str, lines: Iterator[str]) -> None:
 def commands() -> Iterator[str]:
     """Every command with its help, as it prints it."""
     yield "# Commands\n"
-    groups = (("", COMMANDS), ("model ", MODEL_COMMANDS), ("policy ", POLICY_COMMANDS), ("rig ", RIG_COMMANDS))
-    for group, known in groups:
-        for item in known:
-            app = typer.Typer(add_completion=False, rich_markup_mode=None)
-            app.command(item.name)(importlib.import_module(item.module).command)
-            made: Any = typer.main.get_command(app)
-            called = f"hybrid-sysid {group}{item.name}"
-            context = made.context_class(made, info_name=called, terminal_width=110, max_content_width=110)
-            yield f"## {called}\n\n```text\n{made.get_help(context)}\n```\n"
+    for words, told in extensions.commands().items():
+        made, called = LateCommand(words, *told).made(), f"hybrid-sysid {words}"
+        context = made.context_class(made, info_name=called, terminal_width=110, max_content_width=110)
+        yield f"## {called}\n\n```text\n{made.get_help(context)}\n```\n"
 
 
 def every_parameter() -> Iterator[str]:
@@ -68,7 +65,7 @@ def every_topic() -> Iterator[str]:
 
 
 def _class_of(node: str) -> type[RigNode]:
-    module = importlib.import_module(f"hybrid_sysid_ros.nodes.{node}")
+    module = importlib.import_module(extensions.node_module(node))
     return next(
         item
         for item in vars(module).values()

@@ -11,12 +11,14 @@ from launch.logging import get_logger
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from hybrid_sysid_ros.support import errors
+from hybrid_sysid_ros.commands.program import arguments_of
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.runtime.companion import Companion, Loop, join
+from hybrid_sysid_ros.runtime.parameters import defaults
+from hybrid_sysid_ros.support import errors, extensions
 from launch import LaunchDescription, LaunchDescriptionEntity
 
 PACKAGE = "hybrid_sysid_ros"
-BESIDE = ("view", "commander")
-"""Nodes without which a loop goes on."""
 OF_THE_LOOP = ("reference", "estimator", "controller", "plant")
 """Those that may be composed."""
 TRUTHS = ("true", "false")
@@ -41,15 +43,26 @@ ARGUMENTS = {
     "respawn": ("false", TRUTHS, "true: a node that dies is started again; false: the launch ends with it"),
     "autostart": ("true", TRUTHS, "false: a manager configures and activates the nodes"),
     "bag": ("", (), "folder of a bag to record; empty: none"),
-    "view": ("false", TRUTHS, "true: a page of this computer that shows the rig; its address is printed"),
-    "commander": (
-        "false",
-        TRUTHS,
-        "true: take commands in plain language; a simulated rig is armed, a real one is not",
-    ),
-    "camera": ("false", TRUTHS, "true: a camera takes the sensors' place; a real rig has a driver of its own for it"),
-    "layers": ("", (), "folder of the layers by which pictures are read; empty: the shipped ones"),
 }
+OPTIONS = {
+    name: item for make in extensions.provided("companions").values() for name, item in arguments_of(make).items()
+}
+"""Arguments of what extensions add to a loop, as `hybrid-sysid run` has them."""
+for name, item in OPTIONS.items():
+    default = str(item.default).lower() if isinstance(item.default, bool) else str(item.default or "")
+    told = next((str(one.help) for one in getattr(item.annotation, "__metadata__", ()) if hasattr(one, "help")), "")
+    ARGUMENTS[name] = (default, TRUTHS if isinstance(item.default, bool) else (), told)
+
+
+def companions(given: Mapping[str, str]) -> list[Companion]:
+    """Those that are asked for."""
+    values: dict[str, Any] = {}
+    for name, item in OPTIONS.items():
+        kind = type(item.default)
+        values[name] = given[name] == "true" if kind is bool else kind(given[name]) if kind is int else given[name]
+    makers = extensions.provided("companions").values()
+    made = [make(**{name: values[name] for name in arguments_of(make)}) for make in makers]
+    return [companion for companion in made if companion is not None]
 
 
 def parameters(given: Mapping[str, str]) -> dict[str, dict[str, Any]]:
@@ -61,7 +74,6 @@ def parameters(given: Mapping[str, str]) -> dict[str, dict[str, Any]]:
     latency = {"latency": 0.0} if lock else {}
     rate = {"rate": float(asked["rate"])} if "rate" in asked else {}
     model = {name: asked[name] for name in ("model",) if name in asked}
-    layers = {name: asked[name] for name in ("layers",) if name in asked}
     driven = {name: asked[name] for name in ("policy", "policy_path", "solver") if name in asked}
     readers = 3 if given["bag"] else 2  # of joint_states: estimator, reference and recorder, whom the rig waits for
     values: dict[str, dict[str, Any]] = {
@@ -72,31 +84,25 @@ def parameters(given: Mapping[str, str]) -> dict[str, dict[str, Any]]:
     }
     if given["bag"]:
         values["recorder"] = {"path": given["bag"]}
-    if given["view"] == "true":
-        values["view"] = {}
-        values["reference"]["stay"] = True
-    if given["commander"] == "true":
-        values["commander"] = {"armed": given["simulated"] == "true", **layers}
-        values["reference"]["stay"] = True
-        if "reference" not in asked:
-            values["reference"] |= {"kind": "constant", "amplitude": 0.0}
-    if given["camera"] == "true":
-        for name, seeing in eyes(given).items():
-            values[name] = {**lock, **values.get(name, {}), **seeing}
-        if given["bag"]:
-            values["recorder"]["further"] = "motion"
+    further: dict[str, dict[str, Any]] = {}
+    join(loop_of(given), further, companions(given))
+    for node, own in further.items():
+        usual = defaults(rigs.load(loop_of(given).rig), node)  # it is left to the parameter file
+        values[node] = {**values.get(node, {}), **{name: own[name] for name in own if own[name] != usual[name]}}
     if given["simulated"] == "false":
-        for name in ("plant", "camera"):
-            values.pop(name, None)
+        del values["plant"]
     return values
 
 
-def eyes(given: Mapping[str, str]) -> dict[str, dict[str, Any]]:
-    """Parameters of camera and vision, and what they change in those of plant and estimator."""
-    from hybrid_sysid_ros.extensions.vision import camera_loop as sight
-    from hybrid_sysid_ros.rigs import rig as rigs
-
-    return sight.parameters(rigs.load(given["rig"] or rigs.default()), given["layers"])
+def loop_of(given: Mapping[str, str]) -> Loop:
+    """What companions join."""
+    return Loop(
+        rig=given["rig"] or rigs.default(),
+        reference=given["reference"],
+        lockstep=given["lockstep"] == "true",
+        recorded=bool(given["bag"]),
+        simulated=given["simulated"] == "true",
+    )
 
 
 def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
@@ -128,7 +134,9 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
             **more,
         )
 
-    found, beside = list[Node](), [node(name, values.pop(name), name=name) for name in BESIDE if name in values]
+    found = list[Node]()
+    apart = {name for item in companions(given) if item.beside for name in item.nodes(loop_of(given))}
+    beside = [node(name, values.pop(name), name=name) for name in sorted(apart)]
     if given["composed"] == "true":  # each takes what is its own
         loop = {name: values.pop(name) for name in OF_THE_LOOP if name in values}
         together = {name: value for parameters in loop.values() for name, value in parameters.items()}

@@ -124,7 +124,7 @@ class RigNode(ManagedNode):
             ahead=settings["stamp_ahead"] * SECOND,
             behind=settings["stamp_behind"] * SECOND,
             silence=settings["silence"] * SECOND if timed else 0.0,
-            largest=topics.LARGEST.get(topic, LARGEST),
+            largest=topics.LARGEST_OF.get(topic, LARGEST),
         )
         return border
 

@@ -8,6 +8,8 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+from hybrid_sysid_ros.support.extensions import node_module
+
 SECOND_TRY = "HYBRID_SYSID_SECOND_TRY"
 """Variable that tells a Python that another one has tried before."""
 
@@ -19,7 +21,7 @@ def main() -> int:
     in front, of an environment that is active, takes over.
     """
     name = Path(sys.argv[0]).stem.removeprefix("hybrid-sysid-")
-    module = f"hybrid_sysid_ros.nodes.{name}"
+    module = node_module(name)
     try:
         return int(import_module(module).main())
     except ModuleNotFoundError as error:

@@ -8,8 +8,7 @@ from typing import Any
 from hybrid_sysid_ros.models import Model, load
 from hybrid_sysid_ros.nodes.source import Source
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.augmented_model import believed
-from hybrid_sysid_ros.runtime.configuration import shipped
+from hybrid_sysid_ros.runtime.configuration import estimator_model, shipped
 
 
 def model_of(rig: Rig, settings: Mapping[str, Any]) -> tuple[Model, Source]:
@@ -18,4 +17,4 @@ def model_of(rig: Rig, settings: Mapping[str, Any]) -> tuple[Model, Source]:
     """
     folder = settings["model"] or shipped(rig.name, "model")
     source = Source(folder)
-    return believed(rig, load(folder, rig=rig.source)), source
+    return estimator_model(rig, load(folder, rig=rig.source)), source

@@ -1,4 +1,4 @@
-"""Inquiry: what parameters the nodes of a rig have, asked of themselves."""
+"""Parameter query: what parameters the nodes of a rig have, asked of themselves."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PATIENCE = 8  # looks, with an answer: one that is lost, as where a service does
 Heard = Callable[[str, dict[str, Any]], None]
 
 
-class Inquiry:
+class ParameterQuery:
     """Asks each of some nodes, as soon as it is there, for all that nodes.yaml declares of it and for its rig, until it
     has answered once.
     """

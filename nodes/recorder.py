@@ -20,7 +20,7 @@ from hybrid_sysid_ros.bags import Quality, Recording, Split, collected
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
-from hybrid_sysid_ros.nodes.parameter_query import Inquiry
+from hybrid_sysid_ros.nodes.parameter_query import ParameterQuery
 from hybrid_sysid_ros.nodes.process import run
 from hybrid_sysid_ros.runtime.run_provenance import folders, parameter_file
 from hybrid_sysid_ros.support.errors import UserError
@@ -80,7 +80,7 @@ class RecorderNode(RigNode):
         """
         self.qualities: dict[str, list[Quality]] = {}
         """How each topic was offered when its first message came."""
-        self.belongings: deque[tuple[str, bytes]] = deque()
+        self.attachments: deque[tuple[str, bytes]] = deque()
         """What the bag is still to keep beside the messages."""
         self.ended = Event()
         self.queued = self.unqueued = 0  # bytes; each is counted by one thread
@@ -99,7 +99,7 @@ class RecorderNode(RigNode):
         if self.searched:
             self.every(SEARCH_PERIOD, self.search)
         self.every(FLUSH_PERIOD, self.drain)
-        self.inquiry = Inquiry(self, ASKED, self.learn)
+        self.query = ParameterQuery(self, ASKED, self.learn)
         split = Split(size=self.settings["split_bytes"], seconds=self.settings["split_seconds"])
         self.recording = Recording(path, replace=self.settings["overwrite"], split=split)
         self.writer = Thread(target=self.write, daemon=True)  # a disk that never answers keeps nobody
@@ -132,9 +132,9 @@ class RecorderNode(RigNode):
 
     def learn(self, name: str, values: Mapping[str, Any]) -> None:
         """Keep what a node has read."""
-        self.belongings.extend(parameter_file(name, values).items())
+        self.attachments.extend(parameter_file(name, values).items())
         try:
-            self.belongings.extend(collected(folders(name, values)).items())
+            self.attachments.extend(collected(folders(name, values)).items())
         except UserError as error:
             self.get_logger().warning(f"the bag does not keep all that the {name} has read: {error}")
 
@@ -199,12 +199,12 @@ class RecorderNode(RigNode):
         finally:
             self.unqueued += sum(len(entry.data) for entry in self.held[:written])
             del self.held[:written]
-        while self.belongings and self.recording.kept:
-            self.recording.attach(*self.belongings.popleft(), time.time_ns())
+        while self.attachments and self.recording.kept:
+            self.recording.attach(*self.attachments.popleft(), time.time_ns())
 
     def deactivate(self) -> None:
         """Write the rest and end the bag. Raises UserError where it could not be written."""
-        self.inquiry.close()
+        self.query.close()
         self.drain()
         self.ended.set()
         self.writer.join(PATIENCE)

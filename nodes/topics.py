@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from sensor_msgs.msg import CameraInfo, CompressedImage, JointState
-from std_msgs.msg import Float64MultiArray, String
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from hybrid_sysid_ros.bags import Quality
-from hybrid_sysid_ros.runtime.parameters import DECLARATIONS
+from hybrid_sysid_ros.nodes.border import LARGEST
+from hybrid_sysid_ros.runtime.parameters import DECLARATIONS, declaration_files
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import read_mapping, section
+from hybrid_sysid_ros.support.structured import built, read_mapping, section
 
-TYPES: Mapping[str, Any] = {
+OWN: Mapping[str, Any] = {
     "joint_states": JointState,
     "joint_command": JointState,
     "effort_command": Float64MultiArray,
@@ -32,19 +34,11 @@ TYPES: Mapping[str, Any] = {
     "predicted_trajectory": JointTrajectory,
     "motion": JointTrajectory,
     "camera/joint_states": JointState,
-    "camera/image_raw/compressed": CompressedImage,
-    "camera/camera_info": CameraInfo,
-    "command_text": String,
-    "command_reply": DiagnosticStatus,
-    "planned": JointTrajectory,
     "/diagnostics": DiagnosticArray,
     "/parameter_events": ParameterEvent,
 }
-LARGEST: Mapping[str, int] = {"camera/image_raw/compressed": 1 << 23}
-"""Bytes of a message, of topics with larger ones than others."""
 UNRECORDED = ("effort_command", "motion")
 """What joint_command has too, and what is read by a simulated camera alone."""
-RECORDED = tuple(topic for topic in TYPES if topic not in UNRECORDED)
 
 OVERRIDDEN: Mapping[str, tuple[str, ...]] = {
     "reliability": ("reliable", "best_effort"),
@@ -55,6 +49,50 @@ OVERRIDDEN: Mapping[str, tuple[str, ...]] = {
 OVERRIDES = QoSOverridingOptions([QoSPolicyKind[name.upper()] for name in OVERRIDDEN])
 LONGEST = 100_000  # messages that a topic may keep
 ENTITIES = ("publisher", "subscription")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FurtherTopic:
+    """A topic that an extension declares."""
+
+    type: str
+    """As sensor_msgs/msg/JointState."""
+    largest: int = LARGEST
+    """Bytes of a message."""
+    recorded: bool = True
+    """Whether a recorder takes it that is not told which topics."""
+
+
+def _further() -> Iterator[tuple[str, FurtherTopic, Any]]:
+    """Name, declaration and message class of the topics of the extensions. Raises UserError where one is not told as
+    it should be, or its message is not installed.
+    """
+    for path in declaration_files()[1:]:
+        topics = section(read_mapping(path), "topics", str(path))
+        for name in topics:
+            where = f"{path}: topics.{name}"
+            topic: FurtherTopic = built(FurtherTopic, section(topics, name, where), where)
+            kind = type_of(topic.type)
+            if name in OWN or kind is None:
+                why = "is another's already" if kind else f"{topic.type} is not installed"
+                raise UserError(f"{where}: {why}")
+            yield name, topic, kind
+
+
+def type_of(name: str) -> Any | None:
+    """The class of a message type, such as sensor_msgs/msg/JointState; None where it is not installed."""
+    package, _, kind = name.rpartition("/")
+    try:
+        return getattr(import_module(package.replace("/", ".")), kind)
+    except (ImportError, AttributeError, ValueError):
+        return None
+
+
+FURTHER = tuple(_further())
+TYPES: Mapping[str, Any] = {**OWN, **{name: kind for name, _, kind in FURTHER}}
+"""Of all topics."""
+LARGEST_OF: Mapping[str, int] = {name: topic.largest for name, topic, _ in FURTHER}
+RECORDED = (*(name for name in OWN if name not in UNRECORDED), *(name for name, topic, _ in FURTHER if topic.recorded))
 
 
 def check_override(name: str, value: Any, carried: Mapping[str, Collection[str]]) -> None:
@@ -79,13 +117,15 @@ def check_override(name: str, value: Any, carried: Mapping[str, Collection[str]]
 
 
 @cache
-def qualities(path: Path = DECLARATIONS) -> dict[str, dict[str, Any]]:
-    """How each topic is carried: settings of its QoS profile, by its name as in msgs_config/nodes.yaml.
+def qualities(*files: Path) -> dict[str, dict[str, Any]]:
+    """How each topic is carried: settings of its QoS profile, by its name as in msgs_config/nodes.yaml and the files of
+    the extensions.
 
     Raises UserError where a class is not described as it should be, or names a topic that another has.
     """
     found: dict[str, dict[str, Any]] = {}
-    for name, entry in section(read_mapping(path), "qos", str(path), needed=True).items():
+    classes = [(path, section(read_mapping(path), "qos", str(path))) for path in files or declaration_files()]
+    for path, name, entry in ((path, name, entry) for path, told in classes for name, entry in told.items()):
         try:
             policies = {"reliability": ReliabilityPolicy, "durability": DurabilityPolicy}
             settings = {key: policy[entry[key].upper()] for key, policy in policies.items()}
@@ -127,12 +167,3 @@ def profile_of(qualities: Sequence[Quality]) -> QoSProfile:
     told = {name: policy.__members__.get(getattr(chosen, name).upper()) for name, policy in policies.items()}
     known = {name: policy for name, policy in told.items() if policy is not None}
     return QoSProfile(**{"depth": max(chosen.depth, Quality.depth), **known})
-
-
-def type_of(name: str) -> Any | None:
-    """The class of a message type, such as sensor_msgs/msg/JointState; None where it is not installed."""
-    package, _, kind = name.rpartition("/")
-    try:
-        return getattr(import_module(package.replace("/", ".")), kind)
-    except (ImportError, AttributeError):
-        return None

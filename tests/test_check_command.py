@@ -10,7 +10,7 @@ import pytest
 from hybrid_sysid_ros.commands.check import Checks
 from hybrid_sysid_ros.rigs.folder import find, names
 from hybrid_sysid_ros.rigs.rig import load
-from hybrid_sysid_ros.runtime.bundled import NothingShippedError
+from hybrid_sysid_ros.runtime.parameters import NothingShippedError
 
 
 @pytest.mark.parametrize("name", sorted(names()))

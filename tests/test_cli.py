@@ -17,8 +17,9 @@ import yaml
 from hybrid_sysid_ros.commands import app, policy_train
 from hybrid_sysid_ros.commands import identify as identify_command
 from hybrid_sysid_ros.models import load, storage
-from hybrid_sysid_ros.runtime.bundled import shipped
+from hybrid_sysid_ros.runtime.parameters import shipped
 from hybrid_sysid_ros.runtime.run import Outcome, Run
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import Interrupted
 from hybrid_sysid_ros.support.parallel import Store
 from tests.command_line import PLACES, refused, refused_place
@@ -352,7 +353,7 @@ def test_no_arguments_get_the_help(command, arguments):
     assert (out + error).strip() == helped[1].strip()
 
 
-COMMANDS = [(item.name,) for item in app.COMMANDS] + [("policy", item.name) for item in app.POLICY_COMMANDS]
+COMMANDS = [words.split() for words in extensions.commands()]
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)

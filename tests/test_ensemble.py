@@ -12,7 +12,7 @@ from hybrid_sysid_ros.identification.validation.ensemble import Ensemble, ensemb
 from hybrid_sysid_ros.identification.validation.unstable import UnstableError
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime.bundled import shipped
+from hybrid_sysid_ros.runtime.parameters import shipped
 from hybrid_sysid_ros.support.errors import UserError
 
 BAGS = Path(__file__).parents[1] / "bags"

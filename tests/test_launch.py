@@ -11,6 +11,8 @@ import pytest
 pytest.importorskip("launch_ros", reason="needs ROS's launch, which no wheel brings")
 pytest.importorskip("PIL", reason="needs the extra video")
 
+from hybrid_sysid_ros.extensions.commander.companion import Commander
+from hybrid_sysid_ros.extensions.vision.companion import Vision
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.run import Run
@@ -47,7 +49,8 @@ def _executables(launch_file: Any, **asked: str) -> list[str]:
 def test_a_camera_by_the_launch_file_is_that_of_a_run(launch_file: Any, more: dict[str, str]) -> None:
     launched = launch_file.parameters(_given(launch_file, camera="true", **more))
     asked: dict[str, Any] = {name: value == "true" if name != "bag" else value for name, value in more.items()}
-    run = Run(camera=True, priority=0, **asked).values
+    joined = [Vision()] + ([Commander()] if asked.pop("commander", False) else [])
+    run = Run(companions=joined, priority=0, **asked).values
     assert launched.keys() == run.keys()
     for node in ("plant", "estimator", "camera", "vision"):
         defaults = configuration.defaults("cam_beam", node)

@@ -16,37 +16,39 @@ FOLDER = Path(__file__).parents[1] / PACKAGE
 LAYERS = [  # from the bottom up; a room (folder of the package) imports from the rooms of lower layers
     {"__init__"},
     {"support"},
-    {"accuracy", "bags", "core"},
+    {"bags", "core"},
     {"rigs"},
-    {"camera", "models"},
-    {"estimation", "identification", "vision"},
+    {"models"},
+    {"estimation", "identification"},
     {"control"},
     {"runtime"},
-    {"language", "report", "view"},
+    {"report"},
     {"commands", "nodes"},
-    {"__main__"},
+    {"extensions", "__main__"},
 ]
 ROS = re.compile(r"(rcl\w*|ros2\w*|rosbag2\w*|rosidl\w*|ament_\w+|tf2_\w+|\w+_msgs|\w+_interfaces|std_srvs)")
+NODES = re.compile(r"nodes/.*|extensions/\w+/nodes/.*")
+"""Files that may import ROS."""
 LAUNCH = re.compile(r"launch\w*")
 KEPT_IN = {  # heavy libraries, and the files that may import them
     "torch": re.compile(r"(control/policy/(network|training)|identification/gradient_training)\.py"),
     "casadi": re.compile(r"(core/\w+|control/mpc/interior_point)\.py"),
     "sysidentpy": re.compile(r"identification/selection/term_selection\.py"),
-    "optuna": re.compile(r"identification/selection/(study|database)\.py"),
+    "optuna": re.compile(r"extensions/search/(study|database)\.py"),
     "joblib": re.compile(r"support/parallel\.py"),
     "dask": re.compile(r"support/cluster\.py"),
     "distributed": re.compile(r"support/cluster\.py"),
     "onnx": re.compile(r"control/export/onnx_graph\.py"),
-    "plotly": re.compile(r"report/.*"),
-    "mcp": re.compile(r"language/server\.py"),
-    "websockets": re.compile(r"view/server\.py"),
+    "plotly": re.compile(r"(extensions/\w+/)?report/.*"),
+    "mcp": re.compile(r"extensions/commander/language/server\.py"),
+    "websockets": re.compile(r"extensions/view/server\.py"),
     "jinja2": re.compile(r"report/.*"),
-    "av": re.compile(r"camera/film\.py"),
-    "PIL": re.compile(r"camera/jpeg\.py"),
+    "av": re.compile(r"extensions/vision/camera/film\.py"),
+    "PIL": re.compile(r"extensions/vision/camera/jpeg\.py"),
 }
 AT_THE_TOP = re.compile(
-    r"core/casadi_form\.py|control/(mpc/interior_point|policy/(network|training))\.py|report/(charts|\w*figures)\.py"
-    r"|view/server\.py|language/server\.py"
+    r"core/casadi_form\.py|control/(mpc/interior_point|policy/(network|training))\.py"
+    r"|(extensions/\w+/)?report/(charts|\w*figures)\.py|extensions/(view|commander/language)/server\.py"
 )
 """Files that import one of them at once, and are themselves imported late; all others import it where they use it."""
 
@@ -82,8 +84,14 @@ def violations(source: str, file: str) -> list[str]:
     found = []
     for name in imports(source, file):
         top, _, rest = name.partition(".")
-        if ROS.fullmatch(top) and here != "nodes":
+        if ROS.fullmatch(top) and not NODES.fullmatch(file):
             found.append(f"{file}: {name} is ROS, which only nodes/ imports")
+        if top == PACKAGE and rest.partition(".")[0] == "extensions" and here != "extensions":
+            found.append(f"{file}: {name} is an extension, which may be absent: ask support.extensions for it")
+            continue
+        if top == PACKAGE and NODES.fullmatch(f"{rest.replace('.', '/')}/") and not NODES.fullmatch(file):
+            found.append(f"{file}: {name} is of the nodes, which need ROS")
+            continue
         if top == "studies":
             found.append(f"{file}: {name} is a study, which stands on the library")
         if LAUNCH.fullmatch(top):
@@ -98,11 +106,23 @@ def violations(source: str, file: str) -> list[str]:
     return found
 
 
-FILES = sorted(path for path in glob("**/*.py", root_dir=FOLDER, recursive=True))  # follows the link to nodes/
+TESTS = re.compile(r"extensions/\w+/tests/.*")
+FOUND = glob("**/*.py", root_dir=FOLDER, recursive=True)  # follows the link to nodes/
+FILES = sorted(path for path in FOUND if not TESTS.fullmatch(path))
 
 
 def test_all_rooms_are_looked_at() -> None:
     assert {"core/__init__.py", "support/errors.py", "nodes/__init__.py"} <= set(FILES)
+
+
+def test_every_room_that_has_a_layer_is_there() -> None:
+    assert {room(file) for file in FILES} | {"extensions"} == set().union(*LAYERS)
+
+
+def test_every_file_that_may_import_a_heavy_library_is_there() -> None:
+    """Of the trunk: those of an extension may be absent with it."""
+    for pattern in KEPT_IN.values():
+        assert pattern.pattern.startswith("extensions/") or any(pattern.fullmatch(file) for file in FILES)
 
 
 @pytest.mark.parametrize("file", FILES)
@@ -134,6 +154,12 @@ def test_imports_run_downwards(file: str) -> None:
         ("estimation/kalman.py", "import hybrid_sysid_ros.control.mpc.mpc"),
         ("__init__.py", "from hybrid_sysid_ros.commands.app import main"),
         ("attic/old.py", "import math"),
+        ("commands/run.py", "from hybrid_sysid_ros.extensions.view import server"),
+        ("nodes/plant.py", "def late():\n    from hybrid_sysid_ros.extensions.vision import scene"),
+        ("support/extensions.py", "import importlib\nimportlib.import_module('hybrid_sysid_ros.extensions.view')"),
+        ("extensions/view/server.py", "from sensor_msgs.msg import JointState"),
+        ("extensions/view/server.py", "from hybrid_sysid_ros.nodes import topics"),
+        ("extensions/view/server.py", "import av"),
     ],
 )
 def test_a_forbidden_import_is_found(file: str, source: str) -> None:
@@ -148,6 +174,8 @@ def test_a_forbidden_import_is_found(file: str, source: str) -> None:
         ("control/mpc/mpc.py", "from . import shooting\nfrom .shooting import Shooting\nfrom ...models import hybrid"),
         ("identification/gradient_training.py", "def late():\n    import torch"),
         ("report/figures.py", "import plotly.graph_objects\nfrom hybrid_sysid_ros.identification import residuals"),
+        ("extensions/view/nodes/view.py", "import rclpy\nfrom hybrid_sysid_ros.nodes import topics"),
+        ("extensions/view/server.py", "import websockets\nfrom hybrid_sysid_ros.runtime import parameters"),
         ("bags/bag.py", "import rosbags.rosbag2\nfrom hybrid_sysid_ros.support.errors import UserError"),
     ],
 )
@@ -168,7 +196,7 @@ for name in {names}:
 
 
 def test_the_library_imports_without_ros_and_without_extras() -> None:
-    free = [file for file in FILES if room(file) != "nodes" and not AT_THE_TOP.fullmatch(file)]
+    free = [file for file in FILES if not NODES.fullmatch(file) and not AT_THE_TOP.fullmatch(file)]
     assert "identification/gradient_training.py" in free
     modules = [file.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for file in free]
     names = [PACKAGE if module == "__init__" else f"{PACKAGE}.{module}" for module in modules]

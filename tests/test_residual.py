@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from hybrid_sysid_ros.identification.validation.stages import compare_stages
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
@@ -17,9 +16,10 @@ from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.estimation.extended_kalman_filter import ExtendedKalmanFilter
 from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.identification import Experiment, free_run
-from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.experiment import ResampledRecord
+from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.residual import ResidualSequence, check_forgets, initial_guess, levinson
+from hybrid_sysid_ros.identification.validation.stages import compare_stages
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.hybrid import CLIP
 from hybrid_sysid_ros.models.residual import RADIUS, ResidualHybrid, averaged, coefficients

@@ -21,8 +21,7 @@ from hybrid_sysid_ros.rigs import folder as folders
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.bundled import TRAINED
-from hybrid_sysid_ros.runtime.parameters import defaults
+from hybrid_sysid_ros.runtime.parameters import TRAINED, defaults
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -14,10 +14,11 @@ import numpy as np
 from rich.progress import track
 
 from hybrid_sysid_ros.commands.terminal import status
+from hybrid_sysid_ros.extensions.commander.companion import Commander
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.configuration import set_point_ranges
 from hybrid_sysid_ros.runtime.parameters import defaults
 from hybrid_sysid_ros.runtime.run import Run
-from hybrid_sysid_ros.runtime.set_points import outputs_of
 from hybrid_sysid_ros.support.arrays import Array
 
 WAYS = ("service", "topic", "parameter")
@@ -55,7 +56,7 @@ class Operator:
         from hybrid_sysid_ros.nodes.border import Border
         from hybrid_sysid_ros.nodes.topics import TYPES, profile
 
-        self.output = next(item for item in outputs_of(rig) if item.tracked)
+        self.output = next(item for item in set_point_ranges(rig) if item.tracked)
         self.random = np.random.default_rng(seed)
         self.context = rclpy.context.Context()
         rclpy.init(context=self.context, domain_id=domain)
@@ -250,7 +251,7 @@ def measured(rig: Rig, domain: int, *, times: int, seed: int = 0) -> Stops:
     with ThreadPoolExecutor(1) as pool:
         acting = pool.submit(act)
         try:
-            Run(rig=rig.source, commander=True, domain=domain, tell=status.print).go()
+            Run(rig=rig.source, companions=[Commander()], domain=domain, tell=status.print).go()
         finally:
             operator.close()
         acting.result()

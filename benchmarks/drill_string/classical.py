@@ -18,7 +18,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
 from benchmarks.drill_string import plants
@@ -26,8 +25,7 @@ from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.rigs.rig import Rig
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 PI, SOFT_TORQUE, SLIDING = 0, 1, 2
 LAWS: Mapping[str, tuple[int, Mapping[str, tuple[float, float]]]] = {

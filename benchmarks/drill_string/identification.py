@@ -28,9 +28,8 @@ from hybrid_sysid_ros.identification.validation.residual_tests import correlatio
 from hybrid_sysid_ros.identification.validation.scores import free_run
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 BOXES = ("coulomb", "stribeck", "dahl", "hysteretic")
 RECORDS = ("braked_random_steps", "braked_slow_steps")

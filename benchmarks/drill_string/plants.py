@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.rigs.rig import Rig
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 REFERENCE, BIT, BRAKE = "moves", 0, 3
 """Of the rig: its reference, the output that follows it, and the state that the hand moves."""

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks import picture, result, step_response
@@ -28,8 +27,6 @@ from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
-
-Array = NDArray[np.float64]
 
 PERIOD = 0.01
 TRAINING, TEST = range(1000, 1012), range(100)

@@ -21,7 +21,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
@@ -33,9 +32,9 @@ from hybrid_sysid_ros.estimation.consistency import band, normalised_errors
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.support.arrays import Array
 
 NAME = "estimators"
-Array = NDArray[np.float64]
 
 RUNS, SECONDS = 40, 10.0
 BIAS = 0.3

@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.rollout import advance
 from hybrid_sysid_ros.estimation import Tuning
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 DIFFERENCE = 1e-6
 SIGMA_POINTS = {"alpha": 1.0, "beta": 2.0, "kappa": 0.0}

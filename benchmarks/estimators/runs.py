@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.rollout import stepped
@@ -14,8 +13,7 @@ from hybrid_sysid_ros.estimation import Tuning
 from hybrid_sysid_ros.rigs.excitation import multisine, random_steps
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 PERIOD = 0.005
 """Of the measurements [s]."""

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 from scipy.optimize import differential_evolution
 
@@ -33,11 +32,10 @@ from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.checking import check_tolerances
+from hybrid_sysid_ros.runtime.controllers import check_tolerances
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.run import Run
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 OUTPUT, REFERENCE, PERIOD = 1, "steps", 0.005
 BAND, OVERSHOOT = 0.02, 0.05

@@ -15,8 +15,7 @@ from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System, stepped
 from hybrid_sysid_ros.rigs.rig import Rig
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 PROBLEM = Problem(
     horizon=5,

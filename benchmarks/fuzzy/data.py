@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, Variable, simulate
 from hybrid_sysid_ros.identification import Experiment
 from hybrid_sysid_ros.models import Sampling
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 RIG = Path(__file__).parent / "rational"
 SEEDS = (0, 1, 2)

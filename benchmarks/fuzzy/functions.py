@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.random import default_rng as rng
-from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks import result
@@ -22,8 +21,8 @@ from hybrid_sysid_ros.identification import Experiment
 from hybrid_sysid_ros.identification.selection.regression import Regression
 from hybrid_sysid_ros.models.lagged import Lagged
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
 
-Array = NDArray[np.float64]
 Chosen = Callable[[Experiment, int], Lagged]
 
 AHEAD, LAGS, FIRST, COUNT = 6, (18, 12, 6, 0), 118, 1000

@@ -20,9 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax_sysid.models import Model
 
-from benchmarks.identification.peer import Array, Fitted, Peer, Simulation
+from benchmarks.identification.peer import Fitted, Peer, Simulation
 from hybrid_sysid_ros.identification import Experiment
 from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.support.arrays import Array
 
 POSITION, RATE, DRIVE = 0.04, 0.16, 4.0
 """Units of position, rate and input in the model [rad, rad/s, V]."""

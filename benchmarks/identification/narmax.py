@@ -20,9 +20,10 @@ from sysidentpy.basis_function import Polynomial
 from sysidentpy.model_structure_selection import FROLS
 from sysidentpy.parameter_estimation import LeastSquares
 
-from benchmarks.identification.peer import Array, Fitted, Peer
+from benchmarks.identification.peer import Fitted, Peer
 from hybrid_sysid_ros.identification import Experiment
 from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.support.arrays import Array
 
 POSITION, DRIVE = 0.04, 4.0
 """Units of output [rad] and input [V] in the regressors."""

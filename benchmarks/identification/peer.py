@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.identification import Experiment, score
 from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.support.arrays import Array
 
-Array = NDArray[np.float64]
 Simulation = Callable[[Experiment], Array]
 """Strict free run: outputs (samples,) [rad] of an experiment, from its first samples and its inputs alone."""
 

@@ -16,9 +16,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from benchmarks.identification.peer import Array, Fitted, Peer, Simulation
+from benchmarks.identification.peer import Fitted, Peer, Simulation
 from hybrid_sysid_ros.identification import Experiment
 from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.support.arrays import Array
 
 POSITION, RATE, DRIVE = 0.04, 0.16, 4.0
 """Units of the network's features [rad, rad/s, V]."""

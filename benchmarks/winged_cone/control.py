@@ -14,7 +14,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks import result
@@ -31,11 +30,10 @@ from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.augmented_model import controlled, driving
+from hybrid_sysid_ros.runtime.configuration import controller_model, wrap_for_rig
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.support import parallel
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 PLANTS = 1000
 SETTLING, FLOWN = 12.0, 40.0
@@ -77,11 +75,16 @@ def flown(rig: Rig, model: Model, controller: Controller, seed: int) -> ClosedLo
     """A flight of a rig under a controller of the model's problem, from the steps on, which come at any moment between
     two plans.
     """
-    system, sample = controlled(rig, model.system), 1.0 / configuration.defaults(rig, "estimator")["rate"]
+    system, sample = controller_model(rig, model.system), 1.0 / configuration.defaults(rig, "estimator")["rate"]
     begin = SETTLING + sample * (seed % round(controller.period / sample))
     reference = commands(rig, begin - 0.5 * sample, controller.period + system.delay)
     loop = simulated_loop(
-        rig, model, driving(rig, system, controller), reference, duration=begin + FLOWN, plant=Plant(rig, seed=seed)
+        rig,
+        model,
+        wrap_for_rig(rig, system, controller),
+        reference,
+        duration=begin + FLOWN,
+        plant=Plant(rig, seed=seed),
     )
     after = loop.time > begin - 0.5 * sample
     return replace(
@@ -101,7 +104,7 @@ def problem_of(rig: Rig, system: System) -> Problem:
 
 def mpc_of(rig: Rig, model: Model, **changes: Any) -> ExactMpc:
     """The exact MPC of a model as the rig's file has it; changes: of its problem."""
-    system, settings = controlled(rig, model.system), configuration.defaults(rig, "controller")
+    system, settings = controller_model(rig, model.system), configuration.defaults(rig, "controller")
     return ExactMpc(system, replace(problem_of(rig, system), **changes), real_time=settings["real_time"])
 
 
@@ -131,7 +134,7 @@ def monte_carlo(rig: Rig, *, plants: int = PLANTS) -> dict[str, Any]:
     """Both steps at once on all plants."""
     pieces = [(first, min(first + CHUNK, plants)) for first in range(0, plants, CHUNK)]
     model = load_model(configuration.shipped(RIG, "model"))
-    purpose = f"{model.seal} {problem_of(rig, controlled(rig, model.system))} {SETTLING} {FLOWN}"
+    purpose = f"{model.seal} {problem_of(rig, controller_model(rig, model.system))} {SETTLING} {FLOWN}"
     store: parallel.Store[dict[str, Array]] = parallel.Store(KEPT, purpose)  # an interrupted run goes on
     found = parallel.run(flights_of, pieces, store=store)
     store.remove()
@@ -189,7 +192,7 @@ def fastest(rig: Rig, model: Model, controller: Controller, *clocks: list[float]
 def timing(rig: Rig) -> dict[str, Any]:
     """How long a solution takes: converged, the feedback phase of real-time iterations, and IPOPT's."""
     model = load_model(configuration.shipped(RIG, "model"))
-    system = controlled(rig, model.system)
+    system = controller_model(rig, model.system)
     problem = problem_of(rig, system)
     beside = Beside(ExactMpc(system, problem), InteriorPointMpc(system, problem, tolerance=1e-8))
     quick = Timed(ExactMpc(system, problem, real_time=True))

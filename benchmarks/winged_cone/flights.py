@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System, compiled
@@ -16,8 +15,7 @@ from hybrid_sysid_ros.core.rollout import Dynamics, dynamics
 from hybrid_sysid_ros.rigs.experiments import excitation
 from hybrid_sysid_ros.rigs.feedback import Law, Limits, answer, law_of
 from hybrid_sysid_ros.rigs.rig import Rig
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 RIG = "winged_cone"
 UNCERTAIN = ("mass", "inertia", "area", "chord", "density", "elevator_moment")

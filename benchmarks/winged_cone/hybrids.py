@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks import result
@@ -16,8 +15,7 @@ from benchmarks.winged_cone.identification import HORIZONS, MANOEUVRES, fitted, 
 from hybrid_sysid_ros.models import Options
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.support import parallel
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 KEPT = Path("out/winged_cone_hybrids")
 """Where finished fits are kept until the end."""

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
 from benchmarks import result
@@ -19,8 +18,7 @@ from hybrid_sysid_ros.identification import identify
 from hybrid_sysid_ros.identification.grouping import Group
 from hybrid_sysid_ros.models import Model, Options, Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 BOXES = ("constant_air", "known_air")
 SEEDS = (0, 1, 2)

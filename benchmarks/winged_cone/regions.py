@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 from scipy.spatial.distance import cdist
 
@@ -17,8 +16,7 @@ from benchmarks.winged_cone.hybrids import PLANTS, SEEDS, told
 from benchmarks.winged_cone.identification import FLOWN, MANOEUVRES, SECONDS
 from hybrid_sysid_ros.core.symbolic import symbolic_features
 from hybrid_sysid_ros.rigs.rig import Rig
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 SHARES = (0.8, 0.95, 0.99, 1.0)
 """Of a record, that an edge would enclose."""

@@ -22,7 +22,7 @@ from hybrid_sysid_ros.rigs import check as rig_check
 from hybrid_sysid_ros.rigs import experiments
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import processes
-from hybrid_sysid_ros.runtime.bundled import NothingShippedError, shipped
+from hybrid_sysid_ros.runtime.parameters import NothingShippedError, shipped
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.errors import UserError
 

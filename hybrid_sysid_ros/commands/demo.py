@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,12 +23,12 @@ from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, session
-from hybrid_sysid_ros.runtime.augmented_model import controlled, driving
+from hybrid_sysid_ros.runtime.configuration import controller_model, wrap_for_rig
 from hybrid_sysid_ros.runtime.plan import Plan, Records
+from hybrid_sysid_ros.runtime.policies import train_policy
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
-from hybrid_sysid_ros.runtime.training import train_policy
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import beside, check_file, check_folder, make_folder, written_file
 from hybrid_sysid_ros.support.progress import progress_bars
@@ -36,24 +36,19 @@ from hybrid_sysid_ros.support.progress import progress_bars
 Out = Annotated[
     Path | None, typer.Option("--out", help="Folder for the results; out/demo, out/demo_RIG or out/demo_camera.")
 ]
-Camera = Annotated[
-    bool, typer.Option("--camera", help="Film the rig, learn to read its picture, and close the loop by that alone.")
-]
 Train = Annotated[bool, typer.Option("--train", help="Train model and policy afresh.")]
 OUT = Path("out/demo")
+EXTENDED_BY = "demos"
 
 
-def command(rig: RigName = "", out: Out = None, train: Train = False, camera: Camera = False) -> None:
+def command(rig: RigName = "", out: Out = None, train: Train = False, demos: Sequence[Callable[[], None]] = ()) -> None:
     """From bags to a controlled rig: identify, run the loop, report."""
-    chosen = load_rig(rig or default())
-    if camera:
-        from hybrid_sysid_ros.extensions.vision.commands.camera_demo import camera_demo
-
-        if train:
-            raise UserError("--train and --camera are two demos: leave one out")
-        name = "demo_camera" if chosen.name == default() else f"demo_camera_{chosen.name}"
-        camera_demo(out or OUT.with_name(name), chosen.source)
+    if demos:
+        if len(demos) > 1 or train:
+            raise UserError("these are several demos: leave all but one of --train and the others out")
+        demos[0]()
         return
+    chosen = load_rig(rig or default())
     place = out or (OUT if chosen.name == default() else OUT.with_name(f"demo_{chosen.name}"))
     demo(place, rig=chosen.source, train=train)
 
@@ -95,10 +90,10 @@ def demo(out: Path, records: Records | None = None, *, rig: str = "", train: boo
     bag, diagnostics = run_loop(out / "loop", described, plan.reference, model=model_folder, policy_path=policy_folder)
     loop = LoopRecord.from_bag(bag, described)
     console.print("3 comparing with the exact MPC on the same plant")
-    schedule, system = described.schedule(plan.reference), controlled(described, used.system)
+    schedule, system = described.schedule(plan.reference), controller_model(described, used.system)
     costs = [
         simulated_loop(
-            described, used, driving(described, system, controller), schedule, duration=schedule.duration
+            described, used, wrap_for_rig(described, system, controller), schedule, duration=schedule.duration
         ).cost(imitation.problem)
         for controller in (imitation, ExactMpc(system, imitation.problem))
     ]

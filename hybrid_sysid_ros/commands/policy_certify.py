@@ -15,7 +15,7 @@ from hybrid_sysid_ros.control.safety.certification import certify
 from hybrid_sysid_ros.control.safety.certified_loops import EXACT, JUDGED, Certification
 from hybrid_sysid_ros.control.safety.online_check import REASONS
 from hybrid_sysid_ros.models import storage
-from hybrid_sysid_ros.runtime.checking import certification_of
+from hybrid_sysid_ros.runtime.policies import certification_of
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
 from hybrid_sysid_ros.support.files import beside, check_file
 from hybrid_sysid_ros.support.progress import progress_bars

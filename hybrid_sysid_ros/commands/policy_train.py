@@ -12,7 +12,7 @@ from hybrid_sysid_ros.commands.terminal import Overwrite, OwnRig, Seed, print_ta
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.options import parse
-from hybrid_sysid_ros.runtime.training import train_policy
+from hybrid_sysid_ros.runtime.policies import train_policy
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
 from hybrid_sysid_ros.support.files import beside, check_folder
 from hybrid_sysid_ros.support.parallel import Store

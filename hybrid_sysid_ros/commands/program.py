@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import logging
 import sys
-from collections.abc import Sequence
-from typing import Any, cast
+from collections.abc import Callable, Sequence
+from typing import Any, cast, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
 
 UsageError = cast(type[typer.BadParameter], typer.BadParameter.__mro__[1])
@@ -25,10 +27,16 @@ class LateCommand(TyperCommand):
         super().__init__(name, short_help=summary)
         self.module = module
 
-    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+    def made(self) -> Any:
+        """The command itself, with the options that extensions add to it."""
         app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
-        app.command(self.name)(importlib.import_module(self.module).command)
-        made: Any = typer.main.get_command(app)
+        module = importlib.import_module(self.module)
+        kind = getattr(module, "EXTENDED_BY", "")
+        app.command(self.name)(extended(module.command, kind) if kind else module.command)
+        return typer.main.get_command(app)
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        made = self.made()
         if "--help" in args:
             from hybrid_sysid_ros.rigs.rig import default
 
@@ -36,6 +44,38 @@ class LateCommand(TyperCommand):
                 if option.name == "rig" and not option.required and not option.callback:
                     option.show_default = default()
         return made.make_context(info_name, args, parent=parent, **extra)
+
+
+def extended(function: Callable[..., None], kind: str) -> Callable[..., None]:
+    """A command with the options that extensions add to it.
+
+    kind: of what extensions provide for it, and the name of the argument by which it gets a list of that: functions
+    whose arguments are further options, or some of the command's own by their names. An option that two functions
+    declare is one option. What a function returns goes into the list, but for None.
+    """
+    makers = list(extensions.provided(kind).values())
+    own = {name: item for name, item in arguments_of(function).items() if name != kind}
+    options = dict(own)
+    for make in makers:
+        options |= {name: item for name, item in arguments_of(make).items() if name not in options}
+
+    def command(**given: Any) -> None:
+        made = [make(**{name: given[name] for name in arguments_of(make)}) for make in makers]
+        function(**{name: given[name] for name in own}, **{kind: [item for item in made if item is not None]})
+
+    command.__doc__ = function.__doc__
+    command.__annotations__ = {name: item.annotation for name, item in options.items()}
+    command.__signature__ = inspect.Signature(list(options.values()))  # type: ignore[attr-defined]
+    return command
+
+
+def arguments_of(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    """Of a function, by name, with their types; given by name."""
+    hints = get_type_hints(function, include_extras=True)
+    return {
+        name: item.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY)
+        for name, item in inspect.signature(function).parameters.items()
+    }
 
 
 class Commands(TyperGroup):
@@ -65,7 +105,9 @@ def run_program(program: Commands) -> None:
     interrupt.
     """
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
+    told = 0
     try:
+        told = _tell_problems(0)
         sys.exit(program(prog_name=program.name, standalone_mode=False))
     except UsageError as error:
         sys.stderr.write(_usage(error) + "\n")
@@ -79,3 +121,13 @@ def run_program(program: Commands) -> None:
     except (Interrupted, KeyboardInterrupt) as error:
         sys.stderr.write(": ".join(filter(None, ("interrupted", str(error)))) + "\n")
         sys.exit(130)
+    finally:
+        _tell_problems(told)
+
+
+def _tell_problems(told: int) -> int:
+    """Say which extensions are left out, but for those that were told before; return how many are told now."""
+    problems = extensions.registry().problems
+    for line in problems[told:]:
+        sys.stderr.write(f"warning: {UserError(line)}\n")
+    return len(problems)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -11,13 +12,12 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import console, end, print_table
-from hybrid_sysid_ros.extensions.view.drawing import Drawing
-from hybrid_sysid_ros.extensions.view.requests import Offer
 from hybrid_sysid_ros.rigs.check import check, step_responses
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.parameters import declarations, defaults
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.extensions import loaded, targets
 
 BLOCKS = "▁▂▃▄▅▆▇█"
 SAMPLES = 24
@@ -34,7 +34,8 @@ def command(
     print_table(_facts(described))
     findings = check(described)
     problems = [*findings.problems, *_values(described)]
-    for remark in findings.remarks:
+    unread = [name for name in described.content if name not in targets("sections")]
+    for remark in (*findings.remarks, *(f"{name}: no extension that reads it is installed" for name in unread)):
         console.print(f"note: {remark}")
     if not findings.problems:
         print_table(_responses(described, seconds))
@@ -83,9 +84,8 @@ def _values(rig: Rig) -> Iterator[str]:
         ("nodes", lambda: configuration.mpc_problem(controller, rig)),
         ("nodes", lambda: configuration.estimator_tuning(estimator, rig)),
         ("policy_training", lambda: configuration.spread_of(rig)),
-        ("drawing", lambda: Drawing(rig)),
-        ("faults", lambda: Offer.of(rig, ())),
         ("demo", lambda: _demo(rig)),
+        *((name, partial(_of_extension, target, rig)) for name, target in targets("sections").items() if target),
     ]
     for section, make in made:
         try:
@@ -93,6 +93,11 @@ def _values(rig: Rig) -> Iterator[str]:
         except UserError as error:
             text = str(error)
             yield text if text.startswith(str(rig.file)) else f"{rig.file}: {section}: {text}"
+
+
+def _of_extension(target: str, rig: Rig) -> None:
+    """Let an extension look at its section."""
+    loaded(target)(rig)
 
 
 def _demo(rig: Rig) -> None:

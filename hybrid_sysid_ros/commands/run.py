@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import PORT, Overwrite, Port, RigName, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status
+from hybrid_sysid_ros.runtime.companion import Companion
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.errors import Interrupted
 from hybrid_sysid_ros.support.progress import progress_bars
+
+EXTENDED_BY = "companions"
 
 
 def command(
@@ -27,23 +31,10 @@ def command(
     ] = "",
     bag: Annotated[Path | None, typer.Option(help="Record into this bag.")] = None,
     overwrite: Overwrite = False,
-    view: Annotated[bool, typer.Option("--view", help="Show the run on a page, and go on until Ctrl-C.")] = False,
-    port: Port = PORT,
-    commander: Annotated[
-        bool, typer.Option("--commander", help="Take commands in plain language: see say. At rest until then.")
-    ] = False,
-    camera: Annotated[
-        bool,
-        typer.Option("--camera", help="Close the loop by a simulated camera alone, all other sensors out."),
-    ] = False,
-    layers: Annotated[Path | None, typer.Option(help="Layers that read pictures; the shipped ones by default.")] = None,
-    picture: Annotated[
-        Path | None,
-        typer.Option(help="JPEG or PNG that the rig is to look like: the exact MPC weighs how the pixels differ."),
-    ] = None,
     lockstep: Annotated[bool, typer.Option("--lockstep", help="As fast as the nodes answer, repeatable.")] = False,
     composed: Annotated[bool, typer.Option("--composed", help="All in one process, but the recorder.")] = False,
     domain: Annotated[int | None, typer.Option(help="ROS domain; that of ROS_DOMAIN_ID by default.")] = None,
+    companions: Sequence[Companion] = (),
 ) -> None:
     """Run plant, estimator, controller and reference as ROS 2 nodes."""
     with progress_bars(status) as update:
@@ -63,11 +54,7 @@ def command(
             reference=reference,
             bag=bag,
             overwrite=overwrite,
-            view=port if view else None,
-            commander=commander,
-            camera=camera,
-            layers=layers or "",
-            picture=picture or "",
+            companions=companions,
             lockstep=lockstep,
             composed=composed,
             domain=domain,

@@ -49,8 +49,6 @@ ReadPeriod = Annotated[
 ]
 PartText = Annotated[str, typer.Option("--part", help="START:STOP, the part of each bag that is used, as fractions.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
-PORT = 8400
-Port = Annotated[int, typer.Option(help="Of the page of the live view; 0: any that is free.", min=0, max=65535)]
 Seed = Annotated[int, typer.Option("--seed", help="Of everything random.", min=0)]
 InputHandling = Annotated[
     str, typer.Option("--input", help="averaged: the input's mean over each step; sampled: read once a period.")

@@ -6,13 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.symbolic import linearised, symbolic_rates, viscous
 from hybrid_sysid_ros.core.system import System
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 NEWTON_STEPS, HALVINGS = 50, 8
 STEADY = 1e-9

@@ -12,8 +12,8 @@ from hybrid_sysid_ros.core.call import call_slopes, call_value, pointer
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.compiled import compiled
 from hybrid_sysid_ros.core.system import System
+from hybrid_sysid_ros.support.arrays import Array
 
-Array = NDArray[np.float64]
 Starts = NDArray[np.int64]
 """Of rollouts (windows, 4): first row of the record's inputs, row to begin at, samples, and row of the result."""
 

@@ -7,13 +7,11 @@ from typing import Any
 
 import casadi
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import trace
 from hybrid_sysid_ros.core.system import System
 from hybrid_sysid_ros.core.trace import Trace
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 
 def symbolic_step(system: System, *, step: float, substeps: int = 1, smoothing: float = 0.0) -> casadi.Function:

@@ -8,17 +8,14 @@ from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.contacts import Contact, Field
 from hybrid_sysid_ros.core.declaration import Variable, check, hidden_states, variables
 from hybrid_sysid_ros.core.mathematics import Scalar, rows
 from hybrid_sysid_ros.core.parameters import Parameter, declared
 from hybrid_sysid_ros.core.steppers import ImplicitFriction, Motion, Sampled, Stepper
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
-
 
 Declared = Any
 """tuple[Variable, ...] for whoever reads it; "name [unit]" as a subclass writes it."""

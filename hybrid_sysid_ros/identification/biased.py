@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Parameter, System, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.steppers import Motion
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True)

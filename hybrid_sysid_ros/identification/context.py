@@ -90,4 +90,5 @@ class Context:
             return self.fit(system, **settings)
         biased = Biased(physics=system, spreads=tuple(spreads.tolist()))
         found = self.fit(biased, **settings)
+        assert isinstance(found.system, Biased)
         return replace(found, system=found.system.physics, biases=biased.biases(found.nuisances))

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 LONGEST_LAG = 200
 """Samples after which errors of a free run count as unrelated, at most; 10 s of the usual 50 ms."""

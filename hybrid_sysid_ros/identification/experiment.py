@@ -5,18 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models.fit import Experiment
 from hybrid_sysid_ros.models.sampling import Sampling
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 __all__ = ["Experiment", "ResampledRecord", "check_range", "prepare", "rates", "resample"]
-
-Array = NDArray[np.float64]
 SMOOTHING_SECONDS = 0.051
 """Window of the Savitzky-Golay velocity (order 3): 51 samples at 1 kHz."""
 

@@ -8,7 +8,6 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
@@ -20,9 +19,9 @@ from hybrid_sysid_ros.identification.problem import Map, Problem
 from hybrid_sysid_ros.identification.shooting import MultipleShootingProblem, UnstableFitSettings
 from hybrid_sysid_ros.models.fit import Experiment, Fit
 from hybrid_sysid_ros.support import threads
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
 Progress = Callable[[str, int, float], None]
 """progress(stage, evaluations, root mean square error relative to the output's deviation)"""
 

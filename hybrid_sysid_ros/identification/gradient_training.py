@@ -8,18 +8,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, Variable, simulate
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.identification.fitting import Progress
 from hybrid_sysid_ros.models.fit import Experiment, Fit
 from hybrid_sysid_ros.models.recurrent import Recurrent
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.threads import one_torch_thread
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

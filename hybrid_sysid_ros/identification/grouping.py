@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.models.fit import Fit
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 DETERMINED = 0.3
 """Standard error of a direction, in that of the prior, below which the data determine it."""

@@ -14,9 +14,8 @@ from hybrid_sysid_ros.bags.signals import Signal, Signals
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 PASSED = 0.5
 """Of an actuator's span, by which a measured input may pass its ends: noise, or a limit that is not quite the rig's."""

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Sensitivities, System, rollouts
 from hybrid_sysid_ros.models.fit import Experiment
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
 Residuals = Callable[[Array], Array]
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 

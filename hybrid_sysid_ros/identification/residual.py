@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
@@ -25,9 +24,8 @@ from hybrid_sysid_ros.models.fit import Experiment
 from hybrid_sysid_ros.models.hybrid import CLIP
 from hybrid_sysid_ros.models.options import Options
 from hybrid_sysid_ros.models.residual import ResidualHybrid, Term, coefficients, step_up
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 SMOOTHED = 5
 """Samples over which a cubic smooths the measured residual: its differences are of noise otherwise."""

@@ -17,9 +17,9 @@ from hybrid_sysid_ros.identification.problem import Map, Problem, Residuals
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.fit import Experiment
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
 Starts = NDArray[np.int64]
 
 GROWTHS = (1.4, 3.6)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, simulate
 from hybrid_sysid_ros.core.parameters import scale_of
@@ -16,8 +15,7 @@ from hybrid_sysid_ros.models.hybrid import CLIP, Hybrid, kind_of
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.region import Region
 from hybrid_sysid_ros.models.structure import Magnitudes
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 FEATURE_SCALE = 1.5
 """Scale of a network's feature, in root mean squares of the training data."""
@@ -28,8 +26,8 @@ REGRESSED_SHARE = 0.3
 
 def magnitudes(system: System, experiments: Sequence[Experiment]) -> Magnitudes:
     """Of experiments prepared for a rig's own system: FEATURE_SCALE root mean squares, since single large values must
-    not set the scale of a network. The numbers of states that no record shows are those of a simulation of the rig where a
-    fit begins.
+    not set the scale of a network. The numbers of states that no record shows are those of a simulation where a fit
+    begins.
     """
     states, held = _samples(system, experiments)
     inputs = np.concatenate([item.inputs for item in experiments])

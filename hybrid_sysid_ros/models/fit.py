@@ -7,16 +7,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models.sampling import Sampling
+from hybrid_sysid_ros.support.arrays import Array
 
 if TYPE_CHECKING:
     from hybrid_sysid_ros.models.structure import Magnitudes, Structure
     from hybrid_sysid_ros.rigs.rig import Rig
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

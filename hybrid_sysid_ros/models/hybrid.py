@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Parameter, Softsign, System, Variable
 from hybrid_sysid_ros.core.blocks import Block
@@ -18,9 +17,8 @@ from hybrid_sysid_ros.core.steppers import Motion
 from hybrid_sysid_ros.models.options import Option
 from hybrid_sysid_ros.models.region import Region
 from hybrid_sysid_ros.models.structure import object_at, provided
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 CLIP = 1.5
 """Features are held within +-CLIP of their scale: beyond it a network knows nothing."""

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Parameter, Recurrence, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar, clip
 from hybrid_sysid_ros.core.parameters import of_data
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
 Kind = TypeVar("Kind", bound="Lagged")
 
 REACH = 1.1

@@ -8,14 +8,13 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Bristles, Contact, Dry, Parameter, Sampled, System, Variable, Viscous
 from hybrid_sysid_ros.core.friction import stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
 Friction = Literal["viscous", "stribeck", "dahl", "lugre"]
 
 REACH = 20.0

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.symbolic import symbolic_step
@@ -17,9 +16,8 @@ from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.models.structure import Structure, assemble, structure_of
 from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 FORMAT = 2
 TRIALS = 0.2, 0.45, 0.8

@@ -8,15 +8,13 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Parameter, Recurrence, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.networks import GatedUnits
 from hybrid_sysid_ros.core.parameters import of_data
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 PERIOD = 0.025
 """Longest sampling time [s] where the input is averaged."""

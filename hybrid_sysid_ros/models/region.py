@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.mathematics import Scalar, clip
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 FADED = 2.0
 """Where nothing is left of what was learned, in distances of the training data's edge from their mean."""

@@ -8,7 +8,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Parameter, Softsign, System, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar, clip
@@ -16,9 +15,9 @@ from hybrid_sysid_ros.core.networks import Polynomial
 from hybrid_sysid_ros.core.parameters import of_data
 from hybrid_sysid_ros.core.steppers import Motion
 from hybrid_sysid_ros.models.hybrid import CLIP, CORNER, features_of
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
 Term = tuple[int, ...]
 
 RADIUS = 0.9995

@@ -9,17 +9,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models.options import Option, Options, complete
 from hybrid_sysid_ros.models.sampling import Sampling
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 if TYPE_CHECKING:
     from hybrid_sysid_ros.models.fit import Fit, FitContext
-
-Array = NDArray[np.float64]
 Boxes = Mapping[str, System]
 """Further gray boxes of a rig, by name."""
 

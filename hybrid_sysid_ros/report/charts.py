@@ -8,14 +8,12 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.identification.validation.residual_tests import ResidualTest
 from hybrid_sysid_ros.rigs.sensor import Display
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 MEASURED, MODEL, REFERENCE, INPUT, ERROR, BOUND = "#1f4e79", "#e8710a", "#8b95a1", "#2e7d4f", "#7b4fa3", "#c0392b"
 LINES = ("#1f4e79", "#e8710a", "#2e7d4f", "#7b4fa3", "#c0392b", "#0f8b8d", "#a67c00", "#6b7683")

@@ -8,11 +8,9 @@ from pathlib import Path
 from xml.sax.saxutils import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.files import written_file
-
-Array = NDArray[np.float64]
 
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM, GAP = 230, 170, 52, 34, 40, 14
 LEAST = 0.1

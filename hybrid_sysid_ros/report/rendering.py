@@ -120,11 +120,8 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
             for number, found in enumerate(curves.values())
         ],
         "parameters": list(_parameters(section)),
-        "lines": section.model.kind.lines(section.model.system),
-        "figures": [
-            drawn(figure, f"{prefix}{name}")
-            for name, figure in section.model.kind.figures(section.model.system).items()
-        ],
+        "lines": kind.lines(system),
+        "figures": [drawn(figure, f"{prefix}{name}") for name, figure in kind.figures(system).items()],
         "friction": drawn(figures.friction(section), f"{prefix}friction") if section.friction else "",
         "correlated": section.correlated,
         "doubts": section.doubts,

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Variable, rollouts
@@ -33,8 +32,7 @@ from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.sensor import Display
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 TESTS = {
     "phi_ee": "e · e",

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Sensitivities, System, rollouts, sloped, stepped
 from hybrid_sysid_ros.core.rollout import output_of
@@ -16,9 +15,8 @@ from hybrid_sysid_ros.rigs.feedback import Feedback
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import LowPassFilter
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 POINTS = 300
 """Of the grid of states and inputs."""

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers, refuse_unknown
 
-Array = NDArray[np.float64]
 Reference = Callable[[ArrayLike], Array]
 """q(t): seconds in, any shape; values of the same shape out, in the unit of the amplitude."""
 

@@ -14,10 +14,9 @@ from hybrid_sysid_ros.bags import Series, joint_states, joint_trajectories, mark
 from hybrid_sysid_ros.rigs.feedback import Follower
 from hybrid_sysid_ros.rigs.plant import Measurement, Plant
 from hybrid_sysid_ros.rigs.rig import BEYOND, Rig
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
-
-Array = NDArray[np.float64]
 
 START = 1_000_000_000
 """Stamp of the first sample [ns]: zero means "no time yet" to ROS."""

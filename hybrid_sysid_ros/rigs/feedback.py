@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from hybrid_sysid_ros.core import System, Variable
 from hybrid_sysid_ros.core.compilation import inner, kernel
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
-
-Array = NDArray[np.float64]
 
 SECTIONS = ("period", "follow", "wanted", "forward", "gains", "integral")
 TERMS = 3

@@ -15,8 +15,8 @@ from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import LowPassFilter, Sensor
+from hybrid_sysid_ros.support.arrays import Array
 
-Array = NDArray[np.float64]
 DRAWN = 1024
 """Rows of noise and of disturbances that are drawn at once."""
 

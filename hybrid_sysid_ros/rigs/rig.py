@@ -20,14 +20,12 @@ from hybrid_sysid_ros.rigs.excitation import Excitation, Schedule, Segment
 from hybrid_sysid_ros.rigs.joints import Joints
 from hybrid_sysid_ros.rigs.modes import NamedMode, modes_of
 from hybrid_sysid_ros.rigs.sensor import Display, Sensor
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_endless, refuse_unknown, section
 
-SECTIONS = (
-    "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
-    "policy_training", "policy_certificate", "demo", "travel", "disturbances", "drawing", "faults", "modes", "validity",
-    "scene", "offsets", "mockup",
-)  # fmt: skip
+OF_EXTENSIONS = ("drawing", "faults", "scene", "mockup")
+"""Sections of the extensions that come with this package, which a rig may have where they are not there."""
 BEYOND = 1e9
 """No state, input or output of a rig is that large, whatever its unit."""
 
@@ -188,7 +186,7 @@ def default() -> str:
 def _read(found: folders.RigFolder) -> Rig:
     path = found.path / folders.VALUES
     where, content = str(path), read_mapping(path)
-    refuse_unknown(content, SECTIONS, where)
+    refuse_unknown(content, (*extensions.targets("sections"), *OF_EXTENSIONS), where)
     refuse_endless(content, f"{where}:")
     system, structures = folders.systems_of(found)
     for other in structures.values():

@@ -1,28 +1,31 @@
-"""Configuration: what the library takes from the nodes' parameters and a rig's values."""
+"""Configuration: what the nodes' parameters and the rig's file say for estimators, controllers and set-points."""
 
 from __future__ import annotations
 
 import fnmatch
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control import Problem
+from hybrid_sysid_ros.control import Controller, Problem
+from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.wrappers import offset_of
+from hybrid_sysid_ros.core.wrappers import Drifting, Stabilised, feedback_of, offset_of
 from hybrid_sysid_ros.estimation import Channel, Tuning
+from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.bundled import TRAINED, shipped
-from hybrid_sysid_ros.runtime.parameters import Parameter, check_rules, defaults, parameters
+from hybrid_sysid_ros.runtime.parameters import TRAINED, Parameter, check_rules, defaults, parameters, shipped
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers
 
 __all__ = [
-    "CAMERA", "TRAINED", "Parameter", "check_rules", "defaults", "estimator_tuning", "mpc_problem", "parameters",
-    "shipped", "spread_of",
+    "CAMERA", "TRAINED", "Parameter", "SetPointRange", "check_rules", "controller_model", "defaults",
+    "estimator_model", "estimator_tuning", "mpc_problem", "parameters", "set_point_ranges", "shipped", "spread_of",
+    "wrap_for_rig",
 ]  # fmt: skip
 
 CAMERA = "camera"
@@ -33,6 +36,33 @@ AT_FIRST = 10.0
 """What is believed of an offset at first, in what it drifts in a second: as much as it drifts in 100 s."""
 NONE = 1e9
 """A bound of a state from which on it is none."""
+REACH = 2.0
+"""Times the rig's own amplitude of references, within which set-points are."""
+
+
+def estimator_model(rig: Rig, model: Model) -> Model:
+    """The model that estimators and controllers use: with the input offsets that the rig's file declares."""
+    return replace(model, system=drifting(rig, model.system))
+
+
+def drifting(rig: Rig, system: System) -> System:
+    """A system of the rig with the input offsets that the rig's file declares."""
+    if isinstance(system, Drifting) or not rig.offsets:
+        return system
+    return Drifting(within=system, on=tuple(rig.offsets))
+
+
+def controller_model(rig: Rig, system: System) -> System:
+    """The system that a controller predicts: with the rig's offsets, and with its stabiliser where it has one."""
+    system = drifting(rig, system)
+    if rig.experiments.stabiliser is None:
+        return system
+    return Stabilised(within=system, gains=tuple(map(tuple, feedback_of(system, rig.experiments.stabiliser).tolist())))
+
+
+def wrap_for_rig(rig: Rig, system: System, controller: Controller) -> Controller:
+    """Wrap a controller of a :func:`controller_model` so that it gives the inputs of the rig."""
+    return Cascade(controller, system, rig.limits) if isinstance(system, Stabilised) else controller
 
 
 def in_si(values: Sequence[float], rig: Rig) -> tuple[float, ...]:
@@ -168,3 +198,42 @@ def listed(content: Mapping[str, Any], key: str, where: str, count: int) -> tupl
     if key not in content:
         raise UserError(f"{where}: {key} is missing: it needs {count} numbers, or one for all")
     return numbers(content[key], f"{where}.{key}", count=count)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetPointRange:
+    """An output as it is shown, and where its set-points may be; NaN where it is not tracked."""
+
+    name: str
+    unit: str
+    scale: float
+    """SI per unit."""
+    tracked: bool
+    low: float = math.nan
+    high: float = math.nan
+
+    @property
+    def moves(self) -> bool:
+        """Whether it may be sent anywhere: one whose references have no amplitude is weighed, but belongs at 0."""
+        return self.high > self.low
+
+
+def set_point_ranges(rig: Rig) -> tuple[SetPointRange, ...]:
+    """The outputs of a rig: set-points lie within its travel, less a margin, and within REACH of its own amplitude."""
+    weights = defaults(rig, "controller")["output_weight"]
+    amplitudes = defaults(rig, "reference")["amplitude"]
+    found = []
+    for item, display, weight, amplitude, reach in zip(
+        rig.system.outputs, rig.display, weights, amplitudes, rig.reach.T, strict=True
+    ):
+        low = high = math.nan
+        if weight > 0.0:
+            low, high = sorted((reach / display.scale).tolist())
+            most = REACH * abs(amplitude)
+            low, high = max(low, -most), min(high, most)
+        found.append(
+            SetPointRange(
+                name=item.name, unit=display.unit, scale=display.scale, tracked=weight > 0.0, low=low, high=high
+            )
+        )
+    return tuple(found)

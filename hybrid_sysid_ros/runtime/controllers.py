@@ -1,4 +1,4 @@
-"""Controllers: the one that the parameters of the node `controller` name."""
+"""Controllers: the one that the parameters of the node `controller` name, and how its answers are checked."""
 
 from __future__ import annotations
 
@@ -9,16 +9,19 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+
 from hybrid_sysid_ros.control import Controller, ExactMpc, Problem
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.control.safety.online_check import Tolerances
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.augmented_model import controlled, driving
-from hybrid_sysid_ros.runtime.checking import check_tolerances
-from hybrid_sysid_ros.runtime.configuration import mpc_problem, shipped
+from hybrid_sysid_ros.runtime.configuration import NONE, controller_model, mpc_problem, shipped, wrap_for_rig
+from hybrid_sysid_ros.support import extensions
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 Warn = Callable[[str], object]
@@ -49,52 +52,48 @@ def controller_of(
 ) -> ConfiguredController:
     """The controller that the settings name, for a model. In lockstep it takes its time, so that a run repeats.
 
+    A setting by whose name an extension provides a controller, where it is given, asks for that one.
     Raises UserError where model, policy and settings don't go together.
     """
-    if settings["picture"]:
-        return _by_picture(rig, model, settings)
-    system = controlled(rig, model.system)
+    for name, target in extensions.targets("controllers").items():
+        if settings.get(name):
+            further: ConfiguredController = extensions.loaded(target)(rig, model, settings)
+            return further
+    system = controller_model(rig, model.system)
     asked, interior = mpc_problem(settings, rig, system), settings["solver"] == "ipopt"
     path = policy_folder(rig, settings)
     if path is None:
         if settings["policy_path"]:  # whoever turns to it later should not find then that it does not fit
             policy.load(Path(settings["policy_path"]), model=model)
-        made = _interior_point(system, asked, settings, warn) if interior else _exact(system, asked, settings)
-        return ConfiguredController(controller=driving(rig, system, made), problem=asked)
+        alone = _interior_point(system, asked, settings, warn) if interior else _exact(system, asked, settings)
+        return ConfiguredController(controller=wrap_for_rig(rig, system, alone), problem=asked)
     if interior:
         raise UserError(f"parameter solver is ipopt, policy {settings['policy']}: ipopt works alone, policy:=exact")
     network = policy.load(path, model=model)
     _look_at(network, path, asked, settings, warn)
     if settings["policy"] == "network":
-        return ConfiguredController(controller=driving(rig, system, network), problem=network.problem, network=network)
+        return ConfiguredController(
+            controller=wrap_for_rig(rig, system, network), problem=network.problem, network=network
+        )
     tolerances = check_tolerances(settings, rig, network.problem)
     supervisor = Supervisor(network, _exact(system, network.problem, settings), tolerances)
     return ConfiguredController(
-        controller=driving(rig, system, supervisor), problem=network.problem, network=network, supervisor=supervisor
+        controller=wrap_for_rig(rig, system, supervisor),
+        problem=network.problem,
+        network=network,
+        supervisor=supervisor,
     )
 
 
 def _exact(system: System, problem: Problem, settings: Mapping[str, Any]) -> ExactMpc:
-    return ExactMpc(system, problem, **_pace(settings))
+    return ExactMpc(system, problem, **pace(settings))
 
 
-def _pace(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """How long an exact MPC may take."""
+def pace(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """How long an exact MPC may take: its arguments real_time, time_limit and clock."""
     limit = math.inf if settings["lockstep"] else settings["time_limit"] or math.inf
     clock = None if math.isinf(limit) else perf_counter
     return {"real_time": settings["real_time"], "time_limit": limit, "clock": clock}
-
-
-def _by_picture(rig: Rig, model: Model, settings: Mapping[str, Any]) -> ConfiguredController:
-    """The exact MPC whose cost is in a picture, with what it needs loaded only where it is asked for."""
-    from hybrid_sysid_ros.extensions.vision.goal.goal_picture import goal_of
-    from hybrid_sysid_ros.extensions.vision.goal.picture_mpc import PictureMpc
-
-    if settings["policy"] != "exact" or settings["solver"] != "sqp":
-        raise UserError("parameter picture: only the exact MPC weighs pictures: policy:=exact, solver:=sqp")
-    system = goal_of(rig, model.system, settings)
-    problem = mpc_problem(settings, rig, system)
-    return ConfiguredController(controller=PictureMpc(system, problem, **_pace(settings)), problem=problem)
 
 
 def _interior_point(system: System, problem: Problem, settings: Mapping[str, Any], warn: Warn) -> Controller:
@@ -124,3 +123,36 @@ def _look_at(network: Policy, path: Path, asked: Problem, settings: Mapping[str,
     names = [item.name for item in fields(Problem) if getattr(asked, item.name) != getattr(made, item.name)]
     if names:
         warn(f"{path}: was trained with other values of {', '.join(names)} than the parameters say, and keeps them")
+
+
+def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: Problem) -> Tolerances:
+    """Tolerances of the online check from the parameters of the node `controller`.
+
+    What the sensors' noise costs can't be told from nothing: a plan may be costlier by an error of that size at every
+    sample of the horizon.
+    """
+    return Tolerances(
+        cost=values["check_cost"],
+        floor=problem.horizon * noise_cost(rig, problem),
+        violation=_violation(values, rig),
+        disturbance=tuple(values["check_disturbance"]),
+        patience=values["check_patience"],
+    )
+
+
+def _violation(values: Mapping[str, Any], rig: Rig) -> float:
+    """The least noise of the outputs that are states with bounds, of all outputs where no such one is measured."""
+    limits = zip(rig.system.states, values["state_low"], values["state_high"], strict=True)
+    bounded = {item.name for item, low, high in limits if max(low, -high) > -NONE}
+    noise = dict(zip((item.name for item in rig.system.outputs), _noise(rig).tolist(), strict=True))
+    return min(value for name, value in noise.items() if name in bounded or not bounded & noise.keys())
+
+
+def _noise(rig: Rig) -> Array:
+    """Deviation (p,) of the noise of each output's sensor."""
+    return np.array([sensor.scale * sensor.noise for sensor in rig.sensors])
+
+
+def noise_cost(rig: Rig, problem: Problem) -> float:
+    """Cost of an error as large as the sensors' noise, at one sample."""
+    return float(np.sum(problem.stage_weights.outputs[0] * _noise(rig) ** 2))

@@ -1,4 +1,7 @@
-"""Parameters of nodes: declared once for all rigs in msgs_config/nodes.yaml, with the values of each rig's rig.yaml."""
+"""Parameters of nodes: declared once for all rigs in msgs_config/nodes.yaml, with the values of each rig's rig.yaml.
+
+A parameter that names a folder is empty where the folder is meant that comes with the package.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +9,36 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.rigs.rig import Rig, load
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import KINDS, built, numbers, read_mapping, refuse_unknown, section
 
 DECLARATIONS = Path(__file__).parents[1] / "msgs_config" / "nodes.yaml"
 EACH = ("input", "output", "state")
+OPTIONS = {"model": "--model", "policy": "--policy-path", "layers": "--layers"}
+"""Options of commands by which a user gives another folder than the shipped one."""
+TRAINED = Path(__file__).parents[1] / "trained"
+
+
+class NothingShippedError(UserError):
+    """Nothing of a kind comes with the package for a rig."""
+
+
+def shipped(rig: str, kind: str) -> Path:
+    """Folder of what comes trained with the package for a rig; kind: model, policy or layers. Raises
+    NothingShippedError where nothing does.
+    """
+    folder = TRAINED / rig / kind
+    if not folder.is_dir():
+        raise NothingShippedError(
+            f"no {kind} comes with the package for the rig {rig} ({folder}): give {OPTIONS[kind]}"
+        )
+    return folder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,17 +186,26 @@ def parameter_file(rig: Rig | str) -> str:
     return "\n".join(lines) + "\n"
 
 
-@lru_cache(maxsize=1)
+@cache
 def declarations() -> dict[str, dict[str, dict[str, Any]]]:
-    """What nodes.yaml declares: by node and parameter."""
-    where = str(DECLARATIONS)
-    content = read_mapping(DECLARATIONS)
-    nodes, every = section(content, "nodes", where, needed=True), section(content, "every", where)
-    found = {}
-    for node in nodes:
-        entries = {**section(nodes, node, where), **every}
-        found[node] = {name: section(entries, name, f"{where}: nodes.{node}", needed=True) for name in entries}
-    return found
+    """What nodes.yaml and the files of the extensions declare: by node and parameter. An extension may give further
+    parameters to a node that is not its own. Raises UserError where two files declare the same one.
+    """
+    every, found = section(read_mapping(DECLARATIONS), "every", str(DECLARATIONS)), dict[str, dict[str, Any]]()
+    for path in declaration_files():
+        where = str(path)
+        nodes = section(read_mapping(path), "nodes", where, needed=path == DECLARATIONS)
+        for node in nodes:
+            entries, known = section(nodes, node, where), found.setdefault(node, {})
+            if twice := entries.keys() & (known.keys() | every.keys()):
+                raise UserError(f"{where}: nodes.{node}.{min(twice)} is declared already: give it another name")
+            known |= {name: section(entries, name, f"{where}: nodes.{node}", needed=True) for name in entries}
+    return {node: {**entries, **every} for node, entries in found.items()}
+
+
+def declaration_files() -> list[Path]:
+    """The files that declare parameters and topics: the trunk's, then those of the extensions."""
+    return [DECLARATIONS, *(item.declarations for item in extensions.installed() if item.declarations)]
 
 
 def _count(entry: Mapping[str, Any], rig: Rig) -> int:

@@ -12,11 +12,11 @@ from typing import Any
 
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.support import errors
+from hybrid_sysid_ros.support import errors, extensions
 from hybrid_sysid_ros.support.errors import UserError
 
 COMPOSED = "composed"
-"""Module of several nodes in one process."""
+"""Node of several in one process."""
 REAL_TIME_PRIORITY = 10  # of the loop's processes: above every ordinary one, below what a system keeps for itself
 LISTENING_PRIORITY = 1
 IN_LOOP = ("plant", "estimator", "controller")
@@ -45,12 +45,12 @@ def composed(values: Mapping[str, Mapping[str, Any]], file: Path, *, rig: str, n
 
 
 def module(name: str, *arguments: str) -> list[str]:
-    """Command that runs a module of the nodes that is no node of a rig itself."""
-    return [sys.executable, "-m", f"hybrid_sysid_ros.nodes.{name}", *arguments]
+    """Command that runs a module, by its full name, that needs ROS and is no node of a rig itself."""
+    return [sys.executable, "-m", name, *arguments]
 
 
-def _beginning(module: str, *arguments: str, rig: str, namespace: str) -> list[str]:
-    words = [sys.executable, "-m", f"hybrid_sysid_ros.nodes.{module}", *arguments, "--ros-args"]
+def _beginning(node: str, *arguments: str, rig: str, namespace: str) -> list[str]:
+    words = [*module(extensions.node_module(node), *arguments), "--ros-args"]
     return [*words, "-r", f"__ns:=/{namespace}", "-p", f"rig:={json.dumps(rig)}"]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime.bundled import shipped
+from hybrid_sysid_ros.runtime.parameters import shipped
 from hybrid_sysid_ros.support import yaml_text
 from hybrid_sysid_ros.support.errors import UserError
 

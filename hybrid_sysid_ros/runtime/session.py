@@ -26,11 +26,9 @@ from hybrid_sysid_ros.support.errors import UserError
 READY_TIMEOUT = 300.0  # s, until a node has imported and compiled everything
 START_TIMEOUT = 30.0  # s, until the loop is complete
 STOP_TIMEOUTS = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))  # s
-STOP_ORDER = (
-    ("plant", "reference", COMPOSED),
-    ("estimator", "controller", "camera", "vision"),
-    ("recorder", "replay", "view", "commander"),
-)
+STOPPED_FIRST = ("plant", "reference", COMPOSED)
+STOPPED_LAST = ("recorder",)
+"""And what is not needed, as it may want to see the end; all others between them."""
 TICK = 0.25  # s, between two calls of progress
 
 Tell = Callable[[str], None]
@@ -130,10 +128,9 @@ class Session:
             if time.monotonic() > end:
                 raise UserError(f"{', '.join(waiting)} not {word} after {timeout:g} s: is the machine overloaded?")
 
-    @property
-    def url(self) -> str:
-        """Where the page of the node view is, once that is ready."""
-        return next((word for word in self.children["view"].words if word.startswith("http://")), "")
+    def said(self, node: str) -> set[str]:
+        """The words of a node on its standard output so far."""
+        return self.children[node].words if node in self.children else set()
 
     def wait_for_end(self, nodes: Sequence[str], progress: Callable[[float], None]) -> None:
         """Wait until one of these nodes has ended well; `progress` gets the seconds waited. Raises UserError where a
@@ -150,8 +147,11 @@ class Session:
 
     def stop(self) -> dict[str, dict[str, Any]]:
         """Stop all nodes, the plant first and the recorder last; return the last diagnostics of each."""
-        for group in STOP_ORDER:
-            running = [self.children[node] for node in group if node in self.children]
+        groups: tuple[list[Child], ...] = [], [], []
+        for child in self.children.values():
+            last = child.node in STOPPED_LAST or not child.needed
+            groups[0 if child.node in STOPPED_FIRST else 2 if last else 1].append(child)
+        for running in groups:
             for number, timeout in STOP_TIMEOUTS:
                 end = time.monotonic() + timeout
                 running = [child for child in running if child.process.poll() is None]

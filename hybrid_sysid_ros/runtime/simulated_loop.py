@@ -18,7 +18,7 @@ from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.augmented_model import believed
+from hybrid_sysid_ros.runtime.configuration import estimator_model
 
 
 def simulated_loop(
@@ -38,7 +38,7 @@ def simulated_loop(
     reference: times (samples,) [s] in, the outputs as they are shown (samples, p) out. plant: the simulated rig by
     default. settings: parameters of the node `estimator`, the rig's by default.
     """
-    model, values = believed(rig, model), settings or configuration.defaults(rig, "estimator")
+    model, values = estimator_model(rig, model), settings or configuration.defaults(rig, "estimator")
     period = 1.0 / values["rate"] if isinstance(controller, Cascade) else controller.period
     rig.steps(period, "the period of the controller")
     tuning = configuration.estimator_tuning(values, rig, model.system)

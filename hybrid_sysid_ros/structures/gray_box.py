@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.parameters import scale_of
@@ -16,8 +15,7 @@ from hybrid_sysid_ros.models.fit import Fit, FitContext
 from hybrid_sysid_ros.models.linear import REACH, Friction, Linear
 from hybrid_sysid_ros.models.options import Option, Options
 from hybrid_sysid_ros.models.structure import Magnitudes, Structure
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 FIT_OPTIONS = {
     "starts": Option(

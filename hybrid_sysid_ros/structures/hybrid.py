@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.parameters import scale_of
@@ -17,8 +16,7 @@ from hybrid_sysid_ros.models.options import Option, Options
 from hybrid_sysid_ros.models.region import Region
 from hybrid_sysid_ros.models.structure import Magnitudes, Structure
 from hybrid_sysid_ros.structures.gray_box import FIT_OPTIONS, STRAIGHT, GrayBox, Linearisation
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 RIDGE = Option(default=1.0, low=0.01, high=100.0, kind="log", description="pull of a network's weights to zero")
 MEMBERS = Option(default=1, low=1, high=10, kind="int", description="networks of other seeds in the mean")

@@ -30,9 +30,7 @@ class NarxStructure(Structure):
             "output_lags": Option(default=1, low=1, high=6, kind="int", description="past outputs"),
             "input_lags": Option(default=2, low=1, high=6, kind="int", description="past inputs"),
             "degree": Option(default=3, low=1, high=3, kind="int", description="of the polynomial"),
-            "terms": Option(
-                default=4, low=0, high=40, kind="int", description="of an output, 0 for BIC\'s number"
-            ),
+            "terms": Option(default=4, low=0, high=40, kind="int", description="of an output, 0 for BIC's number"),
         }
 
     def sampling(self, asked: Sampling) -> Sampling:

@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import correlate
 
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
 WINDOW = 5.0
 """Lags that count, in autocorrelation times: enough for an exponential, few enough to keep their noise out."""
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification import Part, Scores, free_run
@@ -15,10 +14,9 @@ from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.report.sections import IdentificationSection, identification_section
 from hybrid_sysid_ros.rigs.sensor import Display
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from studies.beam_lecture.criteria import Judgement, judge
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,17 +8,15 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.commands.terminal import console
 from hybrid_sysid_ros.estimation import Tuning
+from hybrid_sysid_ros.support.arrays import Array
 from studies.drill_string import stops
 from studies.drill_string.observer import SlidingBit, aligned, estimated, identified
 from studies.drill_string.records import LEARNT, SAMPLING, load
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

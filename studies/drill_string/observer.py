@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import curve_fit, lsq_linear
 
@@ -19,8 +18,7 @@ from hybrid_sysid_ros.core import Dry, System, bounded
 from hybrid_sysid_ros.core.friction import stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar, absolute, clip, maximum, select, sign
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, Tuning
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 PERIOD, STEP = 0.005, 0.0025
 """Of the measurements that the filter takes, and longest step of its prediction [s]."""

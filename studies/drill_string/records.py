@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 from scipy.ndimage import binary_dilation, label, mean, percentile_filter
@@ -16,10 +15,9 @@ from scipy.ndimage import binary_dilation, label, mean, percentile_filter
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256
-
-Array = NDArray[np.float64]
 
 FILE = Path("drillstring") / "175_completo_1.mat"
 CHANNELS = {"time": "Time", "top": "Top_Speed", "bit": "Bit_Speed", "torque": "Bit_Torque"}

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
-Array = NDArray[np.bool_]
+Flags = NDArray[np.bool_]
 
 STUCK = 0.2
 """Speed of a bit that is stuck [rad/s], as the source's table of torque over speed has it."""
 
 
-def found(truth: Array, told: Array) -> dict[str, float]:
+def found(truth: Flags, told: Flags) -> dict[str, float]:
     """Precision and recall of stuck samples, (samples,) of bool each, and of stops, with the share and the count.
 
     A stop is found where any sample of it is told, and one that is told is right where it touches a true one.
@@ -28,7 +28,7 @@ def found(truth: Array, told: Array) -> dict[str, float]:
     }
 
 
-def _touched(stops: Array, by: Array) -> float:
+def _touched(stops: Flags, by: Flags) -> float:
     """Share of the stops in which the other tells one, too."""
     pieces, count = label(stops)
     return len(np.setdiff1d(pieces[by], 0)) / max(count, 1)

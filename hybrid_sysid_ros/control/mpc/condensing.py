@@ -25,9 +25,10 @@ NO_BOUND = 1e30
 @inner
 def condense(horizon: Horizon, program: Program) -> None:
     """States and outputs as functions of the inputs, and with them the Gauss-Newton Hessian and the rows of bounds."""
-    count, n = horizon.reached.shape
-    m, p, v = horizon.inputs.shape[1], horizon.outputs.shape[1], program.gradient.shape[0]
-    hessian, driven, seen = pointer(program.hessian), pointer(horizon.driven), pointer(horizon.seen)
+    count, n = horizon.linear.reached.shape
+    m, p, v = horizon.inputs.shape[1], horizon.linear.outputs.shape[1], program.gradient.shape[0]
+    condensed, limits, hessian = horizon.condensed, horizon.limits, pointer(program.hessian)
+    response, sensitivity = pointer(condensed.input_response), pointer(condensed.output_sensitivity)
     for c in range(v * v):
         hessian[c] = 0.0
     for i in range(count):
@@ -36,57 +37,58 @@ def condense(horizon: Horizon, program: Program) -> None:
         for k in range(p):
             row = (i * p + k) * v
             for c in range(wide):
-                seen[row + c] = 0.0
+                sensitivity[row + c] = 0.0
             for a in range(n):
-                slope, first = horizon.C[i, k, a], (i * n + a) * v
+                slope, first = horizon.linear.C[i, k, a], (i * n + a) * v
                 if slope != 0.0:
                     for c in range(wide):
-                        seen[row + c] += slope * driven[first + c]
+                        sensitivity[row + c] += slope * response[first + c]
             for j in range(m):
-                seen[row + i * m + j] += horizon.D[i, k, j]
+                sensitivity[row + i * m + j] += horizon.linear.D[i, k, j]
             weight = 2.0 * horizon.weights.outputs[i, k]
             if weight != 0.0:
                 for c in range(wide):
-                    slope, to = weight * seen[row + c], c * v
+                    slope, to = weight * sensitivity[row + c], c * v
                     for d in range(c + 1):
-                        hessian[to + d] += slope * seen[row + d]
+                        hessian[to + d] += slope * sensitivity[row + d]
     _weigh_inputs(horizon, program)
-    first = horizon.rated.shape[0] * count
-    for r in range(horizon.bounded.shape[0]):
+    first = limits.rated.shape[0] * count
+    for r in range(limits.bounded.shape[0]):
         for i in range(count):
             for c in range((i + 1) * m):
-                program.rows[first + r * count + i, c] = horizon.driven[i, horizon.bounded[r], c]
+                program.rows[first + r * count + i, c] = condensed.input_response[i, limits.bounded[r], c]
 
 
 @inner
 def _propagate(horizon: Horizon, i: int) -> None:
-    """free, driven and forced of an interval from those before it."""
-    n, m, v = horizon.A.shape[1], horizon.B.shape[2], horizon.driven.shape[2]
-    driven = pointer(horizon.driven)
+    """free, response and forced of an interval from those before it."""
+    linear, condensed = horizon.linear, horizon.condensed
+    n, m, v = linear.A.shape[1], linear.B.shape[2], condensed.input_response.shape[2]
+    response = pointer(condensed.input_response)
     for a in range(n):
-        total = horizon.reached[i, a] - horizon.states[i + 1, a]
+        total = linear.reached[i, a] - horizon.states[i + 1, a]
         if i > 0:
             for b in range(n):
-                total += horizon.A[i, a, b] * horizon.forced[i - 1, b]
-        horizon.forced[i, a] = total
+                total += linear.A[i, a, b] * condensed.defect[i - 1, b]
+        condensed.defect[i, a] = total
         for c in range(n):
-            total = horizon.A[i, a, c]
+            total = linear.A[i, a, c]
             if i > 0:
                 total = 0.0
                 for b in range(n):
-                    total += horizon.A[i, a, b] * horizon.free[i - 1, b, c]
-            horizon.free[i, a, c] = total
+                    total += linear.A[i, a, b] * condensed.state_transition[i - 1, b, c]
+            condensed.state_transition[i, a, c] = total
         to = (i * n + a) * v
         for b in range(n):
-            slope, first = horizon.A[i, a, b], ((i - 1) * n + b) * v
+            slope, first = linear.A[i, a, b], ((i - 1) * n + b) * v
             if b == 0:
                 for c in range(i * m):
-                    driven[to + c] = slope * driven[first + c]
+                    response[to + c] = slope * response[first + c]
             else:
                 for c in range(i * m):
-                    driven[to + c] += slope * driven[first + c]
+                    response[to + c] += slope * response[first + c]
         for j in range(m):
-            driven[to + i * m + j] = horizon.B[i, a, j]
+            response[to + i * m + j] = linear.B[i, a, j]
 
 
 @inner
@@ -118,7 +120,7 @@ def cost_of(horizon: Horizon, instance: Instance) -> float:
         cost += stage_cost(
             horizon.weights,
             i,
-            horizon.outputs[i],
+            horizon.linear.outputs[i],
             instance.preview[i],
             horizon.inputs[i],
             before,
@@ -132,33 +134,34 @@ def evaluate(horizon: Horizon, program: Program, instance: Instance, off_instanc
     """Gradient and bounds of the program for an instance. off_instance: the trajectory has gaps, or begins at another
     state, or is that of another disturbance.
     """
-    count, n = horizon.reached.shape
-    m, p, v = horizon.inputs.shape[1], horizon.outputs.shape[1], program.gradient.shape[0]
-    weights, inputs, gradient, seen = horizon.weights, horizon.inputs, pointer(program.gradient), pointer(horizon.seen)
+    count, n = horizon.linear.reached.shape
+    m, p, v = horizon.inputs.shape[1], horizon.linear.outputs.shape[1], program.gradient.shape[0]
+    weights, inputs, gradient = horizon.weights, horizon.inputs, pointer(program.gradient)
+    sensitivity = pointer(horizon.condensed.output_sensitivity)
     for c in range(v):
         gradient[c] = 0.0
-    off = np.zeros(n)
+    deviation = np.zeros(n)
     for i in range(count):
         before = instance.previous if i == 0 else inputs[i - 1]
         if off_instance:
-            _off(horizon, instance, i, off)
+            _predicted_deviation(horizon, instance, i, deviation)
         for k in range(p):
-            error = horizon.outputs[i, k] - instance.preview[i, k]
+            error = horizon.linear.outputs[i, k] - instance.preview[i, k]
             if off_instance:
                 for a in range(n):
-                    error += horizon.C[i, k, a] * off[a]
+                    error += horizon.linear.C[i, k, a] * deviation[a]
                 for j in range(m):
-                    error += horizon.D[i, k, j] * (instance.disturbance[j] - horizon.disturbance[j])
+                    error += horizon.linear.D[i, k, j] * (instance.disturbance[j] - horizon.disturbance[j])
             slope, row = 2.0 * weights.outputs[i, k] * error, (i * p + k) * v
             if slope != 0.0:
                 for c in range((i + 1) * m):
-                    gradient[c] += slope * seen[row + c]
+                    gradient[c] += slope * sensitivity[row + c]
         for j in range(m):
             _bound_input(horizon, program, i, j, inputs[i, j] - before[j])
-        for r in range(horizon.bounded.shape[0]):
-            a = horizon.bounded[r]
-            expected = horizon.states[i + 1, a] + off[a]
-            row = v + (horizon.rated.shape[0] + r) * count + i
+        for r in range(horizon.limits.bounded.shape[0]):
+            a = horizon.limits.bounded[r]
+            expected = horizon.states[i + 1, a] + deviation[a]
+            row = v + (horizon.limits.rated.shape[0] + r) * count + i
             program.lower[row] = max(weights.low[a] - expected, -NO_BOUND)
             program.upper[row] = min(weights.high[a] - expected, NO_BOUND)
 
@@ -172,29 +175,29 @@ def _bound_input(horizon: Horizon, program: Program, i: int, j: int, change: flo
     program.gradient[c] += slope + 2.0 * horizon.weights.inputs[i, j] * u
     if i > 0:
         program.gradient[c - m] -= slope
-    program.lower[c] = horizon.low[j] - u
-    program.upper[c] = horizon.high[j] - u
-    for r in range(horizon.rated.shape[0]):
-        if horizon.rated[r] == j:
+    program.lower[c] = horizon.limits.low[j] - u
+    program.upper[c] = horizon.limits.high[j] - u
+    for r in range(horizon.limits.rated.shape[0]):
+        if horizon.limits.rated[r] == j:
             row = count * m + r * count + i
-            program.lower[row] = -horizon.rate[j] - change
-            program.upper[row] = horizon.rate[j] - change
+            program.lower[row] = -horizon.limits.rate[j] - change
+            program.upper[row] = horizon.limits.rate[j] - change
 
 
 @inner
-def _off(horizon: Horizon, instance: Instance, i: int, off: Array) -> None:
-    """How far the states at the end of an interval will be off the trajectory if the inputs stay, (n,)."""
-    n, m = horizon.B.shape[1:]
+def _predicted_deviation(horizon: Horizon, instance: Instance, i: int, deviation: Array) -> None:
+    """How far the states at the end of an interval will be deviation the trajectory if the inputs stay, (n,)."""
+    n, m = horizon.linear.B.shape[1:]
     for a in range(n):
-        total = horizon.forced[i, a]
+        total = horizon.condensed.defect[i, a]
         for b in range(n):
-            total += horizon.free[i, a, b] * (instance.state[b] - horizon.states[0, b])
+            total += horizon.condensed.state_transition[i, a, b] * (instance.state[b] - horizon.states[0, b])
         for j in range(m):
             shifted = instance.disturbance[j] - horizon.disturbance[j]
             if shifted != 0.0:
                 for k in range(i + 1):
-                    total += horizon.driven[i, a, k * m + j] * shifted
-        off[a] = total
+                    total += horizon.condensed.input_response[i, a, k * m + j] * shifted
+        deviation[a] = total
 
 
 @inner
@@ -213,54 +216,55 @@ def residual(program: Program) -> float:
 @inner
 def find_adjoint(horizon: Horizon, program: Program, instance: Instance) -> None:
     """How the Lagrangian changes with each state of the trajectory, all after it following."""
-    count, n = horizon.reached.shape
+    count, n = horizon.linear.reached.shape
     v = program.gradient.shape[0]
     for a in range(n):
-        horizon.adjoint[count, a] = 0.0
+        horizon.lagrangian.adjoint[count, a] = 0.0
     for i in range(count - 1, -1, -1):
-        after = horizon.adjoint[i + 1]
-        for k in range(horizon.outputs.shape[1]):
-            slope = 2.0 * horizon.weights.outputs[i, k] * (horizon.outputs[i, k] - instance.preview[i, k])
+        after = horizon.lagrangian.adjoint[i + 1]
+        for k in range(horizon.linear.outputs.shape[1]):
+            slope = 2.0 * horizon.weights.outputs[i, k] * (horizon.linear.outputs[i, k] - instance.preview[i, k])
             for a in range(n):
-                after[a] += slope * horizon.C[i, k, a]
-        for r in range(horizon.bounded.shape[0]):
-            after[horizon.bounded[r]] += program.multipliers[v + (horizon.rated.shape[0] + r) * count + i]
+                after[a] += slope * horizon.linear.C[i, k, a]
+        for r in range(horizon.limits.bounded.shape[0]):
+            after[horizon.limits.bounded[r]] += program.multipliers[v + (horizon.limits.rated.shape[0] + r) * count + i]
         for b in range(n):
             total = 0.0
             for a in range(n):
-                total += horizon.A[i, a, b] * after[a]
-            horizon.adjoint[i, b] = total
+                total += horizon.linear.A[i, a, b] * after[a]
+            horizon.lagrangian.adjoint[i, b] = total
 
 
 @inner
 def expand(horizon: Horizon, program: Program, instance: Instance) -> float:
     """The step of inputs and states that a solution of the program means, and the cost that it predicts."""
-    (count, n), m, p = horizon.reached.shape, horizon.inputs.shape[1], horizon.outputs.shape[1]
+    linear, step = horizon.linear, horizon.step
+    (count, n), m, p = linear.reached.shape, horizon.inputs.shape[1], linear.outputs.shape[1]
     y, u, before, x = np.empty(p), np.empty(m), np.empty(m), np.empty(n)
     cost = 0.0
     for j in range(m):
         before[j] = instance.previous[j]
     for a in range(n):
-        horizon.moved[0, a] = instance.state[a] - horizon.states[0, a]
+        step.states[0, a] = instance.state[a] - horizon.states[0, a]
     for i in range(count):
         for j in range(m):
-            horizon.step[i, j] = program.solution[i * m + j]
-            u[j] = horizon.inputs[i, j] + horizon.step[i, j]
+            step.inputs[i, j] = program.solution[i * m + j]
+            u[j] = horizon.inputs[i, j] + step.inputs[i, j]
         for a in range(n):
-            total = horizon.reached[i, a] - horizon.states[i + 1, a]
+            total = linear.reached[i, a] - horizon.states[i + 1, a]
             for j in range(m):
                 shifted = instance.disturbance[j] - horizon.disturbance[j]
-                total += horizon.B[i, a, j] * (horizon.step[i, j] + shifted)
+                total += linear.B[i, a, j] * (step.inputs[i, j] + shifted)
             for b in range(n):
-                total += horizon.A[i, a, b] * horizon.moved[i, b]
-            horizon.moved[i + 1, a] = total
+                total += linear.A[i, a, b] * step.states[i, b]
+            step.states[i + 1, a] = total
             x[a] = horizon.states[i + 1, a] + total
         for k in range(p):
-            y[k] = horizon.outputs[i, k]
+            y[k] = linear.outputs[i, k]
             for a in range(n):
-                y[k] += horizon.C[i, k, a] * horizon.moved[i + 1, a]
+                y[k] += linear.C[i, k, a] * step.states[i + 1, a]
             for j in range(m):
-                y[k] += horizon.D[i, k, j] * (horizon.step[i, j] + instance.disturbance[j] - horizon.disturbance[j])
+                y[k] += linear.D[i, k, j] * (step.inputs[i, j] + instance.disturbance[j] - horizon.disturbance[j])
         cost += stage_cost(horizon.weights, i, y, instance.preview[i], u, before, x)
         for j in range(m):
             before[j] = u[j]
@@ -268,27 +272,28 @@ def expand(horizon: Horizon, program: Program, instance: Instance) -> float:
 
 
 @inner
-def move(horizon: Horizon, length: float) -> None:
-    """Go along the step."""
+def apply_step(horizon: Horizon, length: float) -> None:
+    """Move inputs and states along the step."""
     for i in range(horizon.inputs.shape[0]):
         for j in range(horizon.inputs.shape[1]):
-            horizon.inputs[i, j] += length * horizon.step[i, j]
+            horizon.inputs[i, j] += length * horizon.step.inputs[i, j]
     for i in range(horizon.states.shape[0]):
         for a in range(horizon.states.shape[1]):
-            horizon.states[i, a] += length * horizon.moved[i, a]
+            horizon.states[i, a] += length * horizon.step.states[i, a]
 
 
 @inner
-def cut(horizon: Horizon, previous: Array, inputs: Array) -> None:
+def clamp_inputs(horizon: Horizon, previous: Array, inputs: Array) -> None:
     """Keep inputs (N, m) within their bounds and rate limits, from ``previous`` (m,) on; what is no number is held."""
+    limits = horizon.limits
     for j in range(inputs.shape[1]):
         before = previous[j]
-        before = min(max(before, horizon.low[j]), horizon.high[j]) if math.isfinite(before) else math.nan
+        before = min(max(before, limits.low[j]), limits.high[j]) if math.isfinite(before) else math.nan
         for i in range(inputs.shape[0]):
             u = inputs[i, j]
             if not math.isfinite(u):
                 u = before if math.isfinite(before) else 0.0
             if math.isfinite(before):
-                u = min(max(u, before - horizon.rate[j]), before + horizon.rate[j])
-            before = min(max(u, horizon.low[j]), horizon.high[j])
+                u = min(max(u, before - limits.rate[j]), before + limits.rate[j])
+            before = min(max(u, limits.low[j]), limits.high[j])
             inputs[i, j] = before

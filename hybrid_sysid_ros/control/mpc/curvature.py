@@ -26,17 +26,17 @@ reference it is many times Gauss-Newton's.
 @inner
 def keep_derivatives(horizon: Horizon) -> None:
     """Keep [A, B] and where they were taken, for :func:`update_curvature`."""
-    n, m = horizon.B.shape[1:]
+    n, m = horizon.linear.B.shape[1:]
     for i in range(horizon.inputs.shape[0]):
-        kept = horizon.before[i]
+        jacobian, point = horizon.lagrangian.jacobian[i], horizon.lagrangian.point[i]
         for a in range(n):
-            kept[n, a] = horizon.states[i, a]
+            point[a] = horizon.states[i, a]
             for b in range(n):
-                kept[a, b] = horizon.A[i, a, b]
+                jacobian[a, b] = horizon.linear.A[i, a, b]
             for j in range(m):
-                kept[a, n + j] = horizon.B[i, a, j]
+                jacobian[a, n + j] = horizon.linear.B[i, a, j]
         for j in range(m):
-            kept[n, n + j] = horizon.inputs[i, j]
+            point[n + j] = horizon.inputs[i, j]
 
 
 @inner
@@ -45,20 +45,21 @@ def update_curvature(horizon: Horizon) -> None:
 
     Conn, Gould & Toint (1991), Mathematical Programming 50; interval by interval, a few steps tell it all.
     """
-    n, m = horizon.B.shape[1:]
+    n, m = horizon.linear.B.shape[1:]
     moved, off = np.empty(n + m), np.empty(n + m)
     for i in range(horizon.inputs.shape[0]):
-        kept, curvature = horizon.before[i], horizon.curvature[i]
+        kept = horizon.lagrangian
+        curvature, jacobian, point = kept.curvature[i], kept.jacobian[i], kept.point[i]
         for a in range(n):
-            moved[a] = horizon.states[i, a] - kept[n, a]
+            moved[a] = horizon.states[i, a] - point[a]
         for j in range(m):
-            moved[n + j] = horizon.inputs[i, j] - kept[n, n + j]
+            moved[n + j] = horizon.inputs[i, j] - point[n + j]
         across = far = size = 0.0
         for c in range(n + m):
             total = 0.0
             for a in range(n):
-                now = horizon.A[i, a, c] if c < n else horizon.B[i, a, c - n]
-                total += horizon.adjoint[i + 1, a] * (now - kept[a, c])
+                now = horizon.linear.A[i, a, c] if c < n else horizon.linear.B[i, a, c - n]
+                total += horizon.lagrangian.adjoint[i + 1, a] * (now - jacobian[a, c])
             for d in range(n + m):
                 total -= curvature[c, d] * moved[d]
             off[c] = total
@@ -76,17 +77,18 @@ def add_curvature(horizon: Horizon, program: Program) -> None:
     """Add E' curvature_i E of all intervals to the Hessian, E (n + m, v) being the derivative of an interval's state
     and inputs by all inputs, and make it positive definite.
     """
-    (count, n), m, v = horizon.reached.shape, horizon.inputs.shape[1], program.gradient.shape[0]
+    (count, n), m, v = horizon.linear.reached.shape, horizon.inputs.shape[1], program.gradient.shape[0]
     largest = 0.0
     for c in range(v):
         largest = max(largest, program.hessian[c, c])
     moved, bent = np.zeros((n + m, v)), np.zeros((n + m, v))
-    hessian, e, t, driven = pointer(program.hessian), pointer(moved), pointer(bent), pointer(horizon.driven)
+    hessian, e, t = pointer(program.hessian), pointer(moved), pointer(bent)
+    input_response = pointer(horizon.condensed.input_response)
     for i in range(count):
         wide = (i + 1) * m
         for a in range(n):
             for c in range(i * m):
-                e[a * v + c] = driven[((i - 1) * n + a) * v + c]
+                e[a * v + c] = input_response[((i - 1) * n + a) * v + c]
             for c in range(i * m, wide):
                 e[a * v + c] = 0.0
         for j in range(m):
@@ -96,7 +98,7 @@ def add_curvature(horizon: Horizon, program: Program) -> None:
             for c in range(wide):
                 t[a * v + c] = 0.0
             for b in range(n + m):
-                slope = horizon.curvature[i, a, b]
+                slope = horizon.lagrangian.curvature[i, a, b]
                 for c in range(wide):
                     t[a * v + c] += slope * e[b * v + c]
         for a in range(n + m):
@@ -142,10 +144,10 @@ def _hold_active(horizon: Horizon, program: Program, hold: float) -> None:
     for c in range(v):
         if program.multipliers[c] != 0.0:
             program.hessian[c, c] += hold
-    for r in range(horizon.rated.shape[0]):
+    for r in range(horizon.limits.rated.shape[0]):
         for i in range(count):
             if program.multipliers[v + r * count + i] != 0.0:
-                c = i * m + horizon.rated[r]
+                c = i * m + horizon.limits.rated[r]
                 program.hessian[c, c] += hold
                 if i > 0:
                     program.hessian[c - m, c - m] += hold
@@ -159,9 +161,9 @@ def _price_active(horizon: Horizon, program: Program) -> None:
     but outside of its Hessian, which must be positive alone; more would hold a state that is to move outside of them.
     """
     count, v = horizon.inputs.shape[0], program.gradient.shape[0]
-    first, hessian, rows = v + horizon.rated.shape[0] * count, pointer(program.hessian), pointer(program.rows)
-    for r in range(horizon.bounded.shape[0]):
-        price = 2.0 * horizon.weights.quadratic[horizon.bounded[r]]
+    first, hessian, rows = v + horizon.limits.rated.shape[0] * count, pointer(program.hessian), pointer(program.rows)
+    for r in range(horizon.limits.bounded.shape[0]):
+        price = 2.0 * horizon.weights.quadratic[horizon.limits.bounded[r]]
         for i in range(count):
             if program.multipliers[first + r * count + i] != 0.0:
                 row = (first - v + r * count + i) * v

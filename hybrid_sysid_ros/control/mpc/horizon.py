@@ -6,7 +6,7 @@ N = horizon, n = states, m = inputs, p = outputs, v = N m: all inputs in a row, 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ class Instance(NamedTuple):
     preview: Array
     """(N, p), reference of the outputs at the end of each interval."""
 
-    def take(self, state: Array, disturbance: Array, previous: Array, preview: Array) -> None:
+    def assign(self, state: Array, disturbance: Array, previous: Array, preview: Array) -> None:
         """Write what is asked into these arrays."""
         self.state[:], self.disturbance[:], self.previous[:], self.preview[:] = state, disturbance, previous, preview
 
@@ -67,19 +67,41 @@ class Prediction(Shared):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Horizon(Shared):
-    """With an initial state e off, inputs v off and the trajectory's own gaps, the states at the end of interval i are
-    off by free_i e + driven_i v + forced_i, the outputs there by C_i of that + D_i of the inputs.
-    """
+class Trajectory(Shared):
+    """A trajectory, and the input disturbance that it is of."""
 
     states: Array
     """(N + 1, n)."""
     inputs: Array
     """(N, m)."""
     disturbance: Array
-    """(m,) that it is linearised with."""
+    """(m,)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InputLimits(Shared):
+    """Bounds of the inputs and of their changes, and which rows of the quadratic program they and the states take."""
+
+    low: Array
+    """(m,)."""
+    high: Array
+    """(m,)."""
+    rate: Array
+    """(m,), of the changes."""
+    rated: NDArray[np.int64]
+    """Inputs whose changes are limited: N rows each in the quadratic program."""
+    bounded: NDArray[np.int64]
+    """States with bounds: N rows each after those."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Linearisation(Shared):
+    """The model along a trajectory: x_{i+1} = reached_i + A_i dx + B_i du, y_i = outputs_i + C_i dx + D_i du."""
+
+    reached: Array
+    """(N, n), where each interval ends."""
     outputs: Array
-    """(N, p) at the end of each interval, for these states and inputs."""
+    """(N, p) at the end of each interval."""
     A: Array
     """(N, n, n), derivative of an interval's end by its beginning."""
     B: Array
@@ -88,51 +110,95 @@ class Horizon(Shared):
     """(N, p, n), of the outputs by the states at the end."""
     D: Array
     """(N, p, m), by the inputs of the interval."""
-    reached: Array
-    """(N, n), where each interval ends."""
-    free: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Condensed(Shared):
+    """The intervals in a row: the states at the end of interval i deviate from the trajectory by
+    state_transition_i e + input_response_i v + defect_i for an initial state e off and inputs v off.
+    """
+
+    state_transition: Array
     """(N, n, n)."""
-    driven: Array
+    input_response: Array
     """(N, n, v)."""
-    forced: Array
-    """(N, n)."""
-    seen: Array
+    defect: Array
+    """(N, n), of the trajectory's own gaps."""
+    output_sensitivity: Array
     """(N, p, v), derivative of the outputs by all inputs."""
-    weights: StageWeights
-    low: Array
-    """(m,), bounds of the inputs."""
-    high: Array
-    """(m,)."""
-    rate: Array
-    """(m,), of their changes."""
-    rated: NDArray[np.int64]
-    """Inputs whose changes are limited: N rows each in the quadratic program."""
-    bounded: NDArray[np.int64]
-    """States with bounds: N rows each after those."""
-    step: Array
-    """(N, m), the last step of the inputs."""
-    moved: Array
-    """(N + 1, n), of the states."""
-    simulated: Array
-    """(N + 1, n), where a plan leads in the exact form."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Step(Shared):
+    """The last step of a solution."""
+
+    inputs: Array
+    """(N, m)."""
+    states: Array
+    """(N + 1, n)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lagrangian(Shared):
+    """The second derivatives of the dynamics in the Lagrangian, and what they are updated from."""
+
     adjoint: Array
-    """(N + 1, n), how the Lagrangian changes with each state; of the initial state first."""
+    """(N + 1, n), derivative of the Lagrangian by each state; by the initial state first."""
     curvature: Array
     """(N, n + m, n + m), of each interval's end, weighed by its adjoint, by its state and inputs."""
-    before: Array
-    """(N, n + 1, n + m), [A, B] of each interval at the iterate before, and its state and inputs there."""
-    progress: Array
-    """(3,) of a solution: steps made, the residual before the last one, and whether the curvature is taken in."""
+    jacobian: Array
+    """(N, n, n + m), [A, B] of each interval at the iterate before."""
+    point: Array
+    """(N, n + m), the state and the inputs of each interval there."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Work(Shared):
+    """Scratch memory of the linearisation of one interval."""
+
+    total: Array
+    """(n, n + m), [A, B] up to a step of the interval."""
+    moved: Array
+    """(n, n + m), the same one step later."""
+    derivatives: Array
+    """(n + p, n + m), of one step, or of the outputs in the first p rows."""
+    state: Array
+    """(n,)."""
+    drive: Array
+    """(m,), inputs with the disturbance."""
+    following: Array
+    """(n,)."""
+
+
+PROGRESS = np.dtype([("steps", np.int64), ("residual", np.float64), ("with_curvature", np.bool_)])
+"""Of a solution: steps made, the residual before the last one, and whether the dynamics' curvature is taken in."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Horizon(Shared):
+    """The trajectory, the problem linearised about it, and the plan."""
+
+    states: Array
+    """(N + 1, n)."""
+    inputs: Array
+    """(N, m)."""
+    disturbance: Array
+    """(m,) that it is linearised with."""
+    last: Trajectory
+    """The trajectory before a solution, for where there is none."""
     planned: Array
     """(N, m), the inputs of the plan, within all limits."""
-    kept_states: Array
-    """(N + 1, n), the trajectory before a solution, for where there is none."""
-    kept_inputs: Array
-    """(N, m)."""
-    kept_disturbance: Array
-    """(m,)."""
-    work: Array
-    """(6, n + p, n + m), of linearisations."""
+    simulated: Array
+    """(N + 1, n), where a plan leads in the exact form."""
+    weights: StageWeights
+    limits: InputLimits
+    linear: Linearisation
+    condensed: Condensed
+    step: Step
+    lagrangian: Lagrangian
+    progress: NDArray[np.void]
+    """(1,) of :data:`PROGRESS`."""
+    work: Work
 
 
 def prediction(system: System, problem: Problem) -> Prediction:
@@ -161,30 +227,39 @@ def new_instance(system: System, problem: Problem) -> tuple[Array, Instance]:
 def new_horizon(system: System, problem: Problem) -> Horizon:
     """The memory of a problem that is sized."""
     n, m, p, count = len(system.states), len(system.inputs), len(system.outputs), problem.horizon
-    weights, rate = problem.weights, np.array(problem.rate_limits)
-    shapes: list[tuple[tuple[int, ...], str]] = [
-        ((count + 1, n), "states moved simulated adjoint kept_states"),
-        ((count, m), "inputs step planned kept_inputs"),
-        ((m,), "disturbance kept_disturbance"),
-        ((count, p), "outputs"),
-        ((count, n, n), "A free"),
-        ((count, n, m), "B"),
-        ((count, p, n), "C"),
-        ((count, p, m), "D"),
-        ((count, n), "reached forced"),
-        ((count, n, count * m), "driven"),
-        ((count, p, count * m), "seen"),
-        ((count, n + m, n + m), "curvature"),
-        ((count, n + 1, n + m), "before"),
-        ((3,), "progress"),
-        ((6, n + p, n + m), "work"),
-    ]
+    weights, rate, v = problem.weights, np.array(problem.rate_limits), problem.horizon * len(system.inputs)
+    path = {"states": (count + 1, n), "inputs": (count, m)}
     return Horizon(
+        **_zeros(**path, disturbance=(m,), planned=(count, m), simulated=(count + 1, n)),
+        last=Trajectory(**_zeros(**path, disturbance=(m,))),
         weights=weights,
-        low=np.array(problem.input_low),
-        high=np.array(problem.input_high),
-        rate=rate,
-        rated=np.flatnonzero(np.isfinite(rate)),
-        bounded=np.flatnonzero(np.isfinite(weights.low) | np.isfinite(weights.high)),
-        **{name: np.zeros(shape) for shape, names in shapes for name in names.split()},  # type: ignore[arg-type]
+        limits=InputLimits(
+            low=np.array(problem.input_low),
+            high=np.array(problem.input_high),
+            rate=rate,
+            rated=np.flatnonzero(np.isfinite(rate)),
+            bounded=np.flatnonzero(np.isfinite(weights.low) | np.isfinite(weights.high)),
+        ),
+        linear=Linearisation(
+            **_zeros(reached=(count, n), outputs=(count, p)),
+            **_zeros(A=(count, n, n), B=(count, n, m), C=(count, p, n), D=(count, p, m)),
+        ),
+        condensed=Condensed(
+            **_zeros(state_transition=(count, n, n), input_response=(count, n, v)),
+            **_zeros(defect=(count, n), output_sensitivity=(count, p, v)),
+        ),
+        step=Step(**_zeros(**path)),
+        lagrangian=Lagrangian(
+            **_zeros(adjoint=(count + 1, n), curvature=(count, n + m, n + m)),
+            **_zeros(jacobian=(count, n, n + m), point=(count, n + m)),
+        ),
+        progress=np.zeros(1, PROGRESS),
+        work=Work(
+            **_zeros(total=(n, n + m), moved=(n, n + m), derivatives=(n + p, n + m)),
+            **_zeros(state=(n,), drive=(m,), following=(n,)),
+        ),
     )
+
+
+def _zeros(**shapes: tuple[int, ...]) -> dict[str, Any]:
+    return {name: np.zeros(shape) for name, shape in shapes.items()}

@@ -49,7 +49,7 @@ class InteriorPointMpc:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`."""
         instance = self._instance
         previous = np.clip(previous_input, self.problem.input_low, self.problem.input_high)
-        instance.take(state, disturbance, previous, preview)
+        instance.assign(state, disturbance, previous, preview)
         if not np.isfinite(self._flat).all():
             return self._planned(Status.FAILED)
         if self._cold:

@@ -33,24 +33,24 @@ def linearise(prediction: Prediction, horizon: Horizon, smoothing: float, single
 
     single: shooting once, each state being moved to where the interval before it ends.
     """
-    n, m = horizon.B.shape[1:]
+    n, m = horizon.linear.B.shape[1:]
     for i in range(horizon.inputs.shape[0]):
         _set_out(horizon, i)
-        total = _interval(prediction, horizon, smoothing, horizon.reached[i])
+        total = _interval(prediction, horizon, smoothing, horizon.linear.reached[i])
         for a in range(n):
             for b in range(n):
-                horizon.A[i, a, b] = total[a, b]
+                horizon.linear.A[i, a, b] = total[a, b]
             for j in range(m):
-                horizon.B[i, a, j] = total[a, n + j]
+                horizon.linear.B[i, a, j] = total[a, n + j]
         if single:
-            assign(horizon.states[i + 1], horizon.reached[i])
+            assign(horizon.states[i + 1], horizon.linear.reached[i])
         _observe(prediction, horizon, i)
 
 
 @inner
 def _set_out(horizon: Horizon, i: int) -> None:
     """The state and the inputs with disturbance of interval i, where :func:`_interval` begins."""
-    x, drive = horizon.work[3, 0], horizon.work[4, 0]
+    x, drive = horizon.work.state, horizon.work.drive
     for a in range(horizon.states.shape[1]):
         x[a] = horizon.states[i, a]
     for j in range(horizon.inputs.shape[1]):
@@ -60,9 +60,9 @@ def _set_out(horizon: Horizon, i: int) -> None:
 @inner
 def _interval(prediction: Prediction, horizon: Horizon, smoothing: float, following: Array) -> Array:
     """Where an interval leads, into ``following`` (n,), and its [A, B] (n, n + m)."""
-    n, m = horizon.B.shape[1:]
-    total, moved, slopes = horizon.work[0], horizon.work[1], horizon.work[2]
-    x, drive = horizon.work[3, 0], horizon.work[4, 0]
+    n, m = horizon.linear.B.shape[1:]
+    work = horizon.work
+    total, moved, slopes, x, drive = work.total, work.moved, work.derivatives, work.state, work.drive
     address, p, w, h = prediction.step_slopes, prediction.parameters, prediction.network, prediction.h
     call_slopes(address, x, drive, p, w, h, smoothing, following, total)
     for _ in range(prediction.substeps - 1):
@@ -90,26 +90,26 @@ def _chain(slopes: Array, total: Array, moved: Array, n: int, m: int) -> None:
 @inner
 def _observe(prediction: Prediction, horizon: Horizon, i: int) -> None:
     """The outputs at the end of interval i, and C and D."""
-    n, m = horizon.B.shape[1:]
-    slopes, drive = horizon.work[2], horizon.work[4, 0]
+    n, m = horizon.linear.B.shape[1:]
+    slopes, drive = horizon.work.derivatives, horizon.work.drive
     call_slopes(
         prediction.output_slopes, horizon.states[i + 1], drive, prediction.parameters, prediction.network,
-        prediction.h, 0.0, horizon.outputs[i], slopes,
+        prediction.h, 0.0, horizon.linear.outputs[i], slopes,
     )  # fmt: skip
-    for k in range(horizon.outputs.shape[1]):
+    for k in range(horizon.linear.outputs.shape[1]):
         for b in range(n):
-            horizon.C[i, k, b] = slopes[k, b]
+            horizon.linear.C[i, k, b] = slopes[k, b]
         for j in range(m):
-            horizon.D[i, k, j] = slopes[k, n + j]
+            horizon.linear.D[i, k, j] = slopes[k, n + j]
 
 
 @inner
 def find_curvature(prediction: Prediction, horizon: Horizon) -> None:
     """Second derivatives of each interval's end, weighed by its adjoint, by differences of [A, B]."""
-    n, m = horizon.B.shape[1:]
-    x, drive, following = horizon.work[3, 0], horizon.work[4, 0], horizon.work[5, 0]
+    n, m = horizon.linear.B.shape[1:]
+    x, drive, following = horizon.work.state, horizon.work.drive, horizon.work.following
     for i in range(horizon.inputs.shape[0]):
-        curvature, adjoint = horizon.curvature[i], horizon.adjoint[i + 1]
+        curvature, adjoint = horizon.lagrangian.curvature[i], horizon.lagrangian.adjoint[i + 1]
         for r in range(n + m):
             _set_out(horizon, i)
             if r < n:
@@ -122,7 +122,7 @@ def find_curvature(prediction: Prediction, horizon: Horizon) -> None:
             for c in range(n + m):
                 slope = 0.0
                 for a in range(n):
-                    before = horizon.A[i, a, c] if c < n else horizon.B[i, a, c - n]
+                    before = horizon.linear.A[i, a, c] if c < n else horizon.linear.B[i, a, c - n]
                     slope += adjoint[a] * (total[a, c] - before)
                 curvature[r, c] = slope / h
         for r in range(n + m):

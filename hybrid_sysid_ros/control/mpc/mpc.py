@@ -10,13 +10,13 @@ from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import factorise
 from hybrid_sysid_ros.control.mpc.shooting import (
     Shooting,
-    answer,
     forget,
     plan,
     prepare,
     restore,
     shift,
     shooting,
+    solve_call,
 )
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.core import System
@@ -107,7 +107,7 @@ class ExactMpc:
         the last one; where there is none, the previous input, or zero if that is no number either.
         """
         mpc, instance = self._shooting, self._instance
-        instance.take(state, disturbance, previous_input, preview)
+        instance.assign(state, disturbance, previous_input, preview)
         iterate = self.real_time and self._prepared and not self._cold
         self._prepared = False
         most, share = self.problem.max_iterations, self.problem.max_iterations
@@ -115,7 +115,7 @@ class ExactMpc:
         if self._clock is not None:
             began, share = self._clock(), min(BETWEEN_LOOKS, most)
         parts = mpc.prediction, mpc.horizon, mpc.program, instance
-        found = answer(*parts, share, self._tolerance, self._cold, iterate, True)
+        found = solve_call(*parts, share, self._tolerance, self._cold, iterate, True)
         self.iterations, self.residual = found.iterations, found.residual
         if not found.iterations:
             return self._rest(Status.FAILED)
@@ -136,7 +136,7 @@ class ExactMpc:
             if self._clock is not None and self._clock() - began > self._time_limit:
                 return Status.LATE
             share = min(BETWEEN_LOOKS, most - self.iterations)
-            found = answer(*parts, share, self._tolerance, False, False, False)
+            found = solve_call(*parts, share, self._tolerance, False, False, False)
             self.iterations += found.iterations
             self.residual = found.residual
             status = Status.SOLVED if found.solved else Status.NOT_CONVERGED if found.iterations else Status.FAILED

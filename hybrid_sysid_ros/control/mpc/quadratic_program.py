@@ -58,6 +58,10 @@ class _Result(ctypes.Structure):
     )
 
 
+FLAG = _Result.flag.offset // 4
+"""Place of the solver's flag in ``Program.result``: above 0 where it found the optimum."""
+
+
 def _function(name: str, result: Any, *arguments: Any) -> Any:
     function = getattr(ctypes.CDLL(daqp.__file__), name)
     function.restype, function.argtypes = result, arguments
@@ -197,7 +201,7 @@ def solve(program: Program, changed: int) -> bool:
     if _update(update, changed, workspace, problem) < 0:
         return False
     _solve(search, result, workspace)
-    sound = program.result[8] > 0
+    sound = program.result[FLAG] > 0
     for i in range(program.solution.shape[0]):
         sound = sound and math.isfinite(program.solution[i])
     return sound

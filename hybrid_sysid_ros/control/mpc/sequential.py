@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
-from hybrid_sysid_ros.control.mpc.condensing import condense, cost_of, cut, evaluate, find_adjoint, residual
+from hybrid_sysid_ros.control.mpc.condensing import clamp_inputs, condense, cost_of, evaluate, find_adjoint, residual
 from hybrid_sysid_ros.control.mpc.curvature import add_curvature, keep_derivatives, update_curvature
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction
 from hybrid_sysid_ros.control.mpc.linearisation import assign, find_curvature, linearise
@@ -60,19 +60,20 @@ def solve(
     """
     assign(horizon.states[0], instance.state)
     assign(horizon.disturbance, instance.disturbance)
-    cut(horizon, instance.previous, horizon.inputs)
+    clamp_inputs(horizon, instance.previous, horizon.inputs)
+    progress = horizon.progress[0]
     if anew:
-        horizon.progress[0] = horizon.progress[1] = horizon.progress[2] = 0.0
+        progress.steps, progress.residual, progress.with_curvature = 0, 0.0, False
     linearise(prediction, horizon, prediction.smoothing, True)
-    cost, last, done = cost_of(horizon, instance), horizon.progress[1], 0
+    cost, last, done = cost_of(horizon, instance), progress.residual, 0
     while True:
         condense(horizon, program)
         evaluate(horizon, program, instance, False)
-        error, made = residual(program), horizon.progress[0]
+        error, made = residual(program), progress.steps
         if made > 0 and error <= tolerance:
             return SolverResult(True, done, error)
         if done == iterations:
-            horizon.progress[1] = last
+            progress.residual = last
             return SolverResult(False, done, error)
         _find_hessian(prediction, horizon, program, instance, error, last)
         if not quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES):
@@ -80,7 +81,7 @@ def solve(
         quadratic.keep_working_set(program)
         cost = _search(prediction, horizon, program, instance, cost, made == 0)
         last = error
-        horizon.progress[0] += 1
+        progress.steps += 1
         done += 1
 
 
@@ -91,20 +92,20 @@ def _find_hessian(
     """Add the curvature of the dynamics to the Hessian where Gauss-Newton is slow: as the steps tell it, and where that
     is slow too, by differences.
     """
-    made = horizon.progress[0]
-    if made == 0:
-        curvature = pointer(horizon.curvature)
-        for c in range(horizon.curvature.size):
+    progress = horizon.progress[0]
+    if progress.steps == 0:
+        curvature = pointer(horizon.lagrangian.curvature)
+        for c in range(horizon.lagrangian.curvature.size):
             curvature[c] = 0.0
     else:
         find_adjoint(horizon, program, instance)
-        if horizon.progress[2] > 0.0 and made > PATIENCE and error > STALLED * last:
+        if progress.with_curvature and progress.steps > PATIENCE and error > STALLED * last:
             find_curvature(prediction, horizon)
         else:
             update_curvature(horizon)
         if error > SLOW * last:
-            horizon.progress[2] = 1.0
-        if horizon.progress[2] > 0.0:
+            progress.with_curvature = True
+        if progress.with_curvature:
             add_curvature(horizon, program)
     keep_derivatives(horizon)
 

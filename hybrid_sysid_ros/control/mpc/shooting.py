@@ -14,11 +14,11 @@ import numpy as np
 
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.condensing import (
+    apply_step,
+    clamp_inputs,
     condense,
-    cut,
     evaluate,
     expand,
-    move,
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction, new_horizon, prediction
 from hybrid_sysid_ros.control.mpc.linearisation import advance, assign, linearise
@@ -55,15 +55,17 @@ def shooting(system: System, problem: Problem) -> Shooting:
     problem = problem.sized(system)
     one_delay(system, problem)
     horizon, count, m = new_horizon(system, problem), problem.horizon, len(system.inputs)
-    hard, soft = count * len(horizon.rated), count * len(horizon.bounded)
+    hard, soft = count * len(horizon.limits.rated), count * len(horizon.limits.bounded)
     program, memory = quadratic.quadratic_program(
         count * m,
         hard + soft,
         soft_rows=np.arange(hard + soft) >= hard,
-        soft_linear=np.concatenate([np.zeros(hard), np.repeat(horizon.weights.linear[horizon.bounded], count)]),
-        soft_quadratic=np.concatenate([np.ones(hard), np.repeat(horizon.weights.quadratic[horizon.bounded], count)]),
+        soft_linear=np.concatenate([np.zeros(hard), np.repeat(horizon.weights.linear[horizon.limits.bounded], count)]),
+        soft_quadratic=np.concatenate(
+            [np.ones(hard), np.repeat(horizon.weights.quadratic[horizon.limits.bounded], count)]
+        ),
     )
-    for r, j in enumerate(horizon.rated):
+    for r, j in enumerate(horizon.limits.rated):
         for i in range(count):
             program.rows[r * count + i, i * m + j] = 1.0
             if i > 0:
@@ -96,7 +98,7 @@ def cold_start(prediction: Prediction, horizon: Horizon, instance: Instance) -> 
     assign(horizon.states[0], x)
     for i in range(count):
         for j in range(m):
-            horizon.inputs[i, j] = min(max(instance.previous[j], horizon.low[j]), horizon.high[j])
+            horizon.inputs[i, j] = min(max(instance.previous[j], horizon.limits.low[j]), horizon.limits.high[j])
             drive[j] = horizon.inputs[i, j] + horizon.disturbance[j]
         advance(prediction, x, drive, following)
         assign(horizon.states[i + 1], x)
@@ -105,7 +107,7 @@ def cold_start(prediction: Prediction, horizon: Horizon, instance: Instance) -> 
 @kernel
 def shift(prediction: Prediction, horizon: Horizon, fraction: float) -> None:
     """The trajectory that much of an interval later."""
-    count, n = horizon.reached.shape
+    count, n = horizon.linear.reached.shape
     m = horizon.inputs.shape[1]
     drive, x, following = np.empty(m), np.empty(n), np.empty(n)
     assign(x, horizon.states[count])
@@ -158,7 +160,7 @@ def follow(
 @kernel
 def bounded(horizon: Horizon, previous: Array, inputs: Array) -> None:
     """Cut inputs (N, m) to their bounds and rate limits after ``previous`` (m,)."""
-    cut(horizon, previous, inputs)
+    clamp_inputs(horizon, previous, inputs)
 
 
 @kernel
@@ -191,12 +193,12 @@ def feedback(
         return SolverResult(False, 0, np.inf)
     quadratic.keep_working_set(program)
     expected = expand(horizon, program, instance)
-    move(horizon, 1.0)
+    apply_step(horizon, 1.0)
     found, _ = follow(prediction, horizon.weights, instance, horizon.inputs, horizon.simulated)
     if found <= (1.0 + DOUBT) * expected:
         assign(horizon.disturbance, instance.disturbance)
         return SolverResult(False, 1, np.inf)
-    move(horizon, -1.0)
+    apply_step(horizon, -1.0)
     return solve(prediction, horizon, program, instance, 1, tolerance, True)
 
 
@@ -204,7 +206,7 @@ def feedback(
 
 
 @kernel
-def answer(
+def solve_call(
     prediction: Prediction,
     horizon: Horizon,
     program: Program,
@@ -230,7 +232,7 @@ def answer(
     for i in range(horizon.inputs.shape[0]):
         sound = sound and _finite(horizon.inputs[i]) and _finite(horizon.states[i + 1])
     if not sound:
-        take_back(horizon, program)
+        restore_trajectory(horizon, program)
         return SolverResult(False, 0, found.residual)
     plan_within(horizon, instance)
     return found
@@ -245,12 +247,12 @@ def _begin(prediction: Prediction, horizon: Horizon, instance: Instance, cold: b
         if not _finite(instance.preview[i]):
             return False
     for j in range(instance.previous.shape[0]):
-        instance.previous[j] = min(max(instance.previous[j], horizon.low[j]), horizon.high[j])
+        instance.previous[j] = min(max(instance.previous[j], horizon.limits.low[j]), horizon.limits.high[j])
     if cold:
         cold_start(prediction, horizon, instance)
-    _copy(horizon.states, horizon.kept_states)
-    _copy(horizon.inputs, horizon.kept_inputs)
-    assign(horizon.kept_disturbance, horizon.disturbance)
+    _copy(horizon.states, horizon.last.states)
+    _copy(horizon.inputs, horizon.last.inputs)
+    assign(horizon.last.disturbance, horizon.disturbance)
     return True
 
 
@@ -264,21 +266,21 @@ def plan(horizon: Horizon, instance: Instance) -> None:
 def plan_within(horizon: Horizon, instance: Instance) -> None:
     """The inputs of the trajectory, within all limits after the input before."""
     _copy(horizon.inputs, horizon.planned)
-    cut(horizon, instance.previous, horizon.planned)
+    clamp_inputs(horizon, instance.previous, horizon.planned)
 
 
 @kernel
 def restore(horizon: Horizon, program: Program) -> None:
-    """:func:`take_back` for Python."""
-    take_back(horizon, program)
+    """:func:`restore_trajectory` for Python."""
+    restore_trajectory(horizon, program)
 
 
 @inner
-def take_back(horizon: Horizon, program: Program) -> None:
+def restore_trajectory(horizon: Horizon, program: Program) -> None:
     """Take the trajectory back that was there before a solution, and forget what was found on the way."""
-    _copy(horizon.kept_states, horizon.states)
-    _copy(horizon.kept_inputs, horizon.inputs)
-    assign(horizon.disturbance, horizon.kept_disturbance)
+    _copy(horizon.last.states, horizon.states)
+    _copy(horizon.last.inputs, horizon.inputs)
+    assign(horizon.disturbance, horizon.last.disturbance)
     quadratic.clear_working_set(program)
 
 

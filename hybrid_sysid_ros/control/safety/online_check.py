@@ -92,11 +92,11 @@ def check(
 def _bounded(instance: Instance, horizon: Horizon, inputs: Array) -> bool:
     """Whether inputs and their changes are within their bounds."""
     for j in range(inputs.shape[1]):
-        low, high = horizon.low[j], horizon.high[j]
+        low, high = horizon.limits.low[j], horizon.limits.high[j]
         before = min(max(instance.previous[j], low), high)
         for i in range(inputs.shape[0]):
             u = inputs[i, j]
-            if not (low - ROUNDING <= u <= high + ROUNDING and abs(u - before) <= horizon.rate[j] + ROUNDING):
+            if not (low - ROUNDING <= u <= high + ROUNDING and abs(u - before) <= horizon.limits.rate[j] + ROUNDING):
                 return False
             before = u
     return True

@@ -97,7 +97,7 @@ class Supervisor:
         """One of the reasons, see :func:`~.online_check.check`: whether the network drives."""
         if self.mpc.cold:
             return WAITING
-        self._instance.take(state, disturbance, previous_input, preview)
+        self._instance.assign(state, disturbance, previous_input, preview)
         shooting = self.mpc.shooting
         parts = (
             shooting.prediction,

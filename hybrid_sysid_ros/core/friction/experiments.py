@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.friction.laws import Block
 from hybrid_sysid_ros.core.rollout import rollouts, simulate
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 STEP = 1e-4
 EVERY = 400

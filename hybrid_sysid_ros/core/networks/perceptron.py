@@ -8,7 +8,6 @@ from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import registers
 from hybrid_sysid_ros.core.blocks import Block, Kernels, not_learnt, weighed
@@ -26,9 +25,9 @@ from hybrid_sysid_ros.core.registers import (
     tanh_slope,
     zero,
 )
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
 Layers = Sequence[tuple[Array, Array]]
 """(W (out, in), b (out,)) of each layer."""
 

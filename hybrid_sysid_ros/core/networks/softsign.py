@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.blocks import Block, Kernels
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.mathematics import Scalar, absolute
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -117,6 +117,11 @@ class Setup:
         )
 
 
+def check_section(rig: Rig) -> None:
+    """Raise UserError where the section mockup of a rig's file is not as it should be."""
+    Setup.of(rig, 0)
+
+
 def _chosen(
     told: Mapping[str, Any], key: str, usual: Sequence[str], known: Sequence[str], where: str
 ) -> tuple[str, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.blocks import Block
 from hybrid_sysid_ros.extensions.fuzzy.affine_rules import AffineRules
@@ -11,8 +10,7 @@ from hybrid_sysid_ros.extensions.fuzzy.linked_rules import LinkedRules
 from hybrid_sysid_ros.extensions.fuzzy.memberships import packed
 from hybrid_sysid_ros.models.hybrid import BlockKind
 from hybrid_sysid_ros.models.options import Option
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 CLUSTERED = 2000
 """Samples, evenly through the training data, of which rules get their centres."""

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
 
 from hybrid_sysid_ros.extensions.fuzzy.memberships import NEAREST, memberships
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 ITERATIONS, TOLERANCE = 300, 1e-7
 BEGINNINGS = 8

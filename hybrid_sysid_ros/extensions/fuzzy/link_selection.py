@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.extensions.fuzzy.clustering import HALF, k_means
@@ -13,9 +12,8 @@ from hybrid_sysid_ros.extensions.fuzzy.difnn import Difnn
 from hybrid_sysid_ros.extensions.fuzzy.memberships import packed
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.selection.regression import Regression, least_squares
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 RIDGE = 1e-6
 """Pull of the outputs' centres to those of their clusters, by the number of rows."""

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.blocks import Block, Kernels
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.mathematics import Scalar, exp
 from hybrid_sysid_ros.core.registers import scratch
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 NEAREST = 1e-12
 """Added to squared distances: at a centre its rule has all of the membership."""

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.extensions.fuzzy.clustering import fuzzy_c_means, gustafson_kessel
@@ -14,9 +13,8 @@ from hybrid_sysid_ros.extensions.fuzzy.memberships import memberships, packed
 from hybrid_sysid_ros.extensions.fuzzy.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.selection.regression import Regression, least_squares
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 BLOCKS, HELD = 10, 3
 """Consecutive parts of the training data, every third of which judges what the others teach."""

@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Parameter
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.extensions.fuzzy.memberships import Memberships, unpacked
 from hybrid_sysid_ros.models.lagged import Lagged
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 LARGEST = 500.0
 """Of a consequent's coefficient, which has no unit."""

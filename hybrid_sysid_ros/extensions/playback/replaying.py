@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from hybrid_sysid_ros.bags.bag import opened
 from hybrid_sysid_ros.bags.columns import Columns
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime import run_provenance as belongings
+from hybrid_sysid_ros.runtime import processes, run_provenance
 from hybrid_sysid_ros.runtime.parameters import parameters
 from hybrid_sysid_ros.runtime.recorded_loop import ONE_CLOCK
 from hybrid_sysid_ros.runtime.session import Session
@@ -72,13 +71,13 @@ def plan_of(bag: Path, changes: Changes, scratch: Path, *, recover: bool = False
     if changes.model and not changes.policy and not changes.policy_path:
         changes = dataclasses.replace(changes, policy="exact")
     found = attached(bag)
-    told = {node: belongings.parameters(found, node) for node in ("estimator", "controller")}
+    told = {node: run_provenance.parameters(found, node) for node in ("estimator", "controller")}
     rig = rigs.load(changes.rig or told["estimator"].get("rig") or rigs.default())
     lockstep, rate = _timing(bag, rig, recover)
     values = {node: _known(rig, node, told[node]) for node in told}
     given = {"model": changes.model, "policy": changes.policy, "policy_path": changes.policy_path}
     for node, parameters_of in values.items():
-        for kind, name in belongings.FOLDERS.items():
+        for kind, name in run_provenance.FOLDERS.items():
             if any(key.startswith(f"{node}/{kind}/") for key in found):
                 parameters_of[name] = str(laid_out(found, scratch, below=f"{node}/{kind}"))
         parameters_of |= {name: value for name, value in given.items() if value and name in parameters(rig, node)}
@@ -148,9 +147,7 @@ def replay(
             "recover": recover,
         }
         with Session(plan.rig.source, tell=tell) as session:
-            session.start(
-                "replay", [sys.executable, "-m", REPLAY, json.dumps(order)]
-            )
+            session.start("replay", processes.module(REPLAY, json.dumps(order)))
             session.wait_for_end(["replay"], progress)
     return plan
 

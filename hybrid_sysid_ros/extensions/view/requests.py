@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.configuration import SetPointRange, set_point_ranges
 from hybrid_sysid_ros.runtime.parameters import Parameter, parameters
-from hybrid_sysid_ros.runtime.set_points import Output, outputs_of
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import built, refuse_endless, section
 
@@ -89,11 +89,16 @@ REQUESTS = {kind.do: kind for kind in (Next, SetPoint, Experiment, Fault, Policy
 SERVICES = ("stop", "enable")
 
 
+def check_faults(rig: Rig) -> None:
+    """Raise UserError where the section faults of a rig's file is not as it should be."""
+    Offer.of(rig, ())
+
+
 @dataclass(frozen=True, kw_only=True)
 class Offer:
     """What there is to ask for at a rig."""
 
-    outputs: tuple[Output, ...]
+    outputs: tuple[SetPointRange, ...]
     kinds: tuple[str, ...]
     """References: the rig's own by name, then the general ones."""
     faults: Mapping[str, Mapping[str, Any]]
@@ -112,7 +117,7 @@ class Offer:
         for name, content in (section(rig.content, "faults", str(rig.file)) or LOST).items():
             faults[name] = _fault(content, plant, f"{rig.file}: faults.{name}")
         return cls(
-            outputs=outputs_of(rig),
+            outputs=set_point_ranges(rig),
             kinds=(*rig.references, *(kind for kind in kinds if kind not in rig.references)),
             faults=faults,
             policies=controller["policy"].choices,
@@ -120,7 +125,7 @@ class Offer:
         )
 
     @property
-    def tracked(self) -> tuple[Output, ...]:
+    def tracked(self) -> tuple[SetPointRange, ...]:
         return tuple(output for output in self.outputs if output.tracked)
 
     def check(self, request: Request) -> None:

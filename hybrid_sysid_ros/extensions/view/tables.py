@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
+
 ALIGNMENT = 8
 """Of the numbers in a frame [bytes]."""
 RESTART = 1.0

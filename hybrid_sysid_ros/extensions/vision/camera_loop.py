@@ -8,8 +8,7 @@ from typing import Any
 from hybrid_sysid_ros.extensions.vision.camera import jpeg
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.bundled import shipped
-from hybrid_sysid_ros.runtime.parameters import defaults
+from hybrid_sysid_ros.runtime.parameters import defaults, shipped
 from hybrid_sysid_ros.support.errors import UserError
 
 BELIEVED = 0.07

@@ -8,14 +8,12 @@ from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,10 +14,9 @@ from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.selection.regression import Regression
 from hybrid_sysid_ros.models.narx import Narx
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
-
-Array = NDArray[np.float64]
 
 MOST = 30
 """Largest number of terms that the information criterion chooses from."""

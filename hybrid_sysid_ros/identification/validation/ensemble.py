@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification.identify import experiment_of
@@ -14,9 +13,8 @@ from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run
 from hybrid_sysid_ros.identification.validation.unstable import check_free_run
 from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 DEVIATIONS = 2.0
 """Of the members about their mean: the band that is asked whether it holds the measurement."""

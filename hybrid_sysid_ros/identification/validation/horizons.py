@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states, score
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
 LONGEST = 200
 """Samples of the longest horizon by default: 10 s at the usual 50 ms."""
 

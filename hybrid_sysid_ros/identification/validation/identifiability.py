@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Parameter
 from hybrid_sysid_ros.models import Model
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 HIGHLY_CORRELATED = 0.95
 UNDETERMINED = 0.5

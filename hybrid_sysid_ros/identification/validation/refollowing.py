@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System, compiled
@@ -18,9 +17,9 @@ from hybrid_sysid_ros.identification.validation.scores import Scores, initial_st
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.feedback import Law, Limits, answer, law_of
 from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
 WHOLE = Part()
 
 

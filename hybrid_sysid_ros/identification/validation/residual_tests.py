@@ -10,9 +10,8 @@ from scipy.linalg import toeplitz
 from scipy.signal import correlate
 from scipy.stats import chi2, norm
 
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 CONFIDENCE = 0.99
 LAGS = 25

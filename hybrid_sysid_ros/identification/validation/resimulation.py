@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System, compiled
@@ -20,9 +19,9 @@ from hybrid_sysid_ros.identification.validation.scores import Scores, initial_st
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.sensor import LowPass, LowPassFilter
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Array = NDArray[np.float64]
 WHOLE = Part()
 SWEEPS = 4
 """Where two settle steps of 5 and 10 ms to the last digit, each is 15 times nearer at 50 ms."""

@@ -7,13 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Sensitivities, System, rollouts
 from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 FIRST_SAMPLES = 40
 """Of a record, that tell the initial states which no sensor shows."""

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.shooting import UnstableFitSettings, fastest_growth, held_inputs, settled
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, initial_state
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Array = NDArray[np.float64]
 
 MOST_GROWTH = 1e6
 """Of an error of the initial state over a free run, from which on nothing is left of what was told of the beginning."""

@@ -10,14 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hybrid_sysid_ros.core import Bristles, Contact, Dry, System, Viscous, bounded
 from hybrid_sysid_ros.core.friction import stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar
-
-Array = NDArray[np.float64]
+from hybrid_sysid_ros.support.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,6 +16,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros import report
 from hybrid_sysid_ros.commands.terminal import Seed, console, print_table, status
+from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows, write_accuracy
 from hybrid_sysid_ros.extensions.accuracy.statistics import (
     Accuracy,
     Bounded,
@@ -82,7 +83,7 @@ def command(
     if page is not None:
         hashes = {"simulated shots": sha256(simulated), "live shots": sha256(live)}
         source = report.Provenance(command=shlex.join(["hybrid-sysid", *sys.argv[1:]]), hashes=hashes)
-        report.write_accuracy(page, found, source, [*_remarks(found, told)])
+        write_accuracy(page, found, source, [*_remarks(found, told)])
     if as_json:
         console.print_json(json.dumps(told))
     else:
@@ -172,7 +173,7 @@ def _show(found: Accuracy, told: dict[str, Any]) -> None:
         title=f"accuracy by {len(live.values)} live and {len(found.simulated.values)} simulated shots, "
         f"{100.0 * found.level:g} % intervals",
     )  # fmt: skip
-    for row in report.accuracy_rows(found):
+    for row in accuracy_rows(found):
         table.add_row(row.name, *map(_text, (row.live, row.simulated, row.together)), f"{row.narrower:.0f} %")
     print_table(table)
     declared, conflict = found.discrepancy, found.conflict

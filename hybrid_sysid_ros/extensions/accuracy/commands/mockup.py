@@ -18,6 +18,8 @@ from hybrid_sysid_ros import report
 from hybrid_sysid_ros.commands.terminal import Seed, console, print_table, status
 from hybrid_sysid_ros.extensions.accuracy.mockup import Found, Setup, mockup
 from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import Fired, Range, batches
+from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows
+from hybrid_sysid_ros.extensions.accuracy.report.mockup_page import parameter_rows, write_mockup
 from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy
 from hybrid_sysid_ros.rigs.rig import default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -80,7 +82,7 @@ def command(
     with written_file(place / "verdict.json") as partial:
         partial.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
     source = report.provenance(found.models[setup.plan.structure], shlex.join(["hybrid-sysid", *sys.argv[1:]]))
-    report.write_mockup(place / "verdict.html", found, source)
+    write_mockup(place / "verdict.html", found, source)
     print_table(_table(found))
     console.print(f"report: {place / 'verdict.html'}   numbers: {place / 'verdict.json'}")
 
@@ -119,7 +121,7 @@ def _content(found: Found) -> dict[str, Any]:
         "structure": found.setup.plan.structure,
         "kept": all(line.kept for line in found.verdict),
         "verdict": [{"criterion": line.name, "kept": line.kept, "words": line.words} for line in found.verdict],
-        "parameters": list(report.parameter_rows(found)),
+        "parameters": list(parameter_rows(found)),
         "errors": {"of": found.ahead, **found.errors},
         "shots": {
             name: {
@@ -139,7 +141,7 @@ def _content(found: Found) -> dict[str, Any]:
         },
         "accuracy": [
             {"of": row.name, "live": row.live.value, "together": row.together.value, "narrower_percent": row.narrower}
-            for row in report.accuracy_rows(found.accuracy)
+            for row in accuracy_rows(found.accuracy)
         ],
     }
 

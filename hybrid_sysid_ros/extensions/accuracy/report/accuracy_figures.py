@@ -8,7 +8,8 @@ from scipy import stats
 
 from hybrid_sysid_ros.extensions.accuracy.statistics import Accuracy, NormalInverseWishart, mean_width, spread_width
 from hybrid_sysid_ros.extensions.accuracy.statistics.estimate import fewest
-from hybrid_sysid_ros.report.charts import MEASURED, MODEL, REFERENCE, Array, dress, line, logarithmic, panels
+from hybrid_sysid_ros.report.charts import MEASURED, MODEL, REFERENCE, dress, line, logarithmic, panels
+from hybrid_sysid_ros.support.arrays import Array
 
 AHEAD = 2.0
 """How far the widths of intervals are predicted, as a multiple of the live shots."""

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from hybrid_sysid_ros.commands.terminal import RigName
+from hybrid_sysid_ros.extensions.commander.commands.say import CLIENT
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import processes, session
 
@@ -22,9 +23,8 @@ def command(
 
     Every command passes the same checks as any other; confirming and arming are left to the operator.
     """
-    from hybrid_sysid_ros.extensions.commander.language.server import (
-        server,  # says what to install, where that is missing
-    )
+    # Says what to install, where that is missing.
+    from hybrid_sysid_ros.extensions.commander.language.server import server
 
     described = rigs.load(rig or rigs.default())
     if dry:
@@ -33,6 +33,6 @@ def command(
         server(described, Rehearsal.of(described, folder=os.getcwd())).run()
         return
     session.check_ros()
-    words = processes.module("speaker", described.source, "--serve")
+    words = processes.module(CLIENT, described.source, "--serve")
     sys.stdout.flush()
-    os.execve(words[0], words, processes.environment(domain))  # from here on this process is the speaker's
+    os.execve(words[0], words, processes.environment(domain))  # from here on this process is the client's

@@ -13,6 +13,8 @@ from hybrid_sysid_ros.commands.terminal import RigName, console, end
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import processes, session
 
+CLIENT = "hybrid_sysid_ros.extensions.commander.nodes.command_client"
+
 
 def command(
     text: Annotated[str, typer.Argument(help="What the rig is to do, as in 'go to 0 slowly'.")],
@@ -36,6 +38,6 @@ def command(
         end([] if reply.accepted else [reply.line])
         console.print(f"simulated from rest: {reply.line}")
         return
-    words = processes.module("speaker", described.source, "--say", text, *(["--confirm"] if confirm else []))
+    words = processes.module(CLIENT, described.source, "--say", text, *(["--confirm"] if confirm else []))
     sys.stdout.flush()
-    os.execve(words[0], words, processes.environment(domain))  # from here on this process is the speaker's
+    os.execve(words[0], words, processes.environment(domain))  # from here on this process is the client's

@@ -1,4 +1,4 @@
-"""Desk: where commands are given, whether a loop runs or not, and how they are answered."""
+"""Command interface: where commands are given, whether a loop runs or not, and how they are answered."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Reply:
     """The same in numbers, by name and unit."""
 
 
-class Desk(Protocol):
+class CommandInterface(Protocol):
     """Takes commands and answers them; every one passes the same checks."""
 
     def say(self, text: str) -> Reply:

@@ -4,12 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
+from typing import Protocol
 
 from hybrid_sysid_ros.extensions.commander.language.commands import Goal, Look, Move
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.extensions.vision.camera import jpeg
-from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
+
+
+class PictureReader(Protocol):
+    """What an extension provides that reads pictures."""
+
+    @property
+    def joint(self) -> str:
+        """That pictures show."""
+        ...
+
+    def position(self, path: Path, name: str = "") -> float:
+        """Of the joint [rad] in a picture, which the user calls by a name. Raises UserError where it shows none."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,19 +35,17 @@ class Eyes:
     """Of the layers, those that are shipped by default."""
 
     @cached_property
-    def reader(self) -> AngleReader:
-        """Raises UserError where there are no layers of the rig, or what opens pictures is not installed."""
-        from hybrid_sysid_ros.extensions.vision.goal.goal_picture import reader_of  # late: it loads scipy's optimisers
-
-        made = reader_of(self.vocabulary.rig, self.folder)
-        drawn = made.layers.drawn(made.layers.geometry.low).astype("uint8")
-        made.read(jpeg.decoded(jpeg.encoded(drawn, 80)))  # compiles for what a file gives
+    def reader(self) -> PictureReader:
+        """Raises UserError where there are no layers of the rig, or nothing that reads pictures is installed."""
+        if not (targets := list(extensions.targets("pictures").values())):
+            raise UserError("no extension that reads pictures is installed: name a value instead")
+        made: PictureReader = extensions.loaded(targets[0])(self.vocabulary.rig, self.folder)
         return made
 
     @cached_property
     def output(self) -> int:
         """The output that pictures show. Raises UserError where that is none, or is not steered."""
-        vocabulary, joint = self.vocabulary, self.reader.layers.geometry.joint
+        vocabulary, joint = self.vocabulary, self.reader.joint
         shown = vocabulary.rig.joints.joints[joint].position
         for k in vocabulary.tracked:
             if vocabulary.outputs[k].name == shown:
@@ -42,9 +54,7 @@ class Eyes:
 
     def move(self, command: Look) -> Move:
         """What a picture asks for. Raises UserError where it does not show the rig as the layers know it."""
-        from hybrid_sysid_ros.extensions.vision.goal.goal_picture import shown_in
-
-        _, position = shown_in(command.path, self.reader, command.name)
+        position = self.reader.position(command.path, command.name)
         goal = Goal(output=self.output, value=float(position / self.vocabulary.outputs[self.output].scale))
         return Move(
             goals=(goal,), shape="smooth", pace=command.pace, seconds=command.seconds, hold=command.hold,

@@ -16,8 +16,8 @@ from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.validity import check_valid
 from hybrid_sysid_ros.runtime import configuration
+from hybrid_sysid_ros.runtime.configuration import set_point_ranges
 from hybrid_sysid_ros.runtime.controllers import controller_of
-from hybrid_sysid_ros.runtime.set_points import outputs_of
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -104,7 +104,7 @@ class Simulator:
     @cached_property
     def ability(self) -> Ability:
         """What the outputs reach: the peaks of a simulated step there and back between the ends of the set-points."""
-        outputs = outputs_of(self.rig)
+        outputs = set_point_ranges(self.rig)
         found = np.full((2, len(outputs)), np.nan)
         for k, output in enumerate(outputs):
             if output.moves:
@@ -137,7 +137,7 @@ class Simulator:
             span = 0.5 * (actuator.high - actuator.low)
             found[f"peak {item.name} [{item.unit}]"] = peak
             found[f"margin of {item.name} [%]"] = 100.0 * max(room, 0.0) / span
-        for k, output in enumerate(outputs_of(self.rig)):
+        for k, output in enumerate(set_point_ranges(self.rig)):
             if output.tracked:
                 error = self.rig.display[k].shown(loop.outputs[:, k] - loop.references[:, k])
                 found[f"error of {output.name} [{output.unit}]"] = float(np.sqrt(np.mean(error**2)))
@@ -149,7 +149,7 @@ class Simulator:
     def _refusal(self, plan: Plan, loop: ClosedLoop) -> str:
         if not (np.isfinite(loop.outputs).all() and np.isfinite(loop.inputs).all()):
             return "its simulation ends in no numbers: say something gentler"
-        outputs = outputs_of(self.rig)
+        outputs = set_point_ranges(self.rig)
         low, high = self.rig.travel_of_outputs
         for k, output in enumerate(outputs):
             reached = loop.outputs[:, k]

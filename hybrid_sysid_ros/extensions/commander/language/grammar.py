@@ -22,7 +22,7 @@ from hybrid_sysid_ros.extensions.commander.language.files import Files, is_pictu
 from hybrid_sysid_ros.extensions.commander.language.sentence import Clause, Quantity, clauses, says_stop
 from hybrid_sysid_ros.extensions.commander.language.units import COUNT, FREQUENCY, PERCENT, TIME, Unit, of_rig
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.runtime.set_points import Output
+from hybrid_sysid_ros.runtime.configuration import SetPointRange
 from hybrid_sysid_ros.support.errors import UserError
 
 PERIODS = 10
@@ -311,7 +311,7 @@ class _Reader:
             return 0.01 * abs(item.value) * (shown.low if item.value < 0.0 else shown.high)
         return self.shown(item, shown)
 
-    def _bare(self, item: Quantity, shown: Output) -> float:
+    def _bare(self, item: Quantity, shown: SetPointRange) -> float:
         if item.rate and not of_rig(shown.unit).per:
             speed = f"a speed of {item.value:g} is no {shown.name}"
             raise UserError(f"{speed}, which is in {shown.unit}: say where to, or 'hold'")
@@ -319,7 +319,7 @@ class _Reader:
             return item.value
         raise UserError(f"{item.value:g} of what? {shown.name} is in {shown.unit}: say '{item.value:g} {shown.unit}'")
 
-    def shown(self, item: Quantity, output: Output, *, per: int = 0) -> float:
+    def shown(self, item: Quantity, output: SetPointRange, *, per: int = 0) -> float:
         """A quantity in the output's shown unit, or that a second."""
         if item.unit is None:
             raise UserError(f"{item.value:g} of what? say '{item.value:g} {output.unit}{'/s' * per}'")

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.extensions.commander.language.commands import Command, Follow, Goal, Home, Move, Swing, Wait
 from hybrid_sysid_ros.extensions.commander.language.files import columns
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
-from hybrid_sysid_ros.runtime.set_points import Output
+from hybrid_sysid_ros.runtime.configuration import SetPointRange
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -310,11 +310,11 @@ def _swinging_door(times: Array, rows: Array, slack: Array, kept: NDArray[np.int
     return count
 
 
-def _shown(value: float, output: Output) -> str:
+def _shown(value: float, output: SetPointRange) -> str:
     return f"{value:.4g} {output.unit}".rstrip()
 
 
-def _per_second(output: Output) -> str:
+def _per_second(output: SetPointRange) -> str:
     return f"{output.unit or '1'}/s"
 
 

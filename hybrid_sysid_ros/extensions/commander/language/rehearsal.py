@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hybrid_sysid_ros.extensions.commander.language.command_interface import Desk, Reply
+from hybrid_sysid_ros.extensions.commander.language.command_interface import CommandInterface, Reply
 from hybrid_sysid_ros.extensions.commander.language.forecast import Simulator
 from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
 from hybrid_sysid_ros.models import load
@@ -12,7 +12,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import shipped
 
 
-class Rehearsal(Desk):
+class Rehearsal(CommandInterface):
     """A desk with an interpreter behind it."""
 
     def __init__(self, interpreter: Interpreter) -> None:

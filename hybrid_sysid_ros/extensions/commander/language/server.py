@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from hybrid_sysid_ros.extensions.commander.language.command_interface import Desk, Reply
+from hybrid_sysid_ros.extensions.commander.language.command_interface import CommandInterface, Reply
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.set_points import outputs_of
+from hybrid_sysid_ros.runtime.configuration import set_point_ranges
 from hybrid_sysid_ros.support.extras import extra
 
 with extra("mcp"):
@@ -18,7 +18,7 @@ EXAMPLES = (
 )
 
 
-def server(rig: Rig, desk: Desk) -> MCPServer[Any]:
+def server(rig: Rig, desk: CommandInterface) -> MCPServer[Any]:
     """A server of three tools. None of them carries a topic, a raw set-point or a confirmation: what an operator has
     not armed waits for the operator.
     """
@@ -57,7 +57,7 @@ def answer(reply: Reply) -> dict[str, Any]:
 
 def described(rig: Rig) -> str:
     """What may be asked of a rig, in words."""
-    tracked = [output for output in outputs_of(rig) if output.tracked]
+    tracked = [output for output in set_point_ranges(rig) if output.tracked]
     ranges = [f"{item.name} from {item.low:.4g} to {item.high:.4g} {item.unit}".rstrip() for item in tracked]
     unit = tracked[0].unit if tracked else ""
     own = f" References to follow: {', '.join(rig.references)}." if rig.references else ""

@@ -8,7 +8,7 @@ from functools import cached_property
 
 from hybrid_sysid_ros.extensions.commander.language import units
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.set_points import Output, outputs_of
+from hybrid_sysid_ros.runtime.configuration import SetPointRange, set_point_ranges
 
 HOLD, GO, STEP, RAMP, SWING, WAIT, FOLLOW, LOOK, REPEAT, HOME, STOP = (
     "hold", "go", "step", "ramp", "swing", "wait", "follow", "look", "repeat", "home", "stop",
@@ -178,12 +178,12 @@ class Vocabulary:
     """The words that mean something at a rig."""
 
     rig: Rig
-    outputs: tuple[Output, ...]
+    outputs: tuple[SetPointRange, ...]
 
     @classmethod
     def of(cls, rig: Rig) -> Vocabulary:
         """That of a rig."""
-        return cls(rig=rig, outputs=outputs_of(rig))
+        return cls(rig=rig, outputs=set_point_ranges(rig))
 
     @cached_property
     def tracked(self) -> tuple[int, ...]:
@@ -221,7 +221,7 @@ class Vocabulary:
         own = [text for output in self.outputs for text in (output.unit, self.si(output)) if text]
         return {**units.words(), **{text: units.of_rig(text) for text in own}}
 
-    def si(self, output: Output) -> str:
+    def si(self, output: SetPointRange) -> str:
         """The unit in which an output travels."""
         return next(item.unit for item in self.rig.system.outputs if item.name == output.name)
 

@@ -1,4 +1,4 @@
-"""Speaker: says commands to the commander of a running loop, and hears its replies."""
+"""Command client: says commands to the commander of a running loop, and hears its replies."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
-from hybrid_sysid_ros.extensions.commander.language.command_interface import Desk, Reply
+from hybrid_sysid_ros.extensions.commander.language.command_interface import CommandInterface, Reply
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.middleware import prepare
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -33,13 +33,13 @@ FINAL = ("refused", "waits", "begins", "stopped")
 """States of replies that answer a command."""
 
 
-class Speaker(Desk):
+class CommandClient(CommandInterface):
     """The commander of a running loop, as whoever speaks sees it; its node spins in a thread of its own."""
 
     def __init__(self, rig: Rig) -> None:
         """Raises UserError where the rig has no commander."""
         self._rig, namespace = rig, rig.namespace
-        self._rehearsal: Desk | None = None
+        self._rehearsal: CommandInterface | None = None
         if not rclpy.ok():
             prepare()
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
@@ -136,7 +136,7 @@ def main() -> int:
     asked = parser.parse_args()
     try:
         rig = rigs.load(asked.rig)
-        speaker = Speaker(rig)
+        speaker = CommandClient(rig)
         if asked.serve:
             from hybrid_sysid_ros.extensions.commander.language.server import server
 
@@ -153,7 +153,7 @@ def main() -> int:
     return status
 
 
-def speak(desk: Speaker, text: str, *, confirm: bool) -> int:
+def speak(desk: CommandClient, text: str, *, confirm: bool) -> int:
     """Say one command and print the reply; the exit status."""
     reply = desk.say(text)
     if confirm and reply.accepted and reply.line.startswith("waits"):

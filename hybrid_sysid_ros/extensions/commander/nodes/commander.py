@@ -23,8 +23,8 @@ from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast, St
 from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
 from hybrid_sysid_ros.extensions.commander.language.plan import Plan
 from hybrid_sysid_ros.extensions.commander.language.sentence import says_stop
-from hybrid_sysid_ros.extensions.commander.nodes.configured_interpreter import Understanding, give_way
-from hybrid_sysid_ros.extensions.commander.nodes.loop_monitor import HEARS, Whereabouts
+from hybrid_sysid_ros.extensions.commander.nodes.configured_interpreter import ConfiguredInterpreter, give_way
+from hybrid_sysid_ros.extensions.commander.nodes.loop_monitor import HEARS, LoopMonitor
 from hybrid_sysid_ros.extensions.commander.nodes.plan_writer import PlanWriter
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.border import Border
@@ -101,19 +101,19 @@ class CommanderNode(RigNode):
 
     def activate(self) -> None:
         silence = round(self.settings["silence"] * SECOND)
-        self.whereabouts = Whereabouts(self, self.rig, self.writer.tracked, silence=silence)
+        self.monitor = LoopMonitor(self, self.rig, self.writer.tracked, silence=silence)
         self.set_points, self.planned = self.open("set_point"), self.open("planned")
         self.replies = self.open("command_reply")
         self.borders["command_text"] = entry = Border(String, steady=monotonic_ns)  # people have no stamps
         self.listen(entry, "command_text", self.on_text)
-        self.understanding = Understanding(self)
+        self.interpreting = ConfiguredInterpreter(self)
         self.every(LOOK_PERIOD, self.look)
 
     def deactivate(self) -> None:
         """Leave what runs to the reference node, which holds its last value."""
         self.turn += 1
-        self.understanding.close()
-        self.whereabouts.close()
+        self.interpreting.close()
+        self.monitor.close()
         self.ready = self.running = None
 
     # What is said.
@@ -143,14 +143,12 @@ class CommanderNode(RigNode):
             raise
 
     def _obey(self, text: str) -> None:
-        interpreter = self.understanding.interpreter if self.active else None
+        interpreter = self.interpreting.interpreter if self.active else None
         if interpreter is None:
             if says_stop(text):
                 self.stop(text)
                 return
-            raise UserError(
-                self.understanding.missing if self.active else f"the commander is {self.state}: activate it"
-            )
+            raise UserError(self.interpreting.missing if self.active else f"the commander is {self.state}: activate it")
         sentence = interpreter.read(text)
         if sentence.is_stop:
             self.stop(text)
@@ -158,17 +156,17 @@ class CommanderNode(RigNode):
         with self._lock:
             if self.checking:
                 raise UserError(f"{self.checking[:60]!r} is still being checked: wait for its reply, or say stop")
-            self.whereabouts.look()
+            self.monitor.look()
             reference = self.here()
             plan = interpreter.plan(sentence, reference)
-            start = self.whereabouts.start(interpreter.simulator.model.system)
+            start = self.monitor.start(interpreter.simulator.model.system)
             self.checking, self.ready = text, None
             self.turn += 1
         Thread(target=self.check, args=(interpreter, sentence, plan, start, self.turn), daemon=True).start()
 
     def here(self) -> Array:
         """Where a plan begins (outputs,): at the reference, or, after a stop, where the outputs are."""
-        return self.whereabouts.shown_outputs() if self.stopped else self.whereabouts.reference()
+        return self.monitor.shown_outputs() if self.stopped else self.monitor.reference()
 
     def check(self, interpreter: Interpreter, sentence: Sentence, plan: Plan, start: Start, turn: int) -> None:
         """Simulate a plan; runs in a thread of its own."""
@@ -209,11 +207,11 @@ class CommanderNode(RigNode):
             self._confirm()
 
     def _confirm(self) -> None:
-        ready, interpreter = self.ready, self.understanding.interpreter
+        ready, interpreter = self.ready, self.interpreting.interpreter
         if ready is None or interpreter is None or monotonic() - ready.since > WAITING:
             self.ready = None
             raise UserError("nothing waits to be confirmed: give a command first")
-        self.whereabouts.look()
+        self.monitor.look()
         plan, here = ready.plan, self.here()
         if (np.abs(here - plan.values[0]) > 1e-6).any():  # it has moved on: from here, within the same limits
             plan = interpreter.plan(ready.sentence, here)
@@ -225,19 +223,19 @@ class CommanderNode(RigNode):
         self.stopped = self.staying = False
         self.ready, interpreter.last = None, ready.sentence
         self.running = Ready(sentence=ready.sentence, plan=plan, forecast=ready.forecast, since=monotonic())
-        self.begun = self.whereabouts.stamp
+        self.begun = self.monitor.stamp
         self.carried_out += 1
         words = f"{interpreter.told(ready.sentence)}: {ready.forecast.line}"
         self.reply(ready.sentence.text, "begins", words, OK, ready.forecast.values)
 
     def look(self) -> None:
         """See how far the plan is."""
-        self.whereabouts.look()
+        self.monitor.look()
         if self.staying:
             self.staying = False
             self.stay()
         running = self.running
-        if running is None or self.whereabouts.stamp - self.begun < running.plan.duration * SECOND:
+        if running is None or self.monitor.stamp - self.begun < running.plan.duration * SECOND:
             return
         self.running = None
         if running.plan.stops:
@@ -276,7 +274,7 @@ class CommanderNode(RigNode):
     def stay(self) -> None:
         """Let the reference stay where the outputs are."""
         with suppress(UserError):  # without estimates nothing says where that is
-            here = self.whereabouts.shown_outputs()
+            here = self.monitor.shown_outputs()
             self.set_points.publish(self.writer.set_point(Plan(times=np.zeros(1), values=here[None])))
 
     def call(self, client: Client) -> None:
@@ -326,7 +324,7 @@ class CommanderNode(RigNode):
     def health(self) -> Sequence[Task]:
         state = "running" if self.running else "stopped" if self.stopped else "idle"
         state = "checking" if self.checking else "waits for confirm" if self.ready else state
-        ready = "ready" if self.understanding.interpreter is not None else self.understanding.missing
+        ready = "ready" if self.interpreting.interpreter is not None else self.interpreting.missing
         values = {
             "armed": self.armed, "state": state, "carried_out": self.carried_out, "refused": self.refused,
             "stops": self.stops,

@@ -1,4 +1,4 @@
-"""Understanding: an interpreter of commands for a running loop, by the parameters that its nodes have now."""
+"""Configured interpreter: an interpreter of commands for a running loop, by the parameters that its nodes have now."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hybrid_sysid_ros.extensions.commander.language.forecast import Simulator
 from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
 from hybrid_sysid_ros.models import load
 from hybrid_sysid_ros.nodes.base import RigNode
-from hybrid_sysid_ros.nodes.parameter_query import Inquiry
+from hybrid_sysid_ros.nodes.parameter_query import ParameterQuery
 from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -29,7 +29,7 @@ def give_way() -> None:
     os.nice(NICENESS)
 
 
-class Understanding:
+class ConfiguredInterpreter:
     """Asks controller and estimator what parameters they have, again whenever these change, and makes an interpreter
     that simulates so, in a thread of its own.
 
@@ -43,7 +43,7 @@ class Understanding:
         self._known: dict[str, dict[str, Any]] = {}
         space = node.get_namespace().rstrip("/")
         self._names = {f"{space}/{name}" for name in ASKED}
-        self._inquiry = Inquiry(node, ASKED, self._learn)
+        self._inquiry = ParameterQuery(node, ASKED, self._learn)
         self._events = node.create_subscription(ParameterEvent, "/parameter_events", self._on_event, 100)
 
     def close(self) -> None:
@@ -64,7 +64,7 @@ class Understanding:
         if event.node in self._names and len(self._known) == len(ASKED):
             self._known.clear()
             self._inquiry.close()
-            self._inquiry = Inquiry(self._node, ASKED, self._learn)
+            self._inquiry = ParameterQuery(self._node, ASKED, self._learn)
 
     def _learn(self, name: str, values: dict[str, Any]) -> None:
         self._known[name] = values

@@ -1,4 +1,4 @@
-"""Whereabouts: where a running loop is, by the newest messages of its topics, fetched when somebody asks."""
+"""Loop monitor: where a running loop is, by the newest messages of its topics, fetched when somebody asks."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from hybrid_sysid_ros.support.errors import UserError
 HEARS = ("state_estimate", "joint_command", "reference")
 
 
-class Whereabouts:
+class LoopMonitor:
     """The newest estimate, command and reference of a rig; no message wakes the node."""
 
     def __init__(self, node: ManagedNode, rig: Rig, tracked: NDArray[np.bool_], *, silence: int) -> None:

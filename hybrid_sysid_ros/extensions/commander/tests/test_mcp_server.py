@@ -12,12 +12,12 @@ pytest.importorskip("mcp", reason="needs mcp: install hybrid_sysid_ros[mcp]")
 
 from mcp import Client
 
-from hybrid_sysid_ros.extensions.commander.language.command_interface import Desk, Reply
+from hybrid_sysid_ros.extensions.commander.language.command_interface import CommandInterface, Reply
 from hybrid_sysid_ros.extensions.commander.language.server import server
 from hybrid_sysid_ros.rigs import rig as rigs
 
 
-class Noting(Desk):
+class Noting(CommandInterface):
     """Notes what arrives."""
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class Noting(Desk):
         return Reply(text="stop", accepted=True, line="stopped")
 
 
-def called(desk: Desk, name: str, arguments: Mapping[str, Any]) -> Any:
+def called(desk: CommandInterface, name: str, arguments: Mapping[str, Any]) -> Any:
     async def call() -> Any:
         async with Client(server(rigs.load("cam_beam"), desk)) as client:
             return await client.call_tool(name, dict(arguments))

@@ -16,6 +16,7 @@ from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.commands.terminal import Recover, RigName, console, print_table, status
 from hybrid_sysid_ros.extensions.playback import replaying
 from hybrid_sysid_ros.extensions.playback.comparison import SETTLED, Comparison, compare
+from hybrid_sysid_ros.extensions.playback.report.replay_page import write_replay
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.runtime import session
 from hybrid_sysid_ros.support.files import check_file, check_folder, make_folder, sha256, written_file
@@ -64,7 +65,7 @@ def command(
             versions=versions(),
         )
         title = f"{plan.rig.name}: replay of {bags.name_of(bag)}"
-        report.write_replay(out / PAGE, comparison, title, told, provenance)
+        write_replay(out / PAGE, comparison, title, told, provenance)
         console.print(f"report: {out / PAGE}   numbers: {out / NUMBERS}   bag: {out / BAG}")
 
 

@@ -1,4 +1,4 @@
-"""Playhead: which time of a bag it is, against steady time."""
+"""Playback clock: which time of a bag it is, against steady time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from time import monotonic_ns
 from hybrid_sysid_ros.nodes.messages import SECOND
 
 
-class Playhead:
+class PlaybackClock:
     """Time of the bag runs `rate` times as fast as steady time, or rests."""
 
     def __init__(self, *, rate: float, paused: bool = False, steady: Callable[[], int] = monotonic_ns) -> None:

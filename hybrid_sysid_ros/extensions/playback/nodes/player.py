@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Clock
 
 from hybrid_sysid_ros.bags.bag import Bag, opened
 from hybrid_sysid_ros.extensions.playback.nodes.keys import keys
-from hybrid_sysid_ros.extensions.playback.nodes.playback_clock import Playhead
+from hybrid_sysid_ros.extensions.playback.nodes.playback_clock import PlaybackClock
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.diagnostics import Task
@@ -59,7 +59,7 @@ class PlayerNode(RigNode):
 
     def activate(self) -> None:
         settings = self.settings
-        self.playhead = Playhead(rate=settings["rate"], paused=settings["pause"])
+        self.playback = PlaybackClock(rate=settings["rate"], paused=settings["pause"])
         self.turn = Condition()
         """Of who plays and who presses keys."""
         self.sent = self.rounds = self.told = 0
@@ -84,7 +84,7 @@ class PlayerNode(RigNode):
             if begin is None:
                 begin = logged + round(self.settings["start"] * SECOND)
                 self.told = 0
-                self.playhead.go_to(begin)
+                self.playback.go_to(begin)
             if logged >= begin:
                 yield name, logged, data
 
@@ -117,7 +117,7 @@ class PlayerNode(RigNode):
         """Wait until a message is due that was logged then [ns]; False where it is over before."""
         with self.turn:
             while not self.ended:
-                seconds = self.playhead.until(logged)
+                seconds = self.playback.until(logged)
                 if seconds <= 0.0:
                     return True
                 self.turn.wait(min(seconds, PATIENCE))
@@ -125,8 +125,8 @@ class PlayerNode(RigNode):
 
     def tick(self) -> None:
         """Let time go on where nothing is published."""
-        if self.sent and not self.playhead.paused:
-            self.tell_time(self.playhead.time)
+        if self.sent and not self.playback.paused:
+            self.tell_time(self.playback.time)
 
     def tell_time(self, time: int) -> None:
         """Say on /clock what time of the bag it is [ns]."""
@@ -143,13 +143,13 @@ class PlayerNode(RigNode):
     def pause(self) -> None:
         """Rest, or go on."""
         with self.turn:
-            self.playhead.pause()
+            self.playback.pause()
             self.turn.notify_all()
 
     def step(self) -> None:
         """Publish one message more while it rests."""
         with self.turn:
-            self.playhead.step()
+            self.playback.step()
             self.turn.notify_all()
 
     def deactivate(self) -> None:
@@ -163,7 +163,7 @@ class PlayerNode(RigNode):
         self.get_logger().info(f"{self.sent} messages played")
 
     def health(self) -> Sequence[Task]:
-        words = "done" if self.ended or self.finished.done() else "paused" if self.playhead.paused else "playing"
+        words = "done" if self.ended or self.finished.done() else "paused" if self.playback.paused else "playing"
         values = {"messages": self.sent, "rounds": self.rounds, "bag": self.settings["bag"]}
         return [Task(name="player", message=words, values=values)]
 

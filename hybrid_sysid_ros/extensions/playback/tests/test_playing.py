@@ -16,7 +16,7 @@ from rosgraph_msgs.msg import Clock
 from test_bags import START, references, states  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.extensions.playback.nodes import player
-from hybrid_sysid_ros.extensions.playback.nodes.playback_clock import Playhead
+from hybrid_sysid_ros.extensions.playback.nodes.playback_clock import PlaybackClock
 from hybrid_sysid_ros.extensions.playback.nodes.player import PlayerNode
 from hybrid_sysid_ros.nodes.messages import SECOND, nanoseconds
 from tests.node_bench import Bench, stamp_of
@@ -91,7 +91,7 @@ def test_what_cannot_be_played_is_named(bench: Bench, bag: Path, tmp_path: Path)
 
 def test_time_runs_as_fast_as_it_is_told() -> None:
     steady = [0]
-    head = Playhead(rate=2.0, steady=lambda: steady[0])
+    head = PlaybackClock(rate=2.0, steady=lambda: steady[0])
     head.go_to(100 * SECOND)
     assert head.until(103 * SECOND) == 1.5
     steady[0] += SECOND

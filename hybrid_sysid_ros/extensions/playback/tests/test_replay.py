@@ -18,8 +18,7 @@ from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.extensions.playback.comparison import compare, unit_of
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime import run_provenance as belongings
+from hybrid_sysid_ros.runtime import configuration, run_provenance
 from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.runtime.run import Run
 
@@ -72,7 +71,7 @@ def largest(numbers: dict[str, Any], topic: str) -> float:
 def test_a_recorded_loop_explains_itself(loop: Path, tmp_path: Path) -> None:
     """Parameters of all nodes, and the very model and policy."""
     found = bags.attached(loop)
-    told = {node: belongings.parameters(found, node) for node in ("plant", "reference", "estimator", "controller")}
+    told = {node: run_provenance.parameters(found, node) for node in ("plant", "reference", "estimator", "controller")}
     assert told["plant"]["bias"] == [0.3]
     assert told["estimator"]["process_noise"] == [0.002] * len(RIG.system.states)
     assert told["controller"]["lockstep"] is True
@@ -121,7 +120,7 @@ def test_what_changed_while_it_was_recorded_changes_again(command: Any, domain: 
     weight = [100.0 * value for value in controller.settings["rate_weight"]]
     assert set_parameter(bench, "controller", "rate_weight", weight) == ""
     bench.until(plant.finished.done)
-    bench.until(lambda: len(recorder.belongings) == 0 and recorder.received["/cam_beam/joint_command"] >= 400)
+    bench.until(lambda: len(recorder.attachments) == 0 and recorder.received["/cam_beam/joint_command"] >= 400)
     recorder.close()
     bench.close()
     numbers = replayed(command, tmp_path / "bag", tmp_path / "out")

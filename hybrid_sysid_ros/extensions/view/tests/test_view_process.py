@@ -19,8 +19,10 @@ pytest.importorskip("websockets", reason="needs websockets: install hybrid_sysid
 
 from websockets.sync.client import ClientConnection, connect
 
+from hybrid_sysid_ros.extensions.view.commands.view import view
+from hybrid_sysid_ros.extensions.view.companion import View
 from hybrid_sysid_ros.extensions.view.tables import unpacked
-from hybrid_sysid_ros.runtime.run import Run, view
+from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.errors import UserError
 
 PATIENCE = 60.0  # s
@@ -81,7 +83,7 @@ def test_a_run_is_seen_and_driven_from_its_page(domain: int) -> None:
 
     visitor = Visitor(watch)
     visitor.start()
-    outcome = Run(reference="sine", duration=6.0, view=0, domain=domain, tell=visitor.tell).go()
+    outcome = Run(reference="sine", duration=6.0, companions=[View(port=0)], domain=domain, tell=visitor.tell).go()
     visitor.visited()
     assert nodes == {"plant", "estimator", "controller", "reference", "view"}
     assert outcome.diagnostics["view"]["pictures"] == len(heads)
@@ -115,7 +117,7 @@ def test_stop_and_enable_of_the_page_reach_a_running_controller(domain: int) -> 
 
     visitor = Visitor(press)
     visitor.start()
-    Run(reference="sine", duration=8.0, view=0, domain=domain, tell=visitor.tell).go()
+    Run(reference="sine", duration=8.0, companions=[View(port=0)], domain=domain, tell=visitor.tell).go()
     visitor.visited()
 
 
@@ -127,7 +129,7 @@ def test_a_run_goes_on_without_its_view(domain: int) -> None:
 
     visitor = Visitor(kill)
     visitor.start()
-    outcome = Run(reference="sine", duration=3.0, view=0, domain=domain, tell=visitor.tell).go()
+    outcome = Run(reference="sine", duration=3.0, companions=[View(port=0)], domain=domain, tell=visitor.tell).go()
     visitor.visited()
     assert not outcome.interrupted
     assert any(line.startswith("view ended") and "the others go on" in line for line in visitor.lines)

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
-from hybrid_sysid_ros.commands.demo import run_loop, timing_of, tracked, write_text
+from hybrid_sysid_ros.commands.demo import OUT, run_loop, timing_of, tracked, write_text
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
-from hybrid_sysid_ros.extensions.vision import camera_loop as sight
+from hybrid_sysid_ros.extensions.vision import camera_loop
 from hybrid_sysid_ros.extensions.vision.camera.film import CRF
 from hybrid_sysid_ros.extensions.vision.camera.filming import filmed
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera
 from hybrid_sysid_ros.extensions.vision.commands.video import ahead_table, table_of
-from hybrid_sysid_ros.extensions.vision.prediction import image_prediction as pictures_ahead
+from hybrid_sysid_ros.extensions.vision.companion import Vision
+from hybrid_sysid_ros.extensions.vision.prediction import image_prediction
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary
 from hybrid_sysid_ros.extensions.vision.reading import video_record
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
@@ -26,6 +28,7 @@ from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
 from hybrid_sysid_ros.extensions.vision.reading.layers import KIND
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
 from hybrid_sysid_ros.extensions.vision.reading.video_record import VideoRecord, calibrated
+from hybrid_sysid_ros.extensions.vision.report.video_page import write_video
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import default
@@ -33,6 +36,7 @@ from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, session
 from hybrid_sysid_ros.runtime.plan import Plan
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
+from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_file, check_folder, make_folder, sha256
 
 SECONDS = 40.0
@@ -40,6 +44,29 @@ SECONDS = 40.0
 CAMERA = Camera()
 NOT_READ = ("lost", "displaced", "frozen", "unreadable")
 """Pictures that say nothing, as the vision node counts them."""
+
+
+def instead(
+    camera: Annotated[
+        bool,
+        typer.Option("--camera", help="Film the rig, learn to read its picture, and close the loop by that alone."),
+    ] = False,
+    rig: str = "",
+    out: Path | None = None,
+    train: bool = False,
+) -> Callable[[], None] | None:
+    """This demo instead of the usual one, where it is asked for."""
+    if not camera:
+        return None
+    if train:
+        raise UserError("--train and --camera are two demos: leave one out")
+    described = load_rig(rig or default())
+    name = "demo_camera" if described.name == default() else f"demo_camera_{described.name}"
+
+    def run() -> None:
+        camera_demo(out or OUT.with_name(name), described.source)
+
+    return run
 
 
 def camera_demo(out: Path, rig: str = "") -> dict[str, Any]:
@@ -52,7 +79,7 @@ def camera_demo(out: Path, rig: str = "") -> dict[str, Any]:
     """
     described = load_rig(rig or default())
     scene, plan = scene_of(described), Plan.of(described)
-    sight.frame_noise(described, CAMERA.width)
+    camera_loop.frame_noise(described, CAMERA.width)
     report.check_available()
     session.check_ros()
     make_folder(out)
@@ -82,11 +109,11 @@ def camera_demo(out: Path, rig: str = "") -> dict[str, Any]:
     print_table(table_of(record))
     console.print("3 running the loop as ROS 2 processes, its sensor out: a camera takes its place")
     bag, diagnostics = run_loop(
-        out / "loop", described, plan.reference, model=model_folder, camera=True, layers=layers_folder
+        out / "loop", described, plan.reference, model=model_folder, companions=[Vision(layers=layers_folder)]
     )
     loop = report.closed_loop_section(LoopRecord.from_bag(bag, described), described)
     console.print("4 predicting the pictures of the film")
-    ahead = pictures_ahead.of_video(film, model, described, recorded, record, layers, exposure=CAMERA.exposure)
+    ahead = image_prediction.of_video(film, model, described, recorded, record, layers, exposure=CAMERA.exposure)
     print_table(ahead_table(ahead))
     summary = {
         "camera": _seen(record),
@@ -100,9 +127,7 @@ def camera_demo(out: Path, rig: str = "") -> dict[str, Any]:
     called = f"make demo CAMERA=1{'' if described.name == default() else f' RIG={rig}'}"
     sources = {f"film, {film.name}": sha256(film), f"bag, {recorded.name}": sha256(recorded)}
     provenance = report.provenance(model, called, hashes=sources)
-    report.write_video(
-        out / "report.html", record, layers, f"{described.name} by camera", provenance, ahead=ahead, loop=loop
-    )
+    write_video(out / "report.html", record, layers, f"{described.name} by camera", provenance, ahead=ahead, loop=loop)
     print_table(_table(summary))
     console.print(f"report: {out / 'report.html'}   numbers: {out / 'summary.json'}   bag: {bag}")
     return summary

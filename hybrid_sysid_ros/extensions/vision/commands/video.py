@@ -15,13 +15,14 @@ from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
 from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status
-from hybrid_sysid_ros.extensions.vision.prediction import image_prediction as pictures_ahead
+from hybrid_sysid_ros.extensions.vision.prediction import image_prediction
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary
 from hybrid_sysid_ros.extensions.vision.reading import video_record
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
 from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, Layers
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
+from hybrid_sysid_ros.extensions.vision.report.video_page import write_video
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.model import versions
@@ -92,7 +93,7 @@ def command(
         ahead: list[Judged] = []
         if dynamics is not None and bag is not None:
             spinner.update("predicting")
-            ahead = pictures_ahead.of_video(video, dynamics, described, bag, record, found, exposure=exposure)
+            ahead = image_prediction.of_video(video, dynamics, described, bag, record, found, exposure=exposure)
     told = shlex.join(["hybrid-sysid", *sys.argv[1:]])
     written = video_record.at_rate(record, rate) if rate else record
     video_record.write(written, described, scene.joint, bag, out, replace=overwrite, made_by=told)
@@ -106,7 +107,7 @@ def command(
         sources = {"film": video} | ({"bag": bag} if bag is not None else {})
         hashes = {f"{kind}, {path.name}": sha256(path) for kind, path in sources.items()}
         provenance = report.Provenance(command=told, hashes=hashes, versions=versions())
-        report.write_video(page, record, found, f"{described.name}: {video.name}", provenance, ahead=ahead)
+        write_video(page, record, found, f"{described.name}: {video.name}", provenance, ahead=ahead)
         console.print(f"report: {page}")
 
 

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.vision.camera import jpeg
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
-from hybrid_sysid_ros.extensions.vision.goal.picture_mpc import Pictured, pictured
+from hybrid_sysid_ros.extensions.vision.goal.picture_mpc import Pictured, PictureMpc, pictured
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import STANDS, AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
 from hybrid_sysid_ros.extensions.vision.reading.renderer import LayerRenderer
+from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.bundled import shipped
-from hybrid_sysid_ros.runtime.parameters import defaults
-from hybrid_sysid_ros.runtime.set_points import outputs_of
+from hybrid_sysid_ros.runtime.configuration import mpc_problem, set_point_ranges
+from hybrid_sysid_ros.runtime.controllers import ConfiguredController, pace
+from hybrid_sysid_ros.runtime.parameters import defaults, shipped
 from hybrid_sysid_ros.support.errors import UserError
 
 LONGEST = 60  # characters of a name that are told
@@ -63,12 +65,44 @@ def shown_in(path: Path, reader: AngleReader, name: str = "") -> tuple[Picture, 
     return picture, reader.layers.position(reading.angle)
 
 
+@dataclass(frozen=True, eq=False)
+class PictureReader:
+    """Tells where pictures show the joint of a rig, for other extensions."""
+
+    reader: AngleReader
+
+    @classmethod
+    def of(cls, rig: Rig, folder: Path | str = "") -> PictureReader:
+        """That of a rig, compiled for what a file gives. Raises UserError: see reader_of()."""
+        made = reader_of(rig, folder)
+        drawn = made.layers.drawn(made.layers.geometry.low).astype("uint8")
+        made.read(jpeg.decoded(jpeg.encoded(drawn, 80)))
+        return cls(made)
+
+    @property
+    def joint(self) -> str:
+        return self.reader.layers.geometry.joint
+
+    def position(self, path: Path, name: str = "") -> float:
+        """Of the joint [rad] in a picture. Raises UserError: see shown_in()."""
+        return shown_in(path, self.reader, name)[1]
+
+
+def controller(rig: Rig, model: Model, settings: Mapping[str, Any]) -> ConfiguredController:
+    """The exact MPC whose cost is in the picture that the settings name. Raises UserError: see goal_of()."""
+    if settings["policy"] != "exact" or settings["solver"] != "sqp":
+        raise UserError("parameter picture: only the exact MPC weighs pictures: policy:=exact, solver:=sqp")
+    system = goal_of(rig, model.system, settings)
+    problem = mpc_problem(settings, rig, system)
+    return ConfiguredController(controller=PictureMpc(system, problem, **pace(settings)), problem=problem)
+
+
 def goal_of(rig: Rig, system: System, settings: Mapping[str, Any]) -> Pictured:
     """The system of a controller that is to make the rig look like the picture that its settings name. Raises UserError
     where the picture shows no goal: see shown_in(); or one that is out of reach, or the rig has other outputs.
     """
     path, reader = Path(settings["picture"]), reader_of(rig, settings["layers"])
-    shown, (output, *others) = rig.joints.joints[reader.layers.geometry.joint].position, outputs_of(rig)
+    shown, (output, *others) = rig.joints.joints[reader.layers.geometry.joint].position, set_point_ranges(rig)
     if others or output.name != shown:
         raise UserError(f"parameter picture: pictures show {shown or 'no position'}, the one output must be that")
     picture, position = shown_in(path, reader)

@@ -11,7 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.extensions.vision import camera_loop as sight
+from hybrid_sysid_ros.extensions.vision import camera_loop
 from hybrid_sysid_ros.extensions.vision.camera.film import pictures
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.prediction.motion_prediction import DRIFTS, MotionAhead
@@ -108,9 +108,9 @@ def looks(
 
     Filters with the rig's own tuning, one for each of ``drifts``, follow the frames alone; the record's outputs are not
     looked at. record: sampled at the model's step. noise: deviation of a frame, in the unit of the first output; see
-    :func:`.sight.frame_noise`. drifts: shares of the drift that the tuning lets the inputs' offsets have; believed is
-    the one whose predictions, the farthest ones, have been the likeliest so far. seed: of the motions that the band is
-    told by.
+    :func:`.camera_loop.frame_noise`. drifts: shares of the drift that the tuning lets the inputs' offsets have;
+    believed is the one whose predictions, the farthest ones, have been the likeliest so far. seed: of the motions that
+    the band is told by.
     """
     system, step, settings = model.model.system, record.sampling_time, configuration.defaults(rig, "estimator")
     tuning = configuration.estimator_tuning({**settings, "camera_noise": noise}, rig, system)
@@ -181,7 +181,7 @@ def foreseen(
     """Frames of a film that a model predicts, beside what came; the mean picture is that of the whole film. Raises
     UserError where the film can't be read, or is too short to predict anything.
     """
-    noise = sight.frame_noise(rig, reader.layers.background.shape[1])
+    noise = camera_loop.frame_noise(rig, reader.layers.background.shape[1])
     found = list(looks(model, rig, record, watched, noise=noise))
     if not found:
         raise UserError(f"{video}: is too short to predict {max(AHEAD):g} s of it: {SETTLED + max(AHEAD) + APART:g} s")

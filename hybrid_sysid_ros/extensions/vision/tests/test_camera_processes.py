@@ -10,6 +10,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 pytest.importorskip("PIL", reason="needs the extra video")
 
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera
+from hybrid_sysid_ros.extensions.vision.companion import Vision
 from hybrid_sysid_ros.extensions.vision.tests.camera_bench import painted_layers
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
@@ -24,7 +25,7 @@ SECONDS = 4.0
 def test_a_camera_takes_the_sensor_s_place(domain: int, tmp_path: Path, lockstep: bool) -> None:
     painted_layers(RIG, Camera()).save(tmp_path / "layers")
     outcome = Run(
-        camera=True, layers=tmp_path / "layers", policy="exact", reference="sine", duration=SECONDS,
+        companions=[Vision(layers=tmp_path / "layers")], policy="exact", reference="sine", duration=SECONDS,
         bag=tmp_path / "bag", lockstep=lockstep, domain=domain, tell=lambda line: None,
     ).go()  # fmt: skip
     frames = outcome.diagnostics["vision"]
@@ -39,4 +40,4 @@ def test_a_camera_takes_the_sensor_s_place(domain: int, tmp_path: Path, lockstep
 
 def test_a_rig_without_a_picture_of_its_output_is_refused(domain: int) -> None:
     with pytest.raises(UserError, match="a camera sees the position of"):
-        Run(rig="wheel_motor", camera=True, domain=domain).go()
+        Run(rig="wheel_motor", companions=[Vision()], domain=domain).go()

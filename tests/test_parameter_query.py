@@ -12,21 +12,21 @@ from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 
-from hybrid_sysid_ros.nodes import parameter_query as inquiry
+from hybrid_sysid_ros.nodes import parameter_query
 from hybrid_sysid_ros.nodes.collector import Uncalled
-from hybrid_sysid_ros.nodes.parameter_query import Inquiry
+from hybrid_sysid_ros.nodes.parameter_query import ParameterQuery
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
 from tests.node_bench import Bench
 
 
 def test_who_does_not_answer_is_asked_again(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(inquiry, "PERIOD", 0.02)
+    monkeypatch.setattr(parameter_query, "PERIOD", 0.02)
     asked = Node("controller", context=bench.context, namespace=bench.namespace, start_parameter_services=False)
     service = bench.add(asked).create_service(
         GetParameters, "controller/get_parameters", lambda request, answer: answer, callback_group=Uncalled()
     )  # which is answered by hand
     heard: dict[str, dict[str, Any]] = {}
-    Inquiry(bench.start(ReferenceNode, autostart=False), ["controller"], heard.__setitem__)
+    ParameterQuery(bench.start(ReferenceNode, autostart=False), ["controller"], heard.__setitem__)
 
     def taken() -> Any:
         request, information = service.handle.service_take_request(GetParameters.Request)

@@ -33,6 +33,7 @@ from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, Layers
 from hybrid_sysid_ros.extensions.vision.reading.renderer import LayerRenderer, Renderer
 from hybrid_sysid_ros.extensions.vision.reading.video_record import joined
 from hybrid_sysid_ros.extensions.vision.report.video_figures import positions
+from hybrid_sysid_ros.extensions.vision.report.video_page import write_video
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.extensions.vision.tests.camera_bench import painted_layers
 from hybrid_sysid_ros.models import load as load_model
@@ -166,7 +167,7 @@ def test_pictures_of_a_film_are_predicted_and_shown(model_folder: Path, tmp_path
     found = Summary.of(rows, 0.5)
     assert found.likeness > max(found.mean, found.still) + 0.1
     assert math.degrees(found.error) < 0.5
-    page = report.write_video(
+    page = write_video(
         tmp_path / "film.html", record, layers, "film", report.provenance(model, "video"), ahead=rows
     ).read_text(encoding="utf-8")
     assert f"likeness {max(row.likeness for row in rows if row.look.ahead == 2.0):.3f}" in page

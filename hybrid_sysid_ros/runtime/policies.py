@@ -1,42 +1,58 @@
-"""The online check and the certificate of a policy, by the numbers of its rig's configuration."""
+"""Policies: how one is trained and how it is certified, by the numbers of its rig's file."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hybrid_sysid_ros.control import Problem
 from hybrid_sysid_ros.control.policy import policy
+from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.safety.certified_loops import Certification, Criteria, Distribution
-from hybrid_sysid_ros.control.safety.online_check import Tolerances
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.models import Model, storage
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.models import storage
+from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.augmented_model import controlled
-from hybrid_sysid_ros.runtime.configuration import NONE, by_state, listed
+from hybrid_sysid_ros.runtime.configuration import by_state, controller_model, listed
+from hybrid_sysid_ros.runtime.controllers import check_tolerances, noise_cost
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.extras import extra
+from hybrid_sysid_ros.support.parallel import Store
 
 
-def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: Problem) -> Tolerances:
-    """Tolerances of the online check from the parameters of the node `controller`.
+def train_policy(
+    model: Model,
+    settings: Settings | None = None,
+    *,
+    seed: int = 0,
+    samples: Path | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Policy:
+    """Train a policy that imitates the exact MPC on a model; see :mod:`hybrid_sysid_ros.control.policy.training`.
 
-    What the sensors' noise costs can't be told from nothing: a plan may be costlier by an error of that size at every
-    sample of the horizon.
+    samples: folder where finished closed loops are kept until the end, so that an interrupted training goes on.
+    progress: gets the stage, how much of it is done, and how much there is. Raises UserError where torch is missing.
     """
-    return Tolerances(
-        cost=values["check_cost"],
-        floor=problem.horizon * _noise_cost(rig, problem),
-        violation=_violation(values, rig),
-        disturbance=tuple(values["check_disturbance"]),
-        patience=values["check_patience"],
-    )
+    with extra("train"):
+        from hybrid_sysid_ros.control.policy.training import train
+    if not model.seal:
+        raise UserError("policy: the model was never saved; save it first, for the policy belongs to what is on disk")
+    rig = rigs.load(model.rig)
+    model = replace(model, system=controller_model(rig, model.system))
+    problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig, model.system)
+    settings = settings or Settings()
+    spread = configuration.spread_of(rig, model.system)
+    purpose = f"{model.seal} {problem} {spread} {settings}"
+    store: Store[Any] | None = Store(samples, purpose) if samples is not None else None
+    trained: Policy = train(model, problem, spread, settings, seed=seed, store=store, progress=progress)
+    if store is not None:
+        store.remove()
+    return trained
 
 
 def certification_of(folder: Path, model: Path | None, *, seed: int = 0, seconds: float | None = None) -> Certification:
@@ -47,17 +63,17 @@ def certification_of(folder: Path, model: Path | None, *, seed: int = 0, seconds
     or the section policy_certificate lacks a number.
     """
     seal = storage.digest(folder, kind="policy")
-    rig = load_rig(policy.load(folder, certified=False).rig)
+    rig = rigs.load(policy.load(folder, certified=False).rig)
     loaded = load_model(model or configuration.shipped(rig.name, "model"))
     imitation = policy.load(folder, model=loaded, certified=False)
     alike = [item.name for item in rig.system.states] == [item.name for item in loaded.system.states]
     plant, words = (rig.system, f"the rig {rig.name}") if alike else (loaded.system, "the model")
-    system = controlled(rig, loaded.system)
+    system = controller_model(rig, loaded.system)
     distribution, criteria = _certified(rig, system, imitation.problem, plant=f"{words}, its parameters spread")
     return Certification(
         policy=imitation,
         seal=seal,
-        plant=controlled(rig, plant),
+        plant=controller_model(rig, plant),
         model=system,
         distribution=distribution if seconds is None else replace(distribution, seconds=seconds),
         criteria=criteria,
@@ -83,24 +99,6 @@ def _certified(rig: Rig, model: System, problem: Problem, *, plant: str) -> tupl
     criteria = Criteria(
         input_error=listed(section, "input_error", where, inputs),
         cost_share=listed(section, "cost_share", where, 1)[0],
-        cost_floor=_noise_cost(rig, problem),
+        cost_floor=noise_cost(rig, problem),
     )
     return distribution, criteria
-
-
-def _violation(values: Mapping[str, Any], rig: Rig) -> float:
-    """The least noise of the outputs that are states with bounds, of all outputs where no such one is measured."""
-    limits = zip(rig.system.states, values["state_low"], values["state_high"], strict=True)
-    bounded = {item.name for item, low, high in limits if max(low, -high) > -NONE}
-    noise = dict(zip((item.name for item in rig.system.outputs), _noise(rig).tolist(), strict=True))
-    return min(value for name, value in noise.items() if name in bounded or not bounded & noise.keys())
-
-
-def _noise(rig: Rig) -> NDArray[np.float64]:
-    """Deviation (p,) of the noise of each output's sensor."""
-    return np.array([sensor.scale * sensor.noise for sensor in rig.sensors])
-
-
-def _noise_cost(rig: Rig, problem: Problem) -> float:
-    """Cost of an error as large as the sensors' noise, at one sample."""
-    return float(np.sum(problem.stage_weights.outputs[0] * _noise(rig) ** 2))

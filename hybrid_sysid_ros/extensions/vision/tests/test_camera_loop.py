@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.extensions.vision import camera_loop as sight
+from hybrid_sysid_ros.extensions.vision import camera_loop
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
@@ -20,7 +20,7 @@ SECOND, PERIOD, STEP = 1_000_000_000, 5_000_000, 1_000_000  # ns
 
 def test_the_nodes_know_what_they_are_told(tmp_path: Path) -> None:
     pytest.importorskip("PIL", reason="needs the extra video")
-    found = sight.parameters(RIG, tmp_path)
+    found = camera_loop.parameters(RIG, tmp_path)
     for node, values in found.items():
         known = configuration.parameters(RIG, node)
         assert all(known[name].checked(value) == value for name, value in values.items())
@@ -30,9 +30,9 @@ def test_the_nodes_know_what_they_are_told(tmp_path: Path) -> None:
 
 def test_a_rig_whose_first_output_is_no_picture_can_t_be_closed_by_one() -> None:
     with pytest.raises(UserError, match="a camera sees the position of"):
-        sight.frame_noise(load("wheel_motor"), 640)
+        camera_loop.frame_noise(load("wheel_motor"), 640)
     with pytest.raises(UserError, match="no section scene"):
-        sight.frame_noise(load("winged_cone"), 640)
+        camera_loop.frame_noise(load("winged_cone"), 640)
 
 
 def test_the_truth_stands_in_for_a_sensor_that_was_out(tmp_path: Path) -> None:

@@ -1,0 +1,11 @@
+"""What this extension adds."""
+
+from hybrid_sysid_ros.support.extensions import Extension
+
+EXTENSION = Extension(
+    name="search",
+    summary="The search for the options of a structure.",
+    commands={
+        "search": ("hybrid_sysid_ros.extensions.search.commands.search", "Search the options of a structure."),
+    },
+)

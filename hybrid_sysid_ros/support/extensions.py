@@ -1,0 +1,136 @@
+"""Extensions: what folders beside the trunk, and packages of others, add to it, by manifests of plain data.
+
+An extension of this distribution is a folder of ``extensions/`` with an extension.py; one of another distribution names
+its manifest by an entry point. Each is taken as a whole or not at all. Nothing here imports what a manifest names,
+until somebody asks for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+from hybrid_sysid_ros.support import errors
+from hybrid_sysid_ros.support.errors import UserError
+
+GROUP = "hybrid_sysid_ros.extensions"
+"""Of the entry points of other packages; the value is the manifest, MODULE:EXTENSION."""
+HOME = Path(__file__).parents[1] / "extensions"
+MANIFEST = "extension.py"
+Names = Mapping[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extension:
+    """A manifest: what an extension adds, by name. See docs/extend.md for what each kind needs."""
+
+    name: str
+    summary: str
+    commands: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """By words, as "say" or "rig layouts": a module with a function ``command``, and a summary of one line."""
+    nodes: Names = field(default_factory=dict)
+    """ROS 2 nodes by name: a module with a function ``main``."""
+    declarations: Path | None = None
+    """YAML file of the form of msgs_config/nodes.yaml: parameters of its nodes, further ones of others, and topics."""
+    provides: Mapping[str, Names] = field(default_factory=dict)
+    """By kind and name: what is used, as "module:attribute". The kinds are those that :func:`provided` is asked for."""
+
+    def claims(self) -> Iterator[tuple[str, str]]:
+        """What no other extension may have: a kind and a name each."""
+        yield from (("command", words) for words in self.commands)
+        yield from (("node", name) for name in self.nodes)
+        yield from ((kind, name) for kind, names in self.provides.items() for name in names)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Registry:
+    """The trunk's own manifest, those of the extensions that are used, and why others are not, in a line each."""
+
+    extensions: tuple[Extension, ...]
+    problems: list[str]
+
+
+@cache
+def registry() -> Registry:
+    """All extensions that are installed, looked for once in a process: our own by name, then those of others."""
+    from hybrid_sysid_ros.support.trunk import TRUNK  # a manifest, too
+
+    used, problems = [TRUNK], list[str]()
+    taken = dict.fromkeys((("command", words.split()[0]) for words in TRUNK.commands), TRUNK.name)
+    taken |= dict.fromkeys(TRUNK.claims(), TRUNK.name)
+    for where, target in _targets():
+        try:
+            found = loaded(target)
+            if not isinstance(found, Extension):
+                raise UserError(f"{target} is {found!r}: it needs an Extension")
+            for kind, name in (("extension", found.name), *found.claims()):
+                if (kind, name) in taken:
+                    raise UserError(f"its {kind} {name} is there already, in {taken[kind, name]}: rename one of them")
+        except UserError as error:
+            problems.append(f"extension {where} is left out: {error}")
+            continue
+        taken |= dict.fromkeys([("extension", found.name), *found.claims()], found.name)
+        used.append(found)
+    return Registry(extensions=tuple(used), problems=problems)
+
+
+def installed() -> tuple[Extension, ...]:
+    """The extensions that are used, without the trunk."""
+    return registry().extensions[1:]
+
+
+def commands() -> dict[str, tuple[str, str]]:
+    """Module and summary of every command, the trunk's first, by its words."""
+    return {words: told for extension in registry().extensions for words, told in extension.commands.items()}
+
+
+def node_module(name: str) -> str:
+    """Full name of the module that runs a node. Raises UserError where there is none."""
+    nodes = {node: module for extension in registry().extensions for node, module in extension.nodes.items()}
+    if name not in nodes:
+        raise UserError(f"no node {name}: {errors.known(name, nodes)}")
+    return nodes[name]
+
+
+def targets(kind: str) -> dict[str, str]:
+    """Where each thing of a kind is, as "module:attribute" by name; nothing is imported."""
+    return {
+        name: target for extension in registry().extensions for name, target in extension.provides.get(kind, {}).items()
+    }
+
+
+def provided(kind: str) -> dict[str, Any]:
+    """The things of a kind by name. What can't be imported is left out, and told among the problems."""
+    found = {}
+    for name, target in targets(kind).items():
+        try:
+            found[name] = loaded(target)
+        except UserError as error:
+            if (line := f"{kind} {name} of an extension is left out: {error}") not in registry().problems:
+                registry().problems.append(line)
+    return found
+
+
+def loaded(target: str) -> Any:
+    """What "module:attribute" names. Raises UserError where it can't be imported, whatever it raises."""
+    module, _, attribute = target.partition(":")
+    try:
+        return attrgetter(attribute)(import_module(module))
+    except (Exception, SystemExit) as error:  # another package's code can raise anything
+        kind = "" if isinstance(error, UserError) else f"{type(error).__name__}: "
+        raise UserError(f"{target} can't be imported: {kind}{' '.join(str(error).split())[:200]}") from error
+
+
+def _targets() -> Iterator[tuple[str, str]]:
+    """Name and manifest of each extension that may be there."""
+    for path in sorted(HOME.glob(f"*/{MANIFEST}")):
+        name = path.parent.name
+        yield name, f"{GROUP}.{name}.{path.stem}:EXTENSION"
+    points: set[EntryPoint] = set(entry_points(group=GROUP))
+    yield from sorted((f"{point.name} ({point.value})", point.value) for point in points)

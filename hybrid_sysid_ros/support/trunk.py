@@ -1,0 +1,46 @@
+"""Trunk: what this package offers by name without any extension, told as an extension tells it."""
+
+from hybrid_sysid_ros.support.extensions import Extension
+
+COMMANDS = "hybrid_sysid_ros.commands"
+NODES = "hybrid_sysid_ros.nodes"
+SECTIONS = (
+    "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
+    "policy_training", "policy_certificate", "demo", "travel", "disturbances", "modes", "validity", "offsets",
+)  # fmt: skip
+
+TRUNK = Extension(
+    name="hybrid_sysid_ros",
+    summary="From a bag to a controlled rig.",
+    commands={
+        "simulate": (f"{COMMANDS}.simulate", "Simulate an experiment on a rig and write its bag."),
+        "identify": (f"{COMMANDS}.identify", "Identify a model from bags."),
+        "evaluate": (f"{COMMANDS}.evaluate", "Score a model on bags by free run and closed loop."),
+        "ensemble": (f"{COMMANDS}.ensemble", "Score several models together on bags."),
+        "trim": (f"{COMMANDS}.trim", "Find an equilibrium of a rig and the modes about it."),
+        "friction": (f"{COMMANDS}.friction", "Draw a law of friction, or list them."),
+        "run": (f"{COMMANDS}.run", "Run plant, estimator, controller and reference as ROS 2 nodes."),
+        "parameters": (f"{COMMANDS}.parameters", "Write the ROS parameter file of a rig's nodes."),
+        "check": (f"{COMMANDS}.check", "Check the installation in a quarter of a minute."),
+        "demo": (f"{COMMANDS}.demo", "From bags to a controlled rig: identify, run the loop, report."),
+        "model export": (f"{COMMANDS}.model_export", "Write a model as CasADi functions."),
+        "policy train": (f"{COMMANDS}.policy_train", "Train a network that imitates the exact MPC."),
+        "policy certify": (
+            f"{COMMANDS}.policy_certify",
+            "State how a policy does beside the exact MPC, and how surely.",
+        ),
+        "policy export": (f"{COMMANDS}.policy_export", "Write a policy as ONNX and as C99."),
+        "rig new": (f"{COMMANDS}.rig_new", "Write a small rig to begin with."),
+        "rig check": (f"{COMMANDS}.rig_check", "Check a rig and show its step response."),
+        "rig list": (f"{COMMANDS}.rig_list", "List the rigs that are known by name."),
+    },
+    nodes={
+        "plant": f"{NODES}.plant",
+        "estimator": f"{NODES}.estimator",
+        "controller": f"{NODES}.controller",
+        "reference": f"{NODES}.reference",
+        "recorder": f"{NODES}.recorder",
+        "composed": f"{NODES}.composed",
+    },
+    provides={"sections": dict.fromkeys(SECTIONS, "")},
+)
