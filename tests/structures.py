@@ -12,8 +12,8 @@ from hybrid_sysid_ros.models import build
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.residual import ResidualHybrid
-from hybrid_sysid_ros.models.structure import BUILT_IN
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
+from hybrid_sysid_ros.support.trunk import TRUNK
 
 try:  # systems of an extension take part where it is there
     from hybrid_sysid_ros.extensions.fuzzy.tests.systems import SYSTEMS as FUZZY
@@ -22,7 +22,7 @@ except ModuleNotFoundError:
 
 RANGE = np.array([0.15, 0.5, 10.0])  # position [rad], velocity [rad/s], drive [V] of the beam's records
 DEFLECTION = 0.005  # of bristles, as far as they bend [rad]
-MOTIONS = [name for name in BUILT_IN if name not in ("narx", "recurrent", "residual")]
+MOTIONS = [name for name in TRUNK.provides["structures"] if name not in ("narx", "recurrent", "residual")]
 
 
 def structure(name: str, seed: int = 0) -> System:

@@ -161,7 +161,7 @@ def test_derivatives_are_those_of_a_fit_of_all_initial_states(record, closed):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_fit_finds_what_the_data_tell_with_its_error(seed, closed):
     """Weight and gain per inertia, within three standard errors of less than .5 %; chi squared is that of the noise."""
-    found = fit(Upright(), [flown(seed)], windows=replace(SETTINGS, closed=closed))
+    found = fit(Upright(), [flown(seed)], unstable=replace(SETTINGS, closed=closed))
     values = found.system.named
     for name in ("weight", "gain"):
         ratio, truth = values[name] / values["inertia"], PLANT.named[name] / PLANT.inertia

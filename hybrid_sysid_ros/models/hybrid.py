@@ -16,7 +16,7 @@ from hybrid_sysid_ros.core.parameters import of_data
 from hybrid_sysid_ros.core.steppers import Motion
 from hybrid_sysid_ros.models.options import Option
 from hybrid_sysid_ros.models.region import Region
-from hybrid_sysid_ros.models.structure import object_at, provided
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -219,7 +219,7 @@ NETWORK = "units"
 
 def block_kinds() -> dict[str, BlockKind]:
     """The kinds of blocks by the options that choose them, the network first."""
-    return {NETWORK: Network(), **{name: object_at(place)() for name, place in provided("blocks").items()}}
+    return {NETWORK: Network(), **{name: kind() for name, kind in extensions.provided("blocks").items()}}
 
 
 def block_of(sizes: Mapping[str, Any], features: int, outputs: int) -> Block:

@@ -1,11 +1,10 @@
-"""Model structures: what can be identified. Each is one class, found by its name in a table or in an extension."""
+"""Model structures: what can be identified. Each is one class, which the trunk's or an extension's manifest names."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models.options import Option, Options, complete
 from hybrid_sysid_ros.models.sampling import Sampling
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -20,22 +20,6 @@ if TYPE_CHECKING:
     from hybrid_sysid_ros.models.fit import Fit, FitContext
 Boxes = Mapping[str, System]
 """Further gray boxes of a rig, by name."""
-
-BUILT_IN: Mapping[str, str] = {
-    "linear": "hybrid_sysid_ros.structures.gray_box:GrayBox",
-    "stribeck": "hybrid_sysid_ros.structures.gray_box:GrayBox",
-    "dahl": "hybrid_sysid_ros.structures.gray_box:GrayBox",
-    "lugre": "hybrid_sysid_ros.structures.gray_box:GrayBox",
-    "narx": "hybrid_sysid_ros.structures.narx:NarxStructure",
-    "black_box": "hybrid_sysid_ros.structures.hybrid:BlackBox",
-    "recurrent": "hybrid_sysid_ros.structures.recurrent:RecurrentStructure",
-    "hybrid_joint": "hybrid_sysid_ros.structures.hybrid:JointHybrid",
-    "hybrid_frozen": "hybrid_sysid_ros.structures.hybrid:FrozenHybrid",
-    "gray": "hybrid_sysid_ros.structures.gray_box:GrayBox",
-    "hybrid": "hybrid_sysid_ros.structures.hybrid:AnchoredHybrid",
-    "residual": "hybrid_sysid_ros.structures.residual:ResidualStructure",
-}
-"""The class of each structure, which is imported when it is asked for."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -144,7 +128,7 @@ class Structure(ABC):
 
 def structure_names() -> tuple[str, ...]:
     """The names of all structures. Any gray box G has further ones, such as hybrid_G and residual_G."""
-    return tuple(_table())
+    return tuple(extensions.targets("structures"))
 
 
 def structure_of(name: str, physics: System, boxes: Boxes | None = None) -> Structure:
@@ -152,7 +136,7 @@ def structure_of(name: str, physics: System, boxes: Boxes | None = None) -> Stru
 
     Raises UserError for an unknown name, and for one whose extension can't be imported.
     """
-    table, own = _table(), boxes or {}
+    table, own = extensions.targets("structures"), boxes or {}
     given: dict[str, Any] = {"name": name, "physics": physics, "boxes": own}
     if name in own:
         return _class_of(table["gray"])(**given)
@@ -165,38 +149,12 @@ def structure_of(name: str, physics: System, boxes: Boxes | None = None) -> Stru
             return _class_of(place)(**given, chosen_box=box)
     raise UserError(
         f"structure {name!r} is unknown; choose one of {', '.join(dict.fromkeys((*table, *own)))}, or hybrid_NAME or "
-        "residual_NAME of a gray box"
+        "residual_NAME of a gray box, or install the extension that provides it"
     )
 
 
-def provided(kind: str) -> Mapping[str, str]:
-    """What extensions provide of a kind, by name: the place of each as "module:object"."""
-    here = "hybrid_sysid_ros.extensions.fuzzy"  # until the manifests of extensions are there to ask
-    known = {
-        "structures": {
-            "takagi_sugeno": f"{here}.structures:TakagiSugenoStructure",
-            "difnn": f"{here}.structures:DifnnStructure",
-        },
-        "blocks": {"affine_rules": f"{here}.blocks:AffineRulesKind", "linked_rules": f"{here}.blocks:LinkedRulesKind"},
-    }
-    return known.get(kind, {})
-
-
-def object_at(place: str) -> Any:
-    """The object of a place, "module:object". Raises UserError where it can't be imported."""
-    module, _, name = place.partition(":")
-    try:
-        return getattr(import_module(module), name)
-    except (ImportError, AttributeError) as error:
-        raise UserError(f"{place} can't be imported: {error}; install its extension again") from error
-
-
-def _table() -> dict[str, str]:
-    return {**BUILT_IN, **provided("structures")}
-
-
-def _class_of(place: str) -> type[Structure]:
-    found: type[Structure] = object_at(place)
+def _class_of(target: str) -> type[Structure]:
+    found: type[Structure] = extensions.loaded(target)
     return found
 
 

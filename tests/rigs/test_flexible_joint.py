@@ -104,7 +104,7 @@ def test_no_model_of_it_knows_how_often_it_has_turned(rig, structure):
 
 def test_its_gray_boxes_are_its_own(rig):
     for name, system in rig.structures.items():
-        assert structure_of(name, rig.structures)[1] == name
+        assert structure_of(name, rig.system, rig.structures).box == name
         built, _ = build(name, rig.system, scales=np.ones(5), seed=0, boxes=rig.structures)
         assert type(built) is type(system)
 

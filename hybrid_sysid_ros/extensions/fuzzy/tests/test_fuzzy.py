@@ -141,7 +141,7 @@ def test_rules_are_told_in_words_and_units():
 def test_memberships_are_drawn_along_each_premise():
     """At its centre a rule has all of the membership."""
     pytest.importorskip("plotly")
-    from hybrid_sysid_ros.extensions.fuzzy import figures
+    from hybrid_sysid_ros.extensions.fuzzy.report import figures
 
     system = TakagiSugeno(
         outputs=(LEVEL,), inputs=(DRIVE,), output_lags=1, input_lags=1, scales=(1.0, 2.0), low=(-1.0, -2.0),
