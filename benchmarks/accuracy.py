@@ -1,4 +1,4 @@
-"""Coverage of intervals from simulated and live shots: exact, biased, as declared, stopped; docs/accuracy.md.
+"""Coverage of intervals from simulated and live shots: exact, biased, as declared, stopped.
 
 Two coordinates with a correlation of .3, 200 simulated shots, intervals of 90 %, a discrepancy of .5 standard
 deviations and 10 % declared; 10 000 repetitions of each of three seeds. A coverage is that of the worse coordinate.

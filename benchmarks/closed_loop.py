@@ -1,4 +1,4 @@
-"""Controllers on the same noisy plant, which is not their model, under the same references: docs/comparison.md.
+"""Controllers on the same noisy plant, not their model, under the same references: docs/results/comparison.md.
 
 The rig's own P law on its filtered position, that law about the input that balances the beam, a linear quadratic
 regulator, the exact MPC, its imitation by a network, and that network under its supervisor. All but the P laws get the
@@ -37,7 +37,7 @@ from hybrid_sysid_ros.rigs.excitation import (
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.controllers import check_tolerances
+from hybrid_sysid_ros.runtime.configuration import check_tolerances
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -47,7 +47,7 @@ SEEDS = (0, 1, 2)
 REPEATS = 2
 """Of each loop, which goes the same way again: of each call the faster one counts, for the machine has other work."""
 
-PICTURE = Path(__file__).parents[1] / "docs" / "comparison.svg"
+PICTURE = Path(__file__).parents[1] / "docs" / "results" / "comparison.svg"
 SHOWN = (12.5, 16.5)
 """Seconds of the hardware reference in the picture."""
 

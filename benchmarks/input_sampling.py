@@ -2,7 +2,7 @@
 
 The gray box is fitted to each record alone with averaged input, then simulated over that record with averaged and with
 sampled input, which isolates the input; and fitted once more with sampled input. Needs HYBRID_SYSID_DATA; see
-docs/bags.md.
+docs/guides/bags.md.
 """
 
 from __future__ import annotations

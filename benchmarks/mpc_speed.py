@@ -22,7 +22,7 @@ from benchmarks.network_plant import NetworkPlant
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
-from hybrid_sysid_ros.control.stage_cost import stage_costs
+from hybrid_sysid_ros.control.problem import stage_costs
 from hybrid_sysid_ros.core import System, Variable, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.narx import Narx

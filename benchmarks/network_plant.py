@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core import Perceptron, RungeKutta, System
+from benchmarks.perceptron import Perceptron
+from hybrid_sysid_ros.core import RungeKutta, System
 from hybrid_sysid_ros.core.mathematics import Scalar
 
 NETWORK = Perceptron(widths=(3, 32, 32, 1))

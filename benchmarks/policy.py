@@ -36,8 +36,7 @@ from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.kernels import answer
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_settings import Settings
-from hybrid_sysid_ros.control.scenarios import Scenario, Spread
-from hybrid_sysid_ros.control.steady_motion import steady_motion
+from hybrid_sysid_ros.control.scenarios import Scenario, Spread, steady_motion
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import OPTIONS
 from hybrid_sysid_ros.models import Model, Sampling

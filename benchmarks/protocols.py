@@ -2,7 +2,7 @@
 protocol, the input averaged. Only some of them: python -m benchmarks.protocols [protocols] [protocol_3].
 
 The same as `python -m studies.beam_lecture protocol 1|2|3 FOLDER --input averaged|sampled --json FILE`, five times.
-Needs HYBRID_SYSID_DATA; see docs/bags.md.
+Needs HYBRID_SYSID_DATA; see docs/guides/bags.md.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.controllers import check_tolerances
+from hybrid_sysid_ros.runtime.configuration import check_tolerances
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.arrays import Array
@@ -36,7 +36,7 @@ from hybrid_sysid_ros.support.arrays import Array
 RIG, STEPS, SINES, PERIOD = "wheel_motor", "steps", "sines", 0.01
 BAND = 0.02
 SEEDS = (0, 1, 2)
-PICTURE, SHOWN = Path(__file__).parents[1] / "docs" / "wheel_motor_steps.svg", (0.8, 10.0)
+PICTURE, SHOWN = Path(__file__).parents[1] / "docs" / "results" / "wheel_motor_steps.svg", (0.8, 10.0)
 UNFORESEEN = {"reference": {"preview_seconds": 0.01, "publish_period": 0.005, "point_spacing": 0.005}}
 """Of the nodes, for the steps: no reference is known more than 10 ms ahead."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator
+from pathlib import Path
 
 import mkdocs_gen_files
 
@@ -14,6 +15,7 @@ from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.parameters import declarations, parameters
 from hybrid_sysid_ros.support import extensions
 
+ROOT = Path(__file__).parents[1]
 LIBRARY = (
     "core", "rigs", "bags", "models", "identification", "estimation", "control", "runtime",
     "extensions.accuracy.statistics",
@@ -39,9 +41,9 @@ def every_parameter() -> Iterator[str]:
     """Every parameter of every node, as msgs_config declares it."""
     example = rigs.load(rigs.default())
     yield (
-        "# Parameters\n\nOf every node, with the values of the rig "
+        "# Parameters\n\nParameters of every node, with the values of the rig "
         + example.name
-        + ". What is live may be set while it runs.\n"
+        + ". A live parameter may be set while the node runs.\n"
     )
     for node in declarations():
         yield f"\n## {node}\n\n| parameter | default | what it is |\n|---|---|---|"
@@ -52,8 +54,8 @@ def every_parameter() -> Iterator[str]:
 def every_topic() -> Iterator[str]:
     """Every topic, who publishes and hears it, and how it is carried."""
     nodes = {node: _class_of(node) for node in declarations()}
-    yield "# Topics and services\n\nRelative names, but `/diagnostics`.\n"
-    yield "| topic | type | published by | heard by | reliability | durability | depth |\n|---|---|---|---|---|---|---|"
+    yield "# Topics and services\n\nAll names are relative but `/diagnostics`.\n"
+    yield "| topic | type | published by | subscribed by | reliability | durability | depth |\n" + "|---" * 7 + "|"
     for name, kind in topics.TYPES.items():
         quality = topics.qualities()[name]
         by = ", ".join(node for node, made in nodes.items() if name in made.PUBLISHES) or "all"
@@ -61,7 +63,7 @@ def every_topic() -> Iterator[str]:
         package, message = kind.__module__.split(".")[0], kind.__name__
         words = (quality["reliability"].name.lower(), quality["durability"].name.lower(), str(quality["depth"]))
         yield f"| `{name}` | `{package}/{message}` | {by} | {to} | {' | '.join(words)} |"
-    yield "\n[What is in them, and the services](../loop.md)."
+    yield "\n[What they carry, and the services](../guides/loop.md)."
 
 
 def _class_of(node: str) -> type[RigNode]:
@@ -76,8 +78,9 @@ def _class_of(node: str) -> type[RigNode]:
 def library() -> Iterator[str]:
     """The public packages: what their __init__ offers."""
     yield "# Library\n"
-    for package in LIBRARY:
-        name = f"hybrid_sysid_ros.{package}"
+    for name in (f"hybrid_sysid_ros.{package}" for package in LIBRARY):
+        if not (ROOT / name.replace(".", "/")).is_dir():  # an extension that was taken away
+            continue
         module = importlib.import_module(name)
         yield f"\n# `{name}`\n\n{' '.join((module.__doc__ or '').split())}\n"
         for item in getattr(module, "__all__", ()):

@@ -85,6 +85,8 @@ def parameters(given: Mapping[str, str]) -> dict[str, dict[str, Any]]:
     if given["bag"]:
         values["recorder"] = {"path": given["bag"]}
     further: dict[str, dict[str, Any]] = {}
+    for companion in companions(given):
+        companion.check(loop_of(given))
     join(loop_of(given), further, companions(given))
     for node, own in further.items():
         usual = defaults(rigs.load(loop_of(given).rig), node)  # it is left to the parameter file
@@ -102,6 +104,7 @@ def loop_of(given: Mapping[str, str]) -> Loop:
         lockstep=given["lockstep"] == "true",
         recorded=bool(given["bag"]),
         simulated=given["simulated"] == "true",
+        companions=tuple(companion.name for companion in companions(given)),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from threading import Lock
 from time import monotonic, sleep
 from traceback import format_exception
@@ -12,19 +13,25 @@ from typing import TYPE_CHECKING, Any
 from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
+from rclpy.executors import Executor as AnyExecutor
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.guard_condition import GuardCondition
 from rclpy.node import Node
 from rclpy.task import Task
 
-from hybrid_sysid_ros.nodes.collector import Uncalled
-from hybrid_sysid_ros.nodes.wait_set import Ready, WaitSet
+from hybrid_sysid_ros.nodes.wait_set import KINDS, Ready, WaitSet
+from hybrid_sysid_ros.support.versions import RCLPY_EXECUTOR
 
 if TYPE_CHECKING:
     from hybrid_sysid_ros.nodes.base import RigNode
 
 SERVICE_PERIOD = 2e-3  # s, at least between two answers to parameter services, however many are asked
 LOOK_PERIOD = 0.1  # s, between two looks whether anybody is there still to be served
+PRIVATE = (
+    *("_context", "_guard", "_is_shutdown", "_sigint_gc", "_tasks", "_tasks_lock"),
+    *(f"_take_{kind}" for kind in (*KINDS, "waitable")),
+)
+"""What Executor uses of rclpy's own that nobody promises."""
 Take = Callable[[Any], Callable[[], Coroutine[Any, Any, None]] | None]
 """Takes what is ready of an entity, and returns what calls back with it."""
 
@@ -131,23 +138,46 @@ def _call(take: Take, entity: Any) -> None:
         raise RuntimeError(f"the callback of {entity} awaits something: a loop waits for nobody")
 
 
-class Loop(Executor):
+def _missing() -> list[str]:
+    """Private names that rclpy's executors do not have."""
+    found = {*dir(SingleThreadedExecutor), *AnyExecutor.__init__.__code__.co_names}
+    return [name for name in PRIVATE if name not in found]
+
+
+Base: Any = Executor if RCLPY_EXECUTOR.usable(_missing()) else SingleThreadedExecutor
+"""Of the loop and its services."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What one of several executors calls of a node: rclpy's own would call guards that wake another one, too."""
+
+    node: Node
+    wanted: Callable[[CallbackGroup], bool]
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self.node, name)
+        if name in (*KINDS.values(), "waitables"):
+            return [entity for entity in found if self.wanted(entity.callback_group)]
+        return found
+
+
+class Loop(Base):
     """All of some nodes but what goes on aside."""
 
     def __init__(self, nodes: Sequence[RigNode], services: Sequence[Services] = ()) -> None:
         """services: what the nodes do beside."""
         self._services = services
         super().__init__()
-        self._aside = frozenset(group for node in nodes for group in (node.aside, node.patient))
+        aside = {group for node in nodes for group in (node.aside, node.patient)}
+        self._parts = [Part(node, lambda group: group not in aside) for node in nodes]
         self._exchange = nodes[0].exchange
         self._more = False  # messages of the exchange wait
         for node in nodes:
             self.add_node(node)
 
-    def can_execute(self, entity: Any) -> bool:
-        # One thread spins: of its groups none is ever busy, which asking each of them twice a turn would only cost.
-        group = entity.callback_group
-        return group not in self._aside and not isinstance(group, Uncalled)
+    def get_nodes(self) -> list[Part]:
+        return self._parts
 
     def wake(self) -> None:
         """Look anew what there is to wait for, here and beside: nodes know of one executor."""
@@ -161,7 +191,7 @@ class Loop(Executor):
         self._more = self._exchange is not None and self._exchange.deliver()
 
 
-class Services(Executor):
+class Services(Base):
     """What nodes do beside the loop, by groups, each in a thread of its own: no storm of questions and no report holds
     the loop up, and nothing that takes long a stop.
 
@@ -170,26 +200,25 @@ class Services(Executor):
 
     def __init__(self, nodes: Sequence[RigNode], groups: Sequence[CallbackGroup]) -> None:
         super().__init__()
-        self._nodes_aside = list(nodes)
-        self._aside = frozenset(groups)
+        self._parts = [Part(node, frozenset(groups).__contains__) for node in nodes]
 
-    def get_nodes(self) -> list[Node]:
-        return list(self._nodes_aside)  # not added: a node has one executor, the loop's
-
-    def can_execute(self, entity: Any) -> bool:
-        return entity.callback_group in self._aside
+    def get_nodes(self) -> list[Part]:
+        return self._parts  # not added: a node has one executor, the loop's
 
     def serve(self) -> None:
         """Answer, one after the other, until the context or this executor ends; what goes wrong is logged, and the next
         one answered.
         """
-        while self.context.ok() and not ended(self._nodes_aside):
+        nodes = [part.node for part in self._parts]
+        while self.context.ok() and not ended(nodes):
             try:
                 self.spin_once(timeout_sec=LOOK_PERIOD)
             except (ExternalShutdownException, ShutdownException):
                 return
+            except InvalidHandle:
+                continue  # the loop destroyed what was looked at
             except Exception as error:
-                self._nodes_aside[0].get_logger().error("".join(format_exception(error)))
+                nodes[0].get_logger().error("".join(format_exception(error)))
             sleep(SERVICE_PERIOD)
 
 

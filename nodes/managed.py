@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future as Answer
+from concurrent.futures import TimeoutError as Late
 from functools import cached_property, partial
 from threading import get_ident
 from traceback import format_exception
 from typing import Any
 
+from lifecycle_msgs.srv import ChangeState
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks
@@ -68,7 +70,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self._ticking: list[Timer] = []
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         LifecycleNodeMixin.__init__(self, callback_group=self.patient)
-        change = self._service_change_state
+        change = next(service for service in self.services if service.srv_type is ChangeState)
         change.callback = partial(_changed, change.callback)
         for service, action in self.own_services().items():
             self._serve(service, action)
@@ -76,7 +78,9 @@ class ManagedNode(LifecycleNodeMixin, Node):
     def destroy_node(self) -> None:
         """Destroy all that the middleware has of the node, its states too, which rclpy leaves to the collector."""
         super().destroy_node()
-        self._state_machine.destroy_when_not_in_use()
+        states = getattr(self, "_state_machine", None)  # a private name: without it they are left to the collector
+        if states is not None:
+            states.destroy_when_not_in_use()
 
     def bring_up(self) -> None:
         """Be active at once, without a manager. Raises what stands in the way."""
@@ -101,7 +105,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
 
     def in_loop(self, action: Callable[[], object]) -> None:
         """Do something in the loop's thread, between two of its callbacks, and wait for it; here, where none runs.
-        Raises what the action raises, and TimeoutError where the loop does not get to it.
+        Raises what the action raises, and UserError where the loop does not get to it in PATIENCE: then it never does.
         """
         if self.thread in (None, get_ident()):
             action()
@@ -109,11 +113,19 @@ class ManagedNode(LifecycleNodeMixin, Node):
         answer: Answer[Any] = Answer()
         self._handed.append((action, answer))
         self._wake.trigger()
-        answer.result(PATIENCE)
+        try:
+            answer.result(PATIENCE)
+        except Late as error:
+            if answer.done():  # the action's own
+                raise
+            late = "got to it, and is still at it" if not answer.cancel() else "did not get to it"
+            raise UserError(f"the node's loop {late} after {PATIENCE:g} s: look at what holds it up") from error
 
     def _take_over(self) -> None:
         while self._handed:
             action, answer = self._handed.popleft()
+            if not answer.set_running_or_notify_cancel():
+                continue  # nobody waits for it any more
             try:
                 answer.set_result(action())
             except Exception as error:
@@ -227,7 +239,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         if isinstance(error, UserError):
             return str(error)
         if isinstance(error, OSError):
-            return " ".join(str(error).split())[:LONGEST]
+            return " ".join(str(error).split())[:LONGEST] or type(error).__name__
         self.get_logger().error("".join(format_exception(error)))
         return f"{type(error).__name__}: {error}"[:LONGEST]
 

@@ -8,8 +8,8 @@ from math import factorial
 import numpy as np
 
 from hybrid_sysid_ros.control import Problem
+from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.core import RungeKutta, System, bounded
 from tests.one_joint import Linear
 

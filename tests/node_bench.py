@@ -28,13 +28,13 @@ VOLT = math.radians(1.3)
 class Bench:
     """Nodes on one executor, and a probe that publishes and keeps what it hears, in order, by topic."""
 
-    def __init__(self, domain: int, namespace: str = "cam_beam") -> None:
+    def __init__(self, domain: int, namespace: str = "cam_beam", *, executor: type[Any] = Executor) -> None:
         self.namespace = namespace
         plant.START_DELAY = 0.0  # all is in this process
         middleware.prepare()
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
-        self.executor = Executor(context=self.context)
+        self.executor = executor(context=self.context)
         self.nodes: list[Node] = []
         self.heard: dict[str, list[Any]] = {}
         self.probe = Node("probe", context=self.context, namespace=namespace)

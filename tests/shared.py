@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.core import Dry, System, bounded, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.estimation import METHODS, Estimator
@@ -264,12 +264,6 @@ def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) ->
         return status, captured.out, captured.err
 
     return run
-
-
-@pytest.fixture
-def place(tmp_path: Path) -> str:
-    """Where the studies of a search are kept; nothing is there yet."""
-    return str(tmp_path / "deep" / "search.db")
 
 
 def simulated_record(rig: Rig, reference: Reference, *, seconds: float, name: str, seed: int, noisy: bool) -> Record:

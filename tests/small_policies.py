@@ -6,9 +6,8 @@ from itertools import pairwise
 import numpy as np
 
 from hybrid_sysid_ros.control import Problem
-from hybrid_sysid_ros.control.policy.adaptation import Correction
-from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.control.policy.training_range import TrainingRange
+from hybrid_sysid_ros.control.policy.kernels import TrainingRange
+from hybrid_sysid_ros.control.policy.policy import Correction, Policy
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.models import Model, Sampling
 from tests.one_joint import Linear

@@ -8,7 +8,7 @@ import pytest
 
 from hybrid_sysid_ros import models
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import rollouts, stepped
+from hybrid_sysid_ros.core import one_step, rollouts
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.identification import evaluate, identify, prepare
 from hybrid_sysid_ros.identification.fitting import fit
@@ -158,7 +158,7 @@ def test_compiled_steps_of_four_states_are_the_traced_ones(structure):
     step = symbolic_step(system, step=0.005)
     for _ in range(20):
         x, u = random.normal(size=len(system.states)), random.normal(size=1)
-        np.testing.assert_allclose(stepped(system, x, u, step=0.005), np.array(step(x, u)).ravel(), rtol=1e-9)
+        np.testing.assert_allclose(one_step(system, x, u, step=0.005), np.array(step(x, u)).ravel(), rtol=1e-9)
 
 
 def test_friction_on_a_rig_without_contacts_is_refused(motor):

@@ -62,12 +62,12 @@ def test_it_is_the_system_under_the_inputs_with_their_biases():
 def test_its_slopes_are_what_simulations_differ_by():
     biased, drive, begin = Biased(physics=Sled(), spreads=(0.5, 0.2)), inputs(1, 120), np.zeros(5)
     sensitivities = Sensitivities(biased, parameters=(), states=[2, 3])
-    slopes, starts = np.empty((121, 2, sensitivities.count)), np.array([[0, 0, 121, 0]])
-    sensitivities.rollouts(biased, starts, begin[None], drive, step=SAMPLING.step, every=1, out=slopes)
+    jacobian, starts = np.empty((121, 2, sensitivities.count)), np.array([[0, 0, 121, 0]])
+    sensitivities.rollouts(biased, starts, begin[None], drive, step=SAMPLING.step, every=1, out=jacobian)
     for column, state in enumerate((2, 3)):
         moved = 1e-6 * np.eye(5)[state]
         above, below = (along(biased, drive, begin + sign * moved)[1] for sign in (1.0, -1.0))
-        np.testing.assert_allclose(slopes[:, :, column], (above - below) / 2e-6, rtol=1e-4, atol=1e-7)
+        np.testing.assert_allclose(jacobian[:, :, column], (above - below) / 2e-6, rtol=1e-4, atol=1e-7)
 
 
 def records() -> list[Experiment]:

@@ -25,10 +25,9 @@ from hybrid_sysid_ros.control.safety.certified_loops import (
     Criteria,
     Distribution,
 )
-from hybrid_sysid_ros.control.safety.online_check import REASONS, Tolerances
-from hybrid_sysid_ros.control.safety.supervisor import Supervisor
+from hybrid_sysid_ros.control.safety.supervisor import REASONS, Supervisor, Tolerances
 from hybrid_sysid_ros.control.scenarios import Spread
-from hybrid_sysid_ros.core import stepped
+from hybrid_sysid_ros.core import one_step
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.support.errors import UserError
 from tests.straight_beam import straight
@@ -204,7 +203,7 @@ def by_hand(certification, scenario, driver):
         cost += problem.rate_weights[0] * (given.input[0] - u[0]) ** 2
         u = given.input.copy()
         for _ in range(problem.substeps):
-            x = stepped(scenario.plant, x, u + disturbance, step=problem.period / problem.substeps)
+            x = one_step(scenario.plant, x, u + disturbance, step=problem.period / problem.substeps)
         cost += problem.output_weights[0] * ((x[0] - scenario.references[k, 0]) / problem.output_scales[0]) ** 2
         inputs.append(u)
         exact.append(answer.input)

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.control.safety.certificate import FILE
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.controllers import check_tolerances
+from hybrid_sysid_ros.runtime.configuration import check_tolerances
 from hybrid_sysid_ros.runtime.policies import certification_of
 from tests.straight_beam import straight
 

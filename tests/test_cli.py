@@ -224,7 +224,6 @@ def test_an_interrupted_training_says_what_is_kept(command, linear_model, tmp_pa
     "arguments",
     [
         ("identify", "nowhere", "--out", "PLACE"),
-        ("search", "nowhere", "--out", "PLACE"),
         ("evaluate", "nowhere", "nowhere", "--report", "PLACE"),
         ("run", "--model", "nowhere", "--bag", "PLACE"),
         ("simulate", "multisine", "PLACE", "--duration", "3600"),
@@ -241,15 +240,6 @@ def test_a_command_says_where_it_cannot_write_before_anything_else(command, tmp_
 
 def test_a_bag_that_is_there_is_not_recorded_over_unasked(command):
     refused(command("run", "--model", "nowhere", "--bag", MULTISINE), "beam_multisine")
-
-
-def test_a_run_looks_at_its_picture_before_anything_starts(command, tmp_path):
-    pytest.importorskip("PIL", reason="needs the extra video")
-    (tmp_path / "text.jpg").write_text("no picture")
-    for name, why in {"text.jpg": "can't be identified", "none.jpg": "No such file"}.items():
-        answer = command("run", "--camera", "--picture", str(tmp_path / name), "--bag", str(tmp_path / "bag"))
-        refused(answer, name, "no JPEG or PNG that can be read", why)
-    assert not (tmp_path / "bag").exists()
 
 
 def test_a_model_is_not_put_in_place_of_the_current_folder(command, tmp_path, monkeypatch):

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.yaml_text import Dumper, parsed
 from tests.structures import residual
 
-NODES = ("plant", "estimator", "controller", "reference", "recorder", "player", "view")
+NODES = tuple(parameters.declarations())
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ import pytest
 
 from hybrid_sysid_ros.control.controller import Plan, Status, held
 from hybrid_sysid_ros.control.policy import policy as policies
-from hybrid_sysid_ros.control.policy.adaptation import Correction
+from hybrid_sysid_ros.control.policy.policy import Correction
 from hybrid_sysid_ros.control.safety.certificate import Certificate, bounds
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.support.errors import UserError

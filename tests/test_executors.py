@@ -1,21 +1,32 @@
-"""Executors: a callback is called at once, in the thread that spins; what it raises is raised there."""
+"""Executors: a callback is called at once, in the thread that spins; what it raises is raised there. So does rclpy's
+own, on which the nodes fall back, and the nodes work with it.
+"""
 
 from __future__ import annotations
 
+import signal
+import subprocess
+from pathlib import Path
 from threading import Thread
 
 import pytest
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
+from hybrid_sysid_ros.nodes import executors
+from hybrid_sysid_ros.nodes.executors import Executor
+from hybrid_sysid_ros.runtime import processes
+from hybrid_sysid_ros.support.versions import FALL_BACK, RCLPY_EXECUTOR, WARNED
 from tests.node_bench import Bench
+from tests.test_managed_nodes import ACTIVATE, DEACTIVATE, ask, change, set_parameter, state
 
 
-@pytest.fixture
-def bench(domain: int) -> Bench:
-    return Bench(domain)
+@pytest.fixture(params=[Executor, SingleThreadedExecutor], ids=["ours", "rclpy"])
+def bench(domain: int, request: pytest.FixtureRequest) -> Bench:
+    return Bench(domain, executor=request.param)
 
 
 def test_callbacks_of_one_turn_come_in_their_order_and_none_twice(bench: Bench) -> None:
@@ -47,6 +58,7 @@ def test_what_a_callback_raises_is_raised_where_the_executor_spins_and_it_goes_o
     bench.close()
 
 
+@pytest.mark.parametrize("bench", [Executor], indirect=True)
 def test_a_callback_may_be_a_coroutine_but_not_wait(bench: Bench) -> None:
     calls: list[int] = []
 
@@ -140,3 +152,48 @@ def test_it_can_be_ended_from_another_thread_while_it_waits(bench: Bench) -> Non
     thread.join(5.0)
     assert not thread.is_alive()
     bench.close()
+
+
+def test_a_private_name_that_rclpy_no_longer_has_is_found_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert executors._missing() == []
+    monkeypatch.delattr("rclpy.executors.Executor._take_timer")
+    monkeypatch.setattr("rclpy.executors.Executor.__init__", lambda self: None)
+    assert {"_take_timer", "_tasks_lock"} <= set(executors._missing())
+
+
+@pytest.mark.parametrize("without", ["", RCLPY_EXECUTOR.name], ids=["ours", "rclpy"])
+def test_a_loop_in_one_process_is_served_managed_and_ended(
+    domain: int, without: str, model_folder: Path, policy_folder: Path, tmp_path: Path
+) -> None:
+    given: dict[str, object] = {"model": str(model_folder), "policy_path": str(policy_folder), "policy": "network"}
+    nodes: dict[str, dict[str, object]] = {
+        "plant": {"seed": 1},
+        "estimator": {"model": given["model"]},
+        "controller": given,
+        "reference": {"kind": "constant"},
+    }
+    command = processes.composed(nodes, tmp_path / "parameters.yaml", rig="cam_beam", namespace="cam_beam")
+    environment = {**processes.environment(domain), FALL_BACK: without, WARNED: ""}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    bench = Bench(domain)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        commands = bench.listen("joint_command")
+        bench.until(lambda: len(commands) > 20)
+        assert ask(bench, Trigger, "controller/hold", Trigger.Request()).success
+        assert "choose one of" in set_parameter(bench, "reference", "kind", "walk")
+        assert state(bench, "controller") == "active"
+        assert change(bench, "controller", DEACTIVATE)
+        assert not change(bench, "controller", DEACTIVATE)  # rclpy would end the node
+        assert change(bench, "controller", ACTIVATE)
+        commands.clear()
+        bench.until(lambda: len(commands) > 20)
+    finally:
+        process.send_signal(signal.SIGINT)
+        told, complaints = process.communicate(timeout=20.0)
+        bench.close()
+    assert process.returncode == 0
+    assert told.count('"node"') == len(nodes)  # the last diagnostics of each
+    assert complaints.count("its own executor is used") == bool(without)
+    assert "rror" not in complaints

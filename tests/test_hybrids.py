@@ -135,9 +135,9 @@ def test_slopes_are_those_of_differences(kind, start):
     assert share == 1.0 if start < 1.0 else 0.02 < share < 0.98
     starts, first, inputs = np.array([[0, 0, 5, 0]]), np.array([[start, 0.4]]), np.full((4, 1), 0.7)
     told = Sensitivities(hybrid)
-    slopes = np.empty((5, 2, told.count))
-    told.rollouts(hybrid, starts, first, inputs, step=STEP, every=1, out=slopes)
-    weights, columns = hybrid.weights, slopes[:, :, 2 : 2 + len(hybrid.weights)]
+    jacobian = np.empty((5, 2, told.count))
+    told.rollouts(hybrid, starts, first, inputs, step=STEP, every=1, out=jacobian)
+    weights, columns = hybrid.weights, jacobian[:, :, 2 : 2 + len(hybrid.weights)]
     for column, nudge in zip(np.moveaxis(columns, 2, 0), 1e-5 * np.eye(len(weights)), strict=True):
         after, before = (
             rollouts(hybrid.with_weights(weights + way), starts, first, inputs, step=STEP)[1] for way in (nudge, -nudge)

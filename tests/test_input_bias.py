@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import Dry, System, rollouts, stepped
+from hybrid_sysid_ros.core import Dry, System, one_step, rollouts
 from hybrid_sysid_ros.identification.validation.input_bias import adapt, estimate
 from hybrid_sysid_ros.identification.validation.unstable import UnstableError
 from hybrid_sysid_ros.models import Sampling
@@ -138,7 +138,7 @@ def test_a_model_whose_free_run_says_nothing_tells_no_bias():
     states, torque, fallen = np.zeros((len(time), 2)), np.zeros((len(time), 1)), Upright()
     for k in range(len(time) - 1):
         torque[k] = 0.3 * random.normal() - np.array(GAINS) @ states[k]
-        states[k + 1] = stepped(fallen, states[k], torque[k], step=h)
+        states[k + 1] = one_step(fallen, states[k], torque[k], step=h)
     record = Record(name="held", time=time, input=torque, output=states[:, :1])
     with pytest.raises(UnstableError, match="held: an open free run over 20 s says nothing"):
         adapt(fallen, record, sampling=SAMPLING, spans=np.array([20.0]), seconds=5.0)

@@ -31,7 +31,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import ReliabilityPolicy
 from std_srvs.srv import Trigger
 
-from hybrid_sysid_ros.nodes import middleware
+from hybrid_sysid_ros.nodes import managed, middleware
 from hybrid_sysid_ros.nodes.composed import compose
 from hybrid_sysid_ros.nodes.controller import ControllerNode, Mode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
@@ -409,3 +409,30 @@ def test_a_hundred_nodes_one_after_the_other_leave_nothing_behind(domain: int) -
     assert threads <= settled[0]
     assert files <= settled[1]
     assert memory < settled[2] + MEMORY
+
+
+def test_a_loop_that_does_not_get_to_a_service_in_time_is_told_and_does_nothing_later(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(managed, "PATIENCE", 0.05)
+    done: list[int] = []
+    monkeypatch.setattr(EstimatorNode, "own_services", lambda node: {"reset": lambda: done.append(1)})
+    node = bench.start(EstimatorNode)
+    node.thread = -1  # a loop that never turns
+    answer = ask(bench, Trigger, "estimator/reset", Trigger.Request())
+    assert not answer.success
+    assert "did not get to it after 0.05 s" in answer.message
+    node.thread = None
+    bench.executor.spin_once(timeout_sec=0.05)
+    assert not done
+    assert ask(bench, Trigger, "estimator/reset", Trigger.Request()).success
+    assert done
+
+
+def test_an_error_without_words_is_told_by_its_name(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> None:
+        raise TimeoutError
+
+    monkeypatch.setattr(EstimatorNode, "own_services", lambda node: {"reset": fail})
+    bench.start(EstimatorNode)
+    assert "TimeoutError" in ask(bench, Trigger, "estimator/reset", Trigger.Request()).message

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import Variable, compiled, simulate, stepped
+from hybrid_sysid_ros.core import Variable, compiled, one_step, simulate
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.identification import Experiment, free_run, prepare, score
 from hybrid_sysid_ros.identification.fitting import fit
@@ -105,7 +105,9 @@ def physical(narx):
 def started(narx, item):
     """An experiment that begins where the lags of an equation do."""
     inputs = np.concatenate([item.inputs, item.inputs[-1:]])
-    return dataclasses.replace(item, states=narx.observed(item.outputs, np.zeros_like(item.outputs), inputs))
+    return dataclasses.replace(
+        item, states=narx.record_map().states_from_record(item.outputs, np.zeros_like(item.outputs), inputs)
+    )
 
 
 # The equation
@@ -119,7 +121,7 @@ def test_the_published_model_simulates_as_published(experiments):
     record = experiments["05_multisine_01"]
     outputs, inputs = record.output[::50], record.input[::50]
     narx = published()
-    states = narx.observed(outputs[:, None], np.zeros((len(outputs), 1)), inputs[:, None])
+    states = narx.record_map().states_from_record(outputs[:, None], np.zeros((len(outputs), 1)), inputs[:, None])
     # It begins with three measured outputs, as SysIdentPy's predictions do.
     simulated = simulate(narx, states[2], inputs[2:-1, None], step=0.05)[:, 0]
     error = outputs - np.concatenate([outputs[:2], simulated])
@@ -143,7 +145,7 @@ def test_the_compiled_and_the_casadi_form_agree(reach):
     random = np.random.default_rng(1)
     for _ in range(200):
         x, u = reach * random.uniform(-5, 5, 5), reach * random.uniform(-10, 10, 1)
-        following = stepped(narx, x, u, step=0.05)
+        following = one_step(narx, x, u, step=0.05)
         np.testing.assert_allclose(following, np.array(symbolic(x, u)).ravel(), rtol=1e-11, atol=1e-12)
 
 
@@ -167,7 +169,7 @@ def test_a_short_recurrence_by_hand():
 
 def test_states_are_the_records_own_past_and_extrapolated_before_it():
     outputs, rates, inputs = np.array([[1.0], [4.0], [9.0], [16.0]]), np.full((4, 1), 20.0), np.arange(4.0)[:, None]
-    states = published().observed(outputs, rates, inputs)
+    states = published().record_map().states_from_record(outputs, rates, inputs)
     # y(k), y(k-1), y(k-2), u(k-1), u(k-2); at 20 a second the output rose by 1 a sample before.
     np.testing.assert_allclose(
         states, [[1, 0, -1, 0, 0], [4, 1, 0, 0, 0], [9, 4, 1, 1, 0], [16, 9, 4, 2, 1]], atol=1e-12
@@ -288,7 +290,7 @@ def test_each_output_of_several_has_its_own_terms_in_all_signals():
     np.testing.assert_allclose(free_run(found, started(found, item)), y, atol=1e-8)
     symbolic = symbolic_step(found, step=0.05)
     x, drive = random.normal(size=len(found.states)), random.normal(size=2)
-    np.testing.assert_allclose(stepped(found, x, drive, step=0.05), np.array(symbolic(x, drive)).ravel(), rtol=1e-12)
+    np.testing.assert_allclose(one_step(found, x, drive, step=0.05), np.array(symbolic(x, drive)).ravel(), rtol=1e-12)
 
 
 def test_refinement_lowers_the_error_of_the_simulation():

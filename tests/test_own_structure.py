@@ -1,4 +1,4 @@
-"""docs/own-structure.md, word for word: a structure of another package is identified, stored, loaded, judged and run."""
+"""docs/own-structure.md, word for word: a structure of another package is identified, stored, loaded and run."""
 
 from __future__ import annotations
 

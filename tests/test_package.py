@@ -11,7 +11,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
-import setuptools
+import setuptools  # type: ignore[import-untyped]
 
 from hybrid_sysid_ros.support import extensions
 
@@ -24,6 +24,7 @@ ROOT = Path(__file__).parents[1]
 MANIFEST = ElementTree.parse(ROOT / "package.xml").getroot()
 DEPENDS = {item.text for item in MANIFEST.findall("exec_depend")}
 ROS = "_(msgs|srvs|interfaces)$|^rcl|^launch"
+NODES_OF_EXTENSIONS = [str(path.relative_to(ROOT)) for path in extensions.HOME.glob("*/nodes")]
 NAMES = {"PyYAML": "yaml"}
 """What apt calls a library otherwise than PyPI does."""
 
@@ -48,7 +49,7 @@ def requirements(text: str) -> dict[str, str]:
 def test_the_manifest_names_every_package_of_ros_that_is_imported() -> None:
     ros = {
         name
-        for name in imported("nodes") | imported("launch")
+        for name in set().union(*(imported(folder) for folder in ("nodes", "launch", *NODES_OF_EXTENSIONS)))
         if re.search("_(msgs|srvs|interfaces)$|^rcl|^launch", name)
     }
     assert ros <= DEPENDS

@@ -14,8 +14,7 @@ from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.safety.certification import certify
 from hybrid_sysid_ros.control.safety.certified_loops import Certification, Criteria, Distribution
-from hybrid_sysid_ros.control.safety.online_check import Tolerances
-from hybrid_sysid_ros.control.safety.supervisor import Supervisor
+from hybrid_sysid_ros.control.safety.supervisor import Supervisor, Tolerances
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.models import storage
 

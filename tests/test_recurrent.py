@@ -9,7 +9,7 @@ import yaml
 from scipy.linalg import expm
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.core import Variable, simulate, stepped
+from hybrid_sysid_ros.core import Variable, one_step, simulate
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.identification import free_run, prepare, score
 from hybrid_sysid_ros.identification.gradient_training import Schedule, rollout, train, untrained
@@ -50,7 +50,7 @@ def test_the_compiled_and_the_casadi_form_are_the_textbook_step():
     symbolic = symbolic_step(system, step=0.05)
     for _ in range(100):
         x, u = random.uniform(-1, 1, 7), random.normal(size=1) * 6.0
-        following = stepped(system, x, u, step=0.05)
+        following = one_step(system, x, u, step=0.05)
         np.testing.assert_allclose(following, by_hand(system, x, u), rtol=1e-12, atol=1e-14)
         np.testing.assert_allclose(np.array(symbolic(x, u)).ravel(), following, rtol=1e-12, atol=1e-14)
 
@@ -68,7 +68,7 @@ def test_torch_simulates_as_the_compiled_form_does():
     starts, inputs = random.normal(size=(4, 2)) * [0.05, 0.2], random.normal(size=(60, 4, 1)) * 5.0
     expected = []
     for i in range(4):
-        start = system.observed(starts[i : i + 1, :1], starts[i : i + 1, 1:], inputs[:1, i])[0]
+        start = system.record_map().states_from_record(starts[i : i + 1, :1], starts[i : i + 1, 1:], inputs[:1, i])[0]
         expected.append(simulate(system, start, np.ascontiguousarray(inputs[:, i]), step=0.025, every=2)[1:, 0])
     found = rollout(system, torch.from_numpy(system.weights), starts, inputs, 2)
     np.testing.assert_allclose(found.numpy()[:, :, 0], np.transpose(expected), rtol=1e-10, atol=1e-13)
@@ -83,9 +83,9 @@ def test_all_forms_agree_with_several_inputs_and_outputs():
     symbolic = symbolic_step(system, step=0.05)
     for _ in range(20):
         x, u = random.uniform(-1, 1, 8), random.normal(size=2)
-        np.testing.assert_allclose(stepped(system, x, u, step=0.05), np.array(symbolic(x, u)).ravel(), rtol=1e-12)
+        np.testing.assert_allclose(one_step(system, x, u, step=0.05), np.array(symbolic(x, u)).ravel(), rtol=1e-12)
     starts, inputs = random.normal(size=(1, 4)), random.normal(size=(40, 1, 2))
-    start = system.observed(starts[:, :2], starts[:, 2:], inputs[:1, 0])[0]
+    start = system.record_map().states_from_record(starts[:, :2], starts[:, 2:], inputs[:1, 0])[0]
     expected = simulate(system, start, np.ascontiguousarray(inputs[:, 0]), step=0.05)[1:, :2]
     found = rollout(system, torch.from_numpy(system.weights), starts, inputs, 1)
     np.testing.assert_allclose(found.numpy()[:, 0], expected, rtol=1e-10, atol=1e-13)
@@ -98,7 +98,7 @@ def test_no_input_drives_the_position_beyond_its_bound(drive):
     bound = system.scales[0] * (np.abs(parts["readout"]).sum() + abs(parts["readout_bias"][0]))
     inputs = np.full((400, 1), drive)
     inputs[::2] *= -1
-    start = system.observed(np.array([[1e3]]), np.array([[-1e3]]), inputs[:1])[0]
+    start = system.record_map().states_from_record(np.array([[1e3]]), np.array([[-1e3]]), inputs[:1])[0]
     states = simulate(system, start, inputs, step=system.period)
     assert np.all(np.abs(states[1:, 0]) <= bound)
     assert np.all(np.abs(states[:, 2:]) <= 1.0)
@@ -168,7 +168,7 @@ def test_the_trained_network_answers_a_step_as_the_spring_does(spring):
     time = np.arange(61) * 0.05
     w = np.sqrt(12.0)
     exact = 5 / 16 * (1 - np.exp(-2 * time) * (np.cos(w * time) + 2 / w * np.sin(w * time)))
-    start = system.observed(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))[0]
+    start = system.record_map().states_from_record(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))[0]
     simulated = simulate(system, start, np.full((60, 1), 5.0), step=0.05)[:, 0]
     assert np.max(np.abs(simulated - exact)) < 0.05 * 5 / 16
 

@@ -93,9 +93,9 @@ def test_a_free_run_is_the_gray_box_s_and_the_recursion_beside_it() -> None:
 def test_its_derivatives_are_what_simulations_differ_by() -> None:
     system, inputs = residual(Belt()), drive(60)
     sensitivities = Sensitivities(system, states=[4, 7])
-    slopes, starts = np.empty((61, 2, sensitivities.count)), np.array([[0, 0, 61, 0]])
+    jacobian, starts = np.empty((61, 2, sensitivities.count)), np.array([[0, 0, 61, 0]])
     begin = np.full((1, len(system.states)), 0.01)
-    sensitivities.rollouts(system, starts, begin, inputs, step=0.005, out=slopes, every=1)
+    sensitivities.rollouts(system, starts, begin, inputs, step=0.005, out=jacobian, every=1)
 
     def outputs(moved: ResidualHybrid, state: np.ndarray) -> np.ndarray:
         return rollouts(moved, starts, state, inputs, step=0.005)[1]
@@ -116,7 +116,7 @@ def test_its_derivatives_are_what_simulations_differ_by() -> None:
             else:
                 state[0, [4, 7][column - free - len(system.weights)]] += change
             found.append(outputs(moved, state))
-        np.testing.assert_allclose(slopes[:, :, column], (found[0] - found[1]) / (2 * h), rtol=1e-4, atol=1e-6)
+        np.testing.assert_allclose(jacobian[:, :, column], (found[0] - found[1]) / (2 * h), rtol=1e-4, atol=1e-6)
 
 
 def test_the_mean_of_models_runs_in_their_mean() -> None:
@@ -205,7 +205,7 @@ def told(seed: int, steps: int = 3000, noise: float = 1e-5) -> Experiment:
     y[:, 0] += e[1:]
     y += noise * np.random.default_rng(seed).normal(size=y.shape)
     outputs = np.ascontiguousarray(y[::2])
-    states = Belt().observed(outputs, np.zeros_like(outputs), np.zeros((len(outputs), 2)))
+    states = Belt().record_map().states_from_record(outputs, np.zeros_like(outputs), np.zeros((len(outputs), 2)))
     states[0] = 0.0
     return Experiment(name=f"belt {seed}", sampling=SAMPLING, inputs=inputs, outputs=outputs, states=states)
 
@@ -226,7 +226,9 @@ def test_a_known_residual_comes_back() -> None:
     check_forgets(system, sequences)
     np.testing.assert_allclose(coefficients(system.reflections[:2]), TRUE, atol=2e-3)
     unseen = told(7)
-    prepared = replace(unseen, states=system.observed(unseen.outputs, 0.0 * unseen.outputs, np.zeros((1501, 2))))
+    prepared = replace(
+        unseen, states=system.record_map().states_from_record(unseen.outputs, 0.0 * unseen.outputs, np.zeros((1501, 2)))
+    )
     prepared.states[0] = 0.0
     error = prepared.outputs - free_run(system, prepared)
     before = unseen.outputs - free_run(Belt(), unseen)
@@ -281,7 +283,7 @@ def test_between_its_samples_it_goes_on_a_straight_line() -> None:
     system, inputs = residual(Belt()), drive(1)
     begin = np.random.default_rng(0).normal(size=len(system.states))
     whole, half = (simulate(system, begin, inputs, step=step)[-1] for step in (0.005, 0.0025))
-    memory = slice(4, 4 + len(system.memory))
+    memory = slice(4, 4 + len(system.added_states))
     np.testing.assert_allclose(half[memory], 0.5 * (begin + whole)[memory], rtol=1e-12)
 
 

@@ -9,8 +9,7 @@ from small_policies import PROBLEM, SPREAD, model_of  # type: ignore[import-not-
 
 from hybrid_sysid_ros.control import ExactMpc, scenarios
 from hybrid_sysid_ros.control.policy.samples import Samples, sample, scenario_of, shifted
-from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, plant_near
-from hybrid_sysid_ros.control.steady_motion import steady_motion
+from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, plant_near, steady_motion
 from hybrid_sysid_ros.support.errors import UserError
 
 CARTS_SPREAD = Spread(

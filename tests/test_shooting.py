@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded, rollouts, simulate, stepped
+from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded, one_step, rollouts, simulate
 from hybrid_sysid_ros.core.mathematics import sin
 from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.experiment import Experiment
@@ -62,7 +62,7 @@ def flown(seed: int, *, seconds: float = 40.0, system: System = PLANT, noise: fl
     disturbed = noise * NOISE * random.standard_normal((count + 1, 2))
     for k in range(count):
         u = pushed[k : k + 1] - GAINS @ (x[:2] + disturbed[k])
-        x = stepped(system, x, u, step=STEP)
+        x = one_step(system, x, u, step=STEP)
         states.append(x)
         inputs.append(u)
     outputs = np.array(states)[:, :2] + disturbed
@@ -79,7 +79,7 @@ def loop_of(inputs, first, feedback):
     """The same run in plain Python, (samples, states)."""
     x, found = first.copy(), [first.copy()]
     for u in inputs:
-        x = stepped(PLANT, x, u - feedback @ x, step=STEP)
+        x = one_step(PLANT, x, u - feedback @ x, step=STEP)
         found.append(x)
     return np.array(found)
 
@@ -92,8 +92,8 @@ def test_a_run_with_a_feedback_is_the_loop_and_its_slopes_are_those_of_differenc
     states, _ = rollouts(PLANT, starts, first[None], inputs, **given)
     np.testing.assert_allclose(states, loop_of(inputs, first, GAINS), atol=1e-12)
     sensitivities = Sensitivities(PLANT)
-    slopes = np.empty((61, 2, sensitivities.count))
-    sensitivities.rollouts(PLANT, starts, first[None], inputs, **given, out=slopes)
+    jacobian = np.empty((61, 2, sensitivities.count))
+    sensitivities.rollouts(PLANT, starts, first[None], inputs, **given, out=jacobian)
     nudge = 1e-6
     for k in range(5):
         values, begin = PLANT.values, first.copy()
@@ -102,7 +102,7 @@ def test_a_run_with_a_feedback_is_the_loop_and_its_slopes_are_those_of_differenc
         else:
             begin[k - 3] += nudge
         other, _ = rollouts(PLANT.with_values(values), starts, begin[None], inputs, **given)
-        np.testing.assert_allclose(slopes[:, :, k], (other - states) / nudge, atol=2e-4)
+        np.testing.assert_allclose(jacobian[:, :, k], (other - states) / nudge, atol=2e-4)
     with pytest.raises(ValueError, match="it needs 1 rows and 2 columns"):
         rollouts(PLANT, starts, first[None], inputs, step=STEP, feedback=np.zeros((2, 2)))
 

@@ -14,17 +14,18 @@ from small_policies import PROBLEM, TWO, policy_of  # type: ignore[import-not-fo
 from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.shooting import rollout
-from hybrid_sysid_ros.control.safety.online_check import (
+from hybrid_sysid_ros.control.safety.supervisor import (
     ACCEPTED,
     COSTLIER,
     DISTURBED,
     INFEASIBLE,
+    LAYERS,
     OUT_OF_RANGE,
     REASONS,
     WAITING,
+    Supervisor,
     Tolerances,
 )
-from hybrid_sysid_ros.control.safety.supervisor import LAYERS, Supervisor
 from hybrid_sysid_ros.support.errors import UserError
 
 ABSURD = [1e3, -1e6, 1e12, 1e300, np.inf, -np.inf, np.nan]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from small_policies import policy_of  # type: ignore[import-not-found]
 
-from hybrid_sysid_ros.control.policy.training_range import TrainingRange
+from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 
 
 def test_the_training_data_are_inside_their_range_and_what_is_far_from_them_is_not():

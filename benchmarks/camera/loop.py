@@ -26,8 +26,7 @@ from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.configuration import CAMERA
-from hybrid_sysid_ros.runtime.controllers import check_tolerances
+from hybrid_sysid_ros.runtime.configuration import CAMERA, check_tolerances
 from hybrid_sysid_ros.support.arrays import Array
 
 PERIOD = 0.005  # s, of estimates and commands

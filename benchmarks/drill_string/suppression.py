@@ -33,7 +33,7 @@ TRAINING, TEST = range(1000, 1012), range(100)
 """Seeds of the plants."""
 SPEED_LOOP = {"kp": 2.0, "ki": 5.0}
 """The one that sticks, at the plant's own steps."""
-PICTURE, SHOWN = Path(__file__).parents[2] / "docs" / "drill_string_brake.svg", 0
+PICTURE, SHOWN = Path(__file__).parents[2] / "docs" / "results" / "drill_string_brake.svg", 0
 """Where a plant's run is drawn, and its seed."""
 THINNED = 3
 """Every which sample is drawn."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.rollout import stepped
+from hybrid_sysid_ros.core.rollout import one_step
 from hybrid_sysid_ros.estimation import Tuning
 from hybrid_sysid_ros.rigs.excitation import multisine, random_steps
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -87,7 +87,7 @@ def drawn(system: System, tuning: Tuning, seed: int, *, samples: int) -> Run:
             at = k + 20 - int(whole)
             force = tuning.input_noise[0] / np.sqrt(PERIOD) * random.normal()
             drive = (1.0 - part) * past[at] + part * past[at - 1] + z[2] + force
-            following = stepped(system, z[:2], np.array([drive]), step=PERIOD)
+            following = one_step(system, z[:2], np.array([drive]), step=PERIOD)
             z = np.array([*following, z[2], *(turn @ z[3:])]) + np.sqrt(PERIOD) * drift * random.normal(size=5)
         measured[k] = z[0] + z[3] + tuning.measurement_noise[0] * random.normal()
         states[k] = z[:2]

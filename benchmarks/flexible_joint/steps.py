@@ -32,7 +32,7 @@ from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.controllers import check_tolerances
+from hybrid_sysid_ros.runtime.configuration import check_tolerances
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.arrays import Array
@@ -46,7 +46,7 @@ GAIN, INTEGRAL = (0.005, 2.0), (0.05, 50.0)
 """Where its numbers are sought [N m s/rad, 1/s]; both by their logarithms."""
 PRICE = 20.0
 """Of overshoot beyond OVERSHOOT [s]: a percent costs .2 s of mean settling time."""
-PICTURE, SHOWN = Path(__file__).parents[2] / "docs" / "flexible_joint_steps.svg", (3.4, 6.9)
+PICTURE, SHOWN = Path(__file__).parents[2] / "docs" / "results" / "flexible_joint_steps.svg", (3.4, 6.9)
 """Where the steps are drawn, and which seconds of them."""
 UNFORESEEN = {"reference": {"preview_seconds": 0.01, "publish_period": 0.005, "point_spacing": 0.005}}
 """Of the nodes: no reference is known more than 10 ms ahead."""

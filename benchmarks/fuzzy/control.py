@@ -13,7 +13,7 @@ from benchmarks.fuzzy.data import SEEDS, STEP
 from benchmarks.fuzzy.identification import model
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.core import System, stepped
+from hybrid_sysid_ros.core import System, one_step
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -55,8 +55,8 @@ def error(plant: System, system: System, *, disturbed: bool, corrected: bool, se
         preview = reference(k + np.arange(1, PROBLEM.horizon + 1)) - correction
         seen = np.array([reading - correction])
         u = controller.control(seen, np.zeros(1), u, preview[:, None]).input
-        expected = float(stepped(system, seen, u, step=STEP)[0])
-        x = stepped(plant, x, u, step=STEP)
+        expected = float(one_step(system, seen, u, step=STEP)[0])
+        x = one_step(plant, x, u, step=STEP)
     return float(np.sqrt(np.mean(np.square(errors))))
 
 

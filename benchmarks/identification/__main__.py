@@ -1,11 +1,11 @@
 """Identification beside SysIdentPy, jax-sysid and a plain PyTorch loop: free-run R2 on unseen records, and time.
 
-Every method gets the same real records (HYBRID_SYSID_DATA; see docs/bags.md) and is scored by the same strict free run
-on the raw output every 50 ms, under two protocols: trained on both multisines, tested on all seven records; and trained
-on the first halves of multisine and random steps, tested on the rest. Settings and seeds of the peers are chosen on the
-training records, which is timed apart and left out of the ratios; so is compilation. A ratio is the time at which a
-peer's fit first has this project's mean R2 on the test, as if one had known when to stop, over this project's time.
-A peer that isn't installed is skipped (extra: peers).
+Every method gets the same real records (HYBRID_SYSID_DATA; see docs/guides/bags.md) and is scored by the same strict
+free run on the raw output every 50 ms, under two protocols: trained on both multisines, tested on all seven records;
+and trained on the first halves of multisine and random steps, tested on the rest. Settings and seeds of the peers are
+chosen on the training records, which is timed apart and left out of the ratios; so is compilation. A ratio is the time
+at which a peer's fit first has this project's mean R2 on the test, as if one had known when to stop, over this
+project's time. A peer that isn't installed is skipped (extra: peers).
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ ALLOWED = {"memory_mb": 1.0, "files": 0.5, "threads": 0.5, "segments": 0.5, "del
 """What a quantity may rise by without growing: MB, numbers, and the share of a delay."""
 CHANCE = 0.01
 """Commands are missed beyond the sleeper where chance alone would do that more rarely."""
-PICTURE = Path(__file__).parents[2] / "docs" / "soak.svg"
+PICTURE = Path(__file__).parents[2] / "docs" / "results" / "soak.svg"
 Windows = dict[str, NDArray[np.float64]]
 
 

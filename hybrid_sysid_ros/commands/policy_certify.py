@@ -13,7 +13,7 @@ from hybrid_sysid_ros.commands.terminal import OwnRig, Seed, console, print_tabl
 from hybrid_sysid_ros.control.safety.certificate import FILE, FORMAT, LEAST_LOOPS, Certificate, find
 from hybrid_sysid_ros.control.safety.certification import certify
 from hybrid_sysid_ros.control.safety.certified_loops import EXACT, JUDGED, Certification
-from hybrid_sysid_ros.control.safety.online_check import REASONS
+from hybrid_sysid_ros.control.safety.supervisor import REASONS
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.runtime.policies import certification_of
 from hybrid_sysid_ros.support.errors import Interrupted, UserError

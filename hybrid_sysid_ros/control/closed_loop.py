@@ -10,8 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from hybrid_sysid_ros.control.controller import Controller, Status
-from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.control.stage_cost import stage_costs
+from hybrid_sysid_ros.control.problem import Problem, stage_costs
 from hybrid_sysid_ros.estimation import Estimate
 from hybrid_sysid_ros.support.arrays import Array
 

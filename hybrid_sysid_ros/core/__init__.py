@@ -3,9 +3,10 @@
 from hybrid_sysid_ros.core.compiled import compiled
 from hybrid_sysid_ros.core.contacts import Ageing, Bristles, Contact, Dry, Hysteretic, MaxwellSlip, Viscous
 from hybrid_sysid_ros.core.declaration import Variable
-from hybrid_sysid_ros.core.networks import Perceptron, Softsign
+from hybrid_sysid_ros.core.networks import Softsign
 from hybrid_sysid_ros.core.parameters import Parameter, bounded
-from hybrid_sysid_ros.core.rollout import Sensitivities, rollouts, simulate, sloped, stepped
+from hybrid_sysid_ros.core.record_map import RecordMap
+from hybrid_sysid_ros.core.rollout import Sensitivities, one_step, rollouts, simulate, step_with_jacobian
 from hybrid_sysid_ros.core.runge_kutta import RungeKutta
 from hybrid_sysid_ros.core.steppers import ImplicitFriction, Sampled, Stepper
 from hybrid_sysid_ros.core.system import Recurrence, System
@@ -19,7 +20,7 @@ __all__ = [
     "ImplicitFriction",
     "MaxwellSlip",
     "Parameter",
-    "Perceptron",
+    "RecordMap",
     "Recurrence",
     "RungeKutta",
     "Sampled",
@@ -31,8 +32,8 @@ __all__ = [
     "Viscous",
     "bounded",
     "compiled",
+    "one_step",
     "rollouts",
     "simulate",
-    "sloped",
-    "stepped",
+    "step_with_jacobian",
 ]

@@ -31,7 +31,7 @@ class Call:
     """(features,)."""
     outputs: casadi.SX
     """Symbols (outputs,) that stand for what the block gives."""
-    slopes: casadi.SX
+    jacobian: casadi.SX
     """Symbols (outputs, features) that stand for its derivatives."""
 
 
@@ -58,9 +58,11 @@ def tracing(calls: Calls) -> Iterator[Calls]:
 
 
 Kernels = tuple[Callable[..., None], Callable[..., None], Callable[..., None]]
-"""value(w, at, z, y): y (outputs,) from z (features,) with the weights w[at:]. slopes(w, at, z, y, by_z): and the
-derivatives (outputs x features) along rows. weight_slopes(w, at, z, factors, row, start): adds sum_k factors[k] dy_k/dw
-to row[start:], one entry a weight.
+"""The kernels of a block.
+
+value(w, at, z, y): y (outputs,) from the features z (features,) with the weights w[at:]. jacobian(w, at, z, y, by_z): y
+and its derivatives (outputs x features) along rows. weight_gradient(w, at, z, factors, row, start): adds
+sum_k factors[k] dy_k/dw to row[start:], one entry for each weight.
 """
 
 
@@ -122,7 +124,7 @@ class Block(ABC):
             block=self,
             features=casadi.vertcat(*z),
             outputs=casadi.SX.sym(f"y{number}", self.outputs),
-            slopes=casadi.SX.sym(f"g{number}", self.outputs, self.features),
+            jacobian=casadi.SX.sym(f"g{number}", self.outputs, self.features),
         )
         calls.made.append(call)
         return list(casadi.vertsplit(call.outputs))
@@ -130,7 +132,7 @@ class Block(ABC):
 
 @inner
 def not_learnt(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
-    """Slopes by the weights of blocks that are trained by other means."""
+    """Derivatives by the weights of blocks that are trained by other means."""
 
 
 def weighed(row: Any, values: Any, start: Any) -> Any:

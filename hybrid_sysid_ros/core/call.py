@@ -12,15 +12,15 @@ from numba.extending import intrinsic
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.registers import memory_of
 
-__all__ = ["SLOPES", "VALUE", "call_slopes", "call_value", "compiled", "inner", "pointer"]
+__all__ = ["JACOBIAN", "VALUE", "call_jacobian", "call_value", "compiled", "inner", "pointer"]
 
 _NUMBERS = types.CPointer(types.float64)
 VALUE = types.void(_NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, types.float64, types.float64, _NUMBERS)
 """function(x, u, p, w, h, s, out): x (states,), u (inputs,), p (parameters,), w (weights,), h the step [s], s the
 smoothing; ``out`` receives the states after the step, or the outputs. No array may be another one.
 """
-SLOPES = types.void(_NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, types.float64, types.float64, _NUMBERS, _NUMBERS)
-"""function(x, u, p, w, h, s, out, slopes): and the derivatives along rows, see :class:`~.printing.Columns`."""
+JACOBIAN = types.void(_NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, types.float64, types.float64, _NUMBERS, _NUMBERS)
+"""function(x, u, p, w, h, s, out, jacobian): and the derivatives along rows, see :class:`~.printing.Columns`."""
 
 
 def compiled(signature: Any) -> Callable[[Any], Any]:
@@ -72,6 +72,6 @@ def call_value(typingctx, address, x, u, p, w, h, s, out):  # type: ignore[no-un
 
 
 @intrinsic
-def call_slopes(typingctx, address, x, u, p, w, h, s, out, slopes):  # type: ignore[no-untyped-def]
-    """Call a function of the signature SLOPES; the arrays are whole and of numbers."""
-    return _by_address(4, 2)(typingctx, address, x, u, p, w, h, s, out, slopes)
+def call_jacobian(typingctx, address, x, u, p, w, h, s, out, jacobian):  # type: ignore[no-untyped-def]
+    """Call a function of the signature JACOBIAN; the arrays are whole and of numbers."""
+    return _by_address(4, 2)(typingctx, address, x, u, p, w, h, s, out, jacobian)

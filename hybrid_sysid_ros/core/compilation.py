@@ -24,24 +24,28 @@ from typing import Any
 import numba
 from numba.extending import register_jitable
 
+from hybrid_sysid_ros.support.versions import NUMBA_CACHE, NUMBA_COMPILER
+
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 """For ``numba.njit`` of a function that Python calls; no C code calls one. Without the entries that nobody uses,
 compiling takes a quarter less memory and a tenth less time in a node.
 """
 
-PARTS_FOR = "0.68."
-"""The release of numba whose own passes parts rest on. With another one all is compiled as usual: it takes longer."""
-
 
 def _part_options() -> dict[str, Any]:
-    if not numba.__version__.startswith(PARTS_FOR):
-        return {}
-    from hybrid_sysid_ros.core.parts import PartCompiler
+    if NUMBA_COMPILER.usable():
+        try:
+            from hybrid_sysid_ros.core.parts import PartCompiler
 
-    return {"pipeline_class": PartCompiler}
+            return {"pipeline_class": PartCompiler}
+        except (ImportError, AttributeError) as error:
+            NUMBA_COMPILER.usable([f"name that its parts need ({error})"])
+    return {}
 
 
-inner = register_jitable(**OPTIONS, no_cpython_wrapper=True, **_part_options())
+_PART_OPTIONS = _part_options()
+
+inner = register_jitable(**OPTIONS, no_cpython_wrapper=True, **_PART_OPTIONS)
 """Decorator of a function that only compiled code calls. Called from Python it runs as it is written there."""
 
 UNUSED_DAYS = 30.0
@@ -61,8 +65,11 @@ def kernel(function: Callable[..., Any], signature: str | None = None) -> Any:
     with kept_in(place):
         made = numba.njit(cache=True, fastmath={"contract"}, **OPTIONS)(function)
         # Two processes that keep code for other arguments at the same time could give one the other's.
-        file = made._cache._cache_file
-        file.save = _in_turn(file.save, place / "lock")
+        file: Any = getattr(getattr(made, "_cache", None), "_cache_file", None)
+        if NUMBA_CACHE.usable([] if hasattr(file, "save") else ["Dispatcher._cache._cache_file.save"]):
+            file.save = _in_turn(file.save, place / "lock")
+        else:
+            made = numba.njit(fastmath={"contract"}, **OPTIONS)(function)
         if signature is not None:
             made.compile(signature)
             made.disable_compile()
@@ -95,7 +102,7 @@ def digest(*modules: str) -> str:
 
     The modules are loaded, or being loaded behind their first imports.
     """
-    found = hashlib.sha256(numba.__version__.encode())
+    found = hashlib.sha256(f"{numba.__version__} {len(_PART_OPTIONS)}".encode())
     packages = {_PACKAGE, *(name.partition(".")[0] for name in modules)}
     seen: set[str] = set()
     ahead = list(modules)

@@ -19,12 +19,12 @@ from hybrid_sysid_ros.core.system import System
 class Compiled:
     """The compiled functions of a form of system, by address; values of parameters and weights are arguments.
 
-    step, output: functions of the signature :data:`~.call.VALUE`. The others are of :data:`~.call.SLOPES`.
+    step, output: functions of the signature :data:`~.call.VALUE`. The others are of :data:`~.call.JACOBIAN`.
     """
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self._slopes: dict[tuple[bool, bool, bool], tuple[int, Columns]] = {}
+        self._jacobians: dict[tuple[bool, bool, bool], tuple[int, Columns]] = {}
 
     @cached_property
     def step(self) -> int:
@@ -36,16 +36,17 @@ class Compiled:
         """The output map."""
         return self._address(source_of(self._system, output=True))
 
-    def slopes(self, *, output: bool = False, smooth: bool = False, learn: bool = False) -> tuple[int, Columns]:
-        """A step or the output map with slopes by states and inputs, for fits also by parameters and weights; smooth:
-        stick-slip is rounded.
+    def jacobian(self, *, output: bool = False, smooth: bool = False, learn: bool = False) -> tuple[int, Columns]:
+        """The step or the output map with its Jacobian by states and inputs, for fits also by parameters and weights.
+
+        smooth: stick-slip is rounded.
         """
         key = (output, smooth, learn)
-        if key not in self._slopes:
+        if key not in self._jacobians:
             columns = columns_of(self._system, learn=learn)
             address = self._address(source_of(self._system, columns, output=output, smooth=smooth))
-            self._slopes[key] = address, columns
-        return self._slopes[key]
+            self._jacobians[key] = address, columns
+        return self._jacobians[key]
 
     def _address(self, source: str) -> int:
         """Address of the function of a printed module."""

@@ -78,28 +78,28 @@ def equilibrium(system: System, at: Mapping[str, float] | None = None) -> Equili
     staying = np.eye(n, n + m) if system.sampling_time else np.zeros((n, n + m))
 
     def moving(point: Array) -> tuple[Array, Array]:
-        """What still moves at a point, (states,), and its slopes by states and inputs."""
+        """What still moves at a point, (states,), and its derivatives by states and inputs."""
         states = np.concatenate([point[:n], hidden])
-        found, slopes = (np.array(part) for part in rates(states, point[n:]))
+        found, jacobian = (np.array(part) for part in rates(states, point[n:]))
         held_back = np.eye(n, n + m) * viscous(system, states, point[n:])[:, None] + staying
-        by_all = np.delete(slopes, np.s_[n : n + len(hidden)], axis=1)
+        by_all = np.delete(jacobian, np.s_[n : n + len(hidden)], axis=1)
         return found.ravel() - held_back @ point, by_all - held_back
 
     point = np.array([held.get(name, 0.0) for name in names])
-    left, slopes = moving(point)
+    left, jacobian = moving(point)
     for _ in range(NEWTON_STEPS):
-        scale = np.maximum(np.max(np.abs(slopes), axis=1, initial=0.0), 1e-12)
+        scale = np.maximum(np.max(np.abs(jacobian), axis=1, initial=0.0), 1e-12)
         if not np.isfinite(left / scale).all():
             break
         change = np.zeros(n + m)
-        change[free] = np.linalg.lstsq(slopes[:, free] / scale[:, None], -left / scale, rcond=1e-12)[0]
+        change[free] = np.linalg.lstsq(jacobian[:, free] / scale[:, None], -left / scale, rcond=1e-12)[0]
         least = np.sum((left / scale) ** 2)
         tried = (point + 0.5**halving * change for halving in range(HALVINGS))
         better = next((at for at in tried if np.sum((moving(at)[0] / scale) ** 2) < least), None)
         if better is None:
             break
         point = better
-        left, slopes = moving(point)
+        left, jacobian = moving(point)
     share = np.nan_to_num(np.abs(left / scale), nan=np.inf)
     if np.max(share) > STEADY:
         worst = int(np.argmax(share))

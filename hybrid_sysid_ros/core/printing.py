@@ -1,6 +1,6 @@
 """Printing: a trace as the source of compiled functions, a line an operation.
 
-Every printed function has the signature of :data:`VALUE` or :data:`SLOPES`, whatever the system, so that loops over
+Every printed function has the signature of :data:`VALUE` or :data:`JACOBIAN`, whatever the system, so that loops over
 steps (rollouts, filters, shooting) are compiled once for all and take functions by their addresses.
 """
 
@@ -24,7 +24,7 @@ PRELUDE = '''"""Printed from {name}, linked with sources of digest {digest}; mad
 
 import math
 
-from hybrid_sysid_ros.core.call import SLOPES, VALUE, compiled, inner
+from hybrid_sysid_ros.core.call import JACOBIAN, VALUE, compiled, inner
 from hybrid_sysid_ros.core.registers import scratch
 '''
 
@@ -66,7 +66,7 @@ _OPERATIONS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Columns:
-    """By what slopes are: states, inputs, some parameters (by index) and, where asked for, the weights, in order."""
+    """Columns of a Jacobian: states, inputs, some parameters (by index) and, where asked for, the weights, in order."""
 
     states: int
     inputs: int
@@ -83,14 +83,14 @@ class Columns:
 
 
 def columns_of(system: System, *, learn: bool) -> Columns:
-    """Slopes by states and inputs; where a fit learns also by all parameters that are not fixed, and the weights."""
+    """Columns by states and inputs; for a fit (learn) also by all parameters that are not fixed, and by the weights."""
     free = tuple(i for i, item in enumerate(system.parameters) if not item.fixed) if learn else ()
     weights = len(system.weights) if learn else 0
     return Columns(states=len(system.states), inputs=len(system.inputs), parameters=free, weights=weights)
 
 
 def source_of(system: System, columns: Columns | None = None, *, output: bool = False, smooth: bool = False) -> str:
-    """Source of the module whose ``function`` is the step, or the output map, with slopes by the columns if any.
+    """Source of the module whose ``function`` is the step, or the output map, with its Jacobian by the columns if any.
 
     Raises UserError for a wrong law.
     """
@@ -100,7 +100,7 @@ def source_of(system: System, columns: Columns | None = None, *, output: bool = 
     else:
         trace_of = trace.law_of if staged else trace.step_of
         traced = trace_of(system, smooth=smooth)
-    signature, more = ("VALUE", "") if columns is None else ("SLOPES", ", slopes")
+    signature, more = ("VALUE", "") if columns is None else ("JACOBIAN", ", jacobian")
     decorator, name = ("@inner", "law") if staged else (f"@compiled({signature})", "function")
     lines = [decorator, f"def {name}(x, u, p, w, h, s, out{more}):"]
     lines += [f"    {line}" for line in _body(traced, columns)]
@@ -118,7 +118,7 @@ def _head(system: System, calls: Sequence[Call]) -> str:
     lines = [PRELUDE.format(name=type(system).__name__, digest=digest(call_module.__name__, *modules)).rstrip()]
     lines += sorted({f"from {kind.__module__} import {kind.__name__}" for kind in makers.values()})
     lines += [""] if makers else []
-    lines += [f"value_{i}, slopes_{i}, weight_slopes_{i} = {code}.functions" for i, code in enumerate(makers)]
+    lines += [f"value_{i}, jacobian_{i}, weight_gradient_{i} = {code}.functions" for i, code in enumerate(makers)]
     return "\n".join(lines)
 
 
@@ -150,8 +150,8 @@ def _body(traced: Trace, columns: Columns | None) -> Iterator[str]:
             yield f"value_{which}(w, {block.at}, z{number}, y{number})"
         else:
             yield f"g{number} = scratch({block.outputs * block.features})"
-            yield f"slopes_{which}(w, {block.at}, z{number}, y{number}, g{number})"
-            known.append((f"g{number}", casadi.vec(call.slopes.T)))  # along rows
+            yield f"jacobian_{which}(w, {block.at}, z{number}, y{number}, g{number})"
+            known.append((f"g{number}", casadi.vec(call.jacobian.T)))  # along rows
         known.append((f"y{number}", call.outputs))
     if columns is None:
         yield from _assigned(known, {"out": traced.result}, names)
@@ -166,14 +166,14 @@ def _body(traced: Trace, columns: Columns | None) -> Iterator[str]:
         total = casadi.jacobian(call.features, seed)
         for before, slope in zip(calls[:number], through, strict=False):
             total += casadi.mtimes(casadi.jacobian(call.features, before.outputs), slope)
-        through.append(casadi.mtimes(call.slopes, total))
+        through.append(casadi.mtimes(call.jacobian, total))
     jacobian = casadi.jacobian(traced.result, seed)
     by_call = [casadi.jacobian(traced.result, call.outputs) for call in calls]
     for direct, slope in zip(by_call, through, strict=True):
         jacobian += casadi.mtimes(direct, slope)
     yield f"for i in range({traced.result.numel() * width}):"
-    yield "    slopes[i] = 0.0"
-    yield from _assigned(known, {"out": traced.result, f"slopes:{width}": casadi.sparsify(jacobian)}, names)
+    yield "    jacobian[i] = 0.0"
+    yield from _assigned(known, {"out": traced.result, f"jacobian:{width}": casadi.sparsify(jacobian)}, names)
     if columns.weights:
         yield from _by_weights(traced, columns, known, by_call, names)
 
@@ -181,12 +181,14 @@ def _body(traced: Trace, columns: Columns | None) -> Iterator[str]:
 def _by_weights(
     traced: Trace, columns: Columns, known: Known, by_call: Sequence[casadi.SX], names: Iterator[str]
 ) -> Iterator[str]:
-    """Slopes by the weights: those of each call, by how the result depends on its outputs."""
+    """Derivatives by the weights: those of each call, by how the result depends on its outputs."""
     calls, kinds = traced.calls, _kinds(traced.calls)
     total = list(by_call)
     for later in range(len(calls) - 1, -1, -1):  # what a call gives, later calls may read
         for number in range(later):
-            through = casadi.mtimes(calls[later].slopes, casadi.jacobian(calls[later].features, calls[number].outputs))
+            through = casadi.mtimes(
+                calls[later].jacobian, casadi.jacobian(calls[later].features, calls[number].outputs)
+            )
             total[number] = total[number] + casadi.mtimes(total[later], through)
     for number, call in enumerate(calls):
         factors = casadi.sparsify(total[number])
@@ -196,8 +198,8 @@ def _by_weights(
                 yield from _assigned(known, {f"f{number}": casadi.densify(factors[row, :].T)}, names)
                 start = row * columns.count + columns.first_weight + call.block.at
                 yield (
-                    f"weight_slopes_{kinds.index(call.block.code)}(w, {call.block.at}, z{number}, f{number}, slopes, "
-                    f"{start})"
+                    f"weight_gradient_{kinds.index(call.block.code)}(w, {call.block.at}, z{number}, f{number}, "
+                    f"jacobian, {start})"
                 )
 
 

@@ -139,7 +139,7 @@ added = _elementwise(lambda builder, a, b: builder.fadd(a, b, flags=FUSED))
 """a + b, lane by lane."""
 multiplied = _elementwise(lambda builder, a, b: builder.fmul(a, b, flags=FUSED))
 """a b, lane by lane."""
-tanh_slope = _elementwise(
+tanh_derivative = _elementwise(
     lambda builder, h: builder.fsub(constant(1.0, h.type.count), builder.fmul(h, h, flags=FUSED), flags=FUSED)
 )
 """1 - h^2: the derivative of h = tanh z."""

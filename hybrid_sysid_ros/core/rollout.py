@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hybrid_sysid_ros.core.call import call_slopes, call_value, pointer
+from hybrid_sysid_ros.core.call import call_jacobian, call_value, pointer
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.compiled import compiled
 from hybrid_sysid_ros.core.system import System
@@ -25,7 +25,7 @@ step [s] and the delays of the inputs in steps (inputs,).
 
 
 def dynamics(step: int, output: int, system: System, h: float) -> Dynamics:
-    """With a system's values; step, output: addresses of functions with or without slopes, h: the step [s]."""
+    """With a system's values; step, output: addresses of functions with or without derivatives, h: the step [s]."""
     return step, output, system.values, system.weights, h, system.input_delays / h
 
 
@@ -147,7 +147,7 @@ def advance(step: int, x: Array, u: Array, p: Array, w: Array, h: float, followi
     call_value(step, x, u, p, w, h, 0.0, following)
 
 
-def stepped(system: System, x: Array, u: Array, *, step: float) -> Array:
+def one_step(system: System, x: Array, u: Array, *, step: float) -> Array:
     """The states (states,) one step [s] after x (states,) under inputs u (inputs,) that act now, without delay.
 
     Raises ValueError for arrays of other sizes.
@@ -167,29 +167,29 @@ def output_of(system: System, x: Array, u: Array) -> Array:
     return outputs
 
 
-def sloped(
+def step_with_jacobian(
     system: System, x: ArrayLike, u: ArrayLike, *, step: float,
     smoothing: float = 0.0, output: bool = False, learn: bool = False,
 ) -> tuple[Array, Array]:  # fmt: skip
     """The states a step [s] after x (states,) under inputs u (inputs,) that act now, or the outputs there, and their
-    slopes (rows, columns) by states and inputs, and with ``learn`` by parameters and weights.
+    Jacobian (rows, columns) by states and inputs, and with ``learn`` by parameters and weights.
 
     smoothing: over which stick-slip is rounded, in the unit of the velocity; 0: it is not.
     """
-    address, columns = compiled(system).slopes(output=output, smooth=smoothing > 0.0, learn=learn)
+    address, columns = compiled(system).jacobian(output=output, smooth=smoothing > 0.0, learn=learn)
     rows = len(system.outputs if output else system.states)
-    value, slopes = np.empty(rows), np.empty((rows, columns.count))
+    value, jacobian = np.empty(rows), np.empty((rows, columns.count))
     given = np.array(x, dtype=float), np.array(u, dtype=float)
     _fitting(system, given[0][None], given[1][None])
-    _sloped(address, *given, system.values, system.weights, step, smoothing, value, slopes)
-    return value, slopes
+    _step_with_jacobian(address, *given, system.values, system.weights, step, smoothing, value, jacobian)
+    return value, jacobian
 
 
 @kernel
-def _sloped(
-    address: int, x: Array, u: Array, p: Array, w: Array, h: float, smoothing: float, value: Array, slopes: Array
+def _step_with_jacobian(
+    address: int, x: Array, u: Array, p: Array, w: Array, h: float, smoothing: float, value: Array, jacobian: Array
 ) -> None:
-    call_slopes(address, x, u, p, w, h, smoothing, value, slopes)
+    call_jacobian(address, x, u, p, w, h, smoothing, value, jacobian)
 
 
 class Sensitivities:
@@ -210,8 +210,8 @@ class Sensitivities:
         begins, in this order; None: by all.
         """
         functions = compiled(system)
-        self._step, found = functions.slopes(learn=True)
-        self._output, _ = functions.slopes(output=True, learn=True)
+        self._step, found = functions.jacobian(learn=True)
+        self._output, _ = functions.jacobian(output=True, learn=True)
         self.columns, free = found, list(found.parameters)
         self.parameters = free if parameters is None else list(parameters)
         self.weights = found.weights
@@ -261,14 +261,16 @@ def _tangents(
     wide: int,
     out: Array,
 ) -> None:
-    """Both functions have ``wide`` slopes. columns: of the slopes that are wanted as they are; of the states; for each
-    input the column of its delay, -1: none.
+    """The tangents of rollouts into ``out`` (samples, outputs, columns).
+
+    The Jacobians of both functions have ``wide`` columns. columns: those that are taken as they are; those of the
+    states; for each input the column of its delay, -1: it has none.
     """
     step, output, p, w, h, delays = model
     learnt, begun, delayed_by = columns
     n, m, rows, count, last = x0.shape[1], inputs.shape[1], out.shape[1], out.shape[2], inputs.shape[0] - 1
     x, following, u, change = np.empty(n), np.empty(n), np.empty(m), np.zeros(m)
-    y, slopes, by_output = np.empty(rows), np.empty((n, wide)), np.empty((rows, wide))
+    y, jacobian, by_output = np.empty(rows), np.empty((n, wide)), np.empty((rows, wide))
     tangent, moved = np.empty((n, count)), np.empty((n, count))
     for window in range(starts.shape[0]):
         first, k, samples, row = starts[window]
@@ -290,34 +292,34 @@ def _tangents(
                         before = min(max(k - whole - 1, first), last)
                         change[j] = (inputs[before, j] - inputs[late, j]) / h
                 if repeat < every:
-                    call_slopes(step, x, u, p, w, h, 0.0, following, slopes)
-                    _close(slopes, feedback, n)
-                    _chain(slopes, tangent, learnt, delayed_by, change, moved)
+                    call_jacobian(step, x, u, p, w, h, 0.0, following, jacobian)
+                    _close(jacobian, feedback, n)
+                    _chain(jacobian, tangent, learnt, delayed_by, change, moved)
                     x, following = following, x
                     tangent, moved = moved, tangent
                     k += 1
                 else:
-                    call_slopes(output, x, u, p, w, h, 0.0, y, by_output)
+                    call_jacobian(output, x, u, p, w, h, 0.0, y, by_output)
                     _close(by_output, feedback, n)
                     _chain(by_output, tangent, learnt, delayed_by, change, out[row + sample])
 
 
 @inner
-def _close(slopes: Any, feedback: Any, n: int) -> None:
-    """Slopes by the n states where the inputs depend on them, in place: slopes_x - slopes_u F."""
+def _close(jacobian: Any, feedback: Any, n: int) -> None:
+    """Derivatives by the n states where the inputs depend on them, in place: jacobian_x - jacobian_u F."""
     for j in range(feedback.shape[0]):
-        for i in range(slopes.shape[0]):
+        for i in range(jacobian.shape[0]):
             for a in range(n):
-                slopes[i, a] -= slopes[i, n + j] * feedback[j, a]
+                jacobian[i, a] -= jacobian[i, n + j] * feedback[j, a]
 
 
 @inner
-def _chain(slopes: Any, tangent: Any, learnt: Any, delayed_by: Any, change: Any, out: Any) -> None:
-    """The chain rule: out = slopes_x tangent + [slopes by what is learnt] + slopes_u (of delays)."""
-    rows, width = slopes.shape
+def _chain(jacobian: Any, tangent: Any, learnt: Any, delayed_by: Any, change: Any, out: Any) -> None:
+    """The chain rule: out = jacobian_x tangent + [derivatives by what is learnt] + jacobian_u (of delays)."""
+    rows, width = jacobian.shape
     n, count = tangent.shape
     # Bare memory: an index that could be negative keeps the compiler from making vectors of a loop.
-    s, t, o = pointer(slopes), pointer(tangent), pointer(out)
+    s, t, o = pointer(jacobian), pointer(tangent), pointer(out)
     for i in range(rows):
         for c in range(learnt.shape[0]):
             o[i * count + c] = s[i * width + learnt[c]]

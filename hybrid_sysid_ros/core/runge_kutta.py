@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.core.steppers import Motion, Stepper
+from hybrid_sysid_ros.core.steppers import StepContext, Stepper
 
 _VALUE = """@compiled(VALUE)
 def function(x, u, p, w, h, s, out):
@@ -25,8 +25,8 @@ def function(x, u, p, w, h, s, out):
         out[i] = x[i] + h / 6.0 * total[i]
 """
 
-_SLOPES = """@compiled(SLOPES)
-def function(x, u, p, w, h, s, out, slopes):
+_JACOBIAN = """@compiled(JACOBIAN)
+def function(x, u, p, w, h, s, out, jacobian):
     k, z, total = scratch(STATES), scratch(STATES), scratch(STATES)
     by_k, by_z = scratch(ALL), scratch(ALL)
     for i in range(STATES):
@@ -34,7 +34,7 @@ def function(x, u, p, w, h, s, out, slopes):
         total[i] = 0.0
     for i in range(ALL):
         by_z[i] = 0.0
-        slopes[i] = 0.0
+        jacobian[i] = 0.0
     for i in range(STATES):
         by_z[i * COLUMNS + i] = 1.0
     for stage in range(4):
@@ -54,16 +54,16 @@ def function(x, u, p, w, h, s, out, slopes):
             total[i] += weight * k[i]
             z[i] = x[i] + ahead * k[i]
         for i in range(ALL):
-            slopes[i] += weight * by_k[i]
+            jacobian[i] += weight * by_k[i]
             by_z[i] = ahead * by_k[i]
         for i in range(STATES):
             by_z[i * COLUMNS + i] += 1.0
     for i in range(STATES):
         out[i] = x[i] + h / 6.0 * total[i]
     for i in range(ALL):
-        slopes[i] *= h / 6.0
+        jacobian[i] *= h / 6.0
     for i in range(STATES):
-        slopes[i * COLUMNS + i] += 1.0
+        jacobian[i * COLUMNS + i] += 1.0
 """
 
 
@@ -77,20 +77,20 @@ class RungeKutta(Stepper):
     staged = True
 
     def advance(
-        self, motion: Motion, x: Sequence[Scalar], u: Sequence[Scalar], h: Scalar, smoothing: Scalar | None
+        self, context: StepContext, x: Sequence[Scalar], u: Sequence[Scalar], h: Scalar, smoothing: Scalar | None
     ) -> list[Scalar]:
         def moved(rates: Sequence[Scalar], share: float) -> list[Scalar]:
             return [a + share * h * rate for a, rate in zip(x, rates, strict=True)]
 
-        k1 = motion.rates(x, u)
-        k2 = motion.rates(moved(k1, 0.5), u)
-        k3 = motion.rates(moved(k2, 0.5), u)
-        k4 = motion.rates(moved(k3, 1.0), u)
+        k1 = context.rates(x, u)
+        k2 = context.rates(moved(k1, 0.5), u)
+        k3 = context.rates(moved(k2, 0.5), u)
+        k4 = context.rates(moved(k3, 1.0), u)
         return moved([(a + 2.0 * b + 2.0 * c + d) / 6.0 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)], 1.0)
 
     def around(self, states: int, columns: int | None) -> str:
-        """With slopes the derivative of each stage is carried along: k = law(z), so dk = law_z dz + law_p."""
+        """With a Jacobian the derivative of each stage is carried along: k = law(z), so dk = law_z dz + law_p."""
         n = str(states)
         if columns is None:
             return _VALUE.replace("STATES", n)
-        return _SLOPES.replace("STATES", n).replace("COLUMNS", str(columns)).replace("ALL", str(states * columns))
+        return _JACOBIAN.replace("STATES", n).replace("COLUMNS", str(columns)).replace("ALL", str(states * columns))

@@ -15,7 +15,7 @@ Rates = Callable[[Sequence[Scalar], Sequence[Scalar]], Sequence[Scalar]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
+class StepContext:
     """What a stepper is given of a system."""
 
     rates: Rates
@@ -40,15 +40,15 @@ class Stepper(ABC):
 
     @abstractmethod
     def advance(
-        self, motion: Motion, x: Sequence[Scalar], u: Sequence[Scalar], h: Scalar, smoothing: Scalar | None
+        self, context: StepContext, x: Sequence[Scalar], u: Sequence[Scalar], h: Scalar, smoothing: Scalar | None
     ) -> list[Scalar]:
         """The states a step of h [s] later under inputs that hold. smoothing: of stick-slip, in units of the velocity;
         None: exact.
         """
 
     def around(self, states: int, columns: int | None) -> str:
-        """Source of the ``function`` that calls ``law(x, u, p, w, h, s, out)``, or with ``columns`` of slopes
-        ``law(x, u, p, w, h, s, out, slopes)``; see :mod:`~hybrid_sysid_ros.core.printing`.
+        """Source of the ``function`` that calls ``law(x, u, p, w, h, s, out)``, or with ``columns`` of a Jacobian
+        ``law(x, u, p, w, h, s, out, jacobian)``; see :mod:`~hybrid_sysid_ros.core.printing`.
         """
         raise NotImplementedError
 
@@ -63,19 +63,19 @@ class ImplicitFriction(Stepper):
     takes_contacts = True
 
     def advance(
-        self, motion: Motion, x: Sequence[Scalar], u: Sequence[Scalar], h: Scalar, smoothing: Scalar | None
+        self, context: StepContext, x: Sequence[Scalar], u: Sequence[Scalar], h: Scalar, smoothing: Scalar | None
     ) -> list[Scalar]:
-        declared = x[: len(x) - sum(len(contact.hidden) for contact in motion.contacts)]
-        following = [a + h * rate for a, rate in zip(declared, motion.rates(declared, u), strict=True)]
+        declared = x[: len(x) - sum(len(contact.hidden) for contact in context.contacts)]
+        following = [a + h * rate for a, rate in zip(declared, context.rates(declared, u), strict=True)]
         hidden: list[Scalar] = []
-        for contact in motion.contacts:
-            index = motion.names.index(contact.on)
-            at = {name: motion.field(getattr(contact, name), declared, u) for name in contact.fields}
+        for contact in context.contacts:
+            index = context.names.index(contact.on)
+            at = {name: context.field(getattr(contact, name), declared, u) for name in contact.fields}
             first = len(declared) + len(hidden)
             own = x[first : first + len(contact.hidden)]
             following[index], after = contact.solve(x[index], following[index], own, h, smoothing, **at)
             hidden += after
-        for position, velocity in motion.kinematics.items():
+        for position, velocity in context.kinematics.items():
             following[position] = x[position] + h * following[velocity]
         return [*following, *hidden]
 
@@ -87,6 +87,6 @@ class Sampled(Stepper):
     is_map = True
 
     def advance(
-        self, motion: Motion, x: Sequence[Scalar], u: Sequence[Scalar], h: Scalar, smoothing: Scalar | None
+        self, context: StepContext, x: Sequence[Scalar], u: Sequence[Scalar], h: Scalar, smoothing: Scalar | None
     ) -> list[Scalar]:
-        return list(motion.rates(x, u))
+        return list(context.rates(x, u))

@@ -61,14 +61,14 @@ def symbolic_values(system: System, values: Callable[[Sequence[Any], Sequence[An
 
 
 def symbolic_rates(system: System) -> casadi.Function:
-    """The law as a CasADi function (x, u) -> (rates, slopes): rates of the declared states, friction of contacts left
-    out, and their slopes (states, states + inputs). Of a system that is a map from sample to sample the next states.
+    """The law as a CasADi function (x, u) -> (rates, jacobian): rates of the declared states, friction of contacts left
+    out, and their Jacobian (states, states + inputs). Of a system that is a map from sample to sample: its next states.
     """
     traced = trace.law_of(system, weights=casadi.SX(casadi.DM(system.weights)))
     given = casadi.vertcat(traced.x, traced.u)
     parts = [traced.result, casadi.jacobian(traced.result, given)]
-    rates, slopes = casadi.substitute(parts, [traced.p], [casadi.SX(casadi.DM(system.values))])
-    return casadi.Function("rates", [traced.x, traced.u], [rates, slopes], ["x", "u"], ["rates", "slopes"])
+    rates, jacobian = casadi.substitute(parts, [traced.p], [casadi.SX(casadi.DM(system.values))])
+    return casadi.Function("rates", [traced.x, traced.u], [rates, jacobian], ["x", "u"], ["rates", "jacobian"])
 
 
 def linearised(system: System, x: Array, u: Array) -> tuple[Array, Array]:
@@ -85,9 +85,9 @@ def viscous(system: System, x: Array, u: Array) -> Array:
     state.
     """
     names = [item.name for item in system.declared_states]
-    motion, found = system.motion(), np.zeros(len(names))
+    context, found = system.step_context(), np.zeros(len(names))
     for contact in system.contacts:
-        found[names.index(contact.on)] += float(motion.field(contact.viscous, x.tolist(), u.tolist()))
+        found[names.index(contact.on)] += float(context.field(contact.viscous, x.tolist(), u.tolist()))
     return found
 
 

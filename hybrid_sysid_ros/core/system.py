@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from types import FunctionType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,12 +14,22 @@ from hybrid_sysid_ros.core.contacts import Contact, Field
 from hybrid_sysid_ros.core.declaration import Variable, check, hidden_states, variables
 from hybrid_sysid_ros.core.mathematics import Scalar, rows
 from hybrid_sysid_ros.core.parameters import Parameter, declared
-from hybrid_sysid_ros.core.steppers import ImplicitFriction, Motion, Sampled, Stepper
+from hybrid_sysid_ros.core.record_map import RecordMap, record_map
+from hybrid_sysid_ros.core.steppers import ImplicitFriction, Sampled, StepContext, Stepper
+from hybrid_sysid_ros.core.trace import kinematics_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 Declared = Any
 """tuple[Variable, ...] for whoever reads it; "name [unit]" as a subclass writes it."""
+
+_FORMER_HOOKS = {
+    "shown": "reconstructible",
+    "remembered": "delay_line",
+    "hidden": "unobserved",
+    "observed": "states_from_record",
+}
+"""What a system of an earlier edition overrides, and the field of its record map that says it now."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +66,12 @@ class System:
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         own, kind = cls.__dict__, cls.__name__
+        for old, new in _FORMER_HOOKS.items():
+            if isinstance(own.get(old), property | FunctionType):
+                raise UserError(
+                    f"{kind}: {old} is {new} of record_map() now; write record_map(self) that returns "
+                    f"dataclasses.replace(super().record_map(), {new}=...)"
+                )
         if "states" in own:
             cls._declared = variables(kind, "states", own["states"])
         if "inputs" in own:
@@ -107,10 +124,10 @@ class System:
 
     # ------------------------------------------------------------------ what steppers read
 
-    def motion(self) -> Motion:
+    def step_context(self) -> StepContext:
         """The law and its contacts as a stepper takes them."""
         names = [item.name for item in self.states]
-        return Motion(rates=self._rates, contacts=self.contacts, field=self._field, names=names)
+        return StepContext(rates=self._rates, contacts=self.contacts, field=self._field, names=names)
 
     def _rates(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
         return rows(self.law(x, u), len(self.declared_states), f"{type(self).__name__}: law(x, u)", "states")
@@ -168,8 +185,6 @@ class System:
     @property
     def kinematics(self) -> Mapping[int, int]:
         """Position state -> the velocity state that is its rate."""
-        from hybrid_sysid_ros.core.trace import kinematics_of
-
         return kinematics_of(self)
 
     # ------------------------------------------------------------------ parameters and weights
@@ -239,39 +254,12 @@ class System:
 
     # ------------------------------------------------------------------ how it meets records, and checks
 
-    def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
-        """States (samples, states) as far as a record shows them: where simulations begin.
+    def record_map(self) -> RecordMap:
+        """What a record tells of the states: outputs that are states, and their rates where those are states too.
 
-        outputs, rates (samples, outputs): measured ones and their rates of change; inputs (samples, inputs) since each
-        sample. Outputs that are states, and their rates where those are states too; the rest zero.
+        A system whose records tell more or less replaces fields: ``replace(super().record_map(), unobserved=[0])``.
         """
-        states = np.zeros((len(outputs), len(self.states)))
-        for state, (column, rate) in self.shown.items():
-            states[:, state] = (rates if rate else outputs)[:, column]
-        return states
-
-    @property
-    def shown(self) -> Mapping[int, tuple[int, bool]]:
-        """States that a record shows: state -> the output that it is, and whether it is its rate of change."""
-        names = [item.name for item in self.states]
-        direct = {names.index(item.name): k for k, item in enumerate(self.outputs) if item.name in names}
-        found = {state: (column, False) for state, column in direct.items()}
-        for state, column in direct.items():
-            velocity = self.kinematics.get(state)
-            if velocity is not None and velocity not in direct:
-                found[velocity] = column, True
-        return found
-
-    @property
-    def remembered(self) -> range:
-        """States that are what was before: a record's past tells where they begin."""
-        return range(0)
-
-    @property
-    def hidden(self) -> list[int]:
-        """Declared states that no record tells."""
-        declared = range(len(self.declared_states))
-        return [index for index in declared if index not in self.shown and index not in self.remembered]
+        return record_map(self.states, self.outputs, self.kinematics, len(self.declared_states))
 
     @property
     def outside(self) -> tuple[tuple[Parameter, float], ...]:
@@ -303,10 +291,9 @@ class Recurrence(System):
     def sampling_time(self) -> float:
         return self.period
 
-    @property
-    def remembered(self) -> range:
-        """All: what is no output is the record's past."""
-        return range(len(self.states))
+    def record_map(self) -> RecordMap:
+        """Every state is an output or the record's past."""
+        return replace(super().record_map(), delay_line=range(len(self.states)), unobserved=())
 
 
 def _key(value: Any) -> Any:

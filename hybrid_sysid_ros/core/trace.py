@@ -38,9 +38,9 @@ def step_of(system: System, *, smooth: bool = False, weights: casadi.SX | None =
     kinematics = kinematics_of(system)
 
     def advance(bound: System, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
-        motion = replace(bound.motion(), kinematics=kinematics)
+        context = replace(bound.step_context(), kinematics=kinematics)
         with rounded(smooth):
-            return bound.stepper.advance(motion, x, u, h, s if smooth else None)
+            return bound.stepper.advance(context, x, u, h, s if smooth else None)
 
     return _traced(system, "the step", advance, weights)
 
@@ -53,7 +53,7 @@ def law_of(system: System, *, smooth: bool = False, weights: casadi.SX | None = 
 
     def law(bound: System, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
         with rounded(smooth):
-            return bound.motion().rates(x[:count], u)
+            return bound.step_context().rates(x[:count], u)
 
     return _traced(system, "law(x, u)", law, weights)
 

@@ -1,8 +1,8 @@
-"""Wrappers: systems about another system, held by a stabiliser, or with offsets of its rates."""
+"""Wrappers: systems about another one, their physics, with further states, other inputs or additions to its rates."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +11,8 @@ import numpy as np
 from hybrid_sysid_ros.core.declaration import Variable
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.parameters import Parameter
-from hybrid_sysid_ros.core.steppers import Motion
+from hybrid_sysid_ros.core.record_map import RecordMap
+from hybrid_sysid_ros.core.steppers import Rates, StepContext
 from hybrid_sysid_ros.core.system import System
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -19,42 +20,114 @@ from hybrid_sysid_ros.support.errors import UserError
 
 @dataclass(frozen=True, kw_only=True)
 class Wrapper(System):
-    """A system with the inputs, outputs, parameters and weights of the one within it."""
+    """A system with the inputs, outputs, contacts, delays, parameters and weights of its physics.
 
-    within: System
+    A subclass says what differs: the states that it adds (:attr:`added_states`), the inputs under which the physics
+    moves (:meth:`acting`), and the rates (:meth:`rates`). Everything else comes from the physics.
+    """
+
+    physics: System
+    """The system that it is about."""
 
     def __post_init__(self) -> None:
-        for name in ("states", "inputs", "outputs", "contacts", "stepper", "delays", "doubtful_terms"):
-            object.__setattr__(self, name, getattr(self.within, name))
+        for name in ("inputs", "outputs", "contacts", "stepper", "delays", "doubtful_terms"):
+            object.__setattr__(self, name, getattr(self.physics, name))
+        own, at = self.physics.states, self._physical
+        object.__setattr__(self, "states", (*own[:at], *self.added_states, *own[at:]))
+
+    # ------------------------------------------------------------------ what a subclass may say
+
+    @property
+    def added_states(self) -> tuple[Variable, ...]:
+        """Further states, behind those of the law of the physics."""
+        return ()
+
+    def acting(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        """The inputs of the physics, from the states without deflections and the own inputs."""
+        return u
+
+    def rates(self, physics: Rates, x: Sequence[Scalar], u: Sequence[Scalar]) -> list[Scalar]:
+        """The rates of the states without deflections; ``physics`` gives those of its own states under its inputs."""
+        return [*physics(x[: self._physical], self.acting(x, u)), *(0.0 for _ in self.added_states)]
+
+    @property
+    def _computed(self) -> System:
+        """The physics as it is computed."""
+        return self.physics
+
+    # ------------------------------------------------------------------ the equation
+
+    @property
+    def _physical(self) -> int:
+        """Number of the states of the law of the physics."""
+        return len(self.physics.declared_states)
+
+    def physical_states(self, x: Sequence[Any]) -> list[Any]:
+        """Those of all states that belong to the physics."""
+        at = self._physical
+        return [*x[:at], *x[at + len(self.states) - len(self.physics.states) :]]
+
+    def step_context(self) -> StepContext:
+        physics, at = self._computed.step_context(), self._physical
+
+        def rates(x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+            return self.rates(physics.rates, x, u)
+
+        def field(value: Any, x: Sequence[Scalar], u: Sequence[Scalar]) -> Any:
+            return physics.field(value, x[:at], self.acting(x, u))
+
+        return replace(physics, rates=rates, field=field, names=[item.name for item in self.states])
+
+    def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
+        return self._computed.output(self.physical_states(x), self.acting(x, u))
+
+    # ------------------------------------------------------------------ what is that of the physics
 
     @property
     def plain_outputs(self) -> bool:
-        return self.within.plain_outputs
+        return self.physics.plain_outputs
 
     @property
     def sampling_time(self) -> float | None:
-        return self.within.sampling_time
+        return self.physics.sampling_time
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return self.within.parameters
+        return self.physics.parameters
 
     @property
     def values(self) -> Array:
-        return self.within.values
+        return self.physics.values
 
     def bound(self, values: Sequence[Scalar]) -> System:
-        return replace(self, within=self.within.bound(values))
+        return replace(self, physics=self.physics.bound(values))
 
     @property
     def weights(self) -> Array:
-        return self.within.weights
+        return self.physics.weights
 
     def with_weights(self, weights: Array) -> System:
-        return replace(self, within=self.within.with_weights(weights))
+        return replace(self, physics=self.physics.with_weights(weights))
 
-    def motion(self) -> Motion:
-        return self.within.motion()
+    def trained_on(self, low: Array, high: Array) -> System:
+        own = (np.array(self.physical_states(values.tolist())) for values in (low, high))
+        return replace(self, physics=self.physics.trained_on(*own))
+
+    def check(self) -> None:
+        self.physics.check()
+        super().check()
+
+    def record_map(self) -> RecordMap:
+        """That of the physics; further states begin at zero, and no record tells them."""
+        own, at, more = self.physics.record_map(), self._physical, len(self.states) - len(self.physics.states)
+        known = {index + (more if index >= at else 0): source for index, source in own.reconstructible.items()}
+        rest = [i for i in range(len(self.declared_states)) if i not in known and i not in own.delay_line]
+
+        def states_from_record(outputs: Array, rates: Array, inputs: Array) -> Array:
+            states = own.states_from_record(outputs, rates, inputs)
+            return np.insert(states, [at] * more, 0.0, axis=1)
+
+        return replace(own, reconstructible=known, unobserved=rest, states_from_record=states_from_record)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,38 +139,18 @@ class Stabilised(Wrapper):
     gains: tuple[tuple[float, ...], ...]
     """K (inputs, states)."""
 
-    def acting(self, x: Sequence[Scalar], v: Sequence[Scalar]) -> list[Scalar]:
-        """The inputs u of the system within."""
+    def acting(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> list[Scalar]:
         found = []
-        for value, row in zip(v, self.gains, strict=True):
+        for value, row in zip(u, self.gains, strict=True):
             for gain, state in zip(row, x, strict=False):  # a law is given the states without deflections
                 value = value - gain * state if gain else value
             found.append(value)
         return found
 
-    def motion(self) -> Motion:
-        """That of the system within, under what acts on it."""
-        motion = self.within.motion()
-
-        def rates(x: Sequence[Scalar], v: Sequence[Scalar]) -> Sequence[Scalar]:
-            return motion.rates(x, self.acting(x, v))
-
-        def field(value: Any, x: Sequence[Scalar], v: Sequence[Scalar]) -> Any:
-            return motion.field(value, x, self.acting(x, v))
-
-        return replace(motion, rates=rates, field=field)
-
-    def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        return self.within.output(x, self.acting(x, u))
-
-    @property
-    def shown(self) -> Mapping[int, tuple[int, bool]]:
-        return self.within.shown
-
 
 @dataclass(frozen=True, kw_only=True)
-class Drifting(Wrapper):
-    """x' = f(x, u) + E o, o' = 0: a system with an offset of some rates that nobody knows, as further states o.
+class RateDisturbanceModel(Wrapper):
+    """x' = f(x, u) + E o, o' = 0: a system with a constant, unknown disturbance o of some rates, as further states.
 
     Estimated and planned with they take from a model's error what its inputs can't answer (Pannocchia & Rawlings 2003,
     AIChE J. 49(2)). Raises UserError for a name that is no state, and for a system that is a map of samples.
@@ -107,44 +160,26 @@ class Drifting(Wrapper):
     """States whose rates have one."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        known, n = self.within.states, len(self.within.declared_states)
-        units = {item.name: item.unit for item in known[:n]}
-        if missing := [name for name in self.on if name not in units]:
-            raise UserError(f"offsets: {missing[0]} is no state; known are {', '.join(units)}")
-        if self.within.stepper.is_map:
-            kind = type(self.within).__name__
+        known = [item.name for item in self.physics.declared_states]
+        if missing := [name for name in self.on if name not in known]:
+            raise UserError(f"offsets: {missing[0]} is no state; known are {', '.join(known)}")
+        if self.physics.stepper.is_map:
+            kind = type(self.physics).__name__
             raise UserError(
                 f"offsets: {kind} is a map from sample to sample and has no rates: take a model of rates, or no offsets"
             )
-        added = tuple(Variable(name=offset_of(name), unit=f"{units[name]}/s") for name in self.on)
-        object.__setattr__(self, "states", (*known[:n], *added, *known[n:]))
-
-    def motion(self) -> Motion:
-        """That of the system within, with the offsets among its rates."""
-        motion, n = self.within.motion(), len(self.within.declared_states)
-        names = [item.name for item in self.states]
-        places = [names.index(name) for name in self.on]
-
-        def rates(x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-            found = list(motion.rates(x[:n], u))
-            for place, offset in zip(places, x[n:], strict=True):
-                found[place] = found[place] + offset
-            return [*found, *[0.0] * len(self.on)]
-
-        def field(value: Any, x: Sequence[Scalar], u: Sequence[Scalar]) -> Any:
-            return motion.field(value, x[:n], u)
-
-        return replace(motion, rates=rates, field=field, names=names)
-
-    def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        n = len(self.within.declared_states)
-        return self.within.output([*x[:n], *x[n + len(self.on) :]], u)
+        super().__post_init__()
 
     @property
-    def shown(self) -> Mapping[int, tuple[int, bool]]:
-        n, more = len(self.within.declared_states), len(self.on)
-        return {index + (more if index >= n else 0): told for index, told in self.within.shown.items()}
+    def added_states(self) -> tuple[Variable, ...]:
+        units = {item.name: item.unit for item in self.physics.declared_states}
+        return tuple(Variable(name=offset_of(name), unit=f"{units[name]}/s") for name in self.on)
+
+    def rates(self, physics: Rates, x: Sequence[Scalar], u: Sequence[Scalar]) -> list[Scalar]:
+        found, names = super().rates(physics, x, u), [item.name for item in self.states]
+        for name, offset in zip(self.on, x[self._physical :], strict=True):
+            found[names.index(name)] = found[names.index(name)] + offset
+        return found
 
 
 def offset_of(state: str) -> str:

@@ -11,10 +11,10 @@ from typing import ClassVar
 import numpy as np
 
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.estimation.beginning import Beginning
-from hybrid_sysid_ros.estimation.memory import GATED, LONGEST_GAP, LONGEST_STEP, USED, memory_of
+from hybrid_sysid_ros.estimation.belief import GATED, USED
+from hybrid_sysid_ros.estimation.initialisation import LONGEST_GAP, LONGEST_STEP, Initialisation, memory_of
+from hybrid_sysid_ros.estimation.measurement_sequence import BEGIN, FINE, LATE, LOOK, LOST, MEASURE
 from hybrid_sysid_ros.estimation.observability import check_observable, offset_gains
-from hybrid_sysid_ros.estimation.recursion import BEGIN, FINE, LATE, LOOK, LOST, MEASURE
 from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -81,7 +81,7 @@ class Estimator(ABC):
 
     MEASURE: values ``given`` of the channels from ``first`` on, at ``time`` [s], with the mean inputs ``applied`` from
     ``since`` to there where that is earlier. BEGIN: forget what was before the moment ``first``, whose belief is
-    written, and bring the others up to date. All write ``out`` and ``P``: see :func:`~.recursion.answer`.
+    written, and bring the others up to date. All write ``out`` and ``P``: see :func:`~.measurement_sequence.answer`.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class Estimator(ABC):
         )
         self._given = tuple(self._memory)
         n, m, p = len(system.states), len(system.inputs), len(system.outputs)
-        self._beginning = Beginning(system=system, tuning=tuning, memory=self._memory, arrays=self._arrays)
+        self._initialisation = Initialisation(system=system, tuning=tuning, memory=self._memory, arrays=self._arrays)
         named = system.named
         self._as_given = np.array([named[name] for name in tuning.followed])
         self._channels = {name: p + k for k, name in enumerate(tuning.channels)}
@@ -244,7 +244,7 @@ class Estimator(ABC):
             # Numbers that no rig has were given, as an input of 1e300, and nothing is left but the last measurement.
             self.counters.resets += 1
             self._applied[:] = 0.0
-            return self._start(max(time, self._newest), 0, self._beginning.last_outputs())
+            return self._start(max(time, self._newest), 0, self._initialisation.last_outputs())
         return self._sort_out(first, given, delayed, out, P)
 
     def _sort_out(self, first: int, given: Array, delayed: bool, out: Array, P: Array) -> Estimate:
@@ -261,7 +261,7 @@ class Estimator(ABC):
         counters.gated += int(gated.sum())
         patience = self.tuning.patience
         lost = [first + k for k in np.flatnonzero(gated & (readings["outliers"] > patience)).tolist()]
-        if not lost or not self._beginning.again(index, lost):
+        if not lost or not self._initialisation.again(index, lost):
             return self._estimate(out, P)
         counters.resets += 1
         shown = out[self._parts[3] :].copy()
@@ -293,7 +293,7 @@ class Estimator(ABC):
 
     def _start(self, time: float, first: int, values: Array) -> Estimate:
         """Begin with values of the channels from ``first`` on, nothing else known."""
-        self._beginning.fresh(time, self._applied, first, values)
+        self._initialisation.fresh(time, self._applied, first, values)
         self._newest, self._started = time, True
         self._last = time if first == 0 else math.nan
         return self._look(BEGIN)

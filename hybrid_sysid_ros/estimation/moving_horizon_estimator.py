@@ -6,24 +6,35 @@ import math
 from typing import Any
 
 from hybrid_sysid_ros.core.compilation import inner, kernel
-from hybrid_sysid_ros.estimation.augmented import clip, copy, copy_matrix, differences, move, rest
+from hybrid_sysid_ros.estimation.belief import (
+    clip,
+    copy,
+    copy_matrix,
+    correct,
+    matrix,
+    mean_of,
+    move,
+    rest,
+    root_of,
+    solve,
+    vector,
+)
 from hybrid_sysid_ros.estimation.estimator import Estimator
-from hybrid_sysid_ros.estimation.memory import SAME, Records, matrix, mean_of, root_of, vector
-from hybrid_sysid_ros.estimation.moments import after
-from hybrid_sysid_ros.estimation.recursion import (
+from hybrid_sysid_ros.estimation.extended_kalman_filter import differences, triangle
+from hybrid_sysid_ros.estimation.measurement_sequence import (
     BEGIN,
     MEASURE,
     NOTHING,
+    SAME,
+    after,
     answer,
     begin,
-    correct,
     count_on,
     inputs_to,
     put,
 )
-from hybrid_sysid_ros.estimation.square_root import solve, solve_transposed, triangle
 from hybrid_sysid_ros.estimation.tuning import Tuning
-from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.arrays import Array, Records
 
 ITERATIONS = 2
 """Gauss-Newton steps for a measurement: the window before is the start, and a third changes nothing."""
@@ -45,9 +56,9 @@ def _predicted_root(core: Any, row: int) -> Array:
 
 
 @inner
-def _slopes(core: Any, row: int) -> Array:
-    """Of the step to a moment, by the columns of the filtered root at the one before: slope i in row i."""
-    return matrix(core.slopes + 8 * row * core.size * core.size, core.size, core.size)
+def _transition(core: Any, row: int) -> Array:
+    """First differences of the step to a moment over the columns of the filtered root before: column i in row i."""
+    return matrix(core.transitions + 8 * row * core.size * core.size, core.size, core.size)
 
 
 @inner
@@ -71,10 +82,10 @@ def _forward(
         u = inputs_to(core, moments, inputs, k)
         if k > first:
             before = moments[k - 1].row
-            at, root, slopes = mean_of(core, before), root_of(core, before), _slopes(core, row)
+            at, root, transition = mean_of(core, before), root_of(core, before), _transition(core, row)
             h = moments[k].time - moments[k - 1].time
             count = differences(core, at, root, u, h, predicted, rows)
-            copy_matrix(rows[:size], slopes)
+            copy_matrix(rows[:size], transition)
             triangle(rows, count, predicted_root)
             filtered = _filtered(core, before)
             for i in range(size):
@@ -82,7 +93,7 @@ def _forward(
             solve(root, away)
             for i in range(size):
                 for j in range(size):
-                    predicted[j] += slopes[i, j] * away[i]
+                    predicted[j] += transition[i, j] * away[i]
             if judge:
                 count_on(readings, before, row)
         copy(predicted, _filtered(core, row))
@@ -93,14 +104,17 @@ def _forward(
 
 @inner
 def _backward(core: Any, moments: Records, first: int) -> None:
-    """The smoother's means: s_k = z_k + S_k A' M^-1 (s_k+1 - m); z_k, S_k filtered, m, M predicted, A slopes by S_k."""
+    """The smoother's means: s_k = z_k + S_k A' M^-1 (s_k+1 - m).
+
+    z_k, S_k: filtered; m, M: predicted; A: the transition over S_k.
+    """
     size, last = core.size, core.count - 1
     pulled = vector(core.gain, size)
     copy(_filtered(core, moments[last].row), mean_of(core, moments[last].row))
     for k in range(last - 1, first - 1, -1):
         row, following = moments[k].row, moments[k + 1].row
         after_mean, predicted = mean_of(core, following), _predicted(core, following)
-        predicted_root, slopes = _predicted_root(core, following), _slopes(core, following)
+        predicted_root, transition = _predicted_root(core, following), _transition(core, following)
         mean, filtered, root = mean_of(core, row), _filtered(core, row), root_of(core, row)
         for i in range(size):
             pulled[i] = after_mean[i] - predicted[i]
@@ -110,11 +124,20 @@ def _backward(core: Any, moments: Records, first: int) -> None:
         for i in range(size):
             share = 0.0
             for j in range(size):
-                share += slopes[i, j] * pulled[j]
+                share += transition[i, j] * pulled[j]
             for j in range(i, size):
                 mean[j] += root[j, i] * share
     for k in range(first, core.count):
         clip(core, mean_of(core, moments[k].row))
+
+
+@inner
+def solve_transposed(root: Array, x: Array) -> None:
+    """S'^-1 x in place, S lower triangular; what has no variance has no say."""
+    for i in range(x.shape[0] - 1, -1, -1):
+        for k in range(i + 1, x.shape[0]):
+            x[i] -= root[k, i] * x[k]
+        x[i] = x[i] / root[i, i] if root[i, i] != 0.0 else 0.0
 
 
 @inner
@@ -156,7 +179,7 @@ class MovingHorizonEstimator(Estimator):
 
     See :class:`~.estimator.Estimator` for the rest. Each Gauss-Newton step is one pass of a Kalman filter forwards and
     one of a smoother backwards over the problem linearised about the trajectory, so that it costs as much as N updates.
-    Steps are taken whole: their slopes are differences over what is uncertain, which the cost's own corners would
+    Steps are taken whole: their transitions are differences over what is uncertain, which the cost's own corners would
     stall. The arrival cost (prior, P0) of a moment is what the filter's pass predicted there, from measurements that
     have left the window. A measurement out of order is put in its place within the window.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hybrid_sysid_ros.core import Recurrence, System, rollouts
-from hybrid_sysid_ros.core.rollout import stepped
+from hybrid_sysid_ros.core.rollout import one_step
 from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -107,7 +107,7 @@ def offset_gains(system: System, tuning: Tuning, *, step: float) -> Array | None
     samples = [(random.normal(size=len(system.states)), random.uniform(-5.0, 5.0, m)) for _ in range(64)]
 
     def moved(at: Array, x: Array, u: Array) -> Array:
-        return stepped(system.with_values(at), x, u, step=step)
+        return one_step(system.with_values(at), x, u, step=step)
 
     for k, name in enumerate(tuning.followed):
         other = values.copy()

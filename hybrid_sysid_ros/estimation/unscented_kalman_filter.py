@@ -6,11 +6,10 @@ import math
 from typing import Any
 
 from hybrid_sysid_ros.core.compilation import inner, kernel
-from hybrid_sysid_ros.estimation.augmented import add_process_noise, copy, move, rest
+from hybrid_sysid_ros.estimation.belief import add_process_noise, copy, matrix, move, numbers, rest, vector
 from hybrid_sysid_ros.estimation.estimator import Estimator
-from hybrid_sysid_ros.estimation.memory import matrix, numbers, vector
-from hybrid_sysid_ros.estimation.recursion import filtered
-from hybrid_sysid_ros.estimation.square_root import triangle
+from hybrid_sysid_ros.estimation.extended_kalman_filter import triangle
+from hybrid_sysid_ros.estimation.measurement_sequence import filtered
 from hybrid_sysid_ros.support.arrays import Array
 
 CENTRE_WEIGHT = 2.0

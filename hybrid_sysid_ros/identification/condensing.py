@@ -39,9 +39,9 @@ class Condensed:
 
     def jacobian(self, point: Array) -> Array:
         """J~, (n + 1, n)."""
-        errors, slopes = self._at(point), self._jacobian(point)
-        along = errors @ slopes / max(float(np.linalg.norm(errors)), 1e-300)
-        return np.asarray(np.vstack([along, _root(slopes.T @ slopes - np.outer(along, along))]))
+        errors, jacobian = self._at(point), self._jacobian(point)
+        along = errors @ jacobian / max(float(np.linalg.norm(errors)), 1e-300)
+        return np.asarray(np.vstack([along, _root(jacobian.T @ jacobian - np.outer(along, along))]))
 
     def _at(self, point: Array) -> Array:
         """f, which the optimiser asks for before it asks for J at the same point."""

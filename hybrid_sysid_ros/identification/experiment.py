@@ -37,7 +37,7 @@ class ResampledRecord:
     def experiment(self, system: System) -> Experiment:
         """With the states of a system. Raises UserError where the record's channels are not those of the system."""
         _check_channels(self.name, self.inputs, self.outputs, system)
-        states = system.observed(self.outputs, self.rates, self.means)
+        states = system.record_map().states_from_record(self.outputs, self.rates, self.means)
         return Experiment(
             name=self.name, sampling=self.sampling, inputs=self.inputs, outputs=self.outputs, states=states
         )

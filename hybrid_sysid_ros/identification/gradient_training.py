@@ -160,7 +160,9 @@ class _Data:
         """Root mean square of the free-run errors over all records, each in deviations of its output."""
         squares, p = [], len(system.outputs)
         for item, deviation in zip(self.experiments, self.deviations, strict=True):
-            start = system.observed(item.outputs[:1], item.states[:1, p : 2 * p], item.inputs[:1])[0]
+            start = system.record_map().states_from_record(
+                item.outputs[:1], item.states[:1, p : 2 * p], item.inputs[:1]
+            )[0]
             states = simulate(system, start, item.inputs, step=self.sampling.step, every=self.every)
             squares.append(((states[:, :p] - item.outputs) / deviation) ** 2)
         return float(np.sqrt(np.mean(np.concatenate(squares))))

@@ -147,7 +147,7 @@ class Problem:
         return np.concatenate([(values - self.centres) / self.spreads, weights, point[self.shared :]])
 
     @property
-    def prior_slopes(self) -> Array:
+    def prior_jacobian(self) -> Array:
         """Derivatives of the prior rows, (point, point)."""
         found = np.ones(len(self.start))
         physical = len(self.free)
@@ -274,7 +274,7 @@ class Problem:
                     part = slice(edges[record], edges[record + 1])
                     place = self.shared + kind * records + record
                     result[part.start * count : part.stop * count, place] = change[part].ravel()
-            result[rows:] = self.prior_slopes
+            result[rows:] = self.prior_jacobian
             return result
 
         return evaluate
@@ -282,13 +282,18 @@ class Problem:
 
 def _shown(system: System) -> list[int]:
     """States where a record's own beginning counts. Of what is remembered these are outputs: the rest is its past."""
-    return [i for i, (_, rate) in system.shown.items() if not (rate and i in system.remembered)]
+    known = system.record_map()
+    return [i for i, (_, rate) in known.reconstructible.items() if not (rate and i in known.delay_line)]
 
 
 def _hidden(system: System) -> list[int]:
     """States that records don't tell, with the deflections of bristles."""
     deflections = range(len(system.declared_states), len(system.states))
-    return [*system.hidden, *(i for i in deflections if i not in system.shown and i not in system.remembered)]
+    known = system.record_map()
+    return [
+        *known.unobserved,
+        *(i for i in deflections if i not in known.reconstructible and i not in known.delay_line),
+    ]
 
 
 def _check_excitation(system: System, inputs: Array, deviation: Array) -> None:

@@ -95,7 +95,7 @@ def settled(
     """
     sensitivities = Sensitivities(system, parameters=(), states=list(free))
     given: dict[str, Any] = {"step": step, "every": every, "feedback": feedback}
-    slopes = np.empty((len(outputs), outputs.shape[1], sensitivities.count))
+    jacobian = np.empty((len(outputs), outputs.shape[1], sensitivities.count))
     first = sensitivities.count - len(free)
     best, costs = states.copy(), np.full(len(starts), np.inf)
     trial = states.copy()
@@ -110,11 +110,11 @@ def settled(
         costs = np.minimum(costs, sums)
         if not moved.any():
             break
-        sensitivities.rollouts(system, starts, best, inputs, **given, out=slopes)
+        sensitivities.rollouts(system, starts, best, inputs, **given, out=jacobian)
         trial = best.copy()
         for window in np.flatnonzero(moved):
             rows = slice(starts[window, 3], starts[window, 3] + starts[window, 2])
-            matrix = (slopes[rows, :, first:] / noise[:, None]).reshape(-1, len(free))
+            matrix = (jacobian[rows, :, first:] / noise[:, None]).reshape(-1, len(free))
             if np.isfinite(matrix).all():
                 trial[window, free] += np.linalg.lstsq(matrix, errors[rows].ravel(), rcond=1e-10)[0]
     return best
@@ -208,17 +208,17 @@ class MultipleShootingProblem(Problem):
                 system, starts, self._initial.get(horizon, states), inputs, outputs,
                 free=self._shown, noise=self._noise, **given,
             )  # fmt: skip
-            slopes = np.empty((len(outputs), count, sensitivities.count))
-            sensitivities.rollouts(system, starts, initial, inputs, **given, out=slopes)
+            jacobian = np.empty((len(outputs), count, sensitivities.count))
+            sensitivities.rollouts(system, starts, initial, inputs, **given, out=jacobian)
             self.evaluations += 1
-            slopes = np.nan_to_num(np.clip(slopes / self._noise[:, None], -1e6, 1e6))
+            jacobian = np.nan_to_num(np.clip(jacobian / self._noise[:, None], -1e6, 1e6))
             result = np.zeros((outputs.size + len(at), len(at)))
             for first, last in pairwise([*starts[:, 3], len(outputs)]):
-                own = slopes[first:last].reshape(-1, sensitivities.count)
+                own = jacobian[first:last].reshape(-1, sensitivities.count)
                 shared, by_start = own[:, : self.shared] * self.scales, own[:, self.shared :]
                 basis = np.linalg.qr(by_start)[0]
                 result[first * count : last * count] = shared - basis @ (basis.T @ shared)
-            result[outputs.size :] = self.prior_slopes
+            result[outputs.size :] = self.prior_jacobian
             return result
 
         return evaluate

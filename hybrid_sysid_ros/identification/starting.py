@@ -43,7 +43,8 @@ def magnitudes(system: System, experiments: Sequence[Experiment]) -> Magnitudes:
 
 def _unshown(system: System) -> list[int]:
     """Declared states that no record shows."""
-    return [i for i in range(len(system.declared_states)) if i not in system.shown]
+    known = system.record_map().reconstructible
+    return [i for i in range(len(system.declared_states)) if i not in known]
 
 
 def _samples(system: System, experiments: Sequence[Experiment]) -> tuple[Array, Array]:
@@ -104,7 +105,7 @@ def regression(system: Linear, experiments: Sequence[Experiment]) -> dict[str, f
     """
     origin, known = system.origin, {item.name: item for item in system.parameters}
     names = [item.name for item in origin.declared_states]
-    shown = [i for i in range(len(names)) if i in origin.shown]
+    shown = [i for i in range(len(names)) if i in origin.record_map().reconstructible]
     drives = [item.name for item in origin.inputs]
     period = experiments[0].sampling.period
     middle = np.concatenate([0.5 * (item.states[1:] + item.states[:-1]) for item in experiments])

@@ -13,7 +13,8 @@ from hybrid_sysid_ros.core import Parameter, Softsign, System, Variable
 from hybrid_sysid_ros.core.blocks import Block
 from hybrid_sysid_ros.core.mathematics import Scalar, clip
 from hybrid_sysid_ros.core.parameters import of_data
-from hybrid_sysid_ros.core.steppers import Motion
+from hybrid_sysid_ros.core.steppers import Rates
+from hybrid_sysid_ros.core.wrappers import Wrapper
 from hybrid_sysid_ros.models.options import Option
 from hybrid_sysid_ros.models.region import Region
 from hybrid_sysid_ros.support import extensions
@@ -28,7 +29,7 @@ CORNER = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hybrid(System):
+class Hybrid(Wrapper):
     """The physics with something learned in it, S n(z / s), n a block: a network, or fuzzy rules.
 
     z: the features of the physics, or the declared states, then the inputs (hidden deflections are none); s, S: scales,
@@ -41,7 +42,6 @@ class Hybrid(System):
     Raises UserError where weights or scales don't fit the block, or ``on`` not the physics.
     """
 
-    physics: System
     on: tuple[str, ...]
     """States to whose rates the block adds, or closures of the physics to which it does."""
     block: Block
@@ -54,9 +54,7 @@ class Hybrid(System):
     """Of the training data, where it is on closures."""
 
     def __post_init__(self) -> None:
-        # A wrapper has the states and inputs of what it wraps.
-        for name in ("states", "inputs", "outputs", "contacts", "stepper", "delays", "doubtful_terms"):
-            object.__setattr__(self, name, getattr(self.physics, name))
+        super().__post_init__()
         kind, known = ("state", self.declared_states) if self.region is None else ("closure", self.physics.closures)
         unknown = set(self.on) - {item.name for item in known}
         if unknown or not self.on:
@@ -70,10 +68,6 @@ class Hybrid(System):
     @property
     def form(self) -> tuple[Any, ...]:
         return (type(self), self.physics.form, self.on, self.block, self.region is None)
-
-    @property
-    def plain_outputs(self) -> bool:
-        return self.physics.plain_outputs
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -117,29 +111,16 @@ class Hybrid(System):
     def with_weights(self, weights: Array) -> Hybrid:
         return replace(self, network_weights=weights)
 
-    def trained_on(self, low: Array, high: Array) -> Hybrid:
-        return replace(self, physics=self.physics.trained_on(low, high))
-
-    def motion(self) -> Motion:
-        """That of the physics, with what is learned among its rates or in its closures."""
-        motion = self._corrected.motion()
-        if self.region is not None:
-            return motion
-        places = [list(motion.names).index(name) for name in self.on]
-
-        def rates(x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-            found = list(motion.rates(x, u))
-            for index, value in zip(places, self._learned(x, u), strict=True):
-                found[index] = found[index] + value
-            return found
-
-        return replace(motion, rates=rates)
-
-    def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        return self._corrected.output(x, u)
+    def rates(self, physics: Rates, x: Sequence[Scalar], u: Sequence[Scalar]) -> list[Scalar]:
+        """Those of the physics, with what is learned added where it is not in the closures."""
+        found, names = super().rates(physics, x, u), [item.name for item in self.states]
+        if self.region is None:
+            for name, value in zip(self.on, self._learned(x, u), strict=True):
+                found[names.index(name)] = found[names.index(name)] + value
+        return found
 
     @property
-    def _corrected(self) -> System:
+    def _computed(self) -> System:
         """The physics, with what is learned in its closures if it is on these."""
         if self.region is None:
             return self.physics
@@ -160,13 +141,6 @@ class Hybrid(System):
             return [scale * value for value, scale in zip(self.block(scaled), outputs, strict=True)]
         share = self.region.share(scaled)
         return [scale * share * value for value, scale in zip(self.block(scaled), outputs, strict=True)]
-
-    @property
-    def shown(self) -> Mapping[int, tuple[int, bool]]:
-        return self.physics.shown
-
-    def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
-        return self.physics.observed(outputs, rates, inputs)
 
 
 def features_of(system: System) -> tuple[Variable, ...]:

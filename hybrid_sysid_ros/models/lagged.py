@@ -13,6 +13,7 @@ import numpy as np
 from hybrid_sysid_ros.core import Parameter, Recurrence, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar, clip
 from hybrid_sysid_ros.core.parameters import of_data
+from hybrid_sysid_ros.core.record_map import RecordMap
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -159,12 +160,16 @@ class Lagged(Recurrence):
         ]
         return [value for values in (*following, *(drive[: nu - 1] for drive in past[p:])) for value in values]
 
-    def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
-        """States (samples, states) from the record's own past.
+    def record_map(self) -> RecordMap:
+        """The states are the record's own past.
 
         Before its first sample an output is extrapolated by its rate, and an input is the first one.
         """
-        return np.column_stack([*self._past(outputs, rates, inputs)])
+
+        def states_from_record(outputs: Array, rates: Array, inputs: Array) -> Array:
+            return np.column_stack([*self._past(outputs, rates, inputs)])
+
+        return dataclasses.replace(super().record_map(), states_from_record=states_from_record)
 
     def _past(self, outputs: Array, rates: Array, inputs: Array) -> Iterator[Array]:
         p, samples, kept = len(self.outputs), len(outputs), self._kept

@@ -12,6 +12,7 @@ import numpy as np
 from hybrid_sysid_ros.core import Bristles, Contact, Dry, Parameter, Sampled, System, Variable, Viscous
 from hybrid_sysid_ros.core.friction import stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar
+from hybrid_sysid_ros.core.record_map import RecordMap
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -256,11 +257,16 @@ class Linear(System):
             terms = [getattr(self, f"{row}_per_{c}") * value for (c, _), value in values if self._has(row, c, rate)]
             yield sum(terms, getattr(self, f"{row}_offset", 0.0))
 
-    def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
-        states = np.zeros((len(outputs), len(self.states)))
-        declared = len(self._names)
-        states[:, :declared] = self.origin.observed(outputs, rates, inputs)[:, :declared]
-        return states
+    def record_map(self) -> RecordMap:
+        """The states of the law are those of the origin's map."""
+        origin, declared = self.origin.record_map(), len(self._names)
+
+        def states_from_record(outputs: Array, rates: Array, inputs: Array) -> Array:
+            states = np.zeros((len(outputs), len(self.states)))
+            states[:, :declared] = origin.states_from_record(outputs, rates, inputs)[:, :declared]
+            return states
+
+        return replace(super().record_map(), states_from_record=states_from_record)
 
 
 def _level(name: str) -> Any:

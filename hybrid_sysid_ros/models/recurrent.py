@@ -13,6 +13,7 @@ from hybrid_sysid_ros.core import Parameter, Recurrence, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.networks import GatedUnits
 from hybrid_sysid_ros.core.parameters import of_data
+from hybrid_sysid_ros.core.record_map import RecordMap
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -162,7 +163,10 @@ class Recurrent(Recurrence):
         rates = [(after - before) / self.period for after, before in zip(outputs, x[:p], strict=True)]
         return [*outputs, *rates, *found[p:]]
 
-    def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
+    def record_map(self) -> RecordMap:
+        return replace(super().record_map(), states_from_record=self._encoded)
+
+    def _encoded(self, outputs: Array, rates: Array, inputs: Array) -> Array:
         """States (samples, states): the measured outputs and rates, and the hidden states that the encoder gives."""
         parts = self.parts(self.weights)
         measured = np.concatenate([outputs, rates], axis=1)

@@ -13,7 +13,9 @@ from hybrid_sysid_ros.core import Parameter, Softsign, System, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar, clip
 from hybrid_sysid_ros.core.networks import Polynomial
 from hybrid_sysid_ros.core.parameters import of_data
-from hybrid_sysid_ros.core.steppers import Motion
+from hybrid_sysid_ros.core.record_map import RecordMap
+from hybrid_sysid_ros.core.steppers import Rates
+from hybrid_sysid_ros.core.wrappers import Wrapper
 from hybrid_sysid_ros.models.hybrid import CLIP, CORNER, features_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -25,7 +27,7 @@ RADIUS = 0.9995
 
 
 @dataclass(frozen=True, kw_only=True)
-class ResidualHybrid(System):
+class ResidualHybrid(Wrapper):
     """y(k) = h(x(k), u(k)) + e(k): a gray box, and a model of its residual that runs freely beside it.
 
         e_i(k + 1) = sum_j a_ij e_i(k - j + 1) + S_i (sum_t theta_it prod r^E_it + n_i(r))
@@ -46,8 +48,6 @@ class ResidualHybrid(System):
     Raises UserError where lags, weights or scales don't fit each other.
     """
 
-    physics: System
-    """The gray box."""
     period: float
     """Of the residual's samples [s]: the step of the fit."""
     output_lags: int
@@ -64,13 +64,9 @@ class ResidualHybrid(System):
     """Of r, and S: fixed parameters; ones by default."""
 
     def __post_init__(self) -> None:
-        physics = self.physics
-        for name in ("inputs", "outputs", "contacts", "stepper", "delays", "doubtful_terms"):
-            object.__setattr__(self, name, getattr(physics, name))
+        super().__post_init__()
         if min(self.output_lags, self.input_lags) < 1:
             raise UserError(f"residual: {self.output_lags} output and {self.input_lags} input lags; give 1 or more")
-        n = len(physics.declared_states)
-        object.__setattr__(self, "states", (*physics.states[:n], *self.memory, *physics.states[n:]))
         width, outputs = len(self.regressors), len(self.outputs)
         for name, of, ones in (("reflections", outputs * self.output_lags, 0.0), ("scales", width + outputs, 1.0)):
             object.__setattr__(self, name, tuple(getattr(self, name)) or (ones,) * of)
@@ -87,8 +83,8 @@ class ResidualHybrid(System):
     # ------------------------------------------------------------------ what it is made of
 
     @property
-    def memory(self) -> tuple[Variable, ...]:
-        """The states that are no states of the physics: residuals of each output, then past inputs, latest first."""
+    def added_states(self) -> tuple[Variable, ...]:
+        """The memory: residuals of each output, then past inputs, latest first."""
         residuals = [_lagged(f"residual_{y.name}", y.unit, j) for y in self.outputs for j in range(self.output_lags)]
         past = [_lagged(u.name, u.unit, j) for u in self.inputs for j in range(1, self.input_lags)]
         return (*residuals, *past)
@@ -183,9 +179,6 @@ class ResidualHybrid(System):
         learned = np.concatenate([self.learned[: block.at], block.initial(seed, output=0.05)])
         return replace(self, units=units, learned=learned)
 
-    def trained_on(self, low: Array, high: Array) -> ResidualHybrid:
-        return replace(self, physics=self.physics.trained_on(*(np.array(self._own(x.tolist())) for x in (low, high))))
-
     @property
     def sampling_time(self) -> float:
         return self.period
@@ -202,18 +195,11 @@ class ResidualHybrid(System):
 
     # ------------------------------------------------------------------ the equation
 
-    def motion(self) -> Motion:
-        """That of the physics, with the memory among its rates."""
-        own, n = self.physics.motion(), self.remembered.start
-
-        def rates(x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-            moved = zip(self._following(x, u), x[n:], strict=False)
-            return [*own.rates(x[:n], u), *((after - before) / self.period for after, before in moved)]
-
-        def field(value: Any, x: Sequence[Scalar], u: Sequence[Scalar]) -> Scalar:
-            return own.field(value, x[:n], u)
-
-        return replace(own, rates=rates, field=field, names=[item.name for item in self.states])
+    def rates(self, physics: Rates, x: Sequence[Scalar], u: Sequence[Scalar]) -> list[Scalar]:
+        """Those of the physics, and of the memory."""
+        found, at = physics(x[: self._physical], u), self._physical
+        moved = zip(self._following(x, u), x[at:], strict=False)
+        return [*found, *((after - before) / self.period for after, before in moved)]
 
     def regressed(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> list[Scalar]:
         """R in its units, of states x (states,) and inputs u (inputs,)."""
@@ -245,16 +231,12 @@ class ResidualHybrid(System):
 
     def _lags(self, x: Sequence[Scalar]) -> tuple[list[list[Scalar]], list[list[Scalar]]]:
         """Residuals of each output, and past values of each input, latest first."""
-        residuals, past, begin = self.output_lags, self.input_lags - 1, self.remembered.start
+        residuals, past, begin = self.output_lags, self.input_lags - 1, self._physical
         split = begin + len(self.reflections)
         return (
             [list(x[at : at + residuals]) for at in range(begin, split, residuals)],
             [list(x[split + j * past : split + (j + 1) * past]) for j in range(len(self.inputs))],
         )
-
-    def _own(self, x: Sequence[Scalar]) -> list[Scalar]:
-        """The states of the physics."""
-        return [*x[: self.remembered.start], *x[self.remembered.stop :]]
 
     @property
     def plain_outputs(self) -> bool:
@@ -262,26 +244,25 @@ class ResidualHybrid(System):
 
     def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
         residuals, _ = self._lags(x)
-        return [y + lags[0] for y, lags in zip(self.physics.output(self._own(x), u), residuals, strict=True)]
+        return [y + lags[0] for y, lags in zip(self.physics.output(self.physical_states(x), u), residuals, strict=True)]
 
     # ------------------------------------------------------------------ how it meets records
 
-    @property
-    def shown(self) -> Mapping[int, tuple[int, bool]]:
-        return self.physics.shown
+    def record_map(self) -> RecordMap:
+        """The memory is a delay line: past inputs are those before each sample, and the physics leaves no residual."""
+        own, at = super().record_map(), self._physical
+        inputs_at = at + len(self.outputs) * self.output_lags
 
-    @property
-    def remembered(self) -> range:
-        n = len(self.physics.declared_states)
-        return range(n, n + len(self.memory))
+        def states_from_record(outputs: Array, rates: Array, inputs: Array) -> Array:
+            states = own.states_from_record(outputs, rates, inputs)
+            before = np.concatenate([inputs[:1], inputs[:-1]])
+            past = np.repeat(before, self.input_lags - 1, axis=1)
+            states[:, inputs_at : inputs_at + past.shape[1]] = past
+            return states
 
-    def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
-        """States (samples, states): those of the physics, which leave no residual; inputs before each sample."""
-        before = np.concatenate([inputs[:1], inputs[:-1]])
-        past = np.repeat(before, self.input_lags - 1, axis=1)
-        none = np.zeros((len(outputs), len(self.outputs) * self.output_lags))
-        own, n = self.physics.observed(outputs, rates, inputs), len(self.physics.declared_states)
-        return np.concatenate([own[:, :n], none, past, own[:, n:]], axis=1)
+        memory = range(at, at + len(self.added_states))
+        rest = [index for index in own.unobserved if index not in memory]
+        return replace(own, delay_line=memory, unobserved=rest, states_from_record=states_from_record)
 
 
 def averaged(members: Sequence[ResidualHybrid]) -> ResidualHybrid:

@@ -1,5 +1,6 @@
 """Reports: HTML pages of a model and its loop; each needs no network."""
 
+from hybrid_sysid_ros.report.further import FurtherSection
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection, closed_loop_section
 from hybrid_sysid_ros.report.rendering import check_available, write
 from hybrid_sysid_ros.report.sections import (
@@ -13,6 +14,7 @@ from hybrid_sysid_ros.report.sections import (
 __all__ = [
     "ClosedLoopSection",
     "FreeRun",
+    "FurtherSection",
     "IdentificationSection",
     "Provenance",
     "check_available",

@@ -11,6 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.identifiability import at_bound
+from hybrid_sysid_ros.report.further import further_sections
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
 from hybrid_sysid_ros.report.sections import FREE, FreeRun, IdentificationSection, Provenance
 from hybrid_sysid_ros.support.extras import extra
@@ -51,6 +52,14 @@ def write(
         "title": f"{identification.model.rig}: {identification.model.structure} model",
         "part": identification_content(identification),
         "closed": None if closed_loop is None else closed_content(closed_loop),
+        "further": [
+            {
+                "name": name,
+                "section": made,
+                "figures": [drawn(item, f"{name}-{k}") for k, item in enumerate(made.figures)],
+            }
+            for name, made in further_sections(identification, closed_loop)
+        ],
         "provenance": provenance,
         "hashes": _hashes(identification, closed_loop, provenance),
     }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hybrid_sysid_ros.core import Sensitivities, System, rollouts, sloped, stepped
+from hybrid_sysid_ros.core import Sensitivities, System, one_step, rollouts, step_with_jacobian
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.rigs.experiments import driven, excitation
@@ -72,9 +72,9 @@ def check(rig: Rig) -> Findings:
 def _at_origin(system: System, where: str) -> Iterator[str]:
     """Whether a step and the outputs can be made, and are finite at rest."""
     try:
-        system.motion()
+        system.step_context()
         x, u = np.zeros(len(system.states)), np.zeros(len(system.inputs))
-        following, outputs = stepped(system, x, u, step=1e-3), output_of(system, x, u)
+        following, outputs = one_step(system, x, u, step=1e-3), output_of(system, x, u)
         system.check()
     except UserError as error:
         yield f"{where}: {error}"
@@ -196,17 +196,22 @@ def _under_drivers(rig: Rig, rounding: float) -> tuple[Array, float, str]:
     return _under_loops(rig, rounding, every), every * rig.step, "loops" if loops else ""
 
 
-def _slopes(rig: Rig, rounding: float) -> tuple[Array, Array]:
+def _jacobians(rig: Rig, rounding: float) -> tuple[Array, Array]:
     """[A, B] of a step and [C, D] of the outputs at rest."""
     rest = np.zeros(len(rig.system.states)), np.zeros(len(rig.system.inputs))
-    found = [sloped(rig.system, *rest, step=rig.step, smoothing=rounding, output=output)[1] for output in (False, True)]
-    step, output = (np.nan_to_num(slopes, posinf=0.0, neginf=0.0) for slopes in found)  # a root's is infinite at rest
+    found = [
+        step_with_jacobian(rig.system, *rest, step=rig.step, smoothing=rounding, output=output)[1]
+        for output in (False, True)
+    ]
+    step, output = (
+        np.nan_to_num(jacobian, posinf=0.0, neginf=0.0) for jacobian in found
+    )  # a root's is infinite at rest
     return step, output
 
 
 def _under_feedback(rig: Rig, feedback: Feedback, rounding: float, every: int) -> Array:
     """A period at rest of states and integrals, (states + inputs, states + inputs); delays and low-passes left out."""
-    step, output = _slopes(rig, rounding)
+    step, output = _jacobians(rig, rounding)
     n, m = len(step), len(rig.actuators)
     held, seen = _held(step, every), output[:, :n]
     gains, following = feedback.gains @ seen, feedback.period * feedback.integral @ seen[list(feedback.followed)]
@@ -219,7 +224,7 @@ def _under_loops(rig: Rig, rounding: float, every: int) -> Array:
     delay counts as its loop's: it may as well be the input's.
     """
     system, m, h = rig.system, len(rig.system.inputs), every * rig.step
-    step, output = _slopes(rig, rounding)
+    step, output = _jacobians(rig, rounding)
     step, loops, sizes = _held(step, every), [], [len(step)]
     for index, loop in rig.experiments.loops.items():
         sensor, low_pass = rig.sensors[loop.output], np.zeros((0, 1))
@@ -260,7 +265,7 @@ def _on_grid(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
     inputs = low + (high - low) * random.uniform(size=(POINTS, len(low)))
     told = {"step": symbolic_step(system, step=rig.step), "output": symbolic_output(system)}
     for x, u in zip(points, inputs, strict=True):
-        made = {"step": stepped(system, x, u, step=rig.step), "output": output_of(system, x, u)}
+        made = {"step": one_step(system, x, u, step=rig.step), "output": output_of(system, x, u)}
         for kind, values in made.items():
             named = system.states if kind == "step" else system.outputs
             bad = np.flatnonzero(~np.isfinite(values))
@@ -288,7 +293,7 @@ def _blind(rig: Rig, states: Array, inputs: Array, magnitudes: Array, where: str
     _, outputs = rollouts(system, starts, x0, inputs, step=rig.step)
     effects /= (np.max(np.abs(outputs), axis=0) + 1e-12)[:, None]
     if not np.isfinite(effects).all():
-        yield f"{where}: slopes of the law are not finite in the experiment; smooth what has an infinite slope"
+        yield f"{where}: derivatives of the law are not finite in the experiment; smooth what has an infinite slope"
         return
     _, values, directions = np.linalg.svd(effects.reshape(-1, len(magnitudes)), full_matrices=False)
     for value, direction in zip(values, directions, strict=True):

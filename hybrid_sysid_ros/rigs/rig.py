@@ -37,7 +37,7 @@ PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rig:
-    """What is known of a rig: see docs/add-a-rig.md for its two files."""
+    """What is known of a rig: see docs/guides/rig-file.md for its two files."""
 
     name: str
     folder: Path

@@ -12,20 +12,22 @@ import numpy as np
 
 from hybrid_sysid_ros.control import Controller, Problem
 from hybrid_sysid_ros.control.cascade import Cascade
+from hybrid_sysid_ros.control.safety.supervisor import Tolerances
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.wrappers import Drifting, Stabilised, feedback_of, offset_of
+from hybrid_sysid_ros.core.wrappers import RateDisturbanceModel, Stabilised, feedback_of, offset_of
 from hybrid_sysid_ros.estimation import Channel, Tuning
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import TRAINED, Parameter, check_rules, defaults, parameters, shipped
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers
 
 __all__ = [
-    "CAMERA", "TRAINED", "Parameter", "SetPointRange", "check_rules", "controller_model", "defaults",
-    "estimator_model", "estimator_tuning", "mpc_problem", "parameters", "set_point_ranges", "shipped", "spread_of",
-    "wrap_for_rig",
+    "CAMERA", "TRAINED", "Parameter", "SetPointRange", "check_rules", "check_tolerances", "controller_model",
+    "defaults", "estimator_model", "estimator_tuning", "mpc_problem", "parameters", "set_point_ranges", "shipped",
+    "spread_of", "wrap_for_rig",
 ]  # fmt: skip
 
 CAMERA = "camera"
@@ -47,9 +49,9 @@ def estimator_model(rig: Rig, model: Model) -> Model:
 
 def drifting(rig: Rig, system: System) -> System:
     """A system of the rig with the input offsets that the rig's file declares."""
-    if isinstance(system, Drifting) or not rig.offsets:
+    if isinstance(system, RateDisturbanceModel) or not rig.offsets:
         return system
-    return Drifting(within=system, on=tuple(rig.offsets))
+    return RateDisturbanceModel(physics=system, on=tuple(rig.offsets))
 
 
 def controller_model(rig: Rig, system: System) -> System:
@@ -57,7 +59,7 @@ def controller_model(rig: Rig, system: System) -> System:
     system = drifting(rig, system)
     if rig.experiments.stabiliser is None:
         return system
-    return Stabilised(within=system, gains=tuple(map(tuple, feedback_of(system, rig.experiments.stabiliser).tolist())))
+    return Stabilised(physics=system, gains=tuple(map(tuple, feedback_of(system, rig.experiments.stabiliser).tolist())))
 
 
 def wrap_for_rig(rig: Rig, system: System, controller: Controller) -> Controller:
@@ -161,6 +163,39 @@ def _substeps(values: Mapping[str, Any], system: System) -> int:
     """Steps of an interval: those of a model that has its own, where they are whole ones."""
     own = system.sampling_time
     return int(values["substeps"]) if own is None else max(1, round(values["period"] / own))
+
+
+def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: Problem) -> Tolerances:
+    """Tolerances of the online check from the parameters of the node `controller`.
+
+    What the sensors' noise costs can't be told from nothing: a plan may be costlier by an error of that size at every
+    sample of the horizon.
+    """
+    return Tolerances(
+        cost=values["check_cost"],
+        floor=problem.horizon * noise_cost(rig, problem),
+        violation=_violation(values, rig),
+        disturbance=tuple(values["check_disturbance"]),
+        patience=values["check_patience"],
+    )
+
+
+def _violation(values: Mapping[str, Any], rig: Rig) -> float:
+    """The least noise of the outputs that are states with bounds, of all outputs where no such one is measured."""
+    limits = zip(rig.system.states, values["state_low"], values["state_high"], strict=True)
+    bounded = {item.name for item, low, high in limits if max(low, -high) > -NONE}
+    noise = dict(zip((item.name for item in rig.system.outputs), _noise(rig).tolist(), strict=True))
+    return min(value for name, value in noise.items() if name in bounded or not bounded & noise.keys())
+
+
+def _noise(rig: Rig) -> Array:
+    """Deviation (p,) of the noise of each output's sensor."""
+    return np.array([sensor.scale * sensor.noise for sensor in rig.sensors])
+
+
+def noise_cost(rig: Rig, problem: Problem) -> float:
+    """Cost of an error as large as the sensors' noise, at one sample."""
+    return float(np.sum(problem.stage_weights.outputs[0] * _noise(rig) ** 2))
 
 
 def by_state(values: Sequence[float], rig: Rig, model: System) -> tuple[float, ...]:

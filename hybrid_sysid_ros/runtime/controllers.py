@@ -1,4 +1,4 @@
-"""Controllers: the one that the parameters of the node `controller` name, and how its answers are checked."""
+"""Controllers: the one that the parameters of the node `controller` name."""
 
 from __future__ import annotations
 
@@ -9,19 +9,21 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-
 from hybrid_sysid_ros.control import Controller, ExactMpc, Problem
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.control.safety.online_check import Tolerances
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.configuration import NONE, controller_model, mpc_problem, shipped, wrap_for_rig
+from hybrid_sysid_ros.runtime.configuration import (
+    check_tolerances,
+    controller_model,
+    mpc_problem,
+    shipped,
+    wrap_for_rig,
+)
 from hybrid_sysid_ros.support import extensions
-from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 Warn = Callable[[str], object]
@@ -123,36 +125,3 @@ def _look_at(network: Policy, path: Path, asked: Problem, settings: Mapping[str,
     names = [item.name for item in fields(Problem) if getattr(asked, item.name) != getattr(made, item.name)]
     if names:
         warn(f"{path}: was trained with other values of {', '.join(names)} than the parameters say, and keeps them")
-
-
-def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: Problem) -> Tolerances:
-    """Tolerances of the online check from the parameters of the node `controller`.
-
-    What the sensors' noise costs can't be told from nothing: a plan may be costlier by an error of that size at every
-    sample of the horizon.
-    """
-    return Tolerances(
-        cost=values["check_cost"],
-        floor=problem.horizon * noise_cost(rig, problem),
-        violation=_violation(values, rig),
-        disturbance=tuple(values["check_disturbance"]),
-        patience=values["check_patience"],
-    )
-
-
-def _violation(values: Mapping[str, Any], rig: Rig) -> float:
-    """The least noise of the outputs that are states with bounds, of all outputs where no such one is measured."""
-    limits = zip(rig.system.states, values["state_low"], values["state_high"], strict=True)
-    bounded = {item.name for item, low, high in limits if max(low, -high) > -NONE}
-    noise = dict(zip((item.name for item in rig.system.outputs), _noise(rig).tolist(), strict=True))
-    return min(value for name, value in noise.items() if name in bounded or not bounded & noise.keys())
-
-
-def _noise(rig: Rig) -> Array:
-    """Deviation (p,) of the noise of each output's sensor."""
-    return np.array([sensor.scale * sensor.noise for sensor in rig.sensors])
-
-
-def noise_cost(rig: Rig, problem: Problem) -> float:
-    """Cost of an error as large as the sensors' noise, at one sample."""
-    return float(np.sum(problem.stage_weights.outputs[0] * _noise(rig) ** 2))

@@ -18,8 +18,7 @@ from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.configuration import by_state, controller_model, listed
-from hybrid_sysid_ros.runtime.controllers import check_tolerances, noise_cost
+from hybrid_sysid_ros.runtime.configuration import by_state, check_tolerances, controller_model, listed, noise_cost
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.parallel import Store

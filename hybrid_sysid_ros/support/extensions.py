@@ -63,7 +63,7 @@ def registry() -> Registry:
 
     used, problems = [TRUNK], list[str]()
     taken = dict.fromkeys((("command", words.split()[0]) for words in TRUNK.commands), TRUNK.name)
-    taken |= dict.fromkeys(TRUNK.claims(), TRUNK.name)
+    taken |= dict.fromkeys([("extension", TRUNK.name), *TRUNK.claims()], TRUNK.name)
     for where, target in _targets():
         try:
             found = loaded(target)

@@ -111,7 +111,7 @@ def read_folder(folder: Path, *, slow: bool = False) -> list[Record]:
             return [bags.read(path, signals) for path in made]
     paths = sorted(path for path in folder.iterdir() if path.suffix == ".mcap" or (path / "metadata.yaml").is_file())
     if not paths:
-        raise UserError(f"{folder}: neither .mat files nor bags are there; see docs/bags.md for the author's records")
+        raise UserError(f"{folder}: neither .mat files nor bags are there (docs/guides/bags.md)")
     return [bags.read(path, signals) for path in paths]
 
 

@@ -36,7 +36,7 @@ INTERRUPTED = 130
 def command(
     number: Annotated[
         int,
-        typer.Argument(help="1: train on multisines; 2: on first halves; 3: and the slow ramp; docs/protocols.md."),
+        typer.Argument(help="1: train on multisines; 2: on first halves; 3: and the slow ramp (docs/results)."),
     ],
     folder: Annotated[Path, typer.Argument(help="Folder with the author's .mat files, or with bags of them.")],
     input_handling: InputHandling = "averaged",

@@ -9,9 +9,9 @@ import pytest
 
 from hybrid_sysid_ros.control import ExactMpc, Plan, Problem, Status
 from hybrid_sysid_ros.control.cascade import Cascade
-from hybrid_sysid_ros.control.steady_motion import steady_motion
+from hybrid_sysid_ros.control.scenarios import steady_motion
 from hybrid_sysid_ros.core import RungeKutta, System, simulate
-from hybrid_sysid_ros.core.wrappers import Drifting, Stabilised
+from hybrid_sysid_ros.core.wrappers import RateDisturbanceModel, Stabilised
 from tests.upright import GAINS, Upright
 
 SAMPLE, PERIOD, HORIZON = 0.02, 0.5, 8
@@ -44,7 +44,7 @@ class Asked:
 
 @pytest.fixture
 def stabilised() -> Stabilised:
-    return Stabilised(within=Upright(), gains=GAINS)
+    return Stabilised(physics=Upright(), gains=GAINS)
 
 
 def asked(cascade: Cascade, state: np.ndarray, previous: float = 0.0) -> Plan:
@@ -117,7 +117,7 @@ def test_an_offset_of_a_rate_that_is_planned_with_leaves_no_error():
         def law(self, x, u):
             return x[1], u[0]
 
-    system, wind = Drifting(within=Carried(), on=("place",)), 0.3
+    system, wind = RateDisturbanceModel(physics=Carried(), on=("place",)), 0.3
     found = {}
     for told in (wind, 0.0):
         mpc, x, u = ExactMpc(system, problem()), np.array([0.0, 0.0, wind]), np.zeros(1)
@@ -132,7 +132,7 @@ def test_an_offset_of_a_rate_that_is_planned_with_leaves_no_error():
 
 def test_an_offset_has_no_part_in_a_steady_motion(stabilised):
     """It could hold what an input is to hold, but nothing moves it."""
-    system = Drifting(within=stabilised, on=("speed",))
+    system = RateDisturbanceModel(physics=stabilised, on=("speed",))
     motion = steady_motion(system, problem().sized(system), np.array([0.2]))
     assert motion.state == pytest.approx([0.2, 0.0, 0.0], abs=1e-9)
     assert motion.slope[:, 0] == pytest.approx([1.0, 0.0, 0.0], abs=1e-9)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from hybrid_sysid_ros.core import compilation
+from hybrid_sysid_ros.support.versions import FALL_BACK, WARNED
 
 PROGRAM = """
 from dataclasses import dataclass
@@ -41,27 +42,68 @@ print(len(passes.buffer), *end, out.sum())
 """
 
 
-def run(cache, home=None):
-    """Passes of the compiler, and the numbers of the program, in a process of its own."""
-    environment = {**os.environ, "HYBRID_SYSID_CACHE": str(cache), "TMPDIR": str(home or cache)}
-    found = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True)
+SMALL = """
+from numba.core import event
+from hybrid_sysid_ros.core.compilation import kernel
+from tests.compiling import twice
+
+with event.install_recorder("numba:run_pass") as passes:
+    found = kernel(twice)(1.5)
+print(len(passes.buffer), found)
+"""
+
+
+def run(cache, home=None, *, program=PROGRAM, without=""):
+    """Passes of the compiler, and the numbers of the program, in a process of its own, without some private parts."""
+    environment = {
+        **os.environ,
+        "HYBRID_SYSID_CACHE": str(cache),
+        "TMPDIR": str(home or cache),
+        FALL_BACK: without,
+        WARNED: "",
+    }
+    found = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
     passes, *numbers = found.stdout.split()
+    assert found.stderr.count("\n") == len(list(filter(None, without.split(","))))  # a warning each
     return int(passes), numbers
 
 
-def test_a_second_process_compiles_nothing(tmp_path):
-    first, second = run(tmp_path), run(tmp_path)
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def first(cache):
+    """What the first process found that kept its code there."""
+    return run(cache)
+
+
+def test_a_second_process_compiles_nothing(cache, first):
     assert first[0] > 50
-    assert second == (0, first[1])
+    assert run(cache) == (0, first[1])
+
+
+def test_numba_s_own_compiler_makes_the_same_digits(cache, first):
+    passes, numbers = run(cache, without="numba.compiler")
+    assert passes > 50  # what was compiled in the other way is not taken for it
+    assert numbers == first[1]
+    assert run(cache, without="numba.compiler") == (0, numbers)
+
+
+def test_without_a_lock_nothing_is_kept(cache):
+    first = run(cache, program=SMALL, without="numba.cache")
+    assert first[0] > 10
+    assert run(cache, program=SMALL, without="numba.cache") == first
 
 
 def test_where_nothing_can_be_kept_it_is_compiled_for_this_process(tmp_path):
     """The cache is a file, and so no folder; temporary files may be made."""
     (tmp_path / "cache").write_text("")
     (tmp_path / "temporary").mkdir()
-    first = run(tmp_path / "cache", tmp_path / "temporary")
-    assert first[0] > 50
-    assert run(tmp_path / "cache", tmp_path / "temporary") == (0, first[1])  # kept with temporary files
+    first = run(tmp_path / "cache", tmp_path / "temporary", program=SMALL)
+    assert first[0] > 10
+    assert run(tmp_path / "cache", tmp_path / "temporary", program=SMALL) == (0, first[1])  # with temporary files
 
 
 def test_processes_that_start_at_once_agree(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hybrid_sysid_ros.core import Bristles, Dry, System, bounded, simulate, stepped
+from hybrid_sysid_ros.core import Bristles, Dry, System, bounded, one_step, simulate
 from tests.one_joint import Dahl, Linear, LuGre
 
 
@@ -58,7 +58,7 @@ def test_a_stuck_block_has_lost_its_speed_to_the_last_bit(slider):
     for _ in range(1000):
         h = 10 ** random.uniform(-5, -2)
         speed = random.uniform(-1, 1) * 2.0 * h
-        assert stepped(slider, np.array([0.3, speed]), np.zeros(1), step=h)[1] == 0.0
+        assert one_step(slider, np.array([0.3, speed]), np.zeros(1), step=h)[1] == 0.0
 
 
 def test_two_joints_on_a_spring_move_as_their_differential_equation(flexible_joint):
@@ -185,7 +185,7 @@ LUGRE = LuGre(
 
 
 def step(system, state, push, h):
-    return stepped(system, np.array(state), np.array([push]), step=h)
+    return one_step(system, np.array(state), np.array([push]), step=h)
 
 
 def pushes(t):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hybrid_sysid_ros.core import Ageing, Hysteretic, MaxwellSlip, System, simulate, stepped
+from hybrid_sysid_ros.core import Ageing, Hysteretic, MaxwellSlip, System, one_step, simulate
 from hybrid_sysid_ros.core.contacts import fading_stiffnesses
 from hybrid_sysid_ros.core.friction import stefanski, stribeck
 from hybrid_sysid_ros.core.symbolic import symbolic_step
@@ -110,7 +110,7 @@ def test_maxwell_elements_at_steady_speed_give_the_level_of_that_speed():
     state = np.array([0.0, speed, *(LEVEL / 4 / k for k in STIFFNESS)])
     for _ in range(20_000):
         state[1] = speed  # held there
-        state = stepped(Falling(), state, np.zeros(1), step=h)
+        state = one_step(Falling(), state, np.zeros(1), step=h)
     assert np.dot(STIFFNESS, state[2:]) == pytest.approx(level, rel=1e-3)
 
 
@@ -127,11 +127,11 @@ def test_break_away_grows_with_rest_as_its_exponential(rest):
     """Just stopped, then at rest for a while, then pushed hard: F + Fe (1 - exp(-t / T))."""
     h, state = 1e-4, np.array([0.0, 0.0, 1.0])  # the contact just renewed
     for _ in range(round(rest / h)):
-        state = stepped(Old(), state, np.zeros(1), step=h)
+        state = one_step(Old(), state, np.zeros(1), step=h)
     low, high = 1.0, 4.0
     for _ in range(40):
         push = 0.5 * (low + high)
-        low, high = (low, push) if stepped(Old(), state, np.array([push]), step=h)[1] > 0.0 else (push, high)
+        low, high = (low, push) if one_step(Old(), state, np.array([push]), step=h)[1] > 0.0 else (push, high)
     assert push == pytest.approx(2.0 + 1.0 - np.exp(-rest / 0.5), rel=1e-3)
 
 
@@ -174,7 +174,7 @@ def test_the_smoothed_step_tends_to_the_exact_one(system):
 def test_the_smoothed_step_has_derivatives_at_rest(system):
     x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u")
     step = symbolic_step(system, step=1e-3, smoothing=0.01)
-    slopes = casadi.Function("slopes", [x, u], [casadi.jacobian(step(x, u), casadi.vertcat(x, u))])
-    found = np.array(slopes(np.zeros(len(system.states)), 0.0))
+    jacobian = casadi.Function("jacobian", [x, u], [casadi.jacobian(step(x, u), casadi.vertcat(x, u))])
+    found = np.array(jacobian(np.zeros(len(system.states)), 0.0))
     assert np.isfinite(found).all()
     assert found[1, -1] > 0.0  # a push moves it

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from hybrid_sysid_ros.core.networks import GatedUnits, Perceptron, Polynomial, Softsign
+from benchmarks.perceptron import Perceptron
+from hybrid_sysid_ros.core.networks import GatedUnits, Polynomial, Softsign
 
 ERROR = """
 import sys
@@ -24,12 +25,12 @@ for units in map(int, sys.argv[1:]):
     hybrid = Hybrid(physics=Cart(), on=("velocity",), block=block, scales=(1.0,) * 5, network_weights=weights)
     starts, x, u = np.array([[0, 0, 3, 0]]), np.array([[0.3, 2.0]]), np.full((2, 2), 0.5)
     told = Sensitivities(hybrid, parameters=(), states=())
-    slopes, moved = np.empty((3, 2, told.count)), []
-    told.rollouts(hybrid, starts, x, u, step=0.01, every=1, out=slopes)
+    derivatives, moved = np.empty((3, 2, told.count)), []
+    told.rollouts(hybrid, starts, x, u, step=0.01, every=1, out=derivatives)
     for step in 1e-6 * np.eye(len(weights)):
         a, b = (rollouts(hybrid.with_weights(weights + s), starts, x, u, step=0.01, every=1)[1] for s in (step, -step))
         moved.append((a - b) / 2e-6)
-    print(np.max(np.abs(slopes - np.moveaxis(moved, 0, -1))))
+    print(np.max(np.abs(derivatives - np.moveaxis(moved, 0, -1))))
 """
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from hybrid_sysid_ros.core import RungeKutta, Sampled, System, rollouts, sloped
+from hybrid_sysid_ros.core import RungeKutta, Sampled, System, rollouts, step_with_jacobian
 from hybrid_sysid_ros.core import mathematics as m
 from hybrid_sysid_ros.core.symbolic import symbolic_output
 from hybrid_sysid_ros.support.errors import UserError
@@ -109,7 +109,7 @@ def test_every_function_and_its_derivative_is_numpys(name):
     random, h = np.random.default_rng(0), 1e-6
     for _ in range(50):
         point = np.array([random.uniform(low, high) for low, high in (*ranges, WIDE)[:2]])
-        out, slopes = sloped(system, np.zeros(1), point - 0.5, step=1.0, output=True)
+        out, jacobian = step_with_jacobian(system, np.zeros(1), point - 0.5, step=1.0, output=True)
         given = point[: len(ranges)]
         assert out[0] == pytest.approx(numpys(*given), rel=1e-14, abs=1e-15)
         assert float(exported(np.zeros(1), point - 0.5)) == pytest.approx(numpys(*given), rel=1e-14, abs=1e-15)
@@ -118,15 +118,15 @@ def test_every_function_and_its_derivative_is_numpys(name):
             if np.any(np.floor(given + unit) != np.floor(given - unit)):
                 continue
             expected = (numpys(*(given + unit)) - numpys(*(given - unit))) / (2 * h)
-            assert slopes[0, 1 + column] == pytest.approx(expected, rel=1e-6, abs=1e-7)
+            assert jacobian[0, 1 + column] == pytest.approx(expected, rel=1e-6, abs=1e-7)
 
 
 def test_where_one_side_of_a_select_is_not_finite_the_other_counts():
-    """Values and slopes."""
+    """Values and derivatives."""
     system = Calculator(function=lambda a: m.select(a > 0.0, m.sqrt(a), -m.log(1.0 - a)), arguments=1)
     for a, value, slope in ((4.0, 2.0, 0.25), (-1.0, -np.log(2.0), 0.5)):
-        out, slopes = sloped(system, np.zeros(1), np.array([a - 0.5, 0.0]), step=1.0, output=True)
-        assert (out[0], slopes[0, 1]) == pytest.approx((value, slope), rel=1e-14)
+        out, jacobian = step_with_jacobian(system, np.zeros(1), np.array([a - 0.5, 0.0]), step=1.0, output=True)
+        assert (out[0], jacobian[0, 1]) == pytest.approx((value, slope), rel=1e-14)
 
 
 @dataclass(frozen=True, kw_only=True)

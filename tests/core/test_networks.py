@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.network_plant import WEIGHTS, NetworkPlant, layers
-from hybrid_sysid_ros.core import Perceptron, Softsign, System, sloped, stepped
+from benchmarks.perceptron import Perceptron
+from hybrid_sysid_ros.core import Softsign, System, one_step, step_with_jacobian
 from hybrid_sysid_ros.core.blocks import Block
 from hybrid_sysid_ros.core.networks import GatedUnits, Polynomial
 from hybrid_sysid_ros.core.steppers import Sampled
@@ -49,9 +50,11 @@ class Given(System):
 
 
 def through(block, weights, z):
-    """Outputs, and slopes by features and weights."""
-    out, slopes = sloped(Given(blocks=(block,), numbers=weights), [0.0], z, step=1.0, output=True, learn=True)
-    return out, slopes[:, 1 : 1 + len(z)], slopes[:, 1 + len(z) :]
+    """Outputs, and derivatives by features and weights."""
+    out, jacobian = step_with_jacobian(
+        Given(blocks=(block,), numbers=weights), [0.0], z, step=1.0, output=True, learn=True
+    )
+    return out, jacobian[:, 1 : 1 + len(z)], jacobian[:, 1 + len(z) :]
 
 
 def moved(function, point, h=1e-6):
@@ -156,10 +159,10 @@ def test_a_block_may_read_what_another_gives_and_each_has_its_own_weights():
         return softsigns(second, weights[15:], softsigns(first, weights[:15], z))
 
     system = Given(blocks=(first, second), numbers=weights)
-    out, slopes = sloped(system, [0.0], z, step=1.0, output=True, learn=True)
+    out, jacobian = step_with_jacobian(system, [0.0], z, step=1.0, output=True, learn=True)
     np.testing.assert_allclose(out, written(z, weights), rtol=1e-13)
-    np.testing.assert_allclose(slopes[:, 1:3], moved(lambda z: written(z, weights), z), rtol=1e-6, atol=1e-8)
-    np.testing.assert_allclose(slopes[:, 3:], moved(lambda w: written(z, w), weights), rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(jacobian[:, 1:3], moved(lambda z: written(z, weights), z), rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(jacobian[:, 3:], moved(lambda w: written(z, w), weights), rtol=1e-6, atol=1e-8)
 
 
 def test_perceptrons_behind_each_other_have_their_own_weights():
@@ -172,7 +175,7 @@ def test_perceptrons_behind_each_other_have_their_own_weights():
     ]
     weights = np.concatenate([first.packed(parts[0]), second.packed(parts[1])])
     z = random.normal(size=2)
-    out, _ = sloped(Given(blocks=(first, second), numbers=weights), [0.0], z, step=1.0, output=True)
+    out, _ = step_with_jacobian(Given(blocks=(first, second), numbers=weights), [0.0], z, step=1.0, output=True)
     np.testing.assert_allclose(out, by_hand(parts[1], by_hand(parts[0], z)), rtol=1e-12)
 
 
@@ -189,7 +192,7 @@ def test_the_reference_network_is_drawn_as_it_is_stated():
     k3 = rates(x + h / 2 * k2)
     k4 = rates(x + h * k3)
     expected = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    np.testing.assert_allclose(stepped(plant, x, u, step=h), expected, rtol=1e-12)
+    np.testing.assert_allclose(one_step(plant, x, u, step=h), expected, rtol=1e-12)
     np.testing.assert_allclose(np.array(symbolic_step(plant, step=h)(x, u)).ravel(), expected, rtol=1e-12)
     assert len(WEIGHTS) == len(plant.weights)
 

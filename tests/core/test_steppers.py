@@ -7,7 +7,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from hybrid_sysid_ros.core import Recurrence, RungeKutta, System, bounded, simulate, sloped, stepped
+from hybrid_sysid_ros.core import Recurrence, RungeKutta, System, bounded, one_step, simulate, step_with_jacobian
 from hybrid_sysid_ros.core.mathematics import cos, sin
 from tests.evaluation import parametric_step
 from tests.one_joint import Linear
@@ -86,13 +86,13 @@ def test_the_slopes_of_a_runge_kutta_step_are_casadis():
     for _ in range(20):
         state, drive = random.normal(size=2), random.normal(size=1)
         np.testing.assert_allclose(
-            slopes(system, state, drive, h), np.array(expected(state, drive, system.values)), rtol=1e-11, atol=1e-14
+            jacobian(system, state, drive, h), np.array(expected(state, drive, system.values)), rtol=1e-11, atol=1e-14
         )
 
 
-def slopes(system, x, u, h):
+def jacobian(system, x, u, h):
     """By states, inputs and parameters."""
-    return sloped(system, x, u, step=h, learn=True)[1]
+    return step_with_jacobian(system, x, u, step=h, learn=True)[1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,4 +114,4 @@ def test_a_sampled_law_is_the_map_itself():
     found = simulate(Bank(), np.array([100.0, 0.0]), np.full((3, 1), 10.0), step=1.0)
     np.testing.assert_allclose(found[:, 0], [100.0, 115.0, 130.75, 147.2875])
     assert not Bank().kinematics  # a shifted state is no position
-    np.testing.assert_allclose(stepped(Bank(), np.array([1.0, 2.0]), np.array([3.0]), step=1.0), [4.05, 3.0])
+    np.testing.assert_allclose(one_step(Bank(), np.array([1.0, 2.0]), np.array([3.0]), step=1.0), [4.05, 3.0])

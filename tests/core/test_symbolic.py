@@ -4,7 +4,7 @@ import casadi
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.core import simulate, sloped, stepped
+from hybrid_sysid_ros.core import one_step, simulate, step_with_jacobian
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from tests.evaluation import parametric_step
@@ -28,7 +28,7 @@ def test_the_compiled_and_the_casadi_form_agree(name):
         hidden = DEFLECTION * random.uniform(-1, 1, len(system.states) - 2)
         state = np.concatenate([x[:2], hidden])
         expected = np.array(symbolic(state, x[2:])).ravel()
-        np.testing.assert_allclose(stepped(system, state, x[2:], step=0.005), expected, rtol=1e-11, atol=1e-14)
+        np.testing.assert_allclose(one_step(system, state, x[2:], step=0.005), expected, rtol=1e-11, atol=1e-14)
 
 
 @pytest.mark.parametrize("name", ["stribeck", "gray"])
@@ -39,7 +39,7 @@ def test_the_smooth_form_is_off_by_half_its_smoothing_at_most(name):
     for smoothing in (1e-2, 1e-4, 1e-6):
         symbolic = symbolic_step(system, step=0.005, smoothing=smoothing)
         errors = [
-            abs(stepped(system, x[:2], x[2:], step=0.005)[1] - float(symbolic(x[:2], x[2:])[1])) for x in points()
+            abs(one_step(system, x[:2], x[2:], step=0.005)[1] - float(symbolic(x[:2], x[2:])[1])) for x in points()
         ]
         # A law may round corners of its own by a fixed width, which is far below what counts.
         own = 0.0 if name == "stribeck" else 2e-4
@@ -53,7 +53,7 @@ def test_substeps_are_steps_in_turn():
     x, u = np.array([0.02, -0.1]), np.array([3.0])
     expected = x
     for _ in range(4):
-        expected = stepped(system, expected, u, step=0.005)
+        expected = one_step(system, expected, u, step=0.005)
     symbolic = symbolic_step(system, step=0.005, substeps=4)
     np.testing.assert_allclose(np.array(symbolic(x, u)).ravel(), expected, rtol=1e-12)
 
@@ -65,7 +65,7 @@ def test_two_joints_agree_in_both_forms(flexible_joint, motor):
         for _ in range(100):
             x, u = random.normal(size=len(system.states)), random.normal(size=1)
             expected = np.array(symbolic(x, u)).ravel()
-            np.testing.assert_allclose(stepped(system, x, u, step=0.002), expected, rtol=1e-12, atol=1e-14)
+            np.testing.assert_allclose(one_step(system, x, u, step=0.002), expected, rtol=1e-12, atol=1e-14)
 
 
 CORNERLESS = ("dahl", "lugre", "narx", "recurrent", *FUZZY)
@@ -87,18 +87,20 @@ def test_the_slopes_of_a_step_are_those_of_the_casadi_form(name, smoothing):
     for _ in range(20):
         state = random.uniform(-1, 1, states) * np.append(RANGE[:2], np.full(states - 2, DEFLECTION))
         drive = random.uniform(-1, 1, inputs) * RANGE[2]
-        out, slopes = sloped(system, state, drive, step=0.005, smoothing=smoothing, learn=True)
+        out, jacobian = step_with_jacobian(system, state, drive, step=0.005, smoothing=smoothing, learn=True)
         value, jacobian = expected(state, drive, system.values)
         np.testing.assert_allclose(out, np.array(value).ravel(), rtol=1e-9, atol=1e-12)
-        found = slopes[:, : states + inputs + len(free)]
+        found = jacobian[:, : states + inputs + len(free)]
         np.testing.assert_allclose(found, np.array(jacobian), rtol=1e-8, atol=1e-10)
 
 
 def test_what_rounding_does_to_bristles_goes_with_it():
     system = structure("lugre")
     state, drive = np.array([0.01, 0.2, 1e-4]), np.array([3.0])
-    exact, *rounded = (sloped(system, state, drive, step=0.005, smoothing=s)[1] for s in (0.0, 1e-2, 1e-3, 1e-4))
-    errors = [np.abs(slopes - exact).max() for slopes in rounded]
+    exact, *rounded = (
+        step_with_jacobian(system, state, drive, step=0.005, smoothing=s)[1] for s in (0.0, 1e-2, 1e-3, 1e-4)
+    )
+    errors = [np.abs(jacobian - exact).max() for jacobian in rounded]
     assert errors[0] > 10.0 * errors[1] > 100.0 * errors[2]
 
 
@@ -106,11 +108,11 @@ def test_what_rounding_does_to_bristles_goes_with_it():
 def test_the_output_map_and_its_slopes_are_the_exported_ones(system):
     output = symbolic_output(system)
     x, u = casadi.SX.sym("x", 2), casadi.SX.sym("u", 2)
-    jacobian = casadi.Function("j", [x, u], [casadi.jacobian(output(x, u), casadi.vertcat(x, u))])
+    expected = casadi.Function("j", [x, u], [casadi.jacobian(output(x, u), casadi.vertcat(x, u))])
     state, drive = np.array([0.3, -0.2]), np.array([1.0, 2.0])
-    out, slopes = sloped(system, state, drive, step=0.01, output=True)
+    out, jacobian = step_with_jacobian(system, state, drive, step=0.01, output=True)
     np.testing.assert_allclose(out, np.array(output(state, drive)).ravel(), rtol=1e-13)
-    np.testing.assert_allclose(slopes, np.array(jacobian(state, drive)), rtol=1e-13)
+    np.testing.assert_allclose(jacobian, np.array(expected(state, drive)), rtol=1e-13)
 
 
 EXPORTED = {

@@ -17,9 +17,9 @@ from hybrid_sysid_ros.core import (
     Viscous,
     bounded,
     compiled,
+    one_step,
     rollouts,
     simulate,
-    stepped,
 )
 from hybrid_sysid_ros.core.mathematics import sin
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
@@ -113,7 +113,7 @@ def test_nothing_grows_outside_the_range_that_was_identified():
     h = 1e-6
 
     def at(q, v):
-        return (stepped(beam, np.array([q, v]), np.array([2.0]), step=h)[1] - v) / h + beam.stiffness * q
+        return (one_step(beam, np.array([q, v]), np.array([2.0]), step=h)[1] - v) / h + beam.stiffness * q
 
     for edge, far in ((0.1, 5.0), (-0.1, -5.0)):
         for fast in (2.0, -2.0):
@@ -133,7 +133,7 @@ def test_a_network_is_bounded_however_far_it_is_asked(name):
     for _ in range(200):
         x = random.uniform(-1.5, 1.5, 3) * RANGE
         for far in (x, 1e3 * x):
-            moved = [stepped(item, far[:2], far[2:], step=0.005)[1] for item in (system, silent)]
+            moved = [one_step(item, far[:2], far[2:], step=0.005)[1] for item in (system, silent)]
             assert abs(moved[0] - moved[1]) <= 0.005 * bound * (1 + 1e-9)
 
 
@@ -156,7 +156,7 @@ def test_fields_that_are_no_parameters_are_part_of_the_form():
     for other in (replace(first, order=3), replace(first, table=np.array([5.0]))):
         assert compiled(other) is not compiled(first)
         expected = other.table[0] * 2.0**other.order
-        assert stepped(other, np.zeros(1), np.array([2.0]), step=1.0)[0] == pytest.approx(expected)
+        assert one_step(other, np.zeros(1), np.array([2.0]), step=1.0)[0] == pytest.approx(expected)
     beam = CamBeam()
     assert compiled(beam) is compiled(replace(beam, gain=5.0))
 
@@ -306,3 +306,17 @@ def test_a_contact_whose_level_is_not_finite_is_told():
     with pytest.raises(UserError) as raised:
         simulate(made(contacts=(Dry(on="v", level="grip"),), grip=level), np.zeros(2), np.zeros((3, 1)), step=0.1)
     told(raised, "Cart", "the step is not finite")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("shown", "reconstructible"),
+        ("remembered", "delay_line"),
+        ("hidden", "unobserved"),
+        ("observed", "states_from_record"),
+    ],
+)
+def test_a_system_of_an_earlier_edition_is_told_the_new_name(old, new):
+    with pytest.raises(UserError, match=rf"Former: {old} .*{new}"):
+        type("Former", (System,), {old: property(lambda self: [0])})

@@ -8,11 +8,13 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from hybrid_sysid_ros.core import stepped
+from hybrid_sysid_ros.core import one_step
 from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.estimation import METHODS, Tuning
+from hybrid_sysid_ros.estimation.belief import solve
 from hybrid_sysid_ros.estimation.consistency import band, normalised_errors
-from hybrid_sysid_ros.estimation.square_root import solve, solve_transposed, triangle
+from hybrid_sysid_ros.estimation.extended_kalman_filter import triangle
+from hybrid_sysid_ros.estimation.moving_horizon_estimator import solve_transposed
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 
 PERIOD = 0.005
@@ -58,7 +60,7 @@ FORCED = dataclasses.replace(TUNING, process_noise=(1e-3, 0.05), input_noise=(0.
 
 def advanced(z, u, system=PULL):
     """The system's own step with a disturbance, z = [q, v, d]."""
-    return np.array([*stepped(system, z[:2], np.array([u + z[2]]), step=PERIOD), z[2]])
+    return np.array([*one_step(system, z[:2], np.array([u + z[2]]), step=PERIOD), z[2]])
 
 
 def drawn(tuning, seed, samples, system=PULL):

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from hybrid_sysid_ros.core import System, bounded, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar, cos, sin
-from hybrid_sysid_ros.core.rollout import stepped
+from hybrid_sysid_ros.core.rollout import one_step
 from hybrid_sysid_ros.estimation import METHODS, Channel, Tuning
 from hybrid_sysid_ros.estimation.consistency import normalised_errors
 from hybrid_sysid_ros.support.errors import UserError
@@ -227,7 +227,7 @@ def joint_run(kind, *, dead: bool = False, samples: int = 1200):
         y[1] = np.nan if dead else y[1]
         rows.append((ours.update(k * PERIOD, y, np.array([u])), x))
         u = 0.9 * np.sign(np.sin(0.02 * k)) + 0.3 * np.sin(0.3 * k)
-        x = stepped(system, x, np.array([u + 0.05]), step=PERIOD)
+        x = one_step(system, x, np.array([u + 0.05]), step=PERIOD)
     return ours, rows
 
 
@@ -277,7 +277,7 @@ def test_an_angle_comes_out_of_where_the_tip_is_seen(kind):
         errors.append(estimate.state - x)
         squares.append(estimate.normalised_innovation)
         u = 12.0 * np.sin(4.0 * k * PERIOD)
-        x = stepped(system, x, np.array([u + 0.5]), step=PERIOD)
+        x = one_step(system, x, np.array([u + 0.5]), step=PERIOD)
     assert np.sqrt(np.mean(np.square(errors[300:]), axis=0))[0] < 0.006  # less than a measurement's
     assert np.mean(squares[300:]) == pytest.approx(2.0, abs=0.2)
     assert np.mean(estimate.disturbance) == pytest.approx(0.5, abs=0.2)

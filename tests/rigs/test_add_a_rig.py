@@ -1,4 +1,4 @@
-"""docs/add-a-rig.md, word for word: the files it shows, the commands it gives, in a folder outside the package."""
+"""The tutorials on rigs, word for word: their files and their commands, in a folder outside the package."""
 
 import re
 from functools import partial
@@ -15,13 +15,14 @@ from hybrid_sysid_ros.identification import Part, evaluate
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 
-PAGE = (Path(__file__).parents[2] / "docs" / "add-a-rig.md").read_text(encoding="utf-8")
+TUTORIALS = Path(__file__).parents[2] / "docs" / "tutorials"
+PAGE = "\n".join((TUTORIALS / name).read_text(encoding="utf-8") for name in ("add-a-rig.md", "two-inputs.md"))
 COMMANDS = [line.split()[1:] for line in re.findall(r"^    (hybrid-sysid .*)$", PAGE, re.MULTILINE)]
 PYTHON, VALUES = (re.findall(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL) for kind in ("python", "yaml"))
 
 
 class Shown(NamedTuple):
-    """A rig of the page."""
+    """A rig of the pages."""
 
     name: str
     system: str
@@ -65,7 +66,7 @@ def test_the_rigs_are_short(shown):
     assert len(shown.values.splitlines()) < 60
 
 
-def test_the_page_leads_from_a_new_folder_to_a_certified_policy_in_the_loop(
+def test_the_pages_lead_from_a_new_folder_to_a_certified_policy_in_the_loop(
     shown, command, domain, tmp_path, monkeypatch
 ):
     pytest.importorskip("torch", reason="needs the extra [train]")

@@ -10,7 +10,7 @@ import pytest
 
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.idle_states import without_idle
-from hybrid_sysid_ros.core import simulate, stepped
+from hybrid_sysid_ros.core import one_step, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.structure import build, structure_of
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -82,7 +82,9 @@ def test_the_record_of_a_twisted_joint_shows_the_link_s_angle(rig):
     system = rig.structures["linear"]
     twist, angle = 0.03, 5.0
     acceleration = system.spring * twist / system.link_inertia
-    states = system.observed(np.array([[angle, 1.0]]), np.array([[0.0, acceleration]]), np.zeros((1, 1)))
+    states = system.record_map().states_from_record(
+        np.array([[angle, 1.0]]), np.array([[0.0, acceleration]]), np.zeros((1, 1))
+    )
     np.testing.assert_allclose(states[0, [MOTOR, LINK, LINK_SPEED]], [angle, angle - twist, 1.0])
 
 
@@ -98,7 +100,7 @@ def test_no_model_of_it_knows_how_often_it_has_turned(rig, structure):
     turned[[MOTOR, LINK]] = 40.0 * np.pi
     for _ in range(20):
         x, u = random.normal(size=len(system.states)), random.normal(size=1)
-        moved = stepped(system, x + turned, u, step=0.005) - stepped(system, x, u, step=0.005)
+        moved = one_step(system, x + turned, u, step=0.005) - one_step(system, x, u, step=0.005)
         np.testing.assert_allclose(moved, turned, atol=1e-9)
 
 

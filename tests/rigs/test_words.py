@@ -14,7 +14,8 @@ ANYBODYS = {"joint", "motor", "wheel", "string", "coulomb", "hysteretic", *struc
 """Words of rigs that any rig may have."""
 
 OWN = {*RIGS, ROOT / "hybrid_sysid_ros" / "trained"}
-OF_THE_SI = ROOT / "hybrid_sysid_ros" / "language" / "units.py"
+APART = {"__pycache__", "docs", "tests"}
+OF_THE_SI = ROOT / "hybrid_sysid_ros" / "extensions" / "commander" / "language" / "units.py"
 """Names every unit, whoever uses it."""
 TEXT = {".py", ".yaml", ".toml", ".cfg", ".xml", ".html", ".md", ".json", ".txt", ""}
 SEARCHED = [
@@ -33,7 +34,7 @@ def files():
     for name in SEARCHED:
         start = ROOT / name
         for path in sorted(start.rglob("*")) if start.is_dir() else [start]:
-            own = OWN.intersection(path.parents) or "__pycache__" in path.parts
+            own = OWN.intersection(path.parents) or APART.intersection(path.relative_to(ROOT).parts)
             if path.is_file() and path.suffix in TEXT and not own and path != OF_THE_SI:
                 yield path
 

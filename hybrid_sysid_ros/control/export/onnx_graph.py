@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.export.vectors import NAMES, Vectors, parts
-from hybrid_sysid_ros.control.policy.adaptation import FARTHEST
-from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.control.policy.policy import FARTHEST, Policy
 from hybrid_sysid_ros.core.networks import Layers
 from hybrid_sysid_ros.support.extras import extra
 

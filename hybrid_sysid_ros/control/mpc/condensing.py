@@ -11,7 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
-from hybrid_sysid_ros.control.stage_cost import stage_cost
+from hybrid_sysid_ros.control.problem import stage_cost
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.support.arrays import Array

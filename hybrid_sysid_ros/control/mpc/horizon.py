@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.control.stage_cost import StageWeights
+from hybrid_sysid_ros.control.problem import Problem, StageWeights
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.shared import Shared
@@ -50,11 +49,11 @@ class Prediction(Shared):
 
     step: int
     """Address of one step, exact (:data:`~hybrid_sysid_ros.core.call.VALUE`)."""
-    step_slopes: int
-    """Of one step with its slopes, stick-slip rounded where there is a smoothing (:data:`~.call.SLOPES`)."""
+    step_jacobian: int
+    """Of one step with its derivatives, stick-slip rounded where there is a smoothing (:data:`~.call.JACOBIAN`)."""
     output: int
     """Of the output map."""
-    output_slopes: int
+    output_jacobian: int
     parameters: Array
     """(parameters,)."""
     network: Array
@@ -206,9 +205,9 @@ def prediction(system: System, problem: Problem) -> Prediction:
     functions = compiled(system)
     return Prediction(
         step=functions.step,
-        step_slopes=functions.slopes(smooth=problem.smoothing > 0.0)[0],
+        step_jacobian=functions.jacobian(smooth=problem.smoothing > 0.0)[0],
         output=functions.output,
-        output_slopes=functions.slopes(output=True)[0],
+        output_jacobian=functions.jacobian(output=True)[0],
         parameters=system.values,
         network=np.ascontiguousarray(system.weights, dtype=float),
         h=problem.period / problem.substeps,

@@ -1,9 +1,17 @@
-"""The model along a horizon in compiled code: where intervals lead, their derivatives, and the curvature of those."""
+"""The model along a horizon in compiled code: where intervals lead, their derivatives, and the Lagrangian's Hessian.
+
+Where Gauss-Newton's Hessian is not enough, the curvature of the dynamics is added and kept positive.
+"""
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
+
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Prediction
-from hybrid_sysid_ros.core.call import call_slopes, call_value, pointer
+from hybrid_sysid_ros.control.mpc.quadratic_program import Program
+from hybrid_sysid_ros.core.call import call_jacobian, call_value, pointer
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -62,23 +70,23 @@ def _interval(prediction: Prediction, horizon: Horizon, smoothing: float, follow
     """Where an interval leads, into ``following`` (n,), and its [A, B] (n, n + m)."""
     n, m = horizon.linear.B.shape[1:]
     work = horizon.work
-    total, moved, slopes, x, drive = work.total, work.moved, work.derivatives, work.state, work.drive
-    address, p, w, h = prediction.step_slopes, prediction.parameters, prediction.network, prediction.h
-    call_slopes(address, x, drive, p, w, h, smoothing, following, total)
+    total, moved, jacobian, x, drive = work.total, work.moved, work.derivatives, work.state, work.drive
+    address, p, w, h = prediction.step_jacobian, prediction.parameters, prediction.network, prediction.h
+    call_jacobian(address, x, drive, p, w, h, smoothing, following, total)
     for _ in range(prediction.substeps - 1):
         for a in range(n):
             x[a] = following[a]
-        call_slopes(address, x, drive, p, w, h, smoothing, following, slopes)
-        _chain(slopes, total, moved, n, m)
+        call_jacobian(address, x, drive, p, w, h, smoothing, following, jacobian)
+        _chain(jacobian, total, moved, n, m)
         total, moved = moved, total
     return total
 
 
 @inner
-def _chain(slopes: Array, total: Array, moved: Array, n: int, m: int) -> None:
-    """The chain rule over a step: moved = slopes_x total + [0, slopes_u], all (n, n + m)."""
+def _chain(jacobian: Array, total: Array, moved: Array, n: int, m: int) -> None:
+    """The chain rule over a step: moved = jacobian_x total + [0, jacobian_u], all (n, n + m)."""
     width = n + m
-    f, t, o = pointer(slopes), pointer(total), pointer(moved)
+    f, t, o = pointer(jacobian), pointer(total), pointer(moved)
     for a in range(n):
         for c in range(width):
             change = f[a * width + c] if c >= n else 0.0
@@ -91,16 +99,16 @@ def _chain(slopes: Array, total: Array, moved: Array, n: int, m: int) -> None:
 def _observe(prediction: Prediction, horizon: Horizon, i: int) -> None:
     """The outputs at the end of interval i, and C and D."""
     n, m = horizon.linear.B.shape[1:]
-    slopes, drive = horizon.work.derivatives, horizon.work.drive
-    call_slopes(
-        prediction.output_slopes, horizon.states[i + 1], drive, prediction.parameters, prediction.network,
-        prediction.h, 0.0, horizon.linear.outputs[i], slopes,
+    jacobian, drive = horizon.work.derivatives, horizon.work.drive
+    call_jacobian(
+        prediction.output_jacobian, horizon.states[i + 1], drive, prediction.parameters, prediction.network,
+        prediction.h, 0.0, horizon.linear.outputs[i], jacobian,
     )  # fmt: skip
     for k in range(horizon.linear.outputs.shape[1]):
         for b in range(n):
-            horizon.linear.C[i, k, b] = slopes[k, b]
+            horizon.linear.C[i, k, b] = jacobian[k, b]
         for j in range(m):
-            horizon.linear.D[i, k, j] = slopes[k, n + j]
+            horizon.linear.D[i, k, j] = jacobian[k, n + j]
 
 
 @inner
@@ -128,3 +136,184 @@ def find_curvature(prediction: Prediction, horizon: Horizon) -> None:
         for r in range(n + m):
             for c in range(r):
                 curvature[r, c] = curvature[c, r] = 0.5 * (curvature[r, c] + curvature[c, r])
+
+
+LEAST_SHIFT = 1e-4
+"""Added to the diagonal of a Hessian that is not positive, in shares of Gauss-Newton's largest entry; doubled until it
+is. More than it takes makes steps short, and much less long ones.
+"""
+
+HOLD = 100.0
+"""Curvature across active constraints, in shares of the largest entry of a Hessian that is not positive: far from the
+reference it is many times Gauss-Newton's.
+"""
+
+
+@inner
+def keep_derivatives(horizon: Horizon) -> None:
+    """Keep [A, B] and where they were taken, for :func:`update_curvature`."""
+    n, m = horizon.linear.B.shape[1:]
+    for i in range(horizon.inputs.shape[0]):
+        jacobian, point = horizon.lagrangian.jacobian[i], horizon.lagrangian.point[i]
+        for a in range(n):
+            point[a] = horizon.states[i, a]
+            for b in range(n):
+                jacobian[a, b] = horizon.linear.A[i, a, b]
+            for j in range(m):
+                jacobian[a, n + j] = horizon.linear.B[i, a, j]
+        for j in range(m):
+            point[n + j] = horizon.inputs[i, j]
+
+
+@inner
+def update_curvature(horizon: Horizon) -> None:
+    """Symmetric rank-one update of each interval's curvature by how its [A, B] changed over the last step.
+
+    Conn, Gould & Toint (1991), Mathematical Programming 50; interval by interval, a few steps tell it all.
+    """
+    n, m = horizon.linear.B.shape[1:]
+    moved, off = np.empty(n + m), np.empty(n + m)
+    for i in range(horizon.inputs.shape[0]):
+        kept = horizon.lagrangian
+        curvature, jacobian, point = kept.curvature[i], kept.jacobian[i], kept.point[i]
+        for a in range(n):
+            moved[a] = horizon.states[i, a] - point[a]
+        for j in range(m):
+            moved[n + j] = horizon.inputs[i, j] - point[n + j]
+        across = far = size = 0.0
+        for c in range(n + m):
+            total = 0.0
+            for a in range(n):
+                now = horizon.linear.A[i, a, c] if c < n else horizon.linear.B[i, a, c - n]
+                total += horizon.lagrangian.adjoint[i + 1, a] * (now - jacobian[a, c])
+            for d in range(n + m):
+                total -= curvature[c, d] * moved[d]
+            off[c] = total
+            across += total * moved[c]
+            far += total * total
+            size += moved[c] * moved[c]
+        if abs(across) > 1e-3 * math.sqrt(far * size):
+            for c in range(n + m):
+                for d in range(n + m):
+                    curvature[c, d] += off[c] * off[d] / across
+
+
+@inner
+def add_curvature(horizon: Horizon, program: Program) -> None:
+    """Add E' curvature_i E of all intervals to the Hessian, E (n + m, v) being the derivative of an interval's state
+    and inputs by all inputs, and make it positive definite.
+    """
+    (count, n), m, v = horizon.linear.reached.shape, horizon.inputs.shape[1], program.gradient.shape[0]
+    largest = 0.0
+    for c in range(v):
+        largest = max(largest, program.hessian[c, c])
+    moved, bent = np.zeros((n + m, v)), np.zeros((n + m, v))
+    hessian, e, t = pointer(program.hessian), pointer(moved), pointer(bent)
+    input_response = pointer(horizon.condensed.input_response)
+    for i in range(count):
+        wide = (i + 1) * m
+        for a in range(n):
+            for c in range(i * m):
+                e[a * v + c] = input_response[((i - 1) * n + a) * v + c]
+            for c in range(i * m, wide):
+                e[a * v + c] = 0.0
+        for j in range(m):
+            for c in range(wide):
+                e[(n + j) * v + c] = 1.0 if c == i * m + j else 0.0
+        for a in range(n + m):
+            for c in range(wide):
+                t[a * v + c] = 0.0
+            for b in range(n + m):
+                slope = horizon.lagrangian.curvature[i, a, b]
+                for c in range(wide):
+                    t[a * v + c] += slope * e[b * v + c]
+        for a in range(n + m):
+            for c in range(wide):
+                slope, to = e[a * v + c], c * v
+                if slope != 0.0:
+                    for d in range(wide):
+                        hessian[to + d] += slope * t[a * v + d]
+    _make_positive(horizon, program, largest)
+
+
+@inner
+def _make_positive(horizon: Horizon, program: Program, largest: float) -> None:
+    """Make the Hessian positive definite, if it is not, without changing it where inputs are free: by curvature across
+    the active constraints (Nocedal & Wright 2006, section 17.3), and only where that leaves it indefinite, by a shift
+    of its diagonal, which shortens all steps.
+    """
+    hessian, factor = program.hessian, np.empty_like(program.hessian)
+    if _factorise(hessian, factor):
+        return
+    most = largest
+    for c in range(hessian.shape[0]):
+        most = max(most, abs(hessian[c, c]))
+    _hold_active(horizon, program, HOLD * most)
+    if _factorise(hessian, factor):
+        return
+    _price_active(horizon, program)
+    if _factorise(hessian, factor):
+        return
+    shift = LEAST_SHIFT * largest
+    for _ in range(60):  # one that is no number stays as it is
+        for c in range(hessian.shape[0]):
+            hessian[c, c] += shift
+        if _factorise(hessian, factor):
+            return
+        shift *= 2.0
+
+
+@inner
+def _hold_active(horizon: Horizon, program: Program, hold: float) -> None:
+    """Add curvature across the bounds and rate limits that the last solution met."""
+    (count, m), v = horizon.inputs.shape, program.gradient.shape[0]
+    for c in range(v):
+        if program.multipliers[c] != 0.0:
+            program.hessian[c, c] += hold
+    for r in range(horizon.limits.rated.shape[0]):
+        for i in range(count):
+            if program.multipliers[v + r * count + i] != 0.0:
+                c = i * m + horizon.limits.rated[r]
+                program.hessian[c, c] += hold
+                if i > 0:
+                    program.hessian[c - m, c - m] += hold
+                    program.hessian[c, c - m] -= hold
+                    program.hessian[c - m, c] -= hold
+
+
+@inner
+def _price_active(horizon: Horizon, program: Program) -> None:
+    """Add the curvature that their price has across the soft bounds that the last solution met. The program has it too,
+    but outside of its Hessian, which must be positive alone; more would hold a state that is to move outside of them.
+    """
+    count, v = horizon.inputs.shape[0], program.gradient.shape[0]
+    first, hessian, rows = v + horizon.limits.rated.shape[0] * count, pointer(program.hessian), pointer(program.rows)
+    for r in range(horizon.limits.bounded.shape[0]):
+        price = 2.0 * horizon.weights.quadratic[horizon.limits.bounded[r]]
+        for i in range(count):
+            if program.multipliers[first + r * count + i] != 0.0:
+                row = (first - v + r * count + i) * v
+                for c in range(v):
+                    slope = price * rows[row + c]
+                    if slope != 0.0:
+                        for d in range(v):
+                            hessian[c * v + d] += slope * rows[row + d]
+
+
+@inner
+def _factorise(hessian: Array, factor: Array) -> bool:
+    """Cholesky's factor; False where a matrix is not positive definite."""
+    v = hessian.shape[0]
+    h, f = pointer(hessian), pointer(factor)
+    for c in range(v):
+        for d in range(c + 1):
+            total = h[c * v + d]
+            for k in range(d):
+                total -= f[c * v + k] * f[d * v + k]
+            if c == d:
+                if not total > 0.0:
+                    return False
+                f[c * v + c] = math.sqrt(total)
+            else:
+                f[c * v + d] = total / f[d * v + d]
+    return True

@@ -23,6 +23,7 @@ from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.versions import DAQP_STRUCTURES
 
 MATRICES, GRADIENT, BOUNDS, STATES = 1 | 2, 4, 8, 16
 """What has changed since the last solution: hessian and rows, gradient, bounds, states of the constraints."""
@@ -168,8 +169,8 @@ def quadratic_program(
     _function("allocate_daqp_settings", None, _POINTER)(place)
     (settings_place,) = workspace[workspace != 0]
     settings = _Settings.from_address(int(settings_place))
-    if (settings.primal_tolerance, settings.dual_tolerance) != (1e-6, 1e-12):
-        raise UserError("the installed daqp is another version than this package knows; install daqp>=0.11,<0.12")
+    as_known = (settings.primal_tolerance, settings.dual_tolerance) == (1e-6, 1e-12)
+    DAQP_STRUCTURES.usable([] if as_known else ["settings in their known place"])
     settings.primal_tolerance = TOLERANCE
     flag = _function("setup_daqp", ctypes.c_int, _POINTER, _POINTER, _POINTER)(ctypes.addressof(problem), place, 0)
     if flag < 0:

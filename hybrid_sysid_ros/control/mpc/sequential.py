@@ -10,9 +10,15 @@ from typing import NamedTuple
 
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.condensing import clamp_inputs, condense, cost_of, evaluate, find_adjoint, residual
-from hybrid_sysid_ros.control.mpc.curvature import add_curvature, keep_derivatives, update_curvature
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction
-from hybrid_sysid_ros.control.mpc.linearisation import assign, find_curvature, linearise
+from hybrid_sysid_ros.control.mpc.linearisation import (
+    add_curvature,
+    assign,
+    find_curvature,
+    keep_derivatives,
+    linearise,
+    update_curvature,
+)
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, MATRICES, STATES, Program
 from hybrid_sysid_ros.core.call import pointer
 from hybrid_sysid_ros.core.compilation import inner

@@ -24,8 +24,7 @@ from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction, 
 from hybrid_sysid_ros.control.mpc.linearisation import advance, assign, linearise
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, STATES, Program
 from hybrid_sysid_ros.control.mpc.sequential import SolverResult, solve
-from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.control.stage_cost import StageWeights, excess, stage_cost
+from hybrid_sysid_ros.control.problem import Problem, StageWeights, excess, stage_cost
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.control.steady_motion import slopes_at
+from hybrid_sysid_ros.control.scenarios import jacobian_at
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -29,8 +29,8 @@ def without_idle(system: System, problem: Problem) -> Array:
     rows = [np.eye(n)[bounded]]
     for size in np.repeat(SIZES, POINTS):
         x, u = size * random.normal(size=n), random.uniform(problem.input_low, problem.input_high)
-        rows.append(slopes_at(system, problem, x, u, output=False)[1] - np.eye(n))
-        rows.append(slopes_at(system, problem, x, u, output=True)[1][tracked])
+        rows.append(jacobian_at(system, problem, x, u, output=False)[1] - np.eye(n))
+        rows.append(jacobian_at(system, problem, x, u, output=True)[1][tracked])
     stacked = np.nan_to_num(np.concatenate(rows), posinf=0.0, neginf=0.0)
     _, values, directions = np.linalg.svd(stacked)
     found, kept = directions[values <= IDLE * values[0]], np.eye(n)

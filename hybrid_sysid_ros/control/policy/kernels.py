@@ -1,4 +1,4 @@
-"""A policy in compiled code: from an instance to bounded inputs, in about a microsecond.
+"""A policy in compiled code: its training range, its packed numbers, and its bounded inputs in about a microsecond.
 
 The sizes of a network are arguments, so that these functions are compiled once for all policies and are loaded from the
 cache on disk by the next process.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -16,14 +17,70 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.compilation import OPTIONS, inner, kernel
-from hybrid_sysid_ros.core.networks import Layers, Perceptron
-from hybrid_sysid_ros.core.networks.perceptron import column_sum
-from hybrid_sysid_ros.core.registers import load, scratch, store, tanh
+from hybrid_sysid_ros.core.networks import Layers
+from hybrid_sysid_ros.core.networks.tanh_layers import WIDEST, forward, packed_columns, widths_of
+from hybrid_sysid_ros.core.registers import scratch
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-WIDEST = 4096
-"""Features, and units of a layer: far above what answers in time, and room for it fits on a stack."""
+RIDGE = 1e-3
+"""Variance added to every standardised feature, so that directions in which the data hardly vary are not counted as
+known to a hair: the previews of a smooth reference lie almost in a plane."""
+
+UNBOUNDED = 1e12
+"""Of a feature whose box says nothing."""
+
+ROUNDING = 1e-9
+"""Relative, far above that of the numbers themselves."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrainingRange:
+    """Features within low and high (features,), and |whitening (z - centre) / scale| within ``reach``.
+
+    The first is the box of the training data, the second their ellipsoid (Mahalanobis distance), which tells that a
+    state and a reference never met even where each alone was seen. whitening (features, features): inverse of the
+    Cholesky factor of the covariance of the standardised features, lower triangular.
+    """
+
+    low: Array
+    high: Array
+    whitening: Array
+    reach: float
+
+    def __post_init__(self) -> None:
+        count = len(self.low)
+        if self.high.shape != (count,) or self.whitening.shape != (count, count) or not np.all(self.low <= self.high):
+            raise UserError(f"policy: the training range does not fit its {count} features")
+        if not self.reach >= 0:
+            raise UserError(f"policy: the reach of the training range is {self.reach}; it must not be negative")
+
+    @classmethod
+    def of(cls, features: Array, centre: Array, scale: Array) -> TrainingRange:
+        """The range of training data (samples, features), all of which lie within it."""
+        standardised = (features - centre) / scale
+        covariance = standardised.T @ standardised / len(features) + RIDGE * np.eye(features.shape[1])
+        whitening = np.linalg.inv(np.linalg.cholesky(covariance))
+        squares = np.sum((standardised @ whitening.T) ** 2, axis=1)
+        low, high = features.min(axis=0), features.max(axis=0)
+        # A hair more, for compiled code adds in another order.
+        hair = ROUNDING * np.maximum(np.abs(low), np.abs(high))
+        reach = float(np.sqrt(squares.max()) * (1 + ROUNDING))
+        return cls(low=low - hair, high=high + hair, whitening=whitening, reach=reach)
+
+    def onto(self, raw: Array) -> TrainingRange:
+        """The same of standardised raw features, of which these are the map ``raw`` (features, features), lower
+        triangular: of what they don't depend on alone the box says nothing.
+        """
+        free = np.any(raw != np.eye(len(raw)), axis=0) | np.any(raw != np.eye(len(raw)), axis=1)
+        low, high = np.where(free, -UNBOUNDED, self.low), np.where(free, UNBOUNDED, self.high)
+        return replace(self, low=low, high=high, whitening=self.whitening @ raw)
+
+    @property
+    def packed(self) -> Array:
+        """low, high, reach and the rows of the whitening matrix, one after another."""
+        return np.concatenate([self.low, self.high, [self.reach], self.whitening.ravel()])
+
 
 # What the sizes of a policy are, by place: states, inputs, outputs; tracked ones, which come next by their numbers;
 # intervals of the preview, stages of an answer, features, followed parameters.
@@ -62,12 +119,12 @@ def packed(
     """Pack a policy.
 
     bounds: low, high and rate limits (inputs,). output_map (tracked, states): of the tracked outputs. standard: centre
-    and scale (features,). training_range: :attr:`~.training_range.TrainingRange.packed`. Raises UserError for layers
+    and scale (features,). training_range: :attr:`~.kernels.TrainingRange.packed`. Raises UserError for layers
     that don't fit each other, or are too wide.
     """
     inputs, states = len(bounds[0]), output_map.shape[1]
     parts = [*bounds, output_map.ravel(), standard[0], 1.0 / standard[1], training_range]
-    parts += [_columns(layers), _columns(correction), np.zeros(followed)]
+    parts += [packed_columns(layers), packed_columns(correction), np.zeros(followed)]
     places = np.cumsum([0, *map(len, parts[:-1])])
     widths = widths_of(layers)
     if states + 2 * inputs + horizon * outputs > WIDEST:
@@ -78,61 +135,6 @@ def packed(
         if network:
             sizes += [len(network), *widths_of(network)]
     return Packed(np.array(sizes, dtype=np.int64), np.concatenate(parts).astype(float))
-
-
-def widths_of(layers: Layers) -> tuple[int, ...]:
-    """Features, units of each layer, and answers. Raises UserError where they don't fit each other, or are too many."""
-    widths = Perceptron.of(layers).widths
-    if max(widths) > WIDEST:
-        raise UserError(f"network: widths {widths} must be within {WIDEST}")
-    return widths
-
-
-def _columns(layers: Layers) -> Array:
-    """Each layer by its columns and then its biases, filled up with idle units to multiples of eight."""
-    parts: list[Array] = [np.zeros(0)]
-    before = layers[0][0].shape[1] if layers else 0
-    for matrix, bias in layers:
-        width = _padded(len(bias))
-        whole = np.zeros((width, before))
-        whole[: matrix.shape[0], : matrix.shape[1]] = matrix
-        parts += [whole.T.ravel(), np.pad(bias, (0, width - len(bias)))]
-        before = width
-    return np.concatenate(parts)
-
-
-@inner
-def _padded(width: int) -> int:
-    return (width + 7) // 8 * 8
-
-
-@inner
-def _layer(w: Any, at: int, width: int, values: Any, count: int, straight: bool, out: Any, lanes: int) -> None:
-    for block in range(0, width, lanes):
-        biases = load(w, at + count * width + block, lanes)
-        z = column_sum(w, at + block, width, values, count, biases, lanes)
-        store(out, block, z if straight else tanh(z))
-
-
-@inner
-def _forward(sizes: Any, shape: int, w: Any, at: int, features: Any, answers: Any) -> None:
-    """Answers of the network whose depth and widths stand at ``shape`` and whose weights begin ``at``; features are
-    kept, answers have room for the widest layer.
-    """
-    depth, count = sizes[shape], sizes[shape + 1]
-    other = scratch(WIDEST)
-    values, into = features, answers if depth % 2 else other
-    for layer in range(depth):
-        width, straight = _padded(sizes[shape + 2 + layer]), layer == depth - 1
-        if width % 32 == 0:
-            _layer(w, at, width, values, count, straight, into, 32)
-        elif width % 16 == 0:
-            _layer(w, at, width, values, count, straight, into, 16)
-        else:
-            _layer(w, at, width, values, count, straight, into, 8)
-        at += (count + 1) * width
-        count = width
-        values, into = into, answers if (depth - layer) % 2 == 0 else other
 
 
 @inner
@@ -167,10 +169,10 @@ def _evaluate(sizes: Any, numbers: Any, z: Any, answers: Any) -> None:
     inputs = sizes[INPUTS]
     count = sizes[STAGES] * inputs
     shape = PLACES + sizes[TRACKED]
-    _forward(sizes, shape, numbers, sizes[NETWORK], z, answers)
+    forward(sizes, shape, numbers, sizes[NETWORK], z, answers)
     if sizes[FOLLOWED] > 0:
         slopes = scratch(WIDEST)
-        _forward(sizes, shape + sizes[shape] + 2, numbers, sizes[CORRECTION], z, slopes)
+        forward(sizes, shape + sizes[shape] + 2, numbers, sizes[CORRECTION], z, slopes)
         for i in range(sizes[FOLLOWED]):
             for k in range(count):
                 answers[k] += slopes[i * count + k] * numbers[sizes[DEVIATION] + i]

@@ -11,9 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control.controller import Plan, Status, held
 from hybrid_sysid_ros.control.policy import kernels
-from hybrid_sysid_ros.control.policy.adaptation import Correction
-from hybrid_sysid_ros.control.policy.kernels import Packed, widths_of
-from hybrid_sysid_ros.control.policy.training_range import TrainingRange
+from hybrid_sysid_ros.control.policy.kernels import Packed, TrainingRange, widths_of
 from hybrid_sysid_ros.control.problem import Problem
 from hybrid_sysid_ros.control.safety import certificate as certificates
 from hybrid_sysid_ros.control.safety.certificate import Certificate
@@ -22,6 +20,34 @@ from hybrid_sysid_ros.models import Model, storage
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+
+FARTHEST = 2.0
+"""Spreads within which a parameter's deviation is believed: the correction is linear in it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Correction:
+    """u = NN(z) + NN_S(z) (theta - theta_0) / spread: NN_S is the derivative of the exact MPC's inputs by parameters.
+
+    names: of theta. nominal, spread (parameters,) in their units. layers: of NN_S; its outputs are
+    (parameters, outputs of NN) row by row, in units of the input limit. Hose, Gräfe, Trimpe (2024), Parameter-adaptive
+    approximate MPC: tuning neural-network controllers without retraining, L4DC.
+    """
+
+    names: tuple[str, ...]
+    nominal: Array
+    spread: Array
+    layers: tuple[tuple[Array, Array], ...]
+
+    def deviation(self, values: Mapping[str, float], before: Array) -> Array:
+        """Deviation (parameters,) in spreads, within +-:data:`FARTHEST`; ``before`` for what is no number."""
+        found = before.copy()
+        for index, name in enumerate(self.names):
+            value = values.get(name, np.nan)
+            if np.isfinite(value):
+                found[index] = (float(value) - float(self.nominal[index])) / float(self.spread[index])
+        return np.clip(found, -FARTHEST, FARTHEST)
+
 
 FORMAT = 3
 

@@ -14,8 +14,7 @@ from hybrid_sysid_ros.control.controller import Controller, Plan, Status
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread, magnitude
-from hybrid_sysid_ros.control.steady_motion import steady_motion
+from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread, magnitude, steady_motion
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
 

@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.policy.adaptation import Correction
 from hybrid_sysid_ros.control.policy.idle_states import without_idle
+from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.control.policy.network import (
     beyond_bounds,
     descend,
@@ -22,13 +22,11 @@ from hybrid_sysid_ros.control.policy.network import (
     new_network,
     single,
 )
-from hybrid_sysid_ros.control.policy.policy import Policy, features_of
+from hybrid_sysid_ros.control.policy.policy import Correction, Policy, features_of
 from hybrid_sysid_ros.control.policy.samples import Samples, sampled
-from hybrid_sysid_ros.control.policy.training_range import TrainingRange
 from hybrid_sysid_ros.control.policy.training_settings import MOST_EPISODES, Settings
 from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.control.scenarios import Spread
-from hybrid_sysid_ros.control.steady_motion import steady_motion
+from hybrid_sysid_ros.control.scenarios import Spread, steady_motion
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.arrays import Array

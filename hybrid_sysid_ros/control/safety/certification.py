@@ -25,7 +25,7 @@ from hybrid_sysid_ros.control.safety.certified_loops import (
     Drivers,
     measured,
 )
-from hybrid_sysid_ros.control.safety.online_check import REASONS
+from hybrid_sysid_ros.control.safety.supervisor import REASONS
 from hybrid_sysid_ros.control.scenarios import DISTURBED, PUSHED
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.support import parallel

@@ -15,10 +15,8 @@ from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.shooting import rollout
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.control.safety.online_check import REASONS, Tolerances
-from hybrid_sysid_ros.control.safety.supervisor import Supervisor
-from hybrid_sysid_ros.control.scenarios import LENGTH, LoopRun, Scenario, Spread
-from hybrid_sysid_ros.control.steady_motion import SteadyMotion, steady_motion
+from hybrid_sysid_ros.control.safety.supervisor import REASONS, Supervisor, Tolerances
+from hybrid_sysid_ros.control.scenarios import LENGTH, LoopRun, Scenario, Spread, SteadyMotion, steady_motion
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError

@@ -1,18 +1,114 @@
-"""The supervisor: a network drives while its plans pass the online check, the exact MPC where they don't."""
+"""The supervisor: a network drives while its plans pass the online check, the exact MPC where they don't.
+
+Source of the check: Hose, Köhler, Zeilinger, Trimpe (2025), Approximate nonlinear model predictive control with
+safety-augmented neural networks, IEEE TCST 33(6), algorithm 1; there the cost must fall, here it may rise within a
+stated tolerance, for the reference and the disturbance move and a network is never exact.
+"""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
+from typing import NamedTuple
 
 import numpy as np
 
 from hybrid_sysid_ros.control.controller import Plan, Status, held
-from hybrid_sysid_ros.control.mpc.horizon import new_instance
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction, new_instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
+from hybrid_sysid_ros.control.mpc.shooting import follow
+from hybrid_sysid_ros.control.policy.kernels import Packed, answer, inside
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.control.safety.online_check import ACCEPTED, REASONS, WAITING, Tolerances, check
+from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+
+Values = tuple[float, ...]
+
+ACCEPTED, OUT_OF_RANGE, DISTURBED, INFEASIBLE, COSTLIER, WAITING = range(6)
+REASONS = (
+    "accepted",
+    "out of range",
+    "disturbance too large",
+    "not feasible",
+    "costlier than the shifted plan",
+    "waiting for good answers",
+)
+"""What a check found; waiting: at the beginning, when there is no last plan to compare with, and after a rejection."""
+
+INPUT_ROUNDING = 1e-9
+"""By how much an input may be outside of its bounds [its unit]."""
+
+
+class Tolerances(NamedTuple):
+    """Within which a plan is accepted."""
+
+    cost: float
+    """Share by which a plan may be costlier than the shifted one."""
+    floor: float
+    """And by how much at any rate, in the unit of the cost."""
+    violation: float
+    """By how much a state may be outside of its bounds [its unit]."""
+    disturbance: Values
+    """(m,), largest input disturbance, or one for all inputs."""
+    patience: int
+    """Instances in a row that the network must answer well after a rejection, before it drives again."""
+
+
+@kernel
+def check(
+    policy: Packed,
+    prediction: Prediction,
+    horizon: Horizon,
+    instance: Instance,
+    flat: Array,
+    limits: tuple[Array, float, float, float],
+    inputs: Array,
+    states: Array,
+) -> int:
+    """What a policy's plan is found to be, beside the shifted one in the horizon of an exact MPC; the plan and where it
+    leads are then in ``inputs`` and ``states``. limits: of disturbance, share and floor of the cost, violation.
+
+    It is accepted where the instance is one like those of the training and the disturbance is not too large, the plan's
+    simulation is finite, keeps the bounds of inputs, of their changes and, within the tolerance, of states, and it is
+    not costlier. How far outside the shifted plan leads excuses nothing: plan after plan could be a little further out
+    than the one before, and where a push has put that one out, the exact MPC may well find one that is not.
+    """
+    sizes, numbers = policy
+    disturbance, share, floor, violation = limits
+    if not answer(sizes, numbers, flat, inputs):
+        return OUT_OF_RANGE
+    for j in range(disturbance.shape[0]):
+        if not abs(instance.disturbance[j]) <= disturbance[j]:
+            return DISTURBED
+    if not inside(sizes, numbers, flat):
+        return OUT_OF_RANGE
+    if not _bounded(instance, horizon, inputs):
+        return INFEASIBLE
+    weights = horizon.weights
+    shifted_cost, _ = follow(prediction, weights, instance, horizon.inputs, states)
+    cost, outside = follow(prediction, weights, instance, inputs, states)
+    if not math.isfinite(cost) or outside > violation:
+        return INFEASIBLE
+    if not math.isfinite(shifted_cost):
+        return ACCEPTED
+    return COSTLIER if cost > (1.0 + share) * shifted_cost + floor else ACCEPTED
+
+
+@inner
+def _bounded(instance: Instance, horizon: Horizon, inputs: Array) -> bool:
+    """Whether inputs and their changes are within their bounds."""
+    limits = horizon.limits
+    for j in range(inputs.shape[1]):
+        low, high, rate = limits.low[j], limits.high[j], limits.rate[j] + INPUT_ROUNDING
+        before = min(max(instance.previous[j], low), high)
+        for i in range(inputs.shape[0]):
+            u = inputs[i, j]
+            if not (low - INPUT_ROUNDING <= u <= high + INPUT_ROUNDING and abs(u - before) <= rate):
+                return False
+            before = u
+    return True
+
 
 LAYERS = {
     Status.POLICY: "policy",
@@ -26,7 +122,7 @@ LAYERS = {
 }
 """What stands behind an answer, by its status."""
 
-ROUNDING = 1e-6
+TIME_ROUNDING = 1e-6
 """Of times, in periods."""
 
 
@@ -37,7 +133,7 @@ class Supervisor:
     plan that was applied last, whoever made it, and what is left of that plan is what stands in where it is late. After
     a rejection the network drives again once it has answered well some times in a row, so layers don't chatter. The
     first plan is the exact MPC's, for a check against a bad plan means little.
-    Source of the check and of the warm start: see :mod:`~.online_check`.
+    The source of the check is that of the warm start, too.
 
     layers, reasons: how often each layer answered and what the check found, since the start.
     """
@@ -94,7 +190,7 @@ class Supervisor:
         return plan
 
     def check(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> int:
-        """One of the reasons, see :func:`~.online_check.check`: whether the network drives."""
+        """One of the reasons, see :func:`check`: whether the network drives."""
         if self.mpc.cold:
             return WAITING
         self._instance.assign(state, disturbance, previous_input, preview)
@@ -122,6 +218,6 @@ class Supervisor:
         if plan.status not in (Status.LATE, Status.FAILED):
             self._age = 0.0
             return plan
-        if self.mpc.cold or self._age > (self.horizon - ROUNDING) * self.period:
+        if self.mpc.cold or self._age > (self.horizon - TIME_ROUNDING) * self.period:
             return held(previous_input, self.mpc.problem, Status.HELD)
         return plan

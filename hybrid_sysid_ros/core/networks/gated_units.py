@@ -90,7 +90,7 @@ class GatedUnits(Block):
                     y[k] += w[at + readout + k * units + i] * y[readouts + i]
 
         @inner
-        def slopes(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
+        def jacobian(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
             gate = scratch(4)
             for k in range(readouts):
                 y[k] = w[at + readout + readouts * units + k]
@@ -120,7 +120,7 @@ class GatedUnits(Block):
                     for j in range(wide):
                         by_z[out * wide + j] += weight * by_z[own + j]
 
-        return value, slopes, not_learnt
+        return value, jacobian, not_learnt
 
     def symbolic(self, z: Sequence[Scalar], w: Sequence[Scalar]) -> list[Scalar]:
         units, drives, readouts = self.units, self.inputs, self.readouts

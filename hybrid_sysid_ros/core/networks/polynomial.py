@@ -43,7 +43,7 @@ class Polynomial(Block):
                 y[0] += product
 
         @inner
-        def slopes(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
+        def jacobian(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
             value(w, at, z, y)
             for i in range(features):
                 by_z[i] = 0.0
@@ -56,14 +56,14 @@ class Polynomial(Block):
                     by_z[order[k]] += product
 
         @inner
-        def weight_slopes(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
+        def weight_gradient(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
             for j in range(terms):
                 product = factors[0]
                 for k in range(ends[j], ends[j + 1]):
                     product *= z[order[k]]
                 row[start + j] += product
 
-        return value, slopes, weight_slopes
+        return value, jacobian, weight_gradient
 
     def symbolic(self, z: Sequence[Scalar], w: Sequence[Scalar]) -> list[Scalar]:
         total: Scalar = 0.0

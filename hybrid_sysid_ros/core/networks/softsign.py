@@ -54,7 +54,7 @@ class Softsign(Block):
                     y[k] += w[at + width * i + features + 1 + k] * t
 
         @inner
-        def slopes(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
+        def jacobian(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
             for k in range(outputs):
                 y[k] = 0.0
                 for j in range(features):
@@ -71,7 +71,7 @@ class Softsign(Block):
                         by_z[k * features + j] += a * slope * w[at + width * i + j]
 
         @inner
-        def weight_slopes(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
+        def weight_gradient(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
             for i in range(units):
                 s = activation(w, at + width * i, z, features)
                 slope = 1.0 / (1.0 + abs(s))
@@ -85,7 +85,7 @@ class Softsign(Block):
                 for j in range(features):
                     row[start + width * i + j] += total * z[j]
 
-        return value, slopes, weight_slopes
+        return value, jacobian, weight_gradient
 
     def symbolic(self, z: Sequence[Scalar], w: Sequence[Scalar]) -> list[Scalar]:
         width = self.features + 1 + self.outputs

@@ -10,7 +10,7 @@ from hybrid_sysid_ros.core.blocks import Block, Kernels, weighed
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.registers import scratch
-from hybrid_sysid_ros.extensions.fuzzy.memberships import Memberships, add_weight_slopes, share_slopes, shares
+from hybrid_sysid_ros.extensions.fuzzy.memberships import Memberships, add_weight_gradient, share_jacobian, shares
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,9 +59,9 @@ class AffineRules(Block):
                     y[k] += h[i] * consequent(w, at + first + (k * rules + i) * width, z)
 
         @inner
-        def slopes(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
+        def jacobian(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
             h, h_by_z = scratch(rules), scratch(entries)
-            share_slopes(w, at, z, rules, features, h, h_by_z)
+            share_jacobian(w, at, z, rules, features, h, h_by_z)
             for k in range(outputs):
                 y[k] = 0.0
                 for j in range(features):
@@ -74,7 +74,7 @@ class AffineRules(Block):
                         by_z[k * features + j] += h_by_z[i * features + j] * told + h[i] * w[place + 1 + j]
 
         @inner
-        def weight_slopes(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
+        def weight_gradient(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
             h, by_h = scratch(rules), scratch(rules)
             shares(w, at, z, rules, features, h)
             for i in range(rules):
@@ -85,9 +85,9 @@ class AffineRules(Block):
                     row[start + place] += factors[k] * h[i]
                     for j in range(features):
                         row[start + place + 1 + j] += factors[k] * h[i] * z[j]
-            add_weight_slopes(w, at, z, rules, features, h, by_h, row, start)
+            add_weight_gradient(w, at, z, rules, features, h, by_h, row, start)
 
-        return value, slopes, weight_slopes
+        return value, jacobian, weight_gradient
 
     def symbolic(self, z: Sequence[Scalar], w: Sequence[Scalar]) -> list[Scalar]:
         first, width = self.premises.size, self.features + 1

@@ -92,7 +92,7 @@ class LinkedRules(Block):
                 y[k] = shares(w, at, z, k, p)
 
         @inner
-        def slopes(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
+        def jacobian(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
             # dy = sum_s p_s (a_s - y) dq_s, with q_s the logarithm of f_r d_l
             p = scratch(most)
             for k in range(outputs):
@@ -107,7 +107,7 @@ class LinkedRules(Block):
                         by_z[k * features + j] -= 2.0 * pull * apart(w, at, z, s, j) * math.exp(-w[width])
 
         @inner
-        def weight_slopes(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
+        def weight_gradient(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
             p = scratch(most)
             for k in range(outputs):
                 y = shares(w, at, z, k, p)
@@ -122,7 +122,7 @@ class LinkedRules(Block):
                         row[start + place] += 2.0 * pull * d * math.exp(-w[at + place + terms])
                         row[start + place + terms] += 2.0 * pull * d * d
 
-        return value, slopes, weight_slopes
+        return value, jacobian, weight_gradient
 
     def symbolic(self, z: Sequence[Scalar], w: Sequence[Scalar]) -> list[Scalar]:
         terms, logarithms, found = self.terms, [], []

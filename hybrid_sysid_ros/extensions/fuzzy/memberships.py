@@ -50,16 +50,16 @@ class Memberships(Block):
             shares(w, at, z, rules, features, y)
 
         @inner
-        def slopes(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
-            share_slopes(w, at, z, rules, features, y, by_z)
+        def jacobian(w: Any, at: int, z: Any, y: Any, by_z: Any) -> None:
+            share_jacobian(w, at, z, rules, features, y, by_z)
 
         @inner
-        def weight_slopes(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
+        def weight_gradient(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
             h = scratch(rules)
             shares(w, at, z, rules, features, h)
-            add_weight_slopes(w, at, z, rules, features, h, factors, row, start)
+            add_weight_gradient(w, at, z, rules, features, h, factors, row, start)
 
-        return value, slopes, weight_slopes
+        return value, jacobian, weight_gradient
 
     def symbolic(self, z: Sequence[Scalar], w: Sequence[Scalar]) -> list[Scalar]:
         n, close = self.features, []
@@ -93,7 +93,7 @@ def shares(w: Any, at: int, z: Any, rules: int, features: int, h: Any) -> None:
 
 
 @inner
-def share_slopes(w: Any, at: int, z: Any, rules: int, features: int, h: Any, by_z: Any) -> None:
+def share_jacobian(w: Any, at: int, z: Any, rules: int, features: int, h: Any, by_z: Any) -> None:
     """And their derivatives by z (rules x features), along rows: dh_i = h_i (a_i - sum_k h_k a_k), a_i = d log g_i."""
     shares(w, at, z, rules, features, h)
     for i in range(rules):
@@ -110,7 +110,7 @@ def share_slopes(w: Any, at: int, z: Any, rules: int, features: int, h: Any, by_
 
 
 @inner
-def add_weight_slopes(
+def add_weight_gradient(
     w: Any, at: int, z: Any, rules: int, features: int, h: Any, factors: Any, row: Any, start: int
 ) -> None:
     """Add sum_i factors[i] dh_i/dw to row[start:], h the memberships."""

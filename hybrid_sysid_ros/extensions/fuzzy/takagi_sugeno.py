@@ -108,8 +108,8 @@ class TakagiSugeno(Lagged):
             total: Scalar = 0.0
             for i, membership in enumerate(h):
                 at = (k * self.rules + i) * width
-                offset, *slopes = self.consequents[at : at + width]
-                total = total + membership * sum((p * value for p, value in zip(slopes, r, strict=True)), offset)
+                offset, *jacobian = self.consequents[at : at + width]
+                total = total + membership * sum((p * value for p, value in zip(jacobian, r, strict=True)), offset)
             found.append(total)
         return found
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.rollout import stepped
+from hybrid_sysid_ros.core.rollout import one_step
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -69,7 +69,7 @@ def _input(system: System, velocity: int, speed: float) -> float:
     state[velocity] = speed
 
     def acceleration(value: float) -> float:
-        following = stepped(system, state, np.array([value]), step=INSTANT)
+        following = one_step(system, state, np.array([value]), step=INSTANT)
         return float(following[velocity] - speed) / INSTANT
 
     before, here = 0.0, float(np.copysign(1.0, speed))

@@ -68,7 +68,7 @@ def k_step_errors(
     starts[:, 2] = longest + 1
     starts[:, 3] = np.arange(len(begins)) * (longest + 1)
     states, whole = free_run_states(system, experiment) if run is None else run
-    initial, hidden = experiment.states.copy(), system.hidden
+    initial, hidden = experiment.states.copy(), system.record_map().unobserved
     initial[:, hidden] = states[:, hidden]
     first, inputs = np.ascontiguousarray(initial[begins]), experiment.inputs
     _, outputs = rollouts(system, starts, first, inputs, step=sampling.step, every=sampling.every)

@@ -120,7 +120,8 @@ def _rest(system: System, record: Record, seen: Record, cut: int, bias: Array, s
     past, whole = (prepare(_biased(item, bias), system, sampling) for item in (seen, record))
     first = past.states[-1].copy()
     if not isinstance(system, Recurrence):
-        unshown = [i for i in range(len(system.states)) if i not in system.shown]
+        known = system.record_map().reconstructible
+        unshown = [i for i in range(len(system.states)) if i not in known]
         first[unshown] = free_run_states(system, past)[0][-1, unshown]
     starts = np.array([[0, cut * sampling.every, whole.samples - cut, 0]])
     _, outputs = rollouts(system, starts, first[None], whole.inputs, step=sampling.step, every=sampling.every)

@@ -95,14 +95,14 @@ def initial_state(system: System, experiment: Experiment) -> Array:
     """Where a free run begins, (states,): as the record's first sample shows it. Declared states that it does not show
     are those that meet the outputs of the first FIRST_SAMPLES samples best (Gauss-Newton, of least norm).
     """
-    first, hidden = experiment.states[0].copy(), system.hidden
+    first, hidden = experiment.states[0].copy(), system.record_map().unobserved
     if not hidden:
         return first
     samples, sampling = min(FIRST_SAMPLES, experiment.samples), experiment.sampling
     starts = np.array([[0, 0, samples, 0]])
     deviation = np.maximum(np.std(experiment.outputs, axis=0), 1e-12)
     sensitivities = Sensitivities(system, parameters=(), states=hidden)
-    slopes = np.empty((samples, len(system.outputs), sensitivities.count))
+    sensitivity = np.empty((samples, len(system.outputs), sensitivities.count))
     given: dict[str, Any] = {"step": sampling.step, "every": sampling.every}
     best, least = first.copy(), np.inf
     for _ in range(GAUSS_NEWTON):
@@ -112,8 +112,8 @@ def initial_state(system: System, experiment: Experiment) -> Array:
         if not np.isfinite(cost) or cost >= least:
             break
         best, least = first.copy(), cost
-        sensitivities.rollouts(system, starts, first[None].copy(), experiment.inputs, **given, out=slopes)
-        jacobian = (slopes[:, :, sensitivities.weights :] / deviation[:, None]).reshape(len(errors), len(hidden))
+        sensitivities.rollouts(system, starts, first[None].copy(), experiment.inputs, **given, out=sensitivity)
+        jacobian = (sensitivity[:, :, sensitivities.weights :] / deviation[:, None]).reshape(len(errors), len(hidden))
         if not np.isfinite(jacobian).all():
             break
         first[hidden] += np.linalg.lstsq(jacobian, errors, rcond=1e-3)[0]

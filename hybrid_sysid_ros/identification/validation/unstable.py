@@ -71,7 +71,7 @@ def predictions(
     """
     sampling, n = experiment.sampling, len(system.declared_states)
     past, stride = round(PAST / sampling.period), max(round(APART / sampling.period), 1)
-    hidden = [*system.hidden, *range(n, len(system.states))]
+    hidden = [*system.record_map().unobserved, *range(n, len(system.states))]
     free = [k for k in range(n) if k not in hidden]
     carried = np.nan_to_num(stabilised_run(system, experiment, windows.stabiliser)[0][:, hidden])
     initial = experiment.states.copy()

@@ -1,4 +1,4 @@
-"""A sled on a rail: replace it by your own rig, and see docs/add-a-rig.md for all that a system can say."""
+"""A sled on a rail: replace it by your own rig, and see docs/guides/rig-file.md for all that a system can say."""
 
 from __future__ import annotations
 

@@ -8,10 +8,10 @@ hand, is a state that nothing but the hand moves: the gray boxes that are identi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from hybrid_sysid_ros.core import Bristles, Contact, Dry, System, bounded
+from hybrid_sysid_ros.core import Bristles, Contact, Dry, RecordMap, System, bounded
 from hybrid_sysid_ros.core.friction import stefanski, stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar, maximum, sign
 
@@ -138,10 +138,9 @@ class BrakedString(StribeckString):
     def friction(self, x: Sequence[Scalar]) -> Scalar:
         return maximum(super().friction(x) + x[3], 0.0)
 
-    @property
-    def hidden(self) -> list[int]:
-        """The twist: records that it is identified from were made with the brake off."""
-        return [0]
+    def record_map(self) -> RecordMap:
+        """Only the twist is unobserved: records that it is identified from were made with the brake off."""
+        return replace(super().record_map(), unobserved=[0])
 
 
 SYSTEM = BrakedString()

@@ -6,11 +6,11 @@ free-free resonance is at 7 Hz. The rig has what its models lack: an elastomer t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from hybrid_sysid_ros.core import Bristles, Contact, Dry, System, Viscous, bounded
+from hybrid_sysid_ros.core import Bristles, Contact, Dry, RecordMap, System, Viscous, bounded
 from hybrid_sysid_ros.core.friction import stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.support.arrays import Array
@@ -48,16 +48,18 @@ class Joint(System):
         """Both turn on and on: what the twist is matters, and no angle."""
         return x[0] - x[1], x[2], x[3], u[0]
 
-    @property
-    def shown(self) -> Mapping[int, tuple[int, bool]]:
-        """The motor's angle shows the link's, but for the twist."""
-        return {**super().shown, 1: (0, False)}
+    def record_map(self) -> RecordMap:
+        """The motor's angle shows the link's, but for the twist: that follows from what it does, I q'' = Ke (d - q)."""
+        known = super().record_map()
 
-    def observed(self, outputs: Array, rates: Array, inputs: Array) -> Array:
-        """The twist, from what it does: I q'' = Ke (d - q)."""
-        states = super().observed(outputs, rates, inputs)
-        states[:, 1] -= self.link_inertia / self.spring * rates[:, 1]
-        return states
+        def states_from_record(outputs: Array, rates: Array, inputs: Array) -> Array:
+            states = known.states_from_record(outputs, rates, inputs)
+            states[:, 1] = outputs[:, 0] - self.link_inertia / self.spring * rates[:, 1]
+            return states
+
+        shown = {**known.reconstructible, 1: (0, False)}
+        rest = [index for index in known.unobserved if index != 1]
+        return replace(known, reconstructible=shown, unobserved=rest, states_from_record=states_from_record)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -39,11 +39,11 @@ class Loop:
         self.replies = bench.listen("command_reply", DiagnosticStatus)
         self.references = bench.listen("reference", JointTrajectory)
         self.set_points = bench.listen("set_point", JointTrajectory)
-        bench.until(lambda: self.commander.understanding.interpreter)  # alone: in lockstep a loop never rests
+        bench.until(lambda: self.commander.interpreting.interpreter)  # alone: in lockstep a loop never rests
         self.plant = bench.start(PlantNode, lockstep=True, wait_for_readers=0, bias=0.0)
         bench.until(lambda: self.references)
-        bench.until(lambda: "state_estimate" in self.commander.whereabouts.newest)
-        bench.until(lambda: "reference" in self.commander.whereabouts.newest)
+        bench.until(lambda: "state_estimate" in self.commander.monitor.newest)
+        bench.until(lambda: "reference" in self.commander.monitor.newest)
 
     def say(self, text: str) -> DiagnosticStatus:
         """What is replied to a text first."""
@@ -81,7 +81,7 @@ def test_a_sentence_moves_the_rig_to_where_it_says(loop: Loop) -> None:
     reply = loop.say("go to 1 V")
     assert (state(reply), reply.level) == ("begins", DiagnosticStatus.OK)
     assert any(item.key.startswith("peak drive") for item in reply.values)
-    loop.bench.until(lambda: abs(loop.commander.whereabouts.shown_outputs()[0] - 1.0) < 0.05)
+    loop.bench.until(lambda: abs(loop.commander.monitor.shown_outputs()[0] - 1.0) < 0.05)
     assert loop.references[-1].points[-1].positions[0] == pytest.approx(VOLT)
     loop.bench.until(lambda: state(loop.replies[-1]) == "done")
 
@@ -150,7 +150,7 @@ def test_stop_works_while_the_commander_is_not_configured(bench: Bench) -> None:
 def test_a_sum_that_ends_in_stop_stops_at_its_end(loop: Loop) -> None:
     loop.say("go to 1 V in 0.5 s then stop")
     loop.bench.until(lambda: loop.controller.mode is Mode.STOP)
-    assert loop.commander.whereabouts.shown_outputs()[0] == pytest.approx(1.0, abs=0.2)
+    assert loop.commander.monitor.shown_outputs()[0] == pytest.approx(1.0, abs=0.2)
 
 
 def test_repeat_does_the_last_again(loop: Loop) -> None:

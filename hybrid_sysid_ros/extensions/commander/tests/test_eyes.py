@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("PIL", reason="needs the extra video")
+pytest.importorskip("hybrid_sysid_ros.extensions.vision", reason="needs the extension vision")
 
 from hybrid_sysid_ros.extensions.commander.language.rehearsal import Rehearsal
 from hybrid_sysid_ros.extensions.vision.camera import jpeg

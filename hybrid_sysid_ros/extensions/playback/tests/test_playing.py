@@ -13,13 +13,13 @@ from hybrid_sysid_ros.support.errors import UserError
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
 
 from rosgraph_msgs.msg import Clock
-from test_bags import START, references, states  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.extensions.playback.nodes import player
 from hybrid_sysid_ros.extensions.playback.nodes.playback_clock import PlaybackClock
 from hybrid_sysid_ros.extensions.playback.nodes.player import PlayerNode
 from hybrid_sysid_ros.nodes.messages import SECOND, nanoseconds
 from tests.node_bench import Bench, stamp_of
+from tests.test_bags import START, references, states
 
 STEP = SECOND // 200
 

@@ -24,14 +24,13 @@ from hybrid_sysid_ros.runtime.run import Run
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
 
-from test_bags import references, stamps, states  # type: ignore[import-not-found]
-
 from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.recorder import RecorderNode
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
 from tests.node_bench import Bench
+from tests.test_bags import references, stamps, states
 from tests.test_managed_nodes import set_parameter
 
 RIG = rigs.load("cam_beam")

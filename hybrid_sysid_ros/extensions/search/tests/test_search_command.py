@@ -8,15 +8,18 @@ import shutil
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 import typer
 
+from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.search.commands import search as search_command
 from hybrid_sysid_ros.extensions.search.tests.branin import OfBranin, wait_for
 from hybrid_sysid_ros.models import load
 from hybrid_sysid_ros.support.errors import UserError
+from tests.command_line import PLACES, refused_place
 
 pytest.importorskip("optuna", reason="needs hybrid_sysid_ros[search]")
 pytest.importorskip("joblib", reason="needs hybrid_sysid_ros[search]")
@@ -51,6 +54,12 @@ def test_the_command_searches_and_fits_the_best(command, tmp_path: Path) -> None
     assert f"3 trials; best: {best}" in " ".join(out.split())
     with pytest.raises(UserError, match=r"begun with part 0:0\.2, not 0:1"):
         command(*arguments)
+
+
+@PLACES
+def test_it_says_where_it_cannot_write_before_anything_else(call, tmp_path: Path, monkeypatch, place: str) -> None:
+    command = partial(call, app.main, "hybrid-sysid")
+    refused_place(command, tmp_path, place, ("search", "nowhere", "--out", "PLACE"), monkeypatch)
 
 
 def test_an_unknown_structure_is_refused(command, tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ class Pictured(Wrapper):
 
     @property
     def form(self) -> tuple[Any, ...]:
-        return (type(self), self.within.form, self.position, self.span, len(self.roots))
+        return (type(self), self.physics.form, self.position, self.span, len(self.roots))
 
     @property
     def plain_outputs(self) -> bool:
@@ -66,16 +66,16 @@ class Pictured(Wrapper):
     def parameters(self) -> tuple[Parameter, ...]:
         names = ("best", *(f"root_{k}" for k in range(len(self.roots))))
         unit = self.outputs[0].unit
-        return (*self.within.parameters, *(replace(of_data(name, unit), low=-1e12) for name in names))
+        return (*self.physics.parameters, *(replace(of_data(name, unit), low=-1e12) for name in names))
 
     @property
     def values(self) -> Array:
-        return np.concatenate([self.within.values, [self.best, *self.roots]])
+        return np.concatenate([self.physics.values, [self.best, *self.roots]])
 
     def bound(self, values: Sequence[Scalar]) -> Pictured:
-        physical = len(self.within.parameters)
+        physical = len(self.physics.parameters)
         best, *roots = values[physical:]
-        return replace(self, within=self.within.bound(values[:physical]), best=best, roots=tuple(roots))
+        return replace(self, physics=self.physics.bound(values[:physical]), best=best, roots=tuple(roots))
 
     def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
         """R between the knots: each line counts as far as the position has come along it."""
@@ -118,4 +118,4 @@ def pictured(
     root = np.sign(offsets) * np.sqrt(np.maximum(table, 0.0))
     scale = float(np.mean(np.abs(offsets)) / max(np.mean(np.abs(root)), 1e-9))
     roots = tuple(float(value) for value in scale * root)
-    return Pictured(within=system, position=position, span=high - low, best=best, roots=roots)
+    return Pictured(physics=system, position=position, span=high - low, best=best, roots=roots)

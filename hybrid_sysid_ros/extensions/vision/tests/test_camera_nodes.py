@@ -17,7 +17,6 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hybrid_sysid_ros.extensions.commander.nodes.commander import CommanderNode
 from hybrid_sysid_ros.extensions.vision.camera import jpeg
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
 from hybrid_sysid_ros.extensions.vision.nodes.camera import CameraNode
@@ -30,6 +29,7 @@ from hybrid_sysid_ros.nodes.messages import SECOND, set_nanoseconds
 from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
 from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.support import extensions
 from tests.node_bench import VOLT, Bench, joint, stamp_of
 
 STEP = SECOND // 1000
@@ -194,14 +194,15 @@ def test_a_picture_is_the_goal_of_a_loop_by_camera_alone(
     bench.start(CameraNode, lockstep=True)
     readings = bench.listen("camera/joint_states")
     if said:
-        commander = bench.start(CommanderNode, armed=True, folder=str(tmp_path), layers=str(layers))
+        kind = pytest.importorskip(f"{extensions.GROUP}.commander.nodes.commander").CommanderNode
+        commander = bench.start(kind, armed=True, folder=str(tmp_path), layers=str(layers))
         text, replies = bench.speak("command_text", String), bench.listen("command_reply", DiagnosticStatus)
     plant: PlantNode = bench.start(
         PlantNode, lockstep=True, wait_for_readers=0, bias=0.0, sensor_out=[1.0], camera_rate=30.0
     )
     if said:
-        bench.until(lambda: commander.understanding.interpreter is not None)
-        bench.until(lambda: {"state_estimate", "reference"} <= commander.whereabouts.newest.keys())
+        bench.until(lambda: commander.interpreting.interpreter is not None)
+        bench.until(lambda: {"state_estimate", "reference"} <= commander.monitor.newest.keys())
         text.publish(String(data="make it look like goal.jpg"))
         bench.until(lambda: replies)
         assert replies[0].level == DiagnosticStatus.OK, replies[0].message

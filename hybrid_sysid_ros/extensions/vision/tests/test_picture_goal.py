@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("PIL", reason="needs the extra video")
 
+from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.extensions.vision.camera import jpeg
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager, Picture
@@ -27,6 +28,7 @@ from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.controllers import controller_of
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 from hybrid_sysid_ros.support.errors import UserError
+from tests.command_line import refused
 
 RIG = load("cam_beam")
 VOLT = RIG.display[0].scale
@@ -89,3 +91,20 @@ def test_what_no_controller_can_do_is_refused(model: Model, settings: dict[str, 
     wheel = load("wheel_motor")
     with pytest.raises(UserError, match="the layers are of the rig cam_beam"):
         goal_of(wheel, wheel.system, settings)
+
+
+def test_a_run_looks_at_its_picture_before_anything_starts(call: Any, tmp_path: Path) -> None:
+    (tmp_path / "text.jpg").write_text("no picture")
+    for name, why in {"text.jpg": "can't be identified", "none.jpg": "No such file"}.items():
+        answer = call(
+            app.main,
+            "hybrid-sysid",
+            "run",
+            "--camera",
+            "--picture",
+            str(tmp_path / name),
+            "--bag",
+            str(tmp_path / "bag"),
+        )
+        refused(answer, name, "no JPEG or PNG that can be read", why)
+    assert not (tmp_path / "bag").exists()

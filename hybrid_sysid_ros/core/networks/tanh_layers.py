@@ -1,0 +1,98 @@
+"""Networks of tanh layers with a straight output, computed in vector registers; their sizes are arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from hybrid_sysid_ros.core.compilation import inner
+from hybrid_sysid_ros.core.registers import added, load, plus_scaled, scratch, store, tanh, zero
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+Layers = Sequence[tuple[Array, Array]]
+"""(W (out, in), b (out,)) of each layer."""
+
+WIDEST = 4096
+"""Features, and units of a layer: far above what answers in time, and room for it fits on a stack."""
+
+
+def widths_of(layers: Layers) -> tuple[int, ...]:
+    """Features, units of each layer, and answers. Raises UserError where they don't fit each other, or are too many."""
+    for (first, _), (second, _) in pairwise(layers):
+        if second.shape[1] != len(first):
+            raise UserError(f"network: a layer of {len(first)} units is followed by one for {second.shape[1]}")
+    for matrix, bias in layers:
+        if bias.shape != matrix.shape[:1]:
+            raise UserError(f"network: a layer has {len(matrix)} rows and biases of shape {bias.shape}")
+    widths = (layers[0][0].shape[1], *(len(bias) for _, bias in layers))
+    if len(widths) < 3 or min(widths) < 1:
+        raise UserError(f"network: widths {widths} need features, a hidden layer and outputs, each above 0")
+    if max(widths) > WIDEST:
+        raise UserError(f"network: widths {widths} must be within {WIDEST}")
+    return widths
+
+
+def packed_columns(layers: Layers) -> Array:
+    """Each layer by its columns and then its biases, filled up with idle units to multiples of eight."""
+    parts: list[Array] = [np.zeros(0)]
+    before = layers[0][0].shape[1] if layers else 0
+    for matrix, bias in layers:
+        width = _padded(len(bias))
+        whole = np.zeros((width, before))
+        whole[: matrix.shape[0], : matrix.shape[1]] = matrix
+        parts += [whole.T.ravel(), np.pad(bias, (0, width - len(bias)))]
+        before = width
+    return np.concatenate(parts)
+
+
+@inner
+def _padded(width: int) -> int:
+    return (width + 7) // 8 * 8
+
+
+@inner
+def _layer(w: Any, at: int, width: int, values: Any, count: int, straight: bool, out: Any, lanes: int) -> None:
+    for block in range(0, width, lanes):
+        biases = load(w, at + count * width + block, lanes)
+        z = column_sum(w, at + block, width, values, count, biases, lanes)
+        store(out, block, z if straight else tanh(z))
+
+
+@inner
+def forward(sizes: Any, shape: int, w: Any, at: int, features: Any, answers: Any) -> None:
+    """Answers of the network whose depth and widths stand at ``shape`` and whose weights begin ``at``; features are
+    kept, answers have room for the widest layer.
+    """
+    depth, count = sizes[shape], sizes[shape + 1]
+    other = scratch(WIDEST)
+    values, into = features, answers if depth % 2 else other
+    for layer in range(depth):
+        width, straight = _padded(sizes[shape + 2 + layer]), layer == depth - 1
+        if width % 32 == 0:
+            _layer(w, at, width, values, count, straight, into, 32)
+        elif width % 16 == 0:
+            _layer(w, at, width, values, count, straight, into, 16)
+        else:
+            _layer(w, at, width, values, count, straight, into, 8)
+        at += (count + 1) * width
+        count = width
+        values, into = into, answers if (depth - layer) % 2 == 0 else other
+
+
+@inner
+def column_sum(w: Any, at: int, width: int, factors: Any, count: int, start: Any, lanes: int) -> Any:
+    """Start + sum_j column_j factor_j for ``lanes`` units, in two chains that don't wait for each other.
+
+    Columns are ``width`` numbers apart, the first at w[at:].
+    """
+    even, odd = start, zero(lanes)
+    for j in range(0, count - 1, 2):
+        even = plus_scaled(even, load(w, at + j * width, lanes), factors[j])
+        odd = plus_scaled(odd, load(w, at + (j + 1) * width, lanes), factors[j + 1])
+    if count % 2:
+        even = plus_scaled(even, load(w, at + (count - 1) * width, lanes), factors[count - 1])
+    return added(even, odd)

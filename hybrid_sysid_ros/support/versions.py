@@ -1,0 +1,94 @@
+"""Versions of other packages whose private parts are used here: those known to work, and what doing without costs."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+
+from hybrid_sysid_ros.support.errors import UserError
+
+FALL_BACK = "HYBRID_SYSID_FALL_BACK"
+"""Environment variable: names of guarded parts, separated by commas, that are not used, as if they were unknown."""
+WARNED = "HYBRID_SYSID_FALL_BACK_WARNED"
+"""Environment variable: those of which this process, or the one that started it, has warned already."""
+_HERE = __name__.partition(".")[0]
+
+
+@cache
+def installed(package: str) -> str:
+    """Version of an installed package."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "of unknown version"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Guarded:
+    """A part of another package that it does not promise to keep."""
+
+    package: str
+    part: str
+    """In a word."""
+    known: tuple[str, ...]
+    """Releases with which it has been tested, as 0.68; empty where only names that are missing tell."""
+    cost: str
+    """What it costs to do without; empty where nothing can be done without."""
+
+    @property
+    def name(self) -> str:
+        """By which FALL_BACK calls it."""
+        return f"{self.package}.{self.part}"
+
+    def usable(self, missing: Sequence[str] = ()) -> bool:
+        """Whether it may be used. Where it may not, the first call in a process, and in those that it starts, warns of
+        what that costs.
+
+        missing: private names that the installed package does not have. Raises UserError where there is nothing to fall
+        back on.
+        """
+        trouble = self._trouble(missing)
+        if not trouble:
+            return True
+        if not self.cost:
+            raise UserError(f"{trouble}: install {self.package} {' or '.join(self.known)}")
+        warned = os.environ.get(WARNED, "").split(",")
+        if self.name not in warned:
+            os.environ[WARNED] = ",".join([*warned, self.name])
+            # As if by the package: no line of a source is shown with it.
+            warnings.warn_explicit(f"{trouble}: {self.cost}", RuntimeWarning, _HERE, 1)
+        return False
+
+    def _trouble(self, missing: Sequence[str]) -> str:
+        """Why it may not be used."""
+        if self.name in os.environ.get(FALL_BACK, "").split(","):
+            return f"{FALL_BACK} names {self.name}"
+        found = installed(self.package)
+        if self.known and not any(f"{found}.".startswith(f"{release}.") for release in self.known):
+            return f"{self.package} {found} is not known to work (known: {', '.join(self.known)})"
+        return f"{self.package} {found} has no {', '.join(missing)}" if missing else ""
+
+
+NUMBA_COMPILER = Guarded(
+    package="numba",
+    part="compiler",
+    known=("0.68",),
+    cost="every function is compiled at every level of calls, so that the first compilation takes four times as long",
+)
+NUMBA_CACHE = Guarded(
+    package="numba",
+    part="cache",
+    known=(),
+    cost="compiled code is not kept on disk, so that every process compiles anew",
+)
+RCLPY_EXECUTOR = Guarded(
+    package="rclpy",
+    part="executor",
+    known=("7.1",),
+    cost="its own executor is used, which takes about half as much processor time again for a loop",
+)
+DAQP_STRUCTURES = Guarded(package="daqp", part="structures", known=("0.11",), cost="")

@@ -1,0 +1,291 @@
+"""Extensions: the one of docs/extend.md as a package of its own, bad ones, and the trunk without any of ours."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from hybrid_sysid_ros.runtime.companion import Companion, Loop, Values, join
+from hybrid_sysid_ros.runtime.session import has_ros
+from hybrid_sysid_ros.support import extensions
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.extensions import HOME, Extension
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "hybrid_sysid_ros"
+PAGE = (ROOT / "docs" / "extend.md").read_text(encoding="utf-8")
+FILES = dict(re.findall(r'^```\w+ title="([^"]+)"\n(.*?)^```$', PAGE, re.M | re.S))
+OURS = sorted(path.parent.name for path in HOME.glob("*/extension.py"))
+Call = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+def offer(place: Path, name: str, target: str, **files: str) -> None:
+    """Install a package as pip would: its files, and metadata with an entry point."""
+    (place / name).mkdir(parents=True)
+    (place / name / "__init__.py").touch()
+    for file, text in files.items():
+        (place / name / f"{file}.py").write_text(text, encoding="utf-8")
+    metadata = place / f"{name}-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(f"[{extensions.GROUP}]\n{name} = {target}\n")
+
+
+@pytest.fixture
+def call(tmp_path: Path) -> Call:
+    """A command line, or Python code, in a process that finds the packages in tmp_path / "site"."""
+
+    def called(*words: str | Path, code: str = "", **variables: str) -> subprocess.CompletedProcess[str]:
+        path = os.pathsep.join(map(str, (tmp_path / "site", ROOT)))
+        program = ["-c", code] if code else ["-m", "hybrid_sysid_ros"]
+        return subprocess.run(
+            [sys.executable, *program, *map(str, words)],
+            capture_output=True, text=True, cwd=tmp_path, timeout=600,
+            env={**os.environ, "PYTHONPATH": path, "COLUMNS": "200", **variables},
+        )  # fmt: skip
+
+    return called
+
+
+# A stranger's package
+
+
+@pytest.fixture
+def heating(tmp_path: Path) -> Path:
+    """The package of the page, installed, and a rig that uses it."""
+    target = re.search(r'^heating = "(.+)"', FILES["pyproject.toml"], re.M)
+    assert target is not None
+    offer(tmp_path / "site", "heating", target[1])
+    for name, text in FILES.items():
+        if name.startswith("heating/"):
+            (tmp_path / "site" / name).write_text(text, encoding="utf-8")
+    return tmp_path / "sled"
+
+
+REPORT = """
+import sys
+from hybrid_sysid_ros import models, report
+from hybrid_sysid_ros.rigs.rig import load
+from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
+rig = load("./sled")
+model = models.load("model")
+loop = report.closed_loop_section(LoopRecord.from_bag("loop", rig))
+report.write("report.html", report.identification_section(model, []), loop, report.provenance(model, "test"))
+"""
+
+
+def test_the_page_s_extension_adds_what_it_says(heating: Path, call: Call, domain: int) -> None:
+    pytest.importorskip("plotly", reason="needs the extra report")
+
+    def does(*words: str | Path, **more: str) -> str:
+        found = call(*words, **more)
+        assert (found.returncode, "warning" in found.stderr) == (0, False), (words, found.stderr)
+        return found.stdout
+
+    assert re.search(r"^  heating +Compare the commands", does("--help"), re.M)
+    assert "--heating" in does("run", "--help")
+    does("rig", "new", heating)
+    values = heating / "rig.yaml"
+    told = values.read_text(encoding="utf-8")
+    name = next(iter(yaml.safe_load(told)["actuators"]))
+    values.write_text(f"{told}\nheating: {{{name}: 0.25}}\n", encoding="utf-8")
+    assert "no problems" in does("rig", "check", heating)
+    parameters = yaml.safe_load(does("parameters", "--rig", heating))
+    assert parameters["/**/heating"]["ros__parameters"]["memory"] == 10.0
+
+    kind = next(iter(yaml.safe_load(told)["experiments"]["excitations"]))
+    does("simulate", kind, "bag", "--rig", heating, "--duration", "10")
+    does("identify", "bag", "--rig", heating, "--structure", "linear", "--out", "model")
+    does(
+        "run", "--rig", heating, "--model", "model", "--policy", "exact", "--lockstep", "--duration", "2",
+        "--reference", "steps", "--heating", "--bag", "loop", "--domain", str(domain),
+    )  # fmt: skip
+    assert "actuator_load" in next((heating.parent / "loop").glob("metadata.yaml")).read_text(encoding="utf-8")
+    shown = re.match(rf"{name}: (\S+) of 0\.25 ", does("heating", "loop", "--rig", heating))
+    assert shown is not None
+    assert 0.0 < float(shown[1]) < 100.0
+    does(code=REPORT)
+    page = (heating.parent / "report.html").read_text(encoding="utf-8")
+    assert f"<td>{name}</td><td>{shown[1]}</td><td>0.25</td>" in page
+
+    values.write_text(f"{told}\nheating: {{motor: 0.25}}\n", encoding="utf-8")
+    wrong = call("rig", "check", heating)
+    assert wrong.returncode == 2
+    assert "heating: unknown key 'motor'" in wrong.stderr
+
+
+def test_a_section_of_nobody_is_refused(heating: Path, call: Call, tmp_path: Path) -> None:
+    """As every typing error: without the package, its section is one."""
+    assert call("rig", "new", heating).returncode == 0
+    with (heating / "rig.yaml").open("a", encoding="utf-8") as file:
+        file.write("\nheating: {}\n")
+    assert call("rig", "check", heating).returncode == 0
+    (tmp_path / "site").rename(tmp_path / "away")
+    refused = call("rig", "check", heating)
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert "unknown key 'heating'" in refused.stderr
+
+
+MANIFEST = "from hybrid_sysid_ros.support.extensions import Extension\nEXTENSION = Extension(name={!r}, summary='', {})"
+
+
+@pytest.mark.parametrize(
+    ("manifest", "why"),
+    [
+        ("1 / 0", "ZeroDivisionError"),
+        ("raise SystemExit('bye')", "SystemExit: bye"),
+        ("EXTENSION = 5", "needs an Extension"),
+        ("", "has no attribute 'EXTENSION'"),
+        (MANIFEST.format("tides", "commands={'identify': ('tides', '')}"), "command identify"),
+        (MANIFEST.format("tides", "commands={'rig': ('tides', '')}"), "command rig"),
+        (MANIFEST.format("tides", "nodes={'plant': 'tides'}"), "node plant"),
+        (MANIFEST.format("tides", "provides={'sections': {'sensors': 'tides:check'}}"), "sections sensors"),
+        (MANIFEST.format("hybrid_sysid_ros", ""), "extension hybrid_sysid_ros"),
+    ],
+)
+def test_a_bad_extension_is_named_in_a_line_and_the_rest_works(
+    tmp_path: Path, call: Call, manifest: str, why: str
+) -> None:
+    offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=manifest)
+    offer(tmp_path / "site", "waves", "waves.extension:EXTENSION", extension=MANIFEST.format(
+        "waves", "commands={'waves': ('waves.command', 'Make waves.')}"))  # fmt: skip
+    found = call("--help")
+    assert found.returncode == 0
+    assert all(word in found.stdout for word in ("identify", "Make waves."))
+    assert found.stderr.count("\n") == 1
+    assert found.stderr.startswith("warning: extension tides ")
+    assert why in found.stderr
+
+
+def test_of_two_extensions_of_one_name_the_first_is_used(tmp_path: Path, call: Call) -> None:
+    for name in ("tides", "waves"):
+        given = f"commands={{'{name}': ('{name}', 'Of {name}.')}}"
+        offer(tmp_path / "site", name, f"{name}.extension:EXTENSION", extension=MANIFEST.format("sea", given))
+    found = call("--help")
+    assert "Of tides." in found.stdout
+    assert "Of waves." not in found.stdout
+    assert found.stderr.count("\n") == 1
+    assert "extension sea" in found.stderr
+
+
+def test_what_can_t_be_imported_is_named_when_it_is_needed(tmp_path: Path, call: Call) -> None:
+    given = "provides={'companions': {'tides': 'tides.nowhere:companion'}}"
+    offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=MANIFEST.format("tides", given))
+    assert call("--help").stderr == ""
+    found = call("run", "--help")
+    assert found.returncode == 0
+    assert "--lockstep" in found.stdout
+    assert found.stderr.count("\n") == 1
+    assert "tides.nowhere" in found.stderr
+
+
+# Companions
+
+
+class Pushing(Companion):
+    """Wants one value of the plant's bias."""
+
+    def __init__(self, name: str, bias: float) -> None:
+        self.name, self.bias = name, bias  # type: ignore[misc]
+
+    def parameters(self, loop: Loop) -> Values:
+        return {"plant": {"bias": self.bias}, "recorder": {"further": "push"}, self.name: {}}
+
+
+def test_companions_that_agree_join_and_others_are_refused() -> None:
+    values: Values = {"plant": {"rate": 200.0, "bias": 0.0}}
+    join(Loop(rig=""), values, [Pushing("a", 1.0), Pushing("b", 1.0)])
+    assert values == {"plant": {"rate": 200.0, "bias": 1.0}, "a": {}, "b": {}}
+    with pytest.raises(UserError, match="a and b want different values of bias of the plant"):
+        join(Loop(rig=""), {}, [Pushing("a", 1.0), Pushing("b", 2.0)])
+
+
+def test_a_companion_tells_a_recorder_only_where_there_is_one() -> None:
+    values: Values = {"recorder": {}}
+    join(Loop(rig="", recorded=True), values, [Pushing("a", 1.0)])
+    assert values["recorder"] == {"further": "push"}
+    assert Pushing("a", 1.0).nodes(Loop(rig="")) == {"a"}
+
+
+# The trunk alone
+
+ALONE = """
+import contextlib, importlib.util, io, sys
+import hybrid_sysid_ros
+from hybrid_sysid_ros.commands import app
+from hybrid_sysid_ros.rigs import folder, rig
+from hybrid_sysid_ros.support import extensions
+assert not {away} & {{item.name for item in extensions.installed()}}
+for name in {away}:
+    assert importlib.util.find_spec(f"hybrid_sysid_ros.extensions.{{name}}") is None
+for words in (["--help"], ["run", "--help"], ["demo", "--help"], ["rig", "check", "cam_beam"], ["parameters"]):
+    sys.argv = ["hybrid-sysid", *words]
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        try:
+            app.main()
+        except SystemExit as end:
+            assert not end.code, (words, end.code)
+    print(out.getvalue())
+for name in folder.names():
+    rig.load(name)
+for module in {modules}:
+    importlib.import_module(module)
+"""
+
+
+def trunk_modules() -> list[str]:
+    """Those of the trunk that need nothing but what any install has; its nodes, too, where there is ROS."""
+    late = re.compile(r"(control/mpc/interior_point|control/policy/(network|training)|report/(charts|\w*figures))\.py")
+    files = [path.relative_to(PACKAGE) for path in PACKAGE.glob("*/**/*.py")]
+    files += [Path("nodes") / path.name for path in (ROOT / "nodes").glob("*.py")] if has_ros() else []
+    kept = [path for path in files if path.parts[0] != "extensions" and not late.fullmatch(str(path))]
+    return sorted(
+        {f"hybrid_sysid_ros.{'.'.join(path.with_suffix('').parts)}".removesuffix(".__init__") for path in kept}
+    )
+
+
+@pytest.mark.parametrize("away", [*([name] for name in OURS), OURS], ids=lambda away: ",".join(away))
+def test_the_trunk_works_without(away: list[str], tmp_path: Path, call: Call) -> None:
+    package = tmp_path / "site" / "hybrid_sysid_ros"
+    (package / "extensions").mkdir(parents=True)
+    for path in PACKAGE.iterdir():
+        if path.name not in ("extensions", "__pycache__"):
+            (package / path.name).symlink_to(path.resolve() if path.name == "nodes" else path)
+    for path in HOME.iterdir():
+        if path.name not in (*away, "__pycache__"):
+            (package / "extensions" / path.name).symlink_to(path)
+    modules = trunk_modules() if away == OURS else []
+    found = call(code=ALONE.format(away={*away}, modules=modules))
+    assert found.returncode == 0, found.stderr
+    assert found.stderr == ""
+    assert "cam_beam: no problems" in found.stdout
+    sections = {name: item.name for item in extensions.installed() for name in item.provides.get("sections", ())}
+    told = set(re.findall(r"^note: (\w+): no extension", found.stdout, re.M))
+    known = yaml.safe_load((PACKAGE / "rigs" / "cam_beam" / "rig.yaml").read_text(encoding="utf-8"))
+    assert told == {name for name, owner in sections.items() if owner in away and name in known}
+
+
+def test_sections_of_ours_are_known_without_them() -> None:
+    from hybrid_sysid_ros.rigs.rig import OF_EXTENSIONS
+
+    ours: dict[str, Any] = {item.name: item for item in extensions.installed() if item.name in OURS}
+    found = {name for item in ours.values() for name in item.provides.get("sections", ())}
+    assert found <= set(OF_EXTENSIONS)
+
+
+def test_every_name_in_a_manifest_leads_somewhere() -> None:
+    item: Extension
+    for item in extensions.registry().extensions:
+        for name, target in ((name, target) for names in item.provides.values() for name, target in names.items()):
+            assert not target or callable(extensions.loaded(target)), name
+        modules = [*(module for module, _ in item.commands.values()), *item.nodes.values()]
+        for module in modules:
+            assert (ROOT / f"{module.replace('.', '/')}.py").is_file(), module
