@@ -5,6 +5,8 @@ import json
 import math
 import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import casadi
@@ -461,3 +463,18 @@ def test_the_shipped_model_is_read():
 def evaluate_is_finite(model):
     states = simulate(model.system, np.zeros(2), np.full((100, 1), 2.0), step=model.sampling.step)
     return bool(np.isfinite(states).all())
+
+
+LIGHT = """
+import sys
+from hybrid_sysid_ros import models
+models.load(sys.argv[1])
+heavy = ("torch", "sysidentpy", "scipy.optimize", "plotly", "hybrid_sysid_ros.identification")
+assert not [name for name in heavy if name in sys.modules], [name for name in heavy if name in sys.modules]
+"""
+
+
+@pytest.mark.parametrize("structure", ["gray", "hybrid", "narx", "recurrent", "residual", *FUZZY])
+def test_a_model_is_loaded_without_what_fits_it(structure, tmp_path):
+    model_of(structure).save(tmp_path / "model")
+    subprocess.run([sys.executable, "-c", LIGHT, tmp_path / "model"], check=True, timeout=120)
