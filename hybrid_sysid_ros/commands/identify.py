@@ -82,6 +82,7 @@ def command(
             progress=progress,
         )
     model.save(out)
+    console.print(f"{structure}: {model.kind.summary}")
     print_table(parameter_table(model))
     for line in model.kind.lines(model.system):
         console.print(line)

@@ -98,7 +98,7 @@ class FitContext(Protocol):
     def fit(self, system: System, **settings: Any) -> Fit:
         """Least squares on free runs over the records, from where a system stands.
 
-        settings: of :func:`hybrid_sysid_ros.identification.fitting.fit`.
+        settings: of :func:`hybrid_sysid_ros.identification.fitting.fit`; ``experiments`` instead of the records'.
         """
 
     def fit_physics(self, systems: Sequence[System], **settings: Any) -> Fit:

@@ -32,10 +32,6 @@ LEARNED_OPTIONS = {
 }
 
 
-LAST_STAGES: tuple[int | None, ...] = (200, None)
-"""Lengths of the rollouts that a network is fitted over, in samples; None is the whole record."""
-
-
 class JointHybrid(Structure):
     """Physics and what is learned, all fitted at once."""
 
@@ -150,6 +146,8 @@ class AnchoredHybrid(JointHybrid):
         return {"members": MEMBERS, **found}
 
     def fit(self, context: FitContext) -> Fit:
+        from hybrid_sysid_ros.identification.fitting import STAGES
+
         gray = self.gray.fit(context.of(self.gray))
         frozen = bool(closures_of(gray.system, context.options))
         members = []
@@ -161,7 +159,7 @@ class AnchoredHybrid(JointHybrid):
                     [replace(system, physics=gray.system)],
                     hold=(*held, *(gray.names if frozen else ())),
                     anchor=None if frozen else gray,
-                    stages=LAST_STAGES,
+                    stages=STAGES[-2:],
                     starts=1,
                     seed=seed,
                 )
