@@ -8,17 +8,21 @@ import numpy as np
 
 from hybrid_sysid_ros.core import Dry, RungeKutta, System, Variable, bounded
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.models import STRUCTURES, build
-from hybrid_sysid_ros.models.difnn import Difnn
+from hybrid_sysid_ros.models import build
 from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.residual import ResidualHybrid
-from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
+from hybrid_sysid_ros.support.trunk import TRUNK
+
+try:  # systems of an extension take part where it is there
+    from hybrid_sysid_ros.extensions.fuzzy.tests.systems import SYSTEMS as FUZZY
+except ModuleNotFoundError:
+    FUZZY = {}
 
 RANGE = np.array([0.15, 0.5, 10.0])  # position [rad], velocity [rad/s], drive [V] of the beam's records
 DEFLECTION = 0.005  # of bristles, as far as they bend [rad]
-MOTIONS = [name for name in STRUCTURES if name not in ("narx", "takagi_sugeno", "difnn", "recurrent", "residual")]
+MOTIONS = [name for name in TRUNK.provides["structures"] if name not in ("narx", "recurrent", "residual")]
 
 
 def structure(name: str, seed: int = 0) -> System:
@@ -53,41 +57,6 @@ def polynomial() -> Narx:
         scales=(0.1, 5.0),
         low=(-0.2, -10.0),
         high=(0.2, 10.0),
-    )
-
-
-def rules() -> TakagiSugeno:
-    """Three rules by the position and the drive before."""
-    random = np.random.default_rng(0)
-    return TakagiSugeno(
-        outputs=(POSITION,),
-        inputs=(DRIVE,),
-        output_lags=2,
-        input_lags=2,
-        scales=(0.1, 5.0),
-        low=(-0.2, -10.0),
-        high=(0.2, 10.0),
-        premises=(0, 3),
-        rules=3,
-        premise_weights=tuple(random.normal(scale=0.5, size=12)),
-        consequents=tuple(random.normal(scale=0.3, size=15)),
-    )
-
-
-def linked() -> Difnn:
-    """Four rules by three terms of the position and of the drive."""
-    return Difnn(
-        outputs=(POSITION,),
-        inputs=(DRIVE,),
-        output_lags=1,
-        input_lags=2,
-        scales=(0.1, 5.0),
-        low=(-0.2, -10.0),
-        high=(0.2, 10.0),
-        antecedents=((0, 1, 2), (1, 1, 0), (2, 0, 1), (0, 0, 0)),
-        links=(((0, 0), (0, 1), (1, 1), (2, 2), (3, 1)),),
-        clusters=3,
-        term_weights=tuple(np.random.default_rng(0).normal(scale=0.7, size=24)),
     )
 
 
@@ -163,8 +132,7 @@ class TwoTanks(System):
 SYSTEMS: dict[str, Callable[[], System]] = {
     **{name: partial(structure, name) for name in MOTIONS},
     "narx": polynomial,
-    "takagi_sugeno": rules,
-    "difnn": linked,
     "recurrent": recurrent,
     "residual": residual,
+    **FUZZY,
 }

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.validation.horizons import k_step_errors
 from hybrid_sysid_ros.identification.validation.residual_tests import independence
 from hybrid_sysid_ros.identification.validation.scores import free_run, initial_state
-from hybrid_sysid_ros.models import STRUCTURES, Sampling, build
+from hybrid_sysid_ros.models import Sampling, build, structure_names
 from hybrid_sysid_ros.rigs import outside
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
@@ -95,7 +95,7 @@ def test_errors_and_residuals_are_judged_for_each_output(press, records, gray):
         assert all(np.isfinite(independence(error, signal).p_value) for error in residuals.T)
 
 
-@pytest.mark.parametrize("structure", [*STRUCTURES, "hybrid_stribeck"])
+@pytest.mark.parametrize("structure", [*structure_names(), "hybrid_stribeck"])
 def test_every_structure_learns_it(press, records, structure):
     """From two records; the third was never seen. A linear system lacks the friction, others may have it."""
     pytest.importorskip("sysidentpy" if structure == "narx" else "torch" if structure == "recurrent" else "numpy")

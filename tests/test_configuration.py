@@ -14,7 +14,7 @@ from hybrid_sysid_ros.runtime import configuration, parameters
 from hybrid_sysid_ros.runtime.configuration import Parameter
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.yaml_text import Dumper, parsed
-from tests.structures import residual, rules
+from tests.structures import residual
 
 NODES = tuple(parameters.declarations())
 
@@ -35,10 +35,9 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 def test_parameters_are_followed_by_a_pattern_of_their_names(rig: Rig) -> None:
-    values, model = configuration.defaults("cam_beam", "estimator"), rules()
-    found = configuration.estimator_tuning(values | {"followed": "position_rule_2_*=0.01"}, rig, model).followed
-    names = ("offset", "position", "position_1", "drive", "drive_1")
-    assert found == {f"position_rule_2_{name}": 0.01 for name in names}
+    values, model = configuration.defaults("cam_beam", "estimator"), residual(rig.system)
+    found = configuration.estimator_tuning(values | {"followed": "reflection_*=0.01"}, rig, model).followed
+    assert found == {"reflection_1_position": 0.01, "reflection_2_position": 0.01}
     scales = configuration.estimator_tuning(values | {"followed": "scale_*=0.01"}, rig, model)
     with pytest.raises(UserError, match=r"no parameter scale_\*"):
         scales.checked(model)

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.identification import Part, evaluate, free_run, identify, prepare
+from hybrid_sysid_ros.identification import Part, evaluate, experiment, free_run, identify, prepare
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS, INITIAL_SPREAD, RELATIVE_ERROR
 from hybrid_sysid_ros.identification.problem import Problem as IdentificationProblem
@@ -17,6 +17,7 @@ from hybrid_sysid_ros.rigs.excitation import random_steps
 from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_bench import bench, held_levels, linear_run, record_of
 from tests.one_joint import Linear
+from tests.structures import FUZZY
 
 FAST = Sampling(step=0.001, period=0.045)
 """The step of the simulated rig, and samples in which its 60 Hz hum is a swing: 3 periods in 50 ms are an offset."""
@@ -206,6 +207,20 @@ def test_a_model_remembers_its_records_and_their_range(rig):
     assert half.output.min() <= low < high <= half.output.max()
     assert model.training_range["drive"][1] <= 6.0
     assert model.structure == "linear"
+
+
+@pytest.mark.parametrize("structure", ["linear", "hybrid", "residual", "narx", *FUZZY])
+def test_a_record_is_resampled_once_in_a_fit(linear_records, rig, structure, monkeypatch):
+    pytest.importorskip("sysidentpy" if structure in ("narx", "residual") else "numpy")
+    plain, names = experiment.rates, []
+
+    def rates(record):
+        names.append(record.name)
+        return plain(record)
+
+    monkeypatch.setattr(experiment, "rates", rates)
+    identify(linear_records[:2], rig, structure, sampling=Sampling(), part=Part(stop=0.3))
+    assert names == [record.name for record in linear_records[:2]]
 
 
 @pytest.mark.parametrize("relative", [1.1e3, np.inf, np.nan])

@@ -20,7 +20,7 @@ LAYERS = [  # from the bottom up; a room (folder of the package) imports from th
     {"rigs"},
     {"models"},
     {"estimation", "identification"},
-    {"control"},
+    {"control", "structures"},
     {"runtime"},
     {"report"},
     {"library"},

@@ -12,7 +12,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Variable, one_step, simulate
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.identification import free_run, prepare, score
-from hybrid_sysid_ros.identification.gradient_training import Schedule, rollout, train
+from hybrid_sysid_ros.identification.gradient_training import Schedule, rollout, train, untrained
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.recurrent import Recurrent, step_within
 from hybrid_sysid_ros.support.errors import UserError
@@ -137,6 +137,12 @@ def spring_record(seed, *, seconds=60.0, name="spring"):
     return Record(name=name, time=time, input=drive[:, None], output=np.array(positions)[:, None])
 
 
+def trained(records, rig, sampling, *, units=24, **settings):
+    """A new network on the signals of a rig, trained on records."""
+    network = untrained(rig, sampling.step, units)
+    return train(network, [prepare(record, network, sampling) for record in records], **settings)
+
+
 @pytest.fixture(scope="module")
 def spring():
     """A network trained on three such records, with the settings and the progress of its training."""
@@ -144,7 +150,7 @@ def spring():
     records = [spring_record(seed) for seed in range(3)]
     heard = []
     schedule = Schedule(stages=((20, 150), (40, 250)))
-    fitted = train(records, Linear(), SAMPLING, units=8, schedule=schedule, progress=lambda *news: heard.append(news))
+    fitted = trained(records, Linear(), SAMPLING, units=8, schedule=schedule, progress=lambda *news: heard.append(news))
     return fitted, heard
 
 
@@ -174,7 +180,7 @@ def test_the_same_seed_trains_the_same_network():
     pytest.importorskip("torch")
     records = [spring_record(seed, seconds=10.0) for seed in range(2)]
     first, again, other = (
-        train(records, Linear(), SAMPLING, units=3, seed=seed, schedule=SHORT).system.weights for seed in (0, 0, 1)
+        trained(records, Linear(), SAMPLING, units=3, seed=seed, schedule=SHORT).system.weights for seed in (0, 0, 1)
     )
     np.testing.assert_array_equal(first, again)
     assert np.max(np.abs(first - other)) > 1e-3
@@ -183,7 +189,7 @@ def test_the_same_seed_trains_the_same_network():
 def test_a_network_may_run_faster_than_it_is_scored():
     pytest.importorskip("torch")
     sampling = Sampling(step=0.01)
-    fitted = train([spring_record(0, seconds=10.0)], Linear(), sampling, units=3, schedule=SHORT)
+    fitted = trained([spring_record(0, seconds=10.0)], Linear(), sampling, units=3, schedule=SHORT)
     assert isinstance(fitted.system, Recurrent)
     assert fitted.system.period == 0.01
     experiment = prepare(spring_record(0, seconds=10.0), fitted.system, sampling)
@@ -195,9 +201,9 @@ def test_records_that_cannot_be_learned_from_are_refused():
     pytest.importorskip("torch")
     long, short = spring_record(0, seconds=10.0), spring_record(1, seconds=0.9, name="hop")
     with pytest.raises(UserError, match="hop: 19 samples are too short: training needs rollouts of 20"):
-        train([long, short], Linear(), SAMPLING)
+        trained([long, short], Linear(), SAMPLING)
     with pytest.raises(UserError, match="spring: input or output is constant"):
-        train([replace(long, input=np.ones_like(long.input))], Linear(), SAMPLING)
+        trained([replace(long, input=np.ones_like(long.input))], Linear(), SAMPLING)
 
 
 def test_without_torch_the_extra_is_named(monkeypatch):
@@ -205,4 +211,4 @@ def test_without_torch_the_extra_is_named(monkeypatch):
     with pytest.raises(
         UserError, match=r"torch is missing; install the extra: pip install 'hybrid_sysid_ros\[train\]'"
     ):
-        train([], Linear(), SAMPLING)
+        trained([], Linear(), SAMPLING)

@@ -350,7 +350,7 @@ PUBLISHED = {"<first> & only": 0.95, "second": 0.5}
 @pytest.fixture(scope="module")
 def protocol(model, first):
     runs = [(first, Part(start=0.5)), (record("second", 2), Part())]
-    weak = dataclasses.replace(model, structure="weak", system=dataclasses.replace(model.system, gain=3.0))
+    weak = dataclasses.replace(model, system=dataclasses.replace(model.system, gain=3.0))
     return protocol_section(
         "two records",
         [

@@ -16,13 +16,14 @@ from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.estimation.extended_kalman_filter import ExtendedKalmanFilter
 from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.identification import Experiment, free_run
+from hybrid_sysid_ros.identification.experiment import ResampledRecord
 from hybrid_sysid_ros.identification.fitting import fit
-from hybrid_sysid_ros.identification.residual import Leftover, beginning, check_forgets, levinson
-from hybrid_sysid_ros.identification.validation.leftovers import before_and_after
+from hybrid_sysid_ros.identification.residual import ResidualSequence, check_forgets, initial_guess, levinson
+from hybrid_sysid_ros.identification.validation.stages import compare_stages
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.hybrid import CLIP
 from hybrid_sysid_ros.models.residual import RADIUS, ResidualHybrid, averaged, coefficients
-from hybrid_sysid_ros.models.structures import options_of
+from hybrid_sysid_ros.models.structure import options_of, structure_of
 from hybrid_sysid_ros.support.errors import UserError
 from tests.structures import residual
 
@@ -209,20 +210,20 @@ def told(seed: int, steps: int = 3000, noise: float = 1e-5) -> Experiment:
     return Experiment(name=f"belt {seed}", sampling=SAMPLING, inputs=inputs, outputs=outputs, states=states)
 
 
-def fitted(**options: float) -> tuple[ResidualHybrid, list[Leftover]]:
+def fitted(**options: float) -> tuple[ResidualHybrid, list[ResidualSequence]]:
     chosen = {name: option.default for name, option in options_of("residual", Belt()).items()} | options
-    leftovers = [Leftover.of(Belt(), told(seed)) for seed in (0, 1)]
-    system = beginning(Belt(), leftovers, chosen)
+    sequences = [ResidualSequence.of(Belt(), told(seed)) for seed in (0, 1)]
+    system = initial_guess(Belt(), sequences, chosen)
     held = [item.name for item in Belt().parameters]
-    found = fit(system, [item.begun(system) for item in leftovers], ridge=1e-6, hold=held).system
+    found = fit(system, [item.initialised(system) for item in sequences], ridge=1e-6, hold=held).system
     assert isinstance(found, ResidualHybrid)
-    return found, leftovers
+    return found, sequences
 
 
 def test_a_known_residual_comes_back() -> None:
     """Two poles and two past inputs: its poles, and its free run under inputs that no fit saw."""
-    system, leftovers = fitted(units=0, output_lags=2)
-    check_forgets(system, leftovers)
+    system, sequences = fitted(units=0, output_lags=2)
+    check_forgets(system, sequences)
     np.testing.assert_allclose(coefficients(system.reflections[:2]), TRUE, atol=2e-3)
     unseen = told(7)
     prepared = replace(
@@ -238,9 +239,17 @@ def test_its_three_steps_are_told() -> None:
     """What the gray box leaves follows the input, what the true recursion leaves does not."""
     system, _ = fitted(units=0, output_lags=2)
     unseen = told(7)
-    states = system.record_map().states_from_record(unseen.outputs, 0.0 * unseen.outputs, np.zeros((1501, 2)))
-    states[0] = 0.0
-    rows = {(row.step, row.output): row for row in before_and_after(system, replace(unseen, states=states))}
+    means = unseen.inputs.reshape(unseen.samples - 1, -1, 2).mean(axis=1)
+    record = ResampledRecord(
+        name=unseen.name,
+        sampling=SAMPLING,
+        inputs=unseen.inputs,
+        outputs=np.concatenate([np.zeros((1, 2)), unseen.outputs[1:]]),  # it begins at rest
+        rates=0.0 * unseen.outputs,
+        means=np.concatenate([np.zeros((1, 2)), means[1:], means[-1:]]),
+    )
+    stages = structure_of("residual", Belt()).stages(system)
+    rows = {(row.stage, row.output): row for row in compare_stages(stages, record)}
     before, after = rows["gray box", "first"], rows["with its residual", "first"]
     assert not before.random
     assert before.independence.outside > 10
@@ -253,18 +262,18 @@ def test_its_three_steps_are_told() -> None:
 
 def test_a_residual_that_swings_by_itself_is_refused() -> None:
     """Two levels hold themselves: e+ = .5 e + .5 S n(e), n steep: bounded, but it never forgets where it began."""
-    leftovers = [Leftover.of(Belt(), told(0))]
+    sequences = [ResidualSequence.of(Belt(), told(0))]
     base = residual(Belt())
     width = len(base.regressors)
     weights = np.zeros((1, width + 3))
     weights[0, 8], weights[0, width + 1] = 100.0, 1.0
-    scales = (*np.ones(width), 0.5 * np.std(leftovers[0].errors[:, 0]), 1e-3)
+    scales = (*np.ones(width), 0.5 * np.std(sequences[0].errors[:, 0]), 1e-3)
     system = replace(
         base, units=1, exponents=((), ()), reflections=(0.5, 0.0, 0.5, 0.0), scales=scales, learned=weights.ravel()
     )
     with pytest.raises(UserError, match="does not die away"):
-        check_forgets(system, leftovers)
-    check_forgets(system.with_weights(0.0 * system.weights), leftovers)
+        check_forgets(system, sequences)
+    check_forgets(system.with_weights(0.0 * system.weights), sequences)
 
 
 # Where it runs

@@ -12,9 +12,9 @@ from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded, on
 from hybrid_sysid_ros.core.mathematics import sin
 from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.experiment import Experiment
-from hybrid_sysid_ros.identification.fitting import Fit, fit
+from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.grouping import groups
-from hybrid_sysid_ros.identification.shooting import Shooting, Windows, fastest_growth
+from hybrid_sysid_ros.identification.shooting import MultipleShootingProblem, UnstableFitSettings, fastest_growth
 from hybrid_sysid_ros.identification.validation.unstable import (
     UnstableError,
     check_free_run,
@@ -22,6 +22,7 @@ from hybrid_sysid_ros.identification.validation.unstable import (
     stabilised_run,
 )
 from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.models.fit import Fit
 from hybrid_sysid_ros.support.errors import UserError
 
 STEP, NOISE = 0.02, np.array([0.002, 0.01])
@@ -47,7 +48,7 @@ class Upright(System):
 
 
 PLANT = Upright(inertia=0.53, weight=2.3, gain=0.24)
-WINDOWS = Windows(noise=NOISE, stabiliser=GAINS)
+SETTINGS = UnstableFitSettings(noise=NOISE, stabiliser=GAINS)
 SAMPLING = Sampling(step=STEP, period=STEP)
 
 
@@ -108,9 +109,9 @@ def test_a_run_with_a_feedback_is_the_loop_and_its_slopes_are_those_of_differenc
 
 def test_windows_grow_as_the_fastest_mode_does(record):
     assert fastest_growth(PLANT) == pytest.approx(np.sqrt(2.3 / 0.53))
-    problem = Shooting(Upright(), [record], WINDOWS)
+    problem = MultipleShootingProblem(Upright(), [record], SETTINGS)
     assert problem.stages == tuple(round(rate / 2.0 / STEP) for rate in (1.4, 3.6))
-    closed = Shooting(Upright(), [record], replace(WINDOWS, closed=10.0))
+    closed = MultipleShootingProblem(Upright(), [record], replace(SETTINGS, closed=10.0))
     assert closed.stages[-1] == 500
 
 
@@ -134,7 +135,7 @@ def test_what_no_record_shows_is_carried_through_windows_by_a_run_that_is_held()
     seen = np.pad(outputs, ((0, 0), (0, 1)))
     inputs = pushed - states[:-1] @ feedback.T
     record = Experiment(name="warm", sampling=SAMPLING, inputs=inputs, outputs=outputs, states=seen)
-    problem = Shooting(Warming(), [record], WINDOWS)
+    problem = MultipleShootingProblem(Warming(), [record], SETTINGS)
     problem.carry(problem.start, problem.stages[0])
     begins, first, _, _ = problem.windows(problem.stages[0])
     np.testing.assert_allclose(first[:, 2], states[begins[:, 1], 2], rtol=1e-6)
@@ -143,7 +144,7 @@ def test_what_no_record_shows_is_carried_through_windows_by_a_run_that_is_held()
 @pytest.mark.parametrize("closed", [0.0, 5.0])
 def test_derivatives_are_those_of_a_fit_of_all_initial_states(record, closed):
     """The gradient of the sum of squares over parameters alone, by differences."""
-    problem = Shooting(Upright(), [record], replace(WINDOWS, closed=closed))
+    problem = MultipleShootingProblem(Upright(), [record], replace(SETTINGS, closed=closed))
     horizon = problem.stages[-1]
     residuals, jacobian = problem.residuals(horizon), problem.jacobian(horizon, map)
     at = problem.start
@@ -160,7 +161,7 @@ def test_derivatives_are_those_of_a_fit_of_all_initial_states(record, closed):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_fit_finds_what_the_data_tell_with_its_error(seed, closed):
     """Weight and gain per inertia, within three standard errors of less than .5 %; chi squared is that of the noise."""
-    found = fit(Upright(), [flown(seed)], windows=replace(WINDOWS, closed=closed))
+    found = fit(Upright(), [flown(seed)], unstable=replace(SETTINGS, closed=closed))
     values = found.system.named
     for name in ("weight", "gain"):
         ratio, truth = values[name] / values["inertia"], PLANT.named[name] / PLANT.inertia
@@ -227,15 +228,15 @@ def test_what_grows_into_a_bounded_motion_that_follows_the_record_is_not_refused
 
 def test_predictions_of_the_plant_itself_err_by_what_the_noise_tells():
     """Without noise not at all; with it at one second by the error of the state that two seconds of readings leave."""
-    exact = predictions(PLANT, flown(4, noise=0.0), WINDOWS)
+    exact = predictions(PLANT, flown(4, noise=0.0), SETTINGS)
     assert [(item.seconds, item.closed) for item in exact] == [(1.0, False), (5.0, False), (20.0, True)]
     for item in exact:
         for score in item.scores.outputs.values():
             assert score.rmse < (1e-7 if item.seconds < 5.0 or item.closed else 1e-4)
-    noisy, *_ = predictions(PLANT, flown(4), WINDOWS)
+    noisy, *_ = predictions(PLANT, flown(4), SETTINGS)
     angle = noisy.scores.outputs["angle"].rmse
     assert NOISE[0] < angle < 3.0 * NOISE[0]
-    wrong, *_ = predictions(replace(PLANT, weight=2.0), flown(4, noise=0.0), WINDOWS)
+    wrong, *_ = predictions(replace(PLANT, weight=2.0), flown(4, noise=0.0), SETTINGS)
     assert wrong.scores.outputs["angle"].rmse > 100.0 * exact[0].scores.outputs["angle"].rmse
 
 
@@ -251,7 +252,7 @@ def test_what_no_output_shows_does_not_run_away_with_the_open_run():
             return rate, acceleration - 0.5 * x[2], 5.0 * (x[0] - x[2])
 
     strapped = Strapped(inertia=0.53, weight=2.3, gain=0.24)
-    one_second, *_ = predictions(strapped, flown(4, system=strapped), WINDOWS)
+    one_second, *_ = predictions(strapped, flown(4, system=strapped), SETTINGS)
     assert NOISE[0] < one_second.scores.outputs["angle"].rmse < 3.0 * NOISE[0]
 
 

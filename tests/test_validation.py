@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.recipes import Recipe
 from hybrid_sysid_ros.identification.selection.cross_validation import (
     BLOCKS,
     WORST,
@@ -15,6 +14,7 @@ from hybrid_sysid_ros.identification.selection.cross_validation import (
     cross_validate,
 )
 from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.structures.gray_box import GrayBox
 from hybrid_sysid_ros.support.errors import UserError
 from tests.one_joint import Linear
 
@@ -57,13 +57,13 @@ def test_blocks_are_named_by_their_record_and_place(records):
 def watched(monkeypatch):
     """The blocks that every fit was given, in turn."""
     given = []
-    plain = Recipe.fit
+    plain = GrayBox.fit
 
-    def fit(recipe, blocks):
-        given.append(list(blocks))
-        return plain(recipe, blocks)
+    def fit(structure, context):
+        given.append(list(context.records))
+        return plain(structure, context)
 
-    monkeypatch.setattr(Recipe, "fit", fit)
+    monkeypatch.setattr(GrayBox, "fit", fit)
     return given
 
 
@@ -107,14 +107,13 @@ def test_only_the_part_that_is_asked_for_is_used(linear_records, rig, watched):
 
 
 def test_a_structure_that_diverges_scores_at_worst_minus_one_a_block(linear_records, rig, monkeypatch):
-    plain = Recipe.fit
+    plain = GrayBox.fit
 
-    def diverging(recipe, blocks):
-        fitted, sampling = plain(recipe, blocks)
+    def diverging(structure, context):
         unstable = Linear(gain=5.0, centre=0.9, stiffness=-500.0, damping=0.0)
-        return replace(fitted, system=unstable), sampling
+        return replace(plain(structure, context), system=unstable)
 
-    monkeypatch.setattr(Recipe, "fit", diverging)
+    monkeypatch.setattr(GrayBox, "fit", diverging)
     found = cross_validate(linear_records, rig, "linear", sampling=Sampling())
     assert max(found.scores.values()) < -1e6
     assert found.value == WORST == -1.0

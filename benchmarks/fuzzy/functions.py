@@ -14,11 +14,11 @@ from benchmarks import result
 from benchmarks.fuzzy.data import LEVEL, SEEDS, mackey_glass, named, of_inputs, predicted, sines
 from hybrid_sysid_ros.core import Parameter
 from hybrid_sysid_ros.core.mathematics import Scalar, tanh
+from hybrid_sysid_ros.extensions.fuzzy.link_selection import select_links
+from hybrid_sysid_ros.extensions.fuzzy.rule_selection import select_rules
+from hybrid_sysid_ros.extensions.fuzzy.tuning import tuned
 from hybrid_sysid_ros.identification import Experiment
-from hybrid_sysid_ros.identification.fuzzy import tuned
-from hybrid_sysid_ros.identification.selection.link_selection import select_links
 from hybrid_sysid_ros.identification.selection.regression import Regression
-from hybrid_sysid_ros.identification.selection.rule_selection import select_rules
 from hybrid_sysid_ros.models.lagged import Lagged
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array

@@ -10,8 +10,8 @@ from rich.table import Table
 from benchmarks import result
 from benchmarks.fuzzy.data import DRIVE, LEVEL, SEEDS, free_run_error, training
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.identification.fuzzy import tuned
-from hybrid_sysid_ros.identification.selection.rule_selection import select_rules
+from hybrid_sysid_ros.extensions.fuzzy.rule_selection import select_rules
+from hybrid_sysid_ros.extensions.fuzzy.tuning import tuned
 from hybrid_sysid_ros.rigs.rig import Rig
 
 BOTH = (0, 1)

@@ -18,7 +18,7 @@ from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part, evaluate
 from hybrid_sysid_ros.identification.identify import experiment_of
-from hybrid_sysid_ros.identification.shooting import windows_of
+from hybrid_sysid_ros.identification.shooting import unstable_settings
 from hybrid_sysid_ros.identification.validation.input_bias import adapt
 from hybrid_sysid_ros.identification.validation.refollowing import follow_again
 from hybrid_sysid_ros.identification.validation.resimulation import resimulations
@@ -109,7 +109,7 @@ def _scored(
     """By record the scores of the free run, or where that says nothing the errors some seconds ahead."""
     scores: dict[str, dict[str, Any]] = {}
     ahead: dict[str, list[Prediction]] = {}
-    windows = windows_of(rig)
+    windows = unstable_settings(rig)
     for record in records:
         try:
             scores[record.name] = evaluate(model, record, part=part).content

@@ -17,16 +17,14 @@ from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.grouping import Group
-from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.friction_curve import FrictionCurve, friction_curve, speeds_of
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
-from hybrid_sysid_ros.identification.validation.leftovers import Leftovers, before_and_after
+from hybrid_sysid_ros.identification.validation.stages import StageResiduals
 from hybrid_sysid_ros.library.models import identify
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.options import parse
-from hybrid_sysid_ros.models.residual import ResidualHybrid
-from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
+from hybrid_sysid_ros.report.sections import stages_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.files import check_file, check_folder
@@ -85,10 +83,10 @@ def command(
             progress=progress,
         )
     model.save(out)
+    console.print(f"{structure}: {model.kind.summary}")
     print_table(parameter_table(model))
-    if isinstance(model.system, TakagiSugeno):
-        for number, rule in enumerate(model.system.words, start=1):
-            console.print(f"rule {number}: {rule}")
+    for line in model.kind.lines(model.system):
+        console.print(line)
     for doubt in doubts(model):
         console.print(f"doubt: {doubt}")
     for group in model.fit.get("groups", ()):
@@ -102,9 +100,8 @@ def command(
                 )
     title = "training" if described.experiments.stabiliser is None else "training, closed by the stabiliser"
     print_table(terminal.score_table({name: dict(scores) for name, scores in model.scores.items()}, described, title))
-    if isinstance(model.system, ResidualHybrid):
-        used = [experiment_of(model, record, part=Part.parse(part)) for record in records]
-        print_table(leftovers_table([row for item in used for row in before_and_after(model.system, item)]))
+    if rows := stages_of(model, [(record, Part.parse(part)) for record in records]):
+        print_table(stages_table(rows))
     curves: dict[str, FrictionCurve] = {}
     if other is not None and speeds is not None:
         curves = {name: friction_curve(each.system, speeds) for name, each in ((str(out), model), (str(beside), other))}
@@ -128,15 +125,17 @@ def friction_table(curves: Mapping[str, FrictionCurve], rig: Rig) -> Table:
     return table
 
 
-def leftovers_table(rows: Sequence[Leftovers]) -> Table:
-    """The steps of a hybrid by residual: the gray box, whether what it leaves is random, and what is left after."""
+def stages_table(rows: Sequence[StageResiduals]) -> Table:
+    """The stages of a model, such as a gray box and a model of its residual: whether what each leaves is random."""
     table = Table(
         "record", "output", "free run of", "R2", "lags outside: itself", "input", "random",
-        title="1 fit the gray box, 2 test what it leaves, 3 add a model of that (free run, 99 % bounds)",
+        title="stages of the model: whether what each leaves in free run is random (99 % bounds)",
     )  # fmt: skip
     for row in sorted(rows, key=lambda row: (row.record, row.output)):
         outside = (f"{test.outside} of {len(test.lags)}" for test in (row.whiteness, row.independence))
-        table.add_row(row.record, row.output, row.step, f"{row.scores.r2:.4f}", *outside, "yes" if row.random else "no")
+        table.add_row(
+            row.record, row.output, row.stage, f"{row.scores.r2:.4f}", *outside, "yes" if row.random else "no"
+        )
     return table
 
 

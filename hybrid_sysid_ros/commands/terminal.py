@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from hybrid_sysid_ros.models import STRUCTURES, Sampling
+from hybrid_sysid_ros.models import Sampling, structure_names
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 
@@ -74,7 +74,7 @@ def end(problems: Sequence[str]) -> None:
         raise typer.Exit(2)
 
 
-STRUCTURES_HELP = " | ".join((*STRUCTURES, "a further gray box of the rig", "hybrid_NAME on a gray box"))
+STRUCTURES_HELP = " | ".join((*structure_names(), "a further gray box of the rig", "hybrid_NAME on a gray box"))
 
 
 def score_table(

@@ -152,7 +152,7 @@ class System:
 
     @property
     def design(self) -> dict[str, Any] | None:
-        """What a learned part is made of, as plain data from which :mod:`~hybrid_sysid_ros.models.structures` builds it
+        """What a learned part is made of, as plain data from which :mod:`~hybrid_sysid_ros.models.structure` builds it
         again; None where nothing is learned.
         """
         return None

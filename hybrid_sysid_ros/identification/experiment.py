@@ -9,17 +9,19 @@ from scipy.signal import savgol_filter
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.models.fit import Experiment
 from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
+__all__ = ["Experiment", "ResampledRecord", "check_range", "prepare", "rates", "resample"]
 SMOOTHING_SECONDS = 0.051
 """Window of the Savitzky-Golay velocity (order 3): 51 samples at 1 kHz."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Experiment:
-    """A record on the grid of a simulation."""
+class ResampledRecord:
+    """A record on the grid of a simulation, of which any system takes its states."""
 
     name: str
     sampling: Sampling
@@ -27,26 +29,32 @@ class Experiment:
     """Over each step, (steps, inputs)."""
     outputs: Array
     """Raw ones at the scored samples, (samples, outputs)."""
-    states: Array
-    """As far as the raw outputs and their Savitzky-Golay rates show them, (samples, states): initial states only."""
+    rates: Array
+    """Savitzky-Golay rates of the outputs there, (samples, outputs)."""
+    means: Array
+    """Mean inputs from each sample to the next, the last one twice, (samples, inputs)."""
 
-    @property
-    def samples(self) -> int:
-        return len(self.outputs)
+    def experiment(self, system: System) -> Experiment:
+        """With the states of a system. Raises UserError where the record's channels are not those of the system."""
+        _check_channels(self.name, self.inputs, self.outputs, system)
+        states = system.record_map().states_from_record(self.outputs, self.rates, self.means)
+        return Experiment(
+            name=self.name, sampling=self.sampling, inputs=self.inputs, outputs=self.outputs, states=states
+        )
 
 
 def prepare(record: Record, system: System, sampling: Sampling) -> Experiment:
-    """Resample a record.
+    """Resample a record for a system.
 
     Raises UserError where its channels are not those of the system, it is too short, or its rate does not fit the
     sampling.
     """
-    channels, needed = (record.input.shape[1], record.output.shape[1]), (len(system.inputs), len(system.outputs))
-    if channels != needed:
-        raise UserError(
-            f"{record.name}: {channels[0]} inputs and {channels[1]} outputs, but the model has {needed[0]} and "
-            f"{needed[1]}; check the signals of the rig"
-        )
+    _check_channels(record.name, record.input, record.output, system)
+    return resample(record, sampling).experiment(system)
+
+
+def resample(record: Record, sampling: Sampling) -> ResampledRecord:
+    """A record at a sampling. Raises UserError where it is too short, or its rate does not fit the sampling."""
     period = record.sampling_time
     sampled = "the record's sampling time"
     every = _ratio(sampling.period, period, record.name, "the scored period", sampled)
@@ -64,17 +72,24 @@ def prepare(record: Record, system: System, sampling: Sampling) -> Experiment:
     else:
         times = _ratio(period, sampling.step, record.name, sampled, "the integration step")
         inputs = np.repeat(record.input[:used], times, axis=0)
-    outputs = np.ascontiguousarray(record.output[::every][:samples])
     means = inputs.reshape(samples - 1, sampling.every, -1).mean(axis=1)
-    return Experiment(
+    return ResampledRecord(
         name=record.name,
         sampling=sampling,
         inputs=np.ascontiguousarray(inputs),
-        outputs=outputs,
-        states=system.record_map().states_from_record(
-            outputs, rates(record)[::every][:samples], np.concatenate([means, means[-1:]])
-        ),
+        outputs=np.ascontiguousarray(record.output[::every][:samples]),
+        rates=rates(record)[::every][:samples],
+        means=np.concatenate([means, means[-1:]]),
     )
+
+
+def _check_channels(name: str, inputs: Array, outputs: Array, system: System) -> None:
+    channels, needed = (inputs.shape[1], outputs.shape[1]), (len(system.inputs), len(system.outputs))
+    if channels != needed:
+        raise UserError(
+            f"{name}: {channels[0]} inputs and {channels[1]} outputs, but the model has {needed[0]} and "
+            f"{needed[1]}; check the signals of the rig"
+        )
 
 
 def check_range(experiment: Experiment, system: System) -> None:

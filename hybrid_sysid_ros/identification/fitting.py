@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,10 @@ from threadpoolctl import threadpool_limits
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.condensing import Condensed
 from hybrid_sysid_ros.identification.covariance import covariances
-from hybrid_sysid_ros.identification.experiment import Experiment, check_range
+from hybrid_sysid_ros.identification.experiment import check_range
 from hybrid_sysid_ros.identification.problem import Map, Problem
-from hybrid_sysid_ros.identification.shooting import Shooting, Windows
+from hybrid_sysid_ros.identification.shooting import MultipleShootingProblem, UnstableFitSettings
+from hybrid_sysid_ros.models.fit import Experiment, Fit
 from hybrid_sysid_ros.support import threads
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -39,35 +39,6 @@ MANY = 100
 """Weights, which all have priors, from which on the optimiser is given a condensed problem."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Fit:
-    """A fitted system, and how sure its numbers are."""
-
-    system: System
-    names: tuple[str, ...]
-    """The free parameters, physical ones first, then weights."""
-    covariance: Array
-    """Of them, (free, free), in their units."""
-    by_cost: Array
-    """The same by the curvature of the cost alone, as if errors were independent of deviation one."""
-    nuisances: Mapping[str, Array]
-    """What was added to initial states, (records,) by the state's name, see :class:`~.problem.Problem`."""
-    relative_error: float
-    seconds: float
-    """Of the optimisation, without compilation."""
-    evaluations: int
-    """Simulations of all records, with or without derivatives."""
-    biases: Mapping[str, Array] = field(default_factory=dict)
-    """Constant bias of an input in each record, (records,) by the input's name, where they were fitted."""
-    chi_squared: float | None = None
-    """Mean squared error in the sensors' noise; None where the fit was not over :class:`~.shooting.Windows`."""
-
-    @property
-    def spreads(self) -> Array:
-        """Deviations of the free parameters by the cost alone, (free,): what another fit is anchored with."""
-        return np.asarray(np.sqrt(np.clip(np.diag(self.by_cost), 0.0, None)))
-
-
 def fit(
     system: System,
     experiments: Sequence[Experiment],
@@ -80,7 +51,7 @@ def fit(
     seed: int = 0,
     tolerance: float | None = None,
     iterations: int = ITERATIONS,
-    windows: Windows | None = None,
+    unstable: UnstableFitSettings | None = None,
     progress: Progress | None = None,
 ) -> Fit:
     """Fit the free parameters and weights of a system to several experiments at once.
@@ -89,8 +60,8 @@ def fit(
     physics can't explain is left to a network. ridge, hold: see
     :class:`~hybrid_sysid_ros.identification.problem.Problem`. starts: points where the first stage begins, all but the
     first random by ``seed``; the best one goes on. tolerance, iterations: of each stage, by default FINE in the last
-    one of a physical structure and COARSE elsewhere, and ITERATIONS. windows: of an unstable rig, instead of stages,
-    see :class:`~.shooting.Shooting`. Trust-region least squares with bounds; the
+    one of a physical structure and COARSE elsewhere, and ITERATIONS. unstable: of an unstable rig, instead of
+    stages, see :class:`~.shooting.MultipleShootingProblem`. Trust-region least squares with bounds; the
     Jacobian is exact and simulated in parallel threads.
 
     Raises UserError for records without excitation or beyond the system's range, and where every simulation
@@ -100,8 +71,8 @@ def fit(
     centres, spreads = (None, None) if anchor is None else _anchors(system, anchor)
     options: dict[str, Any] = {"centres": centres, "spreads": spreads, "ridge": ridge, "hold": hold}
     problem = Problem(system, experiments, **options)
-    if windows is not None:
-        problem = Shooting(system, experiments, windows, **options)
+    if unstable is not None:
+        problem = MultipleShootingProblem(system, experiments, unstable, **options)
         stages = problem.stages
     problem.residuals(stages[0])(problem.start)  # compile outside the measured time
     problem.jacobian(stages[0], map)(problem.start)
@@ -135,7 +106,7 @@ def fit(
         relative_error=relative,
         seconds=time.perf_counter() - began,
         evaluations=problem.evaluations,
-        chi_squared=problem.chi_squared(solution.fun) if isinstance(problem, Shooting) else None,
+        chi_squared=problem.chi_squared(solution.fun),
     )
 
 

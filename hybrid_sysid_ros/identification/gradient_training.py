@@ -9,13 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System, Variable, simulate
 from hybrid_sysid_ros.core.parameters import scale_of
-from hybrid_sysid_ros.identification.experiment import Experiment, prepare
-from hybrid_sysid_ros.identification.fitting import Fit, Progress
+from hybrid_sysid_ros.identification.fitting import Progress
+from hybrid_sysid_ros.models.fit import Experiment, Fit
 from hybrid_sysid_ros.models.recurrent import Recurrent
-from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
@@ -41,18 +39,16 @@ class Schedule:
 
 
 def train(
-    records: Sequence[Record],
-    rig: System,
-    sampling: Sampling,
+    network: Recurrent,
+    experiments: Sequence[Experiment],
     *,
-    units: int = 24,
     seed: int = 0,
     schedule: Schedule = Schedule(),
     progress: Progress | None = None,
 ) -> Fit:
-    """A :class:`~hybrid_sysid_ros.models.recurrent.Recurrent` of the sampling's step, trained on all records at once.
+    """A network trained on all records at once; its own weights and scales do not matter.
 
-    rig: the rig's own system, for the names of signals. Rollouts begin at random samples, where the encoder sees
+    Rollouts begin at random samples, where the encoder sees
     outputs and their rates; the loss is on outputs only, each in deviations of its record's output, so that small
     motion counts as much as wide motion. Adam with weight decay (Loshchilov and Hutter 2019), in one thread; the same
     seed gives the same weights on one machine.
@@ -61,8 +57,7 @@ def train(
     missing.
     """
     torch = _torch()
-    plain = begin(rig, sampling.step, units)
-    data = _Data(plain, [prepare(record, plain, sampling) for record in records], shortest=schedule.stages[0][0])
+    data = _Data(network, experiments, shortest=schedule.stages[0][0])
     system, random, began = data.system.initial(seed), np.random.default_rng(seed), time.perf_counter()
     steps = sum(count for _, count in schedule.stages)
     best, least, done = system, np.inf, 0
@@ -90,19 +85,10 @@ def train(
                         progress(f"{horizon}-sample rollouts", done, error)
     if not np.isfinite(least):
         raise UserError("recurrent network: the training diverged; lower its step size")
-    return Fit(
-        system=best,
-        names=(),
-        covariance=np.zeros((0, 0)),
-        by_cost=np.zeros((0, 0)),
-        nuisances={},
-        relative_error=least,
-        seconds=time.perf_counter() - began,
-        evaluations=done,
-    )
+    return Fit(system=best, relative_error=least, seconds=time.perf_counter() - began, evaluations=done)
 
 
-def begin(rig: System, period: float, units: int) -> Recurrent:
+def untrained(rig: System, period: float, units: int) -> Recurrent:
     """A network of zeros with the signals of a rig; rates of positions have the names of the rig's velocities."""
     names = [item.name for item in rig.states]
     velocities = {names[i]: rig.states[j] for i, j in rig.kinematics.items()}

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.identification.fitting import Fit
+from hybrid_sysid_ros.models.fit import Fit
 from hybrid_sysid_ros.support.arrays import Array
 
 DETERMINED = 0.3

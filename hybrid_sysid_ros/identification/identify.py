@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +10,18 @@ import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.identification.experiment import Experiment, check_range, prepare
-from hybrid_sysid_ros.identification.fitting import Fit, Progress
+from hybrid_sysid_ros.identification.context import Context
+from hybrid_sysid_ros.identification.experiment import ResampledRecord, check_range, prepare, resample
+from hybrid_sysid_ros.identification.fitting import Progress
 from hybrid_sysid_ros.identification.grouping import groups
 from hybrid_sysid_ros.identification.part import Part, parts_of
-from hybrid_sysid_ros.identification.recipes import Recipe
 from hybrid_sysid_ros.identification.shooting import check_sampling
 from hybrid_sysid_ros.identification.validation.scores import Scores, score_free_run
 from hybrid_sysid_ros.identification.validation.unstable import check_free_run, stabilised_run
 from hybrid_sysid_ros.models import Model, Sampling
-from hybrid_sysid_ros.models.options import Options
+from hybrid_sysid_ros.models.fit import Experiment, Fit
+from hybrid_sysid_ros.models.options import Options, complete
+from hybrid_sysid_ros.models.structure import structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.validity import check_valid
 from hybrid_sysid_ros.support.errors import UserError
@@ -40,26 +41,26 @@ def identify(
     """Fit a structure to parts of records.
 
     part: of all records, or of each. options: by name, see
-    :func:`~hybrid_sysid_ros.models.structures.options_of`. Raises UserError for records that don't fit the sampling or
+    :func:`~hybrid_sysid_ros.models.structure.options_of`. Raises UserError for records that don't fit the sampling or
     don't excite the rig, and for an unknown structure or option.
     """
     if not records:
         raise UserError("identification: no record to fit")
     if rig.experiments.stabiliser is not None:
         check_sampling(sampling, f"identification of {rig.name}")
-    recipe = Recipe(
-        rig=rig, structure=structure, sampling=sampling, options=options or {}, seed=seed, progress=progress
-    )
-    chosen = recipe.chosen
+    found = structure_of(structure, rig.system, rig.structures)
+    chosen, holds = complete(options or {}, found.options, structure), found.sampling(sampling)
     used = parts_of(records, part, sampling)
     parts = [part] * len(records) if isinstance(part, Part) else part
-    for record in used:
-        check_record(record, rig, sampling)
-    fitted, holds = recipe.fit(used)
-    told = groups(fitted)
-    experiments = [prepare(record, fitted.system, holds) for record in used]
+    resampled = [checked(record, rig, holds) for record in used]
+    context = Context(
+        rig=rig, sampling=holds, options=chosen, seed=seed, progress=progress, records=used, resampled=resampled
+    )
+    fitted = found.fit(context)
+    known_together = groups(fitted)
+    experiments, shown = context.experiments(fitted.system), context.experiments(rig.system)
     columns = [
-        *zip(rig.system.states, np.concatenate([prepare(r, rig.system, holds).states for r in used]).T, strict=True),
+        *zip(rig.system.states, np.concatenate([item.states for item in shown]).T, strict=True),
         *zip(rig.system.inputs, np.concatenate([item.inputs for item in experiments]).T, strict=True),
     ]
     return Model(
@@ -82,9 +83,9 @@ def identify(
             "seconds": round(fitted.seconds, 3),
             "evaluations": fitted.evaluations,
             "seed": seed,
-            **_told_biases(fitted, [record.name for record in records]),
+            **_biases(fitted, [record.name for record in records]),
             **({} if fitted.chi_squared is None else {"chi_squared": fitted.chi_squared}),
-            **({"groups": [group.content for group in told]} if told else {}),
+            **({"groups": [group.content for group in known_together]} if known_together else {}),
         },
     )
 
@@ -101,14 +102,16 @@ def scores_of(system: System, experiment: Experiment, rig: Rig) -> Scores:
     return Scores.of(names, experiment.outputs, stabilised_run(system, experiment, stabiliser)[1])
 
 
-def _told_biases(fitted: Fit, records: Sequence[str]) -> dict[str, Any]:
+def _biases(fitted: Fit, records: Sequence[str]) -> dict[str, Any]:
     """The biases of inputs that were fitted beside the parameters, by input and record."""
     biases = {name: dict(zip(records, values.tolist(), strict=True)) for name, values in fitted.biases.items()}
     return {"input_bias": biases} if biases else {}
 
 
-def check_record(record: Record, rig: Rig, sampling: Sampling) -> None:
-    """Raise UserError for a record whose input or output is constant, naming the channel, or leaves the rig's range."""
+def checked(record: Record, rig: Rig, sampling: Sampling) -> ResampledRecord:
+    """A record at a sampling. Raises UserError where an input or output is constant, naming the channel, or leaves the
+    rig's range, and as :func:`~.experiment.resample` does.
+    """
     for column, variable in enumerate(rig.system.inputs):
         if column < record.input.shape[1] and np.ptp(record.input[:, column]) == 0.0:
             raise UserError(f"{record.name}: input {variable.name} is constant: no excitation; leave the record out")
@@ -117,10 +120,11 @@ def check_record(record: Record, rig: Rig, sampling: Sampling) -> None:
             raise UserError(
                 f"{record.name}: output {variable.name} is constant, so it can't be scored; leave the record out"
             )
-    samples = replace(sampling, step=sampling.period)  # the scored ones; the step is the structure's own matter
-    prepared = prepare(record, rig.system, samples)
-    check_range(prepared, rig.system)
-    check_valid(rig, prepared.states, record.name)
+    resampled = resample(record, sampling)
+    experiment = resampled.experiment(rig.system)
+    check_range(experiment, rig.system)
+    check_valid(rig, experiment.states, record.name)
+    return resampled
 
 
 def evaluate(model: Model, record: Record, *, part: Part = Part()) -> Scores:

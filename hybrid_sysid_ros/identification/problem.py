@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Sensitivities, System, rollouts
-from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.models.fit import Experiment
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -112,6 +112,10 @@ class Problem:
         errors = rows[: len(rows) - len(self.priors(self.start))]
         seconds = sum(item.samples for item in self.experiments) * self.sampling.period
         return float(np.linalg.norm(errors) * RELATIVE_ERROR / np.sqrt(max(seconds / CORRELATION_SECONDS, 1.0)))
+
+    def chi_squared(self, rows: Array) -> float | None:
+        """Mean squared error among residual rows in the noise of the sensors, where errors count in that."""
+        return None
 
     def edges(self, horizon: int | None) -> NDArray[np.int64]:
         """Rows of the residuals where each record begins, and where the last one ends: (records + 1,)."""

@@ -12,7 +12,6 @@ from scipy.signal import savgol_filter
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.core.symbolic import symbolic_values
-from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.selection.term_selection import (
     MOST,
     exponents_of,
@@ -21,6 +20,7 @@ from hybrid_sysid_ros.identification.selection.term_selection import (
 )
 from hybrid_sysid_ros.identification.starting import FEATURE_SCALE
 from hybrid_sysid_ros.identification.validation.scores import initial_state
+from hybrid_sysid_ros.models.fit import Experiment
 from hybrid_sysid_ros.models.hybrid import CLIP
 from hybrid_sysid_ros.models.options import Options
 from hybrid_sysid_ros.models.residual import ResidualHybrid, Term, coefficients, step_up
@@ -35,7 +35,7 @@ LASTING, LONG = 0.1, 50_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Leftover:
+class ResidualSequence:
     """What a gray box leaves of an experiment, at every step of its simulation."""
 
     experiment: Experiment
@@ -47,7 +47,7 @@ class Leftover:
     """Over each step, the last one twice, (steps + 1, inputs)."""
 
     @classmethod
-    def of(cls, system: System, experiment: Experiment) -> Leftover:
+    def of(cls, system: System, experiment: Experiment) -> ResidualSequence:
         """By a fitted gray box."""
         sampling, steps = experiment.sampling, len(experiment.inputs)
         starts, first = np.array([[0, 0, steps + 1, 0]]), initial_state(system, experiment)[None]
@@ -68,7 +68,7 @@ class Leftover:
         past = [_earlier(values, lag) for values in self.inputs.T for lag in range(1, system.input_lags)]
         return np.column_stack([self.states[:, :n], *errors, *past, self.states[:, n:]])
 
-    def begun(self, system: ResidualHybrid) -> Experiment:
+    def initialised(self, system: ResidualHybrid) -> Experiment:
         """The experiment with these states at its samples, where the short rollouts of a fit begin. The whole record
         begins without a residual.
         """
@@ -78,7 +78,7 @@ class Leftover:
         return replace(self.experiment, states=states)
 
 
-def beginning(physics: System, leftovers: Sequence[Leftover], options: Options) -> ResidualHybrid:
+def initial_guess(physics: System, residuals: Sequence[ResidualSequence], options: Options) -> ResidualHybrid:
     """A model of the residual before its fit, beside a fitted gray box, and without a network.
 
     Its memory is that of the autocorrelation; its products are those by which forward regression explains most of one
@@ -86,17 +86,17 @@ def beginning(physics: System, leftovers: Sequence[Leftover], options: Options) 
     """
     lags, outputs = int(options["output_lags"]), len(physics.outputs)
     shape = {
-        "period": leftovers[0].experiment.sampling.step,
+        "period": residuals[0].experiment.sampling.step,
         "output_lags": lags,
         "input_lags": int(options["input_lags"]),
         "units": 0,
         "exponents": ((),) * outputs,
     }
     bare = ResidualHybrid.of(physics, shape, np.zeros(0))
-    values = [_regressors(bare, leftover) for leftover in leftovers]
+    values = [_regressors(bare, residual) for residual in residuals]
     scales = _sizes(np.concatenate(values), FEATURE_SCALE)
     rows = np.concatenate([value[lags - 1 : -1] for value in values]) / scales
-    errors = [[leftover.errors[:, i] for leftover in leftovers] for i in range(outputs)]
+    errors = [[residual.errors[:, i] for residual in residuals] for i in range(outputs)]
     reflections = [levinson(series, lags) for series in errors]
     changes = np.column_stack(
         [
@@ -115,19 +115,19 @@ def beginning(physics: System, leftovers: Sequence[Leftover], options: Options) 
     )
 
 
-def check_forgets(system: ResidualHybrid, leftovers: Sequence[Leftover]) -> None:
+def check_forgets(system: ResidualHybrid, residuals: Sequence[ResidualSequence]) -> None:
     """Raise UserError for a residual that lasts: bounded as it is, it could still swing by itself.
 
     Two free runs under a record's inputs, one of which begins with a residual of its deviation in the record, must have
     met after LONG steps but for LASTING of it.
     """
     n, lags = len(system.physics.declared_states), system.output_lags
-    for leftover in leftovers:
-        name, once = leftover.experiment.name, leftover.experiment.inputs
+    for residual in residuals:
+        name, once = residual.experiment.name, residual.experiment.inputs
         inputs = np.tile(once, (-(-LONG // len(once)), 1))
         starts = np.array([[0, 0, len(inputs) + 1, row * (len(inputs) + 1)] for row in range(2)])
-        first = np.repeat(leftover.begun(system).states[:1], 2, axis=0)
-        sizes = np.std(leftover.errors, axis=0)
+        first = np.repeat(residual.initialised(system).states[:1], 2, axis=0)
+        sizes = np.std(residual.errors, axis=0)
         first[1, n : n + len(system.reflections)] += np.repeat(sizes, lags)
         states, _ = rollouts(system, starts, first, inputs, step=system.period)
         ends = states.reshape(2, len(inputs) + 1, -1)[:, -1, n : n + len(system.reflections) : lags]
@@ -156,9 +156,9 @@ def levinson(series: Sequence[Array], order: int) -> list[float]:
     return reflections
 
 
-def _regressors(system: ResidualHybrid, leftover: Leftover) -> Array:
+def _regressors(system: ResidualHybrid, residual: ResidualSequence) -> Array:
     """R at every step, (steps + 1, r), in its units."""
-    found = symbolic_values(system, system.regressed)(leftover.states_of(system).T, leftover.inputs.T)
+    found = symbolic_values(system, system.regressed)(residual.states_of(system).T, residual.inputs.T)
     return np.array(found).T
 
 

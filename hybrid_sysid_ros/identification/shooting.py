@@ -13,9 +13,9 @@ from hybrid_sysid_ros.core import Sensitivities, System, rollouts
 from hybrid_sysid_ros.core.rollout import Starts
 from hybrid_sysid_ros.core.symbolic import linearised
 from hybrid_sysid_ros.core.wrappers import feedback_of
-from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.problem import Map, Problem, Residuals
 from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.models.fit import Experiment
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -29,7 +29,7 @@ SLOWEST = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Windows:
+class UnstableFitSettings:
     """How an unstable rig is identified, and judged."""
 
     noise: Array
@@ -40,13 +40,13 @@ class Windows:
     """Length of the last windows, which the stabiliser closes [s]; 0: there are none."""
 
 
-def windows_of(rig: Rig) -> Windows | None:
+def unstable_settings(rig: Rig) -> UnstableFitSettings | None:
     """How a rig is identified that says what holds it (experiments.stabiliser); None where it needs nothing."""
     stabiliser = rig.experiments.stabiliser
     if stabiliser is None:
         return None
     noise = np.array([sensor.noise * abs(sensor.scale) for sensor in rig.sensors])
-    return Windows(noise=noise, stabiliser=stabiliser, closed=rig.experiments.closed_windows)
+    return UnstableFitSettings(noise=noise, stabiliser=stabiliser, closed=rig.experiments.closed_windows)
 
 
 def fastest_growth(system: System) -> float:
@@ -118,7 +118,7 @@ def settled(
     return best
 
 
-class Shooting(Problem):
+class MultipleShootingProblem(Problem):
     """The residuals of one system on several experiments, over windows whose initial states are free.
 
         free parameters, weights
@@ -129,24 +129,27 @@ class Shooting(Problem):
     count in the noise of their sensors. Windows longer than the open ones are closed by the stabiliser.
     """
 
-    def __init__(self, system: System, experiments: Sequence[Experiment], windows: Windows, **options: Any) -> None:
+    def __init__(
+        self, system: System, experiments: Sequence[Experiment], settings: UnstableFitSettings, **options: Any
+    ) -> None:
         """options: of :class:`~.problem.Problem`."""
-        self._stabiliser = windows.stabiliser
+        self._stabiliser = settings.stabiliser
         super().__init__(system, experiments, **options)
         self.moved_states, self.nuisance_units = [], np.zeros(0)
         self._shown = sorted(set(range(len(system.declared_states))) - set(self.hidden))
-        self._noise = np.where(windows.noise > 0.0, windows.noise, 1e-3 * self.deviation)
+        self._noise = np.where(settings.noise > 0.0, settings.noise, 1e-3 * self.deviation)
         growth = max(fastest_growth(system), SLOWEST)
         period = self.sampling.period
         lengths = [max(round(rate / growth / period), 2) for rate in GROWTHS]
         self._open = lengths[-1]
-        self.stages: tuple[int | None, ...] = (*lengths, *([round(windows.closed / period)] if windows.closed else []))
+        last = [round(settings.closed / period)] if settings.closed else []
+        self.stages: tuple[int | None, ...] = (*lengths, *last)
         """Samples of the windows of each stage."""
-        self._begun: dict[int | None, Array] = {}
+        self._initial: dict[int | None, Array] = {}
 
     def carry(self, point: Array, horizon: int | None) -> None:
         super().carry(point, horizon)
-        self._begun.clear()
+        self._initial.clear()
 
     def _simulated(self, system: System, starts: Starts, initial: Array) -> tuple[Array, Array]:
         """Whole records, held by the stabiliser: what no record shows would run away with the rest of an open run."""
@@ -159,7 +162,7 @@ class Shooting(Problem):
         return float(np.sqrt(np.mean((errors * self._noise / self.deviation) ** 2)))
 
     def chi_squared(self, rows: Array) -> float:
-        """Mean squared error among residual rows, in the noise of the sensors: 1 is all that noise leaves."""
+        """1 is all that noise leaves."""
         return float(np.mean(rows[: len(rows) - len(self.priors(self.start))] ** 2))
 
     def weight(self, outputs: Array) -> Array:
@@ -181,10 +184,10 @@ class Shooting(Problem):
 
         def evaluate(point: Array) -> Array:
             system = self.with_point(point)
-            begun = self._begun.get(horizon, states)
-            begun = settled(system, starts, begun, inputs, outputs, free=self._shown, noise=self._noise, **given)
-            self._begun[horizon] = begun
-            _, found = rollouts(system, starts, begun, inputs, **given)
+            initial = self._initial.get(horizon, states)
+            initial = settled(system, starts, initial, inputs, outputs, free=self._shown, noise=self._noise, **given)
+            self._initial[horizon] = initial
+            _, found = rollouts(system, starts, initial, inputs, **given)
             self.evaluations += 1
             errors = np.nan_to_num(np.clip((found - outputs) / self._noise, -1e6, 1e6), nan=1e6)
             return np.concatenate([errors.ravel(), self.priors(point)])
@@ -199,12 +202,12 @@ class Shooting(Problem):
 
         def evaluate(at: Array) -> Array:
             system = self.with_point(at)
-            begun = settled(
-                system, starts, self._begun.get(horizon, states), inputs, outputs,
+            initial = settled(
+                system, starts, self._initial.get(horizon, states), inputs, outputs,
                 free=self._shown, noise=self._noise, **given,
             )  # fmt: skip
             jacobian = np.empty((len(outputs), count, sensitivities.count))
-            sensitivities.rollouts(system, starts, begun, inputs, **given, out=jacobian)
+            sensitivities.rollouts(system, starts, initial, inputs, **given, out=jacobian)
             self.evaluations += 1
             jacobian = np.nan_to_num(np.clip(jacobian / self._noise[:, None], -1e6, 1e6))
             result = np.zeros((outputs.size + len(at), len(at)))

@@ -3,48 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from hybrid_sysid_ros.core import System, simulate
-from hybrid_sysid_ros.core.networks import AffineRules, LinkedRules
-from hybrid_sysid_ros.core.networks.memberships import packed
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.core.symbolic import symbolic_closures, symbolic_features
-from hybrid_sysid_ros.identification.clustering import HALF, fuzzy_c_means
-from hybrid_sysid_ros.identification.experiment import Experiment
-from hybrid_sysid_ros.models.hybrid import CLIP, Hybrid
+from hybrid_sysid_ros.models.fit import Experiment
+from hybrid_sysid_ros.models.hybrid import CLIP, Hybrid, kind_of
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.region import Region
+from hybrid_sysid_ros.models.structure import Magnitudes
 from hybrid_sysid_ros.support.arrays import Array
 
 FEATURE_SCALE = 1.5
 """Scale of a network's feature, in root mean squares of the training data."""
 
-CLUSTERED = 2000
-"""Samples, evenly through the training data, of which fuzzy rules get their centres."""
-
-LEAST_TOLD = 0.3
+REGRESSED_SHARE = 0.3
 """Share of a rate's variance that a regression must explain to be believed."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Magnitudes:
-    """How large the declared states and the inputs are in training data, (states + inputs,)."""
-
-    scales: Array
-    """FEATURE_SCALE root mean squares: single large values must not set the scale of a network."""
-    centre: Array
-    """Means."""
-    features: Array
-    """The same of the features that the system declares, (features,)."""
-    unshown: tuple[str, ...]
-    """States that no record shows: their numbers are those of a simulation of the rig where a fit begins."""
-
-
 def magnitudes(system: System, experiments: Sequence[Experiment]) -> Magnitudes:
-    """Of experiments prepared for a rig's own system."""
+    """Of experiments prepared for a rig's own system: FEATURE_SCALE root mean squares, since single large values must
+    not set the scale of a network. The numbers of states that no record shows are those of a simulation where a fit
+    begins.
+    """
     states, held = _samples(system, experiments)
     inputs = np.concatenate([item.inputs for item in experiments])
     seen = symbolic_features(system)(states.T, held.T)
@@ -70,9 +54,9 @@ def _samples(system: System, experiments: Sequence[Experiment]) -> tuple[Array, 
     declared = len(system.declared_states)
     states = np.concatenate([item.states[:, :declared] for item in experiments])
     if hidden := _unshown(system):
-        begun = system.with_values([item.start for item in system.parameters])
+        start = system.with_values([item.start for item in system.parameters])
         runs = [
-            simulate(begun, item.states[0], item.inputs, step=item.sampling.step, every=item.sampling.every)
+            simulate(start, item.states[0], item.inputs, step=item.sampling.step, every=item.sampling.every)
             for item in experiments
         ]
         told = np.concatenate(runs)[:, hidden]
@@ -87,16 +71,14 @@ def _over_samples(experiment: Experiment) -> Array:
     return np.concatenate([means, means[-1:]])
 
 
-def placed(system: Hybrid, experiments: Sequence[Experiment], *, seed: int) -> Hybrid:
+def initialised(system: Hybrid, experiments: Sequence[Experiment], *, seed: int) -> Hybrid:
     """A hybrid that is told where its training data are.
 
     Of one on closures the scales of features and closures (their root mean squares; what it has as scales of
-    the latter so far are shares of these) and the region. Of one with fuzzy rules their centres, by fuzzy C-means of
-    the features, and their widths: those of C-means, or where a rule is half as true at the next centre. The rules say
-    nothing yet.
+    the latter so far are shares of these) and the region. Of one whose block begins at data, as rules do, its weights.
     """
-    block, count = system.block, system.block.features
-    if system.region is None and not isinstance(block, AffineRules | LinkedRules):
+    kind, count = kind_of(system.block), system.block.features
+    if system.region is None and not kind.from_data:
         return system
     states, held = _samples(system.physics, experiments)
     points = np.array(symbolic_features(system.physics)(states.T, held.T)).T
@@ -111,38 +93,16 @@ def placed(system: Hybrid, experiments: Sequence[Experiment], *, seed: int) -> H
         points = np.clip(points, -CLIP, CLIP)
     else:
         system = replace(system, region=Region.of(points))
-    if isinstance(block, AffineRules):
-        centres = fuzzy_c_means(points[:: len(points) // CLUSTERED + 1], block.rules, seed=seed)
-        premises = packed(centres, np.ones_like(centres))
-        return replace(system, network_weights=np.pad(premises, (0, block.size - len(premises))))
-    if isinstance(block, LinkedRules):
-        centres = fuzzy_c_means(points[:: len(points) // CLUSTERED + 1], block.terms, seed=seed)
-        apart = np.linalg.norm(centres[:, None] - centres, axis=2) + np.diag(np.full(block.terms, np.inf))
-        widths = np.repeat(np.min(apart, axis=1)[:, None] / HALF, count, axis=1)
-        said = np.zeros((block.outputs, block.terms))
-        weights = np.concatenate([packed(centres.T, widths.T), packed(said, np.ones_like(said))])
-        return replace(system, network_weights=weights)
-    return system
+    return replace(system, network_weights=kind.placed(system.block, points, seed)) if kind.from_data else system
 
 
-def begun(system: System, experiments: Sequence[Experiment]) -> System:
-    """A linear system, or one with a linear part, whose entries begin at what regression tells of them."""
-    if isinstance(system, Hybrid):
-        return replace(system, physics=begun(system.physics, experiments))
-    if not isinstance(system, Linear):
-        return system
-    system = system.begun(regression(system, experiments))
-    return system.with_values([item.start for item in system.parameters])
-
-
-def regression(system: System, experiments: Sequence[Experiment]) -> dict[str, float]:
+def regression(system: Linear, experiments: Sequence[Experiment]) -> dict[str, float]:
     """Entries of a linear system by least squares over one sample, by the trapezoidal rule.
 
         (x(k + 1) - x(k)) / T = A (x(k) + x(k + 1)) / 2 + B u(k) + c - F sgn v
 
     for each rate whose state is shown and which none that is not shown acts on, as far as the rig's own law begins.
     """
-    assert isinstance(system, Linear)
     origin, known = system.origin, {item.name: item for item in system.parameters}
     names = [item.name for item in origin.declared_states]
     shown = [i for i in range(len(names)) if i in origin.record_map().reconstructible]
@@ -167,7 +127,7 @@ def regression(system: System, experiments: Sequence[Experiment]) -> dict[str, f
         sizes = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), 1e-12)
         solution = np.linalg.lstsq(columns / sizes, change[:, i], rcond=1e-6)[0] / sizes
         left = change[:, i] - columns @ solution
-        if np.var(left) > (1.0 - LEAST_TOLD) * np.var(change[:, i]) or not np.isfinite(solution).all():
+        if np.var(left) > (1.0 - REGRESSED_SHARE) * np.var(change[:, i]) or not np.isfinite(solution).all():
             continue
         found.update({name: sign * float(value) for (name, sign, _), value in zip(used, solution, strict=True)})
     return {name: value for name, value in found.items() if not (name.endswith("_coulomb") and value <= 0.0)}

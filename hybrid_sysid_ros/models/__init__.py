@@ -3,6 +3,18 @@
 from hybrid_sysid_ros.models.model import Model, load
 from hybrid_sysid_ros.models.options import Option, Options
 from hybrid_sysid_ros.models.sampling import InputHandling, Sampling
-from hybrid_sysid_ros.models.structures import STRUCTURES, build, options_of
+from hybrid_sysid_ros.models.structure import Structure, build, options_of, structure_names, structure_of
 
-__all__ = ["STRUCTURES", "InputHandling", "Model", "Option", "Options", "Sampling", "build", "load", "options_of"]
+__all__ = [
+    "InputHandling",
+    "Model",
+    "Option",
+    "Options",
+    "Sampling",
+    "Structure",
+    "build",
+    "load",
+    "options_of",
+    "structure_names",
+    "structure_of",
+]

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from hybrid_sysid_ros.core import Parameter, Softsign, System, Variable
 from hybrid_sysid_ros.core.blocks import Block
 from hybrid_sysid_ros.core.mathematics import Scalar, clip
-from hybrid_sysid_ros.core.networks import AffineRules, LinkedRules
 from hybrid_sysid_ros.core.parameters import of_data
 from hybrid_sysid_ros.core.steppers import Rates
 from hybrid_sysid_ros.core.wrappers import Wrapper
+from hybrid_sysid_ros.models.options import Option
 from hybrid_sysid_ros.models.region import Region
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -146,49 +148,96 @@ def features_of(system: System) -> tuple[Variable, ...]:
     return tuple(system.features) or (*system.declared_states, *system.inputs)
 
 
-def block_of(sizes: Mapping[str, Any], features: int, outputs: int) -> Block:
-    """What is learned, by its size: ``affine_rules`` of Takagi and Sugeno, ``linked_rules`` of a fuzzy-neural network,
-    each with terms of its own, or else the ``units`` of a network.
-
-    Raises UserError for both kinds of rules.
+class BlockKind(ABC):
+    """A kind of block that a hybrid may learn. An extension provides its own as ``blocks``, by the name of the option
+    that chooses it and says its size; 0 is none.
     """
-    affine, linked = (int(sizes.get(name) or 0) for name in ("affine_rules", "linked_rules"))
-    if affine and linked:
-        raise UserError("affine_rules and linked_rules: a hybrid has either; leave one of them at 0")
-    if affine:
-        return AffineRules(features=features, rules=affine, outputs=outputs)
-    if linked:
-        rules, links = tuple((i,) * features for i in range(linked)), tuple((i, i) for i in range(linked))
-        return LinkedRules(rules=rules, links=(links,) * outputs, terms=linked)
-    return Softsign(features=features, units=int(sizes["units"]), outputs=outputs)
+
+    made: ClassVar[type[Block]]
+    """The class of its blocks."""
+    size_field: ClassVar[str]
+    """The field of them by which :meth:`block` makes one again."""
+    option: ClassVar[Option]
+    from_data: ClassVar[bool] = False
+    """Whether its first weights depend on where the training data are."""
+
+    @abstractmethod
+    def block(self, size: int, features: int, outputs: int) -> Block: ...
+
+    def initial(self, block: Block, seed: int) -> Array:
+        """Weights (size,) before any data are seen."""
+        return np.zeros(block.size)
+
+    def placed(self, block: Block, points: Array, seed: int) -> Array:
+        """Weights (size,) where a fit begins; points (samples, features): training data in their scales."""
+        raise NotImplementedError
+
+
+class Network(BlockKind):
+    """One hidden layer of softsigns."""
+
+    made, size_field = Softsign, "units"
+    option = Option(default=8, low=1, high=32, kind="int", description="of the network's hidden layer")
+
+    def block(self, size: int, features: int, outputs: int) -> Softsign:
+        return Softsign(features=features, units=size, outputs=outputs)
+
+    def initial(self, block: Block, seed: int) -> Array:
+        assert isinstance(block, Softsign)
+        return block.initial(seed, output=0.05)
+
+
+NETWORK = "units"
+"""The name of a network, which is learned where no other block is chosen."""
+
+
+def block_kinds() -> dict[str, BlockKind]:
+    """The kinds of blocks by the options that choose them, the network first."""
+    return {NETWORK: Network(), **{name: kind() for name, kind in extensions.provided("blocks").items()}}
+
+
+def block_of(sizes: Mapping[str, Any], features: int, outputs: int) -> Block:
+    """What is learned, by the sizes of the options or of a stored design.
+
+    Raises UserError for two kinds of blocks at once, and for one that is not installed.
+    """
+    kinds = block_kinds()
+    chosen = [name for name in kinds if name != NETWORK and int(sizes.get(name) or 0)] or [NETWORK]
+    if len(chosen) > 1:
+        raise UserError(f"{' and '.join(chosen)}: a hybrid has either; leave one of them at 0")
+    if chosen[0] not in sizes:
+        unknown = ", ".join(sorted(set(sizes) - {"on", "physics"}))
+        raise UserError(f"hybrid: what it learned is of a kind ({unknown}) whose extension is not installed")
+    return kinds[chosen[0]].block(int(sizes[chosen[0]]), features, outputs)
+
+
+def kind_of(block: Block) -> BlockKind:
+    """The kind that a block is of."""
+    return next(kind for kind in block_kinds().values() if type(block) is kind.made)
 
 
 def size_of(block: Block) -> dict[str, int]:
     """The size by which :func:`block_of` makes a block again."""
-    if isinstance(block, AffineRules):
-        return {"affine_rules": block.rules}
-    if isinstance(block, LinkedRules):
-        return {"linked_rules": block.terms}
-    assert isinstance(block, Softsign)
-    return {"units": block.units}
+    name, kind = next(item for item in block_kinds().items() if type(block) is item[1].made)
+    return {name: int(getattr(block, kind.size_field))}
 
 
 def averaged(members: Sequence[Hybrid]) -> Hybrid:
     """The mean of hybrids of one shape: of their parameters, and one network that is the mean of their networks.
 
-    Raises UserError for several members whose learned part is no network: the mean of fuzzy rules has more rules.
+    Raises UserError for several members whose learned part is no network: the mean of rules has more rules.
     """
     first, outputs = members[0], len(members[0].on)
     if len(members) == 1:
         return first
-    if not isinstance(first.block, Softsign):
-        raise UserError("members: only networks can be averaged, not fuzzy rules; leave members at 1")
-    units = first.block.units
+    units = size_of(first.block).get(NETWORK)
+    if units is None:
+        raise UserError("members: only networks can be averaged, not rules; leave members at 1")
     weights = np.concatenate([member.network_weights.reshape(units, -1) for member in members])
     weights[:, -outputs:] /= len(members)
     return replace(
         first,
         physics=first.physics.with_values(np.mean([member.physics.values for member in members], axis=0)),
-        block=replace(first.block, units=units * len(members)),
+        block=block_of({NETWORK: units * len(members)}, first.block.features, outputs),
         network_weights=weights.ravel(),
     )

@@ -90,7 +90,7 @@ class Linear(System):
         begin = {item.name: item.start for item in self.parameters}
         return {"scales": list(self.scales), "begin": begin, "unshown": list(self.unshown)}
 
-    def begun(self, values: Mapping[str, float]) -> Linear:
+    def initialised(self, values: Mapping[str, float]) -> Linear:
         """The same system with some parameters beginning (and standing) elsewhere, within their bounds."""
         known = {item.name: item for item in self.parameters}
         moved = {

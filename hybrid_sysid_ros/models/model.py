@@ -14,7 +14,7 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.models.sampling import Sampling
-from hybrid_sysid_ros.models.structures import assemble
+from hybrid_sysid_ros.models.structure import Structure, assemble, structure_of
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -70,6 +70,12 @@ class Model:
         return text_table(
             title, ("parameter", "value", "standard error", "unit"), rows, most=7, rest="model.parameters"
         )
+
+    @property
+    def kind(self) -> Structure:
+        """Its structure on its rig."""
+        rig = rigs.load(self.rig)
+        return structure_of(self.structure, rig.system, rig.structures)
 
     @property
     def standard_errors(self) -> dict[str, float]:

@@ -8,10 +8,8 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from hybrid_sysid_ros.core.networks.memberships import memberships as fuzzy_memberships
 from hybrid_sysid_ros.identification.validation.friction_curve import velocity_of
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors
-from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.report.charts import (
     ERROR,
     LINES,
@@ -28,8 +26,6 @@ from hybrid_sysid_ros.report.charts import (
 )
 from hybrid_sysid_ros.report.sections import FreeRun, IdentificationSection
 from hybrid_sysid_ros.rigs.sensor import Display
-
-MEMBERSHIP_POINTS = 201
 
 LABEL = 20
 """Characters beside a low panel."""
@@ -85,28 +81,6 @@ def _beside(run: FreeRun, rig: str) -> str:
     record, _, output = run.name.removeprefix(f"{rig}_").partition(", ")
     parts = (part if len(part) <= LABEL else f"{part[: LABEL - 1]}…" for part in (record, output) if part)
     return "<br>".join(parts)
-
-
-def memberships(system: TakagiSugeno) -> go.Figure:
-    """Of each rule, a panel a premise variable: along it, with the other ones at the rule's centre."""
-    centres, widths, names = system.centres, system.widths, [system.regressors[j] for j in system.premises]
-    figure = make_subplots(rows=1, cols=len(names), horizontal_spacing=0.06)
-    dress(figure, 260)
-    for column, (name, (low, high)) in enumerate(zip(names, system.premise_ranges, strict=True)):
-        along = np.linspace(low, high, MEMBERSHIP_POINTS)
-        for rule, centre in enumerate(centres):
-            points = np.tile(centre, (len(along), 1))
-            points[:, column] = along
-            figure.add_trace(
-                go.Scatter(
-                    x=along, y=fuzzy_memberships(points, centres, widths)[:, rule], name=f"rule {rule + 1}",
-                    legendgroup=str(rule), showlegend=column == 0, mode="lines",
-                    line={"color": LINES[rule % len(LINES)], "width": 1.6}, hovertemplate="%{y:.3f}",
-                ), 1, column + 1,
-            )  # fmt: skip
-        figure.update_xaxes(title=str(name), row=1, col=column + 1)
-    figure.update_yaxes(title="membership", range=[0.0, 1.02], row=1, col=1)
-    return figure
 
 
 def friction(section: IdentificationSection) -> go.Figure:

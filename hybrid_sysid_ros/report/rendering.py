@@ -11,7 +11,6 @@ import numpy as np
 
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.identifiability import at_bound
-from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.report.further import further_sections
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
 from hybrid_sysid_ros.report.sections import FREE, FreeRun, IdentificationSection, Provenance
@@ -105,7 +104,7 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
     """What the blocks of a page show of a model and its free runs; prefix: of the ids of its figures."""
     from hybrid_sysid_ros.report import figures
 
-    runs = section.runs
+    runs, kind, system = section.runs, section.model.kind, section.model.system
     curves: dict[str, list[FreeRun]] = {}  # of each output, for each has its own unit
     for run in runs:
         if np.isfinite(run.horizons.rmse).any():
@@ -119,7 +118,7 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
         "adapted": section.adapted,
         "inputs": section.model.system.inputs,
         "free_runs": [drawn(figures.free_run(run), f"{prefix}free-run-{number}") for number, run in enumerate(runs)],
-        "leftovers": section.leftovers,
+        "stages": section.stages,
         "tests": section.tests,
         "residual_tests": drawn(figures.residual_tests(section), f"{prefix}residual-tests") if section.tests else "",
         "horizons": [
@@ -130,7 +129,8 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
             for number, found in enumerate(curves.values())
         ],
         "parameters": list(_parameters(section)),
-        **_rules(section, prefix),
+        "lines": kind.lines(system),
+        "figures": [drawn(figure, f"{prefix}{name}") for name, figure in kind.figures(system).items()],
         "friction": drawn(figures.friction(section), f"{prefix}friction") if section.friction else "",
         "correlated": section.correlated,
         "doubts": section.doubts,
@@ -206,16 +206,6 @@ def _parameters(section: IdentificationSection) -> Iterator[dict[str, Any]]:
             "share": 100.0 * (float(value) - item.low) / (item.high - item.low),
             "at_bound": at_bound(item, float(value)),
         }
-
-
-def _rules(section: IdentificationSection, prefix: str) -> dict[str, Any]:
-    """The rules of a fuzzy model in words, and their memberships."""
-    from hybrid_sysid_ros.report import figures
-
-    system = section.model.system
-    if not isinstance(system, TakagiSugeno):
-        return {"rules": (), "memberships": ""}
-    return {"rules": system.words, "memberships": drawn(figures.memberships(system), f"{prefix}memberships")}
 
 
 def closed_content(section: ClosedLoopSection) -> dict[str, Any]:

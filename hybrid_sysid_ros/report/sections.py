@@ -12,12 +12,12 @@ import numpy as np
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Variable, rollouts
 from hybrid_sysid_ros.identification import Part, Scores, score
+from hybrid_sysid_ros.identification.experiment import resample
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.friction_curve import FrictionCurve
 from hybrid_sysid_ros.identification.validation.horizons import HorizonErrors, k_step_errors
 from hybrid_sysid_ros.identification.validation.identifiability import Doubt, correlated, doubts
 from hybrid_sysid_ros.identification.validation.input_bias import Adapted
-from hybrid_sysid_ros.identification.validation.leftovers import Leftovers, before_and_after
 from hybrid_sysid_ros.identification.validation.residual_tests import (
     LAGS,
     ResidualTest,
@@ -26,10 +26,10 @@ from hybrid_sysid_ros.identification.validation.residual_tests import (
 )
 from hybrid_sysid_ros.identification.validation.resimulation import Resimulation, resimulations
 from hybrid_sysid_ros.identification.validation.scores import initial_state
+from hybrid_sysid_ros.identification.validation.stages import StageResiduals, compare_stages
 from hybrid_sysid_ros.identification.validation.unstable import stabilised_run
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models.model import versions
-from hybrid_sysid_ros.models.residual import ResidualHybrid
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.sensor import Display
 from hybrid_sysid_ros.support.arrays import Array
@@ -91,7 +91,7 @@ class IdentificationSection:
 
     model: Model
     runs: Sequence[FreeRun]
-    leftovers: Sequence[Leftovers] = ()
+    stages: Sequence[StageResiduals] = ()
     """Of a hybrid by residual: what its gray box leaves, and what is left with its residual's model."""
     adapted: Mapping[str, Adapted] = field(default_factory=dict)
     """By record: the free run over the rest of it, without and with the input bias that its first seconds show."""
@@ -134,13 +134,20 @@ def identification_section(
     Raises:
         UserError: a record does not fit the model's sampling.
     """
-    used, system = list(records), model.system
+    used = list(records)
     runs = tuple(run for record, part in used for run in free_runs_of(model, record, part))
-    leftovers: tuple[Leftovers, ...] = ()
-    if isinstance(system, ResidualHybrid):
-        experiments = (experiment_of(model, record, part=part) for record, part in used)
-        leftovers = tuple(row for item in experiments for row in before_and_after(system, item))
-    return IdentificationSection(model=model, runs=runs, leftovers=leftovers, adapted=adapted or {})
+    return IdentificationSection(model=model, runs=runs, stages=stages_of(model, used), adapted=adapted or {})
+
+
+def stages_of(model: Model, records: Iterable[tuple[Record, Part]]) -> tuple[StageResiduals, ...]:
+    """What the stages of a model leave of (parts of) records; empty where it has none.
+
+    Raises:
+        UserError: a record does not fit the model's sampling.
+    """
+    stages, sampling = model.kind.stages(model.system), model.sampling
+    parts = (resample(part.of(record, sampling), sampling) for record, part in records) if stages else ()
+    return tuple(row for item in parts for row in compare_stages(stages, item))
 
 
 def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRun]:

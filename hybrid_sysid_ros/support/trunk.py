@@ -4,6 +4,7 @@ from hybrid_sysid_ros.support.extensions import Extension
 
 COMMANDS = "hybrid_sysid_ros.commands"
 NODES = "hybrid_sysid_ros.nodes"
+STRUCTURES = "hybrid_sysid_ros.structures"
 SECTIONS = (
     "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
     "policy_training", "policy_certificate", "demo", "travel", "disturbances", "modes", "validity", "offsets",
@@ -42,5 +43,18 @@ TRUNK = Extension(
         "recorder": f"{NODES}.recorder",
         "composed": f"{NODES}.composed",
     },
-    provides={"sections": dict.fromkeys(SECTIONS, "")},
+    provides={
+        "sections": dict.fromkeys(SECTIONS, ""),
+        "structures": {
+            **dict.fromkeys(("linear", "stribeck", "dahl", "lugre"), f"{STRUCTURES}.gray_box:GrayBox"),
+            "narx": f"{STRUCTURES}.narx:NarxStructure",
+            "black_box": f"{STRUCTURES}.hybrid:BlackBox",
+            "recurrent": f"{STRUCTURES}.recurrent:RecurrentStructure",
+            "hybrid_joint": f"{STRUCTURES}.hybrid:JointHybrid",
+            "hybrid_frozen": f"{STRUCTURES}.hybrid:FrozenHybrid",
+            "gray": f"{STRUCTURES}.gray_box:GrayBox",
+            "hybrid": f"{STRUCTURES}.hybrid:AnchoredHybrid",
+            "residual": f"{STRUCTURES}.residual:ResidualStructure",
+        },
+    },
 )

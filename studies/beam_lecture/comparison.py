@@ -12,7 +12,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.options import Options
-from hybrid_sysid_ros.models.structures import structure_of
+from hybrid_sysid_ros.models.structure import structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError
@@ -110,7 +110,7 @@ def compare(
 
 def _seeded(structure: str, rig: Rig) -> bool:
     try:
-        return structure_of(structure, rig.structures)[0].seeded
+        return structure_of(structure, rig.system, rig.structures).seeded
     except UserError:  # its fit says what is wrong
         return False
 

@@ -14,9 +14,9 @@ from rich.table import Table
 
 from hybrid_sysid_ros import report
 from hybrid_sysid_ros.commands.terminal import InputHandling, Period, Step, console, print_table, sampling_of, status
-from hybrid_sysid_ros.models import STRUCTURES
+from hybrid_sysid_ros.models import structure_names
 from hybrid_sysid_ros.models.options import complete, parse
-from hybrid_sysid_ros.models.structures import options_of
+from hybrid_sysid_ros.models.structure import options_of
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import beside, check_file, check_folder, written_file
@@ -69,8 +69,8 @@ def command(
         report.check_available()
     rig = load_rig(lecture.RIG)
     # The rig's further gray boxes are of the third protocol: the tables of the first two stay what they were.
-    known = [*STRUCTURES, *rig.structures]
-    chosen = structure or (known if number == 3 else list(STRUCTURES))
+    known = [*structure_names(), *rig.structures]
+    chosen = structure or (known if number == 3 else list(structure_names()))
     options = parse(option or [])
     for name in chosen:
         complete(options, options_of(name, rig.system, rig.structures), name)

@@ -12,7 +12,7 @@ from benchmarks.drill_string import classical, plants
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.models.structures import build
+from hybrid_sysid_ros.models.structure import build
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.runtime import configuration

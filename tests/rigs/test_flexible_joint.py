@@ -12,7 +12,7 @@ from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.idle_states import without_idle
 from hybrid_sysid_ros.core import one_step, simulate
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.models.structures import build, structure_of
+from hybrid_sysid_ros.models.structure import build, structure_of
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import configuration
 
@@ -106,7 +106,7 @@ def test_no_model_of_it_knows_how_often_it_has_turned(rig, structure):
 
 def test_its_gray_boxes_are_its_own(rig):
     for name, system in rig.structures.items():
-        assert structure_of(name, rig.structures)[1] == name
+        assert structure_of(name, rig.system, rig.structures).box == name
         built, _ = build(name, rig.system, scales=np.ones(5), seed=0, boxes=rig.structures)
         assert type(built) is type(system)
 

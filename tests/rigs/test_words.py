@@ -4,13 +4,13 @@ import re
 from functools import cache
 from pathlib import Path
 
-from hybrid_sysid_ros.models import STRUCTURES
+from hybrid_sysid_ros.models import structure_names
 
 ROOT = Path(__file__).parents[2]
 RIGS = sorted(path.parent for path in (ROOT / "hybrid_sysid_ros" / "rigs").glob("[!_]*/system.py"))
 STUDIES = [path.name for path in (ROOT / "studies").iterdir() if (path / "__init__.py").is_file()]
 BAGS = [path.name for path in (ROOT / "bags").iterdir() if path.is_dir()]
-ANYBODYS = {"joint", "motor", "wheel", "string", "coulomb", "hysteretic", *STRUCTURES}
+ANYBODYS = {"joint", "motor", "wheel", "string", "coulomb", "hysteretic", *structure_names()}
 """Words of rigs that any rig may have."""
 
 OWN = {*RIGS, ROOT / "hybrid_sysid_ros" / "trained"}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.models import STRUCTURES
+from hybrid_sysid_ros.models import structure_names
 from hybrid_sysid_ros.support.errors import UserError
 from studies.beam_lecture import lecture
 from studies.beam_lecture.lecture import (
@@ -131,7 +131,7 @@ def test_what_the_lecture_has_not_is_not_published():
     assert published(1, "gray") is None
     assert published(2, "lugre") is None
     for rows in PUBLISHED.values():
-        assert set(rows) <= set(STRUCTURES)
+        assert set(rows) <= set(structure_names())
         assert all(len(row) == len(COLUMNS) and max(row) < 1.0 for row in rows.values())
 
 

@@ -8,7 +8,7 @@ import pytest
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.selection.cross_validation import Validation
-from hybrid_sysid_ros.models import STRUCTURES
+from hybrid_sysid_ros.models import structure_names
 from studies.beam_lecture.candidate import Candidate
 from studies.beam_lecture.comparison import Comparison
 from studies.beam_lecture.lecture import COLUMNS, PUBLISHED, Protocol
@@ -34,12 +34,12 @@ def test_no_number_of_the_table_is_cut(monkeypatch, capsys, width):
     model: Any = SimpleNamespace(fit={"seconds": 123.4})
     r2 = [dict.fromkeys(RECORDS, -9.123 - 0.5 * number) for number in range(2)]
     held = Validation(scores={"one": 0.9, "two": 0.8}, seconds=1.0)
-    made = [Candidate(structure=name, models=[model], r2=r2, validation=held) for name in STRUCTURES]
+    made = [Candidate(structure=name, models=[model], r2=r2, validation=held) for name in structure_names()]
     print_table(table(protocol, Comparison(candidates=made, chosen="hybrid", seconds=1.0), "averaged"))
     lines = capsys.readouterr().out.splitlines()
     text = "\n".join(lines)
     assert "…" not in text
-    for name in (*COLUMNS, *STRUCTURES, *(f"{name}, published" for name in PUBLISHED[1]), "hybrid, chosen"):
+    for name in (*COLUMNS, *structure_names(), *(f"{name}, published" for name in PUBLISHED[1]), "hybrid, chosen"):
         assert name in text
-    assert text.count("\N{MINUS SIGN}9.623 to \N{MINUS SIGN}9.123") == len(STRUCTURES) * len(RECORDS)
+    assert text.count("\N{MINUS SIGN}9.623 to \N{MINUS SIGN}9.123") == len(structure_names()) * len(RECORDS)
     assert max(map(len, lines)) == len(lines[1])  # nothing beyond the table's frame

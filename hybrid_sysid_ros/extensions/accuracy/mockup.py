@@ -20,12 +20,12 @@ from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import Fired, Range
 from hybrid_sysid_ros.extensions.accuracy.statistics import Accuracy, Discrepancy, assess, fewest
 from hybrid_sysid_ros.identification import Part, identify
 from hybrid_sysid_ros.identification.identify import experiment_of
-from hybrid_sysid_ros.identification.shooting import windows_of
+from hybrid_sysid_ros.identification.shooting import unstable_settings
 from hybrid_sysid_ros.identification.validation.scores import score_free_run
 from hybrid_sysid_ros.identification.validation.unstable import UnstableError, check_free_run, predictions
 from hybrid_sysid_ros.models import Model, build
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.models.structures import structure_of
+from hybrid_sysid_ros.models.structure import structure_of
 from hybrid_sysid_ros.rigs.experiments import simulate
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
@@ -216,8 +216,7 @@ def mockup(
 
 def _box(setup: Setup) -> str:
     """The gray box that the structure stands on; the rig's own where it stands on none."""
-    row, box = structure_of(setup.plan.structure, setup.rig.structures)
-    return "gray" if row.physics == "none" else box
+    return structure_of(setup.plan.structure, setup.rig.system, setup.rig.structures).box or "gray"
 
 
 def prior_of(setup: Setup, box: str) -> Model:
@@ -280,7 +279,7 @@ def tested(
     """Errors of models over experiments that none has seen: of the free run, and where that says nothing of the
     longest prediction; and which of them it is.
     """
-    windows, names = windows_of(setup.rig), [item.name for item in setup.rig.system.outputs]
+    windows, names = unstable_settings(setup.rig), [item.name for item in setup.rig.system.outputs]
     found: dict[str, dict[str, dict[str, float]]] = {}
     ahead = "free run"
     for called, model in models.items():

@@ -13,6 +13,7 @@ from hybrid_sysid_ros.identification.identify import identify
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.selection.cross_validation import Validation, cross_validate
 from hybrid_sysid_ros.models import Model, Option, Options, Sampling, options_of
+from hybrid_sysid_ros.models.hybrid import NETWORK, block_kinds
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Lost, Workers
@@ -20,7 +21,7 @@ from hybrid_sysid_ros.support.parallel import Lost, Workers
 if TYPE_CHECKING:
     from hybrid_sysid_ros.extensions.search.study import Evaluation, Study
 
-UNSEARCHED = ("members", "starts", "affine_rules", "linked_rules")
+UNSEARCHED = ("members", "starts", *(name for name in block_kinds() if name != NETWORK))
 """Options that only buy less chance with more time, so that there is nothing to search in them, and those that make
 another structure.
 """

@@ -9,12 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.identification.context import Context
 from hybrid_sysid_ros.identification.experiment import prepare
-from hybrid_sysid_ros.identification.identify import check_record
+from hybrid_sysid_ros.identification.identify import checked
 from hybrid_sysid_ros.identification.part import Part, parts_of
-from hybrid_sysid_ros.identification.recipes import Recipe
 from hybrid_sysid_ros.identification.validation.scores import score_free_run
 from hybrid_sysid_ros.models import Options, Sampling
+from hybrid_sysid_ros.models.options import complete
+from hybrid_sysid_ros.models.structure import structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -86,8 +88,10 @@ def cross_validate(
     if not records:
         raise UserError("cross-validation: no record")
     used = parts_of(records, part, sampling)
+    found = structure_of(structure, rig.system, rig.structures)
+    holds = found.sampling(sampling)
     for record in used:
-        check_record(record, rig, sampling)
+        checked(record, rig, holds)
     # Against an output that stands still nothing can be scored.
     blocks = [
         block
@@ -96,14 +100,15 @@ def cross_validate(
     ]
     if not 2 <= folds <= len(blocks):
         raise UserError(f"cross-validation: {folds} folds; choose 2 to {len(blocks)}, the number of blocks")
-    recipe = Recipe(rig=rig, structure=structure, sampling=sampling, options=options or {}, seed=seed)
+    chosen = complete(options or {}, found.options, structure)
     began = time.perf_counter()
     scores = {}
     for held in _of_each(blocks, folds) if alike else np.array_split(np.arange(len(blocks)), folds):
-        fitted, holds = recipe.fit([block for i, block in enumerate(blocks) if i not in held])
+        learned = [block for i, block in enumerate(blocks) if i not in held]
+        context = Context(rig=rig, sampling=holds, options=chosen, seed=seed, records=learned)
+        system = found.fit(context).system
         for i in held:
-            experiment = prepare(blocks[i], fitted.system, holds)
-            scores[blocks[i].name] = score_free_run(fitted.system, experiment).r2
+            scores[blocks[i].name] = score_free_run(system, prepare(blocks[i], system, holds)).r2
     return Validation(scores=scores, seconds=time.perf_counter() - began)
 
 

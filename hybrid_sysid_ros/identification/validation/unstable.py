@@ -11,7 +11,7 @@ import numpy as np
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.experiment import Experiment
-from hybrid_sysid_ros.identification.shooting import Windows, fastest_growth, held_inputs, settled
+from hybrid_sysid_ros.identification.shooting import UnstableFitSettings, fastest_growth, held_inputs, settled
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, initial_state
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -59,7 +59,7 @@ class Prediction:
 
 
 def predictions(
-    system: System, experiment: Experiment, windows: Windows, *, ahead: Sequence[tuple[float, bool]] = AHEAD
+    system: System, experiment: Experiment, windows: UnstableFitSettings, *, ahead: Sequence[tuple[float, bool]] = AHEAD
 ) -> list[Prediction]:
     """Errors of simulations so many seconds ahead, open or closed by the stabiliser, where the record is long enough.
 

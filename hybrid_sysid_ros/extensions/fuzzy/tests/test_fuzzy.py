@@ -9,17 +9,17 @@ import yaml
 
 from benchmarks.fuzzy.data import DRIVE, LEVEL, RIG, free_run_error, mackey_glass, training
 from hybrid_sysid_ros.core import Variable, simulate
-from hybrid_sysid_ros.core.networks.memberships import memberships
 from hybrid_sysid_ros.estimation import METHODS
 from hybrid_sysid_ros.estimation.tuning import Tuning
+from hybrid_sysid_ros.extensions.fuzzy.clustering import fuzzy_c_means, gustafson_kessel, k_means
+from hybrid_sysid_ros.extensions.fuzzy.difnn import Difnn
+from hybrid_sysid_ros.extensions.fuzzy.link_selection import select_links
+from hybrid_sysid_ros.extensions.fuzzy.memberships import memberships
+from hybrid_sysid_ros.extensions.fuzzy.rule_selection import select_rules
+from hybrid_sysid_ros.extensions.fuzzy.takagi_sugeno import TakagiSugeno
+from hybrid_sysid_ros.extensions.fuzzy.tuning import tuned
 from hybrid_sysid_ros.identification import Experiment
-from hybrid_sysid_ros.identification.clustering import fuzzy_c_means, gustafson_kessel, k_means
-from hybrid_sysid_ros.identification.fuzzy import tuned
-from hybrid_sysid_ros.identification.selection.link_selection import select_links
-from hybrid_sysid_ros.identification.selection.rule_selection import select_rules
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.models.difnn import Difnn
-from hybrid_sysid_ros.models.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -141,7 +141,7 @@ def test_rules_are_told_in_words_and_units():
 def test_memberships_are_drawn_along_each_premise():
     """At its centre a rule has all of the membership."""
     pytest.importorskip("plotly")
-    from hybrid_sysid_ros.report import figures
+    from hybrid_sysid_ros.extensions.fuzzy.report import figures
 
     system = TakagiSugeno(
         outputs=(LEVEL,), inputs=(DRIVE,), output_lags=1, input_lags=1, scales=(1.0, 2.0), low=(-1.0, -2.0),

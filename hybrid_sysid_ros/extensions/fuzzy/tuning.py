@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hybrid_sysid_ros.identification.experiment import Experiment
-from hybrid_sysid_ros.identification.fitting import STAGES, Fit, Progress, fit
+from hybrid_sysid_ros.identification.fitting import STAGES, Progress, fit
+from hybrid_sysid_ros.models.fit import Experiment, Fit
 from hybrid_sysid_ros.models.lagged import Lagged
 
 RIDGE = 1e-12

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from hybrid_sysid_ros.core import Variable
-from hybrid_sysid_ros.core.networks.memberships import packed
-from hybrid_sysid_ros.identification.clustering import HALF, k_means
+from hybrid_sysid_ros.extensions.fuzzy.clustering import HALF, k_means
+from hybrid_sysid_ros.extensions.fuzzy.difnn import Difnn
+from hybrid_sysid_ros.extensions.fuzzy.memberships import packed
 from hybrid_sysid_ros.identification.experiment import Experiment
 from hybrid_sysid_ros.identification.selection.regression import Regression, least_squares
-from hybrid_sysid_ros.models.difnn import Difnn
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

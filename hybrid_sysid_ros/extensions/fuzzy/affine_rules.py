@@ -9,8 +9,8 @@ from typing import Any
 from hybrid_sysid_ros.core.blocks import Block, Kernels, weighed
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.core.networks.memberships import Memberships, add_weight_gradient, share_jacobian, shares
 from hybrid_sysid_ros.core.registers import scratch
+from hybrid_sysid_ros.extensions.fuzzy.memberships import Memberships, add_weight_gradient, share_jacobian, shares
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.cluster.vq import kmeans2
 
-from hybrid_sysid_ros.core.networks.memberships import NEAREST, memberships
+from hybrid_sysid_ros.extensions.fuzzy.memberships import NEAREST, memberships
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.core.networks import LinkedRules
+from hybrid_sysid_ros.extensions.fuzzy.linked_rules import LinkedRules
 from hybrid_sysid_ros.models.lagged import Lagged
 from hybrid_sysid_ros.support.errors import UserError
 
 
 @dataclass(frozen=True, kw_only=True)
 class Difnn(Lagged):
-    """y_k(t + 1) = Y_k n_k(r): n the five layers of :class:`~.core.networks.LinkedRules`, r of any number of lags.
+    """y_k(t + 1) = Y_k n_k(r): n the five layers of :class:`~.linked_rules.LinkedRules`, r of any number of lags.
 
     Centres and widths of the terms of inputs and outputs are what is learned. Raises UserError for rules, links or
     weights that don't fit each other.

@@ -11,8 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros.core import Parameter
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.core.networks import Memberships
-from hybrid_sysid_ros.core.networks.memberships import unpacked
+from hybrid_sysid_ros.extensions.fuzzy.memberships import Memberships, unpacked
 from hybrid_sysid_ros.models.lagged import Lagged
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -25,7 +24,7 @@ LARGEST = 500.0
 class TakagiSugeno(Lagged):
     """y_k(t + 1) = Y_k sum_i h_i(z) (p_ki0 + sum_j p_kij r_j): if z is near c_i, then y_k is p_ki0 + p_ki r.
 
-    h: memberships of the premise variables z, some of the entries of r, in the rules (:class:`~.core.networks
+    h: memberships of the premise variables z, some of the entries of r, in the rules (:class:`~.memberships
     .Memberships`), which are what is learned as weights. The consequents p are parameters by name: a fit finds both,
     and an estimator may follow consequents, which is recursive least squares, for the model is linear in them.
 

@@ -1,0 +1,94 @@
+"""Fit context: the records of a fit, resampled once, and all else that it depends on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.identification.biased import Biased
+from hybrid_sysid_ros.identification.experiment import ResampledRecord, resample
+from hybrid_sysid_ros.identification.fitting import Progress, fit
+from hybrid_sysid_ros.identification.shooting import UnstableFitSettings, unstable_settings
+from hybrid_sysid_ros.identification.starting import magnitudes
+from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.models.fit import Experiment, Fit
+from hybrid_sysid_ros.models.structure import Magnitudes, Structure
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.errors import UserError
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Context:
+    """What :class:`~hybrid_sysid_ros.models.fit.FitContext` says."""
+
+    rig: Rig
+    sampling: Sampling
+    options: Mapping[str, float | int]
+    seed: int
+    progress: Progress | None = None
+    records: Sequence[Record]
+    resampled: Sequence[ResampledRecord] = field(default=())
+    """The same at the sampling; by default they are resampled here."""
+
+    def __post_init__(self) -> None:
+        if not self.resampled:
+            object.__setattr__(self, "resampled", [resample(record, self.sampling) for record in self.records])
+
+    @cached_property
+    def magnitudes(self) -> Magnitudes:
+        return magnitudes(self.rig.system, self.experiments(self.rig.system))
+
+    def experiments(self, system: System) -> list[Experiment]:
+        return [item.experiment(system) for item in self.resampled]
+
+    def of(self, structure: Structure) -> Context:
+        known = structure.options
+        return replace(self, options={name: value for name, value in self.options.items() if name in known})
+
+    def fit(self, system: System, *, experiments: Sequence[Experiment] | None = None, **settings: Any) -> Fit:
+        used = self.experiments(system) if experiments is None else experiments
+        return fit(system, used, progress=self.progress, **settings)
+
+    def fit_physics(self, systems: Sequence[System], **settings: Any) -> Fit:
+        given: dict[str, Any] = {
+            "starts": int(self.options.get("starts", 1)),
+            "ridge": float(self.options.get("ridge", 1.0)),
+            "seed": self.seed,
+            "unstable": self.unstable,
+            **settings,
+        }
+        if given["unstable"] is not None and self.options.get("input_bias"):
+            raise UserError(f"input_bias: {self.rig.name} is unstable, and windows tell no bias: leave it out")
+        fits, reasons = [], []
+        for system in systems:
+            try:
+                fits.append(self._unbiased_fit(system, **given))
+            except UserError as error:
+                reasons.append(error)
+        if not fits:
+            raise reasons[0]
+        best = min(fits, key=lambda item: item.relative_error)
+        return replace(
+            best, seconds=sum(item.seconds for item in fits), evaluations=sum(item.evaluations for item in fits)
+        )
+
+    @property
+    def unstable(self) -> UnstableFitSettings | None:
+        """How a rig is fitted that needs a stabiliser."""
+        return unstable_settings(self.rig)
+
+    def _unbiased_fit(self, system: System, **settings: Any) -> Fit:
+        """The fit of a system, with a bias of each record's inputs beside it where that is asked for."""
+        spreads = float(self.options.get("input_bias", 0.0)) * np.diff(self.rig.limits, axis=0)[0]
+        if not np.any(spreads):
+            return self.fit(system, **settings)
+        biased = Biased(physics=system, spreads=tuple(spreads.tolist()))
+        found = self.fit(biased, **settings)
+        assert isinstance(found.system, Biased)
+        return replace(found, system=found.system.physics, biases=biased.biases(found.nuisances))

@@ -1,0 +1,216 @@
+"""Model structures: what can be identified. Each is one class, which the trunk's or an extension's manifest names."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.models.options import Option, Options, complete
+from hybrid_sysid_ros.models.sampling import Sampling
+from hybrid_sysid_ros.support import extensions
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+if TYPE_CHECKING:
+    from hybrid_sysid_ros.models.fit import Fit, FitContext
+Boxes = Mapping[str, System]
+"""Further gray boxes of a rig, by name."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Magnitudes:
+    """How large the declared states and the inputs of a rig are in training data."""
+
+    scales: Array
+    """Of declared states and inputs, (states + inputs,)."""
+    centre: Array
+    """Their means."""
+    features: Array | None = None
+    """Magnitudes of the features that the rig's own system declares, (features,)."""
+    unshown: tuple[str, ...] = ()
+    """Names of the states that no record shows."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Structure(ABC):
+    """A model structure on one rig.
+
+    A new one is a class that has :attr:`options`, :meth:`fit` and :meth:`assemble`; an extension provides it under a
+    name as ``structures``. Nodes import the class's module to load a model: what only a fit needs is imported in
+    :meth:`fit`.
+    """
+
+    summary: ClassVar[str] = ""
+    """One line on what it is."""
+    seeded: ClassVar[bool] = False
+    """Whether a fit depends on a seed."""
+    is_gray_box: ClassVar[bool] = False
+    """Whether it is physics alone, on which others may stand."""
+    combines: ClassVar[bool] = False
+    """Whether NAME_BOX is this structure on any gray box BOX."""
+    default_box: ClassVar[str] = ""
+    """The gray box that it stands on where its name says none; empty for none."""
+
+    name: str
+    physics: System
+    """The rig's own system."""
+    boxes: Boxes = field(default_factory=dict)
+    chosen_box: str = ""
+    """The gray box that its name says."""
+
+    @property
+    def options(self) -> Mapping[str, Option]:
+        """What a user may set, by name."""
+        return {}
+
+    def sampling(self, asked: Sampling) -> Sampling:
+        """The sampling at which it is fitted and its model holds, where a user asks for one."""
+        return asked
+
+    @abstractmethod
+    def fit(self, context: FitContext) -> Fit:
+        """The fit to the records of a context. Raises UserError where they can't be fitted."""
+
+    @abstractmethod
+    def assemble(self, design: Mapping[str, Any], weights: Array) -> System:
+        """The system of what was stored: its :attr:`~hybrid_sysid_ros.core.System.design` and its weights (size,).
+
+        The values of its parameters are set afterwards. Raises UserError where design and weights don't fit.
+        """
+
+    def build(self, sizes: Magnitudes, options: Options, seed: int) -> tuple[System, tuple[str, ...]]:
+        """The system before its fit, and the names of the parameters that the fit leaves as they are.
+
+        Raises UserError for structures that are selected from data.
+        """
+        raise UserError(f"structure {self.name} is selected from data: call identify() instead of build()")
+
+    # ------------------------------------------------------------------ physics
+
+    @property
+    def box(self) -> str:
+        """The name of the gray box that it stands on, its own if it is one; empty for none."""
+        return self.name if self.is_gray_box else self.chosen_box or self.default_box
+
+    @property
+    def gray(self) -> Structure:
+        """That gray box."""
+        return structure_of(self.box, self.physics, self.boxes)
+
+    def initial_guess(self, system: System, context: FitContext) -> System:
+        """A gray box with its parameters where its fit begins, as far as the records tell them."""
+        return system
+
+    # ------------------------------------------------------------------ description
+
+    def lines(self, system: System) -> Sequence[str]:
+        """A fitted system in words, one line each, such as its rules."""
+        return ()
+
+    def figures(self, system: System) -> Mapping[str, Any]:
+        """Plotly figures of a fitted system for a report, by name."""
+        return {}
+
+    def stages(self, system: System) -> Mapping[str, System]:
+        """Parts of a fitted system that run by themselves, and itself, by what they are called: their free runs are
+        compared. Empty where there is nothing to compare.
+        """
+        return {}
+
+
+# ---------------------------------------------------------------------- by name
+
+
+def structure_names() -> tuple[str, ...]:
+    """The names of all structures. Any gray box G has further ones, such as hybrid_G and residual_G."""
+    return tuple(extensions.targets("structures"))
+
+
+def structure_of(name: str, physics: System, boxes: Boxes | None = None) -> Structure:
+    """A structure on a rig's own system; a rig's own boxes go before other structures of the same name.
+
+    Raises UserError for an unknown name, and for one whose extension can't be imported.
+    """
+    table, own = extensions.targets("structures"), boxes or {}
+    given: dict[str, Any] = {"name": name, "physics": physics, "boxes": own}
+    if name in own:
+        return _class_of(table["gray"])(**given)
+    if name in table:
+        return _class_of(table[name])(**given)
+    for kind, place in table.items():
+        box = name.removeprefix(f"{kind}_")
+        known = box in own or (box in table and _class_of(table[box]).is_gray_box)
+        if box != name and known and _class_of(place).combines:
+            return _class_of(place)(**given, chosen_box=box)
+    raise UserError(
+        f"structure {name!r} is unknown; choose one of {', '.join(dict.fromkeys((*table, *own)))}, or hybrid_NAME or "
+        "residual_NAME of a gray box, or install the extension that provides it"
+    )
+
+
+def _class_of(target: str) -> type[Structure]:
+    found: type[Structure] = extensions.loaded(target)
+    return found
+
+
+# ---------------------------------------------------------------------- by name, on a system
+
+
+def options_of(structure: str, physics: System, boxes: Boxes | None = None) -> dict[str, Option]:
+    """The options of a structure; on a rig's own system also its terms, each 0 (left out) or 1.
+
+    Raises UserError for an unknown name.
+    """
+    return dict(structure_of(structure, physics, boxes).options)
+
+
+def assemble(
+    structure: str,
+    physics: System,
+    *,
+    design: Mapping[str, Any] | None = None,
+    weights: Array | None = None,
+    boxes: Boxes | None = None,
+) -> System:
+    """A system of a named structure on a rig's own one, with what is learned where it has such a part.
+
+    design: what :attr:`~hybrid_sysid_ros.core.System.design` gave. Raises UserError for an unknown name, and
+    where the design or the weights (size,) are missing or don't fit each other.
+    """
+    kind = structure_of(structure, physics, boxes)
+    if not kind.is_gray_box and (design is None or weights is None):
+        raise UserError(f"structure {structure}: the design or the weights of its learned part are missing")
+    return kind.assemble(design or {}, np.zeros(0) if weights is None else weights)
+
+
+def build(
+    structure: str,
+    physics: System,
+    *,
+    scales: Array,
+    seed: int,
+    options: Options | None = None,
+    centre: Array | None = None,
+    features: Array | None = None,
+    unshown: tuple[str, ...] = (),
+    boxes: Boxes | None = None,
+) -> tuple[System, tuple[str, ...]]:
+    """A structure before its fit, every parameter where a fit begins, so that no earlier result leaks in; and the names
+    of the parameters that the fit must leave as they are, since their term is switched off.
+
+    physics: the rig's own system. scales, centre, features, unshown: see :class:`Magnitudes`; centre is zeros by
+    default. seed: of a network's first weights.
+
+    Raises UserError for an unknown name or option, for a structure that makes no sense on the rig, and for
+    structures that are selected from data.
+    """
+    kind = structure_of(structure, physics, boxes)
+    sizes = Magnitudes(
+        scales=scales, centre=np.zeros(len(scales)) if centre is None else centre, features=features, unshown=unshown
+    )
+    return kind.build(sizes, complete(options or {}, kind.options, structure), seed)

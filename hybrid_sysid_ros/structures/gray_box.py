@@ -1,0 +1,139 @@
+"""Gray boxes: the rig's own system, others that the rig offers, or the linear one of its signature with a friction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, get_args
+
+import numpy as np
+
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.parameters import scale_of
+from hybrid_sysid_ros.core.symbolic import linearised
+from hybrid_sysid_ros.models.fit import Fit, FitContext
+from hybrid_sysid_ros.models.linear import REACH, Friction, Linear
+from hybrid_sysid_ros.models.options import Option, Options
+from hybrid_sysid_ros.models.structure import Magnitudes, Structure
+from hybrid_sysid_ros.support.arrays import Array
+
+FIT_OPTIONS = {
+    "starts": Option(
+        default=1, low=1, high=32, kind="int", description="points where a fit begins; the best one goes on"
+    ),
+    "input_bias": Option(
+        default=0.0,
+        low=0.0,
+        high=0.05,
+        kind="float",
+        description="prior deviation of a constant bias of each record's inputs, as part of their span; 0: none",
+    ),
+}
+"""Of every fit of physics."""
+STRAIGHT = "straight"
+"""The linear system without a state in another one's rate, on which a black box stands."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Linearisation:
+    """The rig's own law about the mean of training data, where a fit begins."""
+
+    states: Array
+    """Derivatives of the rates of the declared states by these, (states, states)."""
+    inputs: Array
+    """The same by the inputs, (states, inputs)."""
+    efforts: tuple[float, ...]
+    """What the inputs do to each rate in the magnitude of the data, (states,)."""
+
+    @classmethod
+    def of(cls, physics: System, sizes: Magnitudes) -> Linearisation:
+        """Of a rig's own system."""
+        own = physics.with_values([item.start for item in physics.parameters])
+        n, at = len(own.declared_states), sizes.centre
+        a, b = linearised(own, np.append(at[:n], np.zeros(len(own.states) - n)), at[n:])
+        # Where the inputs do nothing to a rate, or what they do is out of an entry's reach from what states do, the
+        # states count. What states do to a velocity says little: springs between positions cancel.
+        effects, through = np.abs(b) @ sizes.scales[n:], np.abs(a) @ sizes.scales[:n]
+        moves = np.isin(np.arange(n), [*own.kinematics.values()])
+        effects = np.where(effects > np.where(moves, 0.0, through / REACH), effects, through)
+        return cls(states=a, inputs=b, efforts=tuple(scale_of(value) if value > 0.0 else 1.0 for value in effects))
+
+    def entries(self, system: Linear) -> dict[str, float]:
+        """Where the entries of a linear system begin."""
+        rows = [item.name for item in system.origin.declared_states]
+        columns = [*rows, *(item.name for item in system.origin.inputs)]
+        known, found = {item.name for item in system.parameters}, {}
+        for row, values in zip(rows, np.concatenate([self.states, self.inputs], axis=1), strict=True):
+            for column, value in zip(columns, values, strict=True):
+                name, sign = (f"{row}_per_{column}", 1.0)
+                if name not in known and row == column:
+                    name, sign = f"{row}_damping", -1.0
+                if name in known and value:
+                    found[name] = sign * float(value)
+        return found
+
+
+class GrayBox(Structure):
+    """Physics alone: least squares on free runs, a linear system from two starts."""
+
+    summary = "physics with parameters"
+    is_gray_box = True
+
+    @property
+    def own(self) -> System | None:
+        """The system that the rig brings for it; None for the linear one of the rig's signature."""
+        return self.boxes.get(self.name, self.physics if self.name == "gray" else None)
+
+    @property
+    def options(self) -> Mapping[str, Option]:
+        own = self.own
+        if own is None:
+            return FIT_OPTIONS
+        terms = {
+            term: Option(default=int(term not in own.doubtful_terms), low=0, high=1, kind="int", description="term")
+            for term in own.terms
+        }
+        return {**FIT_OPTIONS, **terms}
+
+    def assemble(self, design: Mapping[str, Any], weights: Array) -> System:
+        return self._linear(design) if self.own is None else self.own
+
+    def _linear(self, design: Mapping[str, Any]) -> Linear:
+        frictions: tuple[Friction, ...] = get_args(Friction)
+        return Linear(
+            origin=self.physics,
+            friction=next((friction for friction in frictions if friction == self.name), "viscous"),
+            straight=self.name == STRAIGHT,
+            scales=tuple(design.get("scales", ())),
+            begin=design.get("begin"),
+            unshown=tuple(design.get("unshown", ())),
+        )
+
+    def build(self, sizes: Magnitudes, options: Options, seed: int) -> tuple[System, tuple[str, ...]]:
+        system = self.own
+        if system is None:
+            law = Linearisation.of(self.physics, sizes)
+            linear = self._linear({"scales": [*map(scale_of, sizes.scales), *law.efforts], "unshown": sizes.unshown})
+            system = linear.initialised(law.entries(linear))
+        system = system.with_values([item.start for item in system.parameters])
+        return system.without([term for term in system.terms if not options.get(term, 1)])
+
+    def initial_guess(self, system: System, context: FitContext) -> System:
+        """A linear system where regression over one sample tells its entries, by the trapezoidal rule.
+
+            (x(k + 1) - x(k)) / T = A (x(k) + x(k + 1)) / 2 + B u(k) + c - F sgn v
+
+        for each rate whose state is shown and which none that is not shown acts on, as far as the rig's own law begins.
+        """
+        if not isinstance(system, Linear):
+            return system
+        from hybrid_sysid_ros.identification.starting import regression
+
+        system = system.initialised(regression(system, context.experiments(self.physics)))
+        return system.with_values([item.start for item in system.parameters])
+
+    def fit(self, context: FitContext) -> Fit:
+        system, held = self.build(context.magnitudes, context.options, context.seed)
+        guess = self.initial_guess(system, context)
+        alike = np.array_equal(guess.values, system.values)
+        return context.fit_physics([guess] if alike else [guess, system], hold=held)

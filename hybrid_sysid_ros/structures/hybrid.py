@@ -1,0 +1,187 @@
+"""Hybrids: physics with something learned in its rates or closures, fitted together or one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core.parameters import scale_of
+from hybrid_sysid_ros.models.fit import Fit, FitContext
+from hybrid_sysid_ros.models.hybrid import Hybrid, averaged, block_kinds, block_of, features_of, kind_of
+from hybrid_sysid_ros.models.options import Option, Options
+from hybrid_sysid_ros.models.region import Region
+from hybrid_sysid_ros.models.structure import Magnitudes, Structure
+from hybrid_sysid_ros.structures.gray_box import FIT_OPTIONS, STRAIGHT, GrayBox, Linearisation
+from hybrid_sysid_ros.support.arrays import Array
+
+RIDGE = Option(default=1.0, low=0.01, high=100.0, kind="log", description="pull of a network's weights to zero")
+MEMBERS = Option(default=1, low=1, high=10, kind="int", description="networks of other seeds in the mean")
+LEARNED_OPTIONS = {
+    "scale": Option(
+        default=1.0, low=0.01, high=1.0, kind="log", description="size of the network, as part of what the inputs do"
+    ),
+    "everywhere": Option(
+        default=0, low=0, high=1, kind="int", description="1: a network on all rates, not only where friction is"
+    ),
+    "ridge": RIDGE,
+    **FIT_OPTIONS,
+}
+
+
+class JointHybrid(Structure):
+    """Physics and what is learned, all fitted at once."""
+
+    summary = "physics and a network, fitted together"
+    seeded = True
+    default_box = "linear"
+    everywhere: ClassVar[bool] = False
+    """Whether something is learned on all rates, whatever the options say."""
+
+    @property
+    def options(self) -> Mapping[str, Option]:
+        own = {name: kind.option for name, kind in block_kinds().items()} | LEARNED_OPTIONS
+        return {**own, **{name: option for name, option in self.gray.options.items() if name not in own}}
+
+    def assemble(self, design: Mapping[str, Any], weights: Array) -> System:
+        base = self.gray.assemble(design.get("physics") or {}, np.zeros(0))
+        on, features = tuple(design["on"]), len(features_of(base))
+        return Hybrid(
+            physics=base,
+            on=on,
+            block=block_of(design, features, len(on)),
+            scales=(1.0,) * (features + len(on)),
+            network_weights=weights,
+            region=Region.everywhere(features) if set(on) <= set(closures_of(base, {})) else None,
+        )
+
+    def build(self, sizes: Magnitudes, options: Options, seed: int) -> tuple[Hybrid, tuple[str, ...]]:
+        own, share = self.physics, float(options.get("scale", 1.0))
+        system, held = self.gray.build(sizes, options, seed)
+        on, outputs = closures_of(system, options), [share] * len(system.closures)
+        region = Region.everywhere(len(features_of(system))) if on else None
+        if not on:
+            efforts = Linearisation.of(own, sizes).efforts
+            having = {item.name for item in system.declared_states}
+            rates = rates_of(own, everywhere=self.everywhere or bool(options.get("everywhere")))
+            on = tuple(name for name in rates if name in having)
+            names = [item.name for item in own.declared_states]
+            outputs = [scale_of(share * efforts[names.index(name)]) for name in on]
+        named = (item.name for item in (*own.declared_states, *own.inputs))
+        sized = dict(zip(named, sizes.scales.tolist(), strict=True))
+        seen = np.array([sized.get(item.name, 1.0) for item in features_of(system)])
+        if system.features and sizes.features is not None:
+            seen = sizes.features
+        block = block_of(options, len(seen), len(on))
+        hybrid = Hybrid(
+            physics=system,
+            on=on,
+            block=block,
+            scales=(*map(scale_of, seen), *outputs),
+            network_weights=kind_of(block).initial(block, seed),
+            region=region,
+        )
+        return hybrid, held
+
+    def initialised(self, context: FitContext, seed: int) -> tuple[Hybrid, tuple[str, ...]]:
+        """The hybrid where a fit begins, told where its training data are, and the parameters that are held."""
+        from hybrid_sysid_ros.identification.starting import initialised
+
+        system, held = self.build(context.magnitudes, context.options, seed)
+        system = replace(system, physics=self.gray.initial_guess(system.physics, context))
+        return initialised(system, context.experiments(self.physics), seed=seed), held
+
+    def fit(self, context: FitContext) -> Fit:
+        system, held = self.initialised(context, context.seed)
+        return context.fit_physics([system], hold=held)
+
+
+class BlackBox(JointHybrid):
+    """A network on all rates, with the linear effect of the inputs beside it."""
+
+    summary = "a network on all rates"
+    default_box = ""
+    everywhere = True
+
+    @property
+    def gray(self) -> Structure:
+        return GrayBox(name=STRAIGHT, physics=self.physics, boxes=self.boxes)
+
+    @property
+    def options(self) -> Mapping[str, Option]:
+        return {name: option for name, option in super().options.items() if name not in ("scale", "everywhere")}
+
+
+class FrozenHybrid(JointHybrid):
+    """Physics that is fitted first and then left as it is, while a network learns beside it."""
+
+    summary = "physics, then a network beside it"
+
+    def fit(self, context: FitContext) -> Fit:
+        gray = self.gray.fit(context.of(self.gray))
+        system, held = self.initialised(context, context.seed)
+        return context.fit_physics([replace(system, physics=gray.system)], hold=(*held, *gray.names), starts=1)
+
+
+class AnchoredHybrid(JointHybrid):
+    """The gray box first; then networks of several seeds about it, averaged into one, so that they learn what the
+    physics leaves and no single seed decides.
+
+    The physics' parameters stay near those of the gray box. Closures that are corrected leave no room for them to
+    move in: then they stay as they are.
+    """
+
+    summary = "physics, then a small network with the physics held near"
+    default_box = "gray"
+    combines = True
+
+    @property
+    def options(self) -> Mapping[str, Option]:
+        found = dict(super().options)
+        for name, default in (("units", 4), ("scale", 0.1), ("ridge", 10.0)):
+            found[name] = replace(found[name], default=default)
+        return {"members": MEMBERS, **found}
+
+    def fit(self, context: FitContext) -> Fit:
+        from hybrid_sysid_ros.identification.fitting import STAGES
+
+        gray = self.gray.fit(context.of(self.gray))
+        frozen = bool(closures_of(gray.system, context.options))
+        members = []
+        for member in range(int(context.options["members"])):
+            seed = context.seed + 1000 * member
+            system, held = self.initialised(context, seed)
+            members.append(
+                context.fit_physics(
+                    [replace(system, physics=gray.system)],
+                    hold=(*held, *(gray.names if frozen else ())),
+                    anchor=None if frozen else gray,
+                    stages=STAGES[-2:],
+                    starts=1,
+                    seed=seed,
+                )
+            )
+        return replace(
+            gray,
+            system=averaged([found.system for found in members if isinstance(found.system, Hybrid)]),
+            relative_error=float(np.mean([found.relative_error for found in members])),
+            chi_squared=None if gray.chi_squared is None else float(np.mean([found.chi_squared for found in members])),
+            seconds=gray.seconds + sum(found.seconds for found in members),
+            evaluations=gray.evaluations + sum(found.evaluations for found in members),
+        )
+
+
+def closures_of(system: System, options: Mapping[str, Any]) -> tuple[str, ...]:
+    """The closures of a system that a hybrid adds to; none where it adds to rates."""
+    return () if options.get("everywhere") else tuple(item.name for item in system.closures)
+
+
+def rates_of(system: System, *, everywhere: bool) -> tuple[str, ...]:
+    """States to whose rates a network adds: those that carry contacts, or all that don't just follow a velocity."""
+    carriers = tuple(dict.fromkeys(contact.on for contact in system.contacts))
+    if carriers and not everywhere:
+        return carriers
+    return tuple(item.name for i, item in enumerate(system.declared_states) if i not in system.kinematics)
