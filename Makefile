@@ -1,4 +1,6 @@
 # make demo | test | bench | lint | docs | clean: each sets up what it needs in .venv, with nothing but python3 and make.
+#   make mutants           which single-line mutants of gates and thresholds the tests do not kill
+#   make newest            some tests with the newest release of every dependency
 #   make demo RIG=NAME     of another rig, by its name or path, into out/demo_NAME
 #   make demo CAMERA=1     films the rig and closes the loop by a camera alone, into out/demo_camera
 #   make demo TRAIN=1      trains the shipped policy afresh (adds torch)
@@ -17,7 +19,7 @@ ifneq ($(ROS_DISTRO)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
 unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 endif
 
-.PHONY: demo test bench lint docs clean again
+.PHONY: demo test bench lint docs mutants newest clean again
 .NOTPARALLEL:
 
 demo: .venv/ros $(if $(TRAINED),.venv/train) $(if $(FILMED),.venv/video)
@@ -35,8 +37,14 @@ lint: .venv/dev
 	$(BIN)/mypy hybrid_sysid_ros studies benchmarks tests
 
 docs: .venv/ros .venv/docs
-	NO_MKDOCS_2_WARNING=1 DISABLE_MKDOCS_2_WARNING=true $(BIN)/mkdocs build --quiet
+	PLOTLY_RENDERER=notebook NO_MKDOCS_2_WARNING=1 DISABLE_MKDOCS_2_WARNING=true $(BIN)/mkdocs build --quiet
 	@echo out/docs/index.html
+
+mutants: .venv/ros .venv/dev .venv/mutants
+	$(BIN)/python -m benchmarks.mutants
+
+newest: .venv/dev
+	$(BIN)/python -m benchmarks.newest
 
 clean: # out/ may hold recordings: it stays
 	rm -rf .venv build install log *.egg-info .mypy_cache .pytest_cache .ruff_cache
@@ -57,8 +65,9 @@ endif
 .venv/train: EXTRAS := train
 .venv/video: EXTRAS := video
 .venv/docs: EXTRAS := docs
+.venv/mutants: EXTRAS := mutants
 .venv/peers: EXTRAS := peers,report,search
-.venv/ros .venv/dev .venv/train .venv/video .venv/docs .venv/peers: .venv/python $(PACKAGE)
+.venv/ros .venv/dev .venv/train .venv/video .venv/docs .venv/mutants .venv/peers: .venv/python $(PACKAGE)
 	@echo "Setting up .venv: hybrid_sysid_ros[$(EXTRAS)]"
 	@$(PIP) --editable '.[$(EXTRAS)]'
 	@touch $@

@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hybrid_sysid_ros.rigs.excitation import Schedule
+from hybrid_sysid_ros.rigs.excitation import ReferenceSchedule
 from hybrid_sysid_ros.support.arrays import Array
 
 
-def levels(schedule: Schedule, output: int) -> list[tuple[float, float, float, float]]:
+def levels(schedule: ReferenceSchedule, output: int) -> list[tuple[float, float, float, float]]:
     """Each step of a reference: when it comes, when the next one does [s], from and to which value, as shown."""
     last, found = 0.0, []
     for start, stop in schedule.windows.values():
@@ -20,7 +20,7 @@ def levels(schedule: Schedule, output: int) -> list[tuple[float, float, float, f
     return found
 
 
-def settled(schedule: Schedule, output: int, time: Array, values: Array, *, band: float) -> Array:
+def settled(schedule: ReferenceSchedule, output: int, time: Array, values: Array, *, band: float) -> Array:
     """Settling time [s], overshoot and steady error [of the step] of each step, (steps, 3); values as shown (samples,).
 
     A step has settled when the output stays within ``band`` of the step's size until the next one; the steady error is
@@ -36,7 +36,7 @@ def settled(schedule: Schedule, output: int, time: Array, values: Array, *, band
     return np.array(rows)
 
 
-def unforeseen(schedule: Schedule, scales: Array, period: float, *, lead: float) -> Callable[[Array], Array]:
+def unforeseen(schedule: ReferenceSchedule, scales: Array, period: float, *, lead: float) -> Callable[[Array], Array]:
     """The reference [SI] for a controller of that period [s], whose inputs act a lead [s] later, who knows of no step
     before it comes.
     """

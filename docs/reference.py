@@ -8,6 +8,7 @@ from pathlib import Path
 
 import mkdocs_gen_files
 
+import hybrid_sysid_ros as hs
 from hybrid_sysid_ros.commands.program import LateCommand
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.base import RigNode
@@ -76,8 +77,12 @@ def _class_of(node: str) -> type[RigNode]:
 
 
 def library() -> Iterator[str]:
-    """The public packages: what their __init__ offers."""
-    yield "# Library\n"
+    """The public names, then the packages behind them: what their __init__ offers."""
+    yield "# Library\n\n## `import hybrid_sysid_ros as hs`\n\nThese names are public. All else may change.\n"
+    for name in hs.__all__:
+        found = getattr(hs, name)
+        yield f"\n::: {found.__module__}.{found.__qualname__}\n"
+    yield "\n# Packages behind these names\n"
     for name in (f"hybrid_sysid_ros.{package}" for package in LIBRARY):
         if not (ROOT / name.replace(".", "/")).is_dir():  # an extension that was taken away
             continue

@@ -14,7 +14,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.core.rollout import output_of
-from hybrid_sysid_ros.estimation import METHODS, Estimate
+from hybrid_sysid_ros.estimation import METHODS, StateEstimate
 from hybrid_sysid_ros.models import Model, load
 from hybrid_sysid_ros.nodes.base import Source
 from hybrid_sysid_ros.nodes.cdr import JointWriter, TrajectoryWriter
@@ -85,11 +85,11 @@ class EstimatorAdapter:
             with suppress(UserError):  # nothing to hold on to yet
                 self.note(self.update(time))
 
-    def update(self, time: float) -> Estimate:
+    def update(self, time: float) -> StateEstimate:
         """Estimate with what was given at a time [s]. Raises UserError where there is nothing to hold on to yet."""
         return self.filter.update(time, self.outputs, self.applied)
 
-    def pack(self, estimate: Estimate, stamp: int, *, blind: bool) -> bytes:
+    def pack(self, estimate: StateEstimate, stamp: int, *, blind: bool) -> bytes:
         """The message of an estimate with its stamp [ns]; blind: it is a guess, on which nobody should act."""
         state, ahead, disturbance = estimate.state.tolist(), estimate.ahead.tolist(), estimate.disturbance.tolist()
         further: list[float] = []
@@ -100,7 +100,7 @@ class EstimatorAdapter:
         numbers = [*state, *further, *disturbance, *ahead, *disturbance, *parameters]
         return self._writer.pack(stamp, [math.nan] * len(numbers) if blind else numbers)
 
-    def note(self, estimate: Estimate) -> None:
+    def note(self, estimate: StateEstimate) -> None:
         """Keep innovation and parameters of an estimate, for the diagnostics."""
         if math.isfinite(estimate.normalised_innovation):
             self.innovations.append(estimate.normalised_innovation)

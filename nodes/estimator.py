@@ -14,7 +14,7 @@ from typing import Any
 from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
-from hybrid_sysid_ros.estimation import Estimate
+from hybrid_sysid_ros.estimation import StateEstimate
 from hybrid_sysid_ros.estimation.consistency import band
 from hybrid_sysid_ros.nodes.adapters import EstimatorAdapter, FrozenSensorDetector, Measured, model_of
 from hybrid_sysid_ros.nodes.base import RigNode, Source
@@ -180,7 +180,7 @@ class EstimatorNode(RigNode):
         if self.estimates is not None:
             self.estimates.publish(self.packed)
 
-    def afterwards(self, estimate: Estimate) -> None:
+    def afterwards(self, estimate: StateEstimate) -> None:
         """Do what need not be done before the answer."""
         self.adapter.note(estimate)
         if self.estimates is None or self.stamp - self.shown < SHOW_PERIOD:

@@ -8,6 +8,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extensions import node_module
 
 SECOND_TRY = "HYBRID_SYSID_SECOND_TRY"
@@ -21,7 +22,11 @@ def main() -> int:
     in front, of an environment that is active, takes over.
     """
     name = Path(sys.argv[0]).stem.removeprefix("hybrid-sysid-")
-    module = node_module(name)
+    try:
+        module = node_module(name)
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
     try:
         return int(import_module(module).main())
     except ModuleNotFoundError as error:

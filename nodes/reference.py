@@ -19,47 +19,13 @@ from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.process import announce, run
 from hybrid_sysid_ros.nodes.timing import Timeline
 from hybrid_sysid_ros.nodes.validation import Order
-from hybrid_sysid_ros.rigs.excitation import Reference, constant, multisine, random_steps, sine
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import defaults
+from hybrid_sysid_ros.runtime.references import signal_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-KINDS = ("constant", "steps", "sine", "multisine")
-LONGEST = 3600.0  # s of steps that are drawn; the last one is held
-LOWEST = 0.05  # Hz, of the multisine
-MULTISINE_PERIOD = 20.0  # s
-LINES = 20  # of the multisine
 CHOOSING = {"kind", "amplitude", "frequency", "hold", "seed"}  # parameters that a reference is made of
-
-
-def signal_of(kind: str, settings: Mapping[str, Any], rig: Rig) -> Reference:
-    """The reference of a kind by the parameters: seconds in (any shape), the outputs as they are shown out (..., p).
-    Raises UserError where there is no such kind, or the multisine has no room between its lowest and highest frequency.
-    """
-    if kind in rig.references:
-        return rig.references[kind]
-    if kind not in KINDS:
-        raise UserError(f"parameter kind is {kind!r}: choose one of {', '.join((*KINDS, *rig.references))}")
-    if kind == "multisine" and settings["frequency"] <= LOWEST:
-        raise UserError(
-            f"parameter frequency is {settings['frequency']:g} Hz: a multisine needs more than {LOWEST:g} Hz"
-        )
-    signals = [_signal(kind, settings, k, amplitude) for k, amplitude in enumerate(settings["amplitude"])]
-    return lambda t: np.stack([signal(t) for signal in signals], axis=-1)
-
-
-def _signal(kind: str, settings: Mapping[str, Any], output: int, amplitude: float) -> Reference:
-    """One output's reference; those of several differ in what is random."""
-    frequency, seed = settings["frequency"], settings["seed"] + output
-    if kind == "constant" or amplitude == 0.0:
-        return constant(level=amplitude)
-    if kind == "steps":
-        duration = settings["duration"] or LONGEST
-        return random_steps(seed, amplitude=abs(amplitude), hold=settings["hold"], duration=duration)
-    if kind == "sine":
-        return sine(amplitude=amplitude, frequency=frequency)
-    return multisine(seed, amplitude=amplitude, low=LOWEST, high=frequency, lines=LINES, period=MULTISINE_PERIOD)
 
 
 class Choice:

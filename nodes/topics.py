@@ -20,6 +20,7 @@ from trajectory_msgs.msg import JointTrajectory
 from hybrid_sysid_ros.bags import Quality
 from hybrid_sysid_ros.nodes.validation import LARGEST
 from hybrid_sysid_ros.runtime.parameters import DECLARATIONS, declaration_files
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import built, read_mapping, section
 
@@ -64,19 +65,21 @@ class FurtherTopic:
 
 
 def _further() -> Iterator[tuple[str, FurtherTopic, Any]]:
-    """Name, declaration and message class of the topics of the extensions. Raises UserError where one is not told as
-    it should be, or its message is not installed.
+    """Name, declaration and message class of the topics of the extensions; one that is not told as it should be, or
+    whose message is not installed, is left out.
     """
     for path in declaration_files()[1:]:
-        topics = section(read_mapping(path), "topics", str(path))
+        topics = read_mapping(path).get("topics") or {}
         for name in topics:
-            where = f"{path}: topics.{name}"
-            topic: FurtherTopic = built(FurtherTopic, section(topics, name, where), where)
-            kind = type_of(topic.type)
-            if name in OWN or kind is None:
-                why = "is another's already" if kind else f"{topic.type} is not installed"
-                raise UserError(f"{where}: {why}")
-            yield name, topic, kind
+            try:
+                topic: FurtherTopic = built(FurtherTopic, topics[name], f"{path}: topics.{name}")
+                if name in OWN:
+                    raise UserError(f"{path}: topics.{name}: there is such a topic already: give it another name")
+                if (kind := type_of(topic.type)) is None:
+                    raise UserError(f"{path}: topics.{name}: {topic.type} is not installed")
+                yield name, topic, kind
+            except UserError as error:
+                extensions.leave_out("a topic", error)
 
 
 def type_of(name: str) -> Any | None:

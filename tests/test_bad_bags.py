@@ -8,8 +8,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from test_bags import RATE, SIGNALS, references, stamps, states  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.bags.layout import jazzy_types
 from hybrid_sysid_ros.bags.mcap import MAGIC
-from hybrid_sysid_ros.bags.series import jazzy_types
 from hybrid_sysid_ros.bags.signals import Signal, Signals
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -61,3 +61,17 @@ def test_every_link_leads_to_a_file_and_its_heading(page: Path) -> None:
             titles = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.M)
             slugs = [re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles]
             assert heading in slugs, f"{page.name} links to {target[0]}#{heading}"
+
+
+def test_a_source_file_that_a_page_names_is_there() -> None:
+    """But those that a reader writes, and those of editions before."""
+    written, before = ("pendulum/", "axis/"), ("second-edition.md",)
+    paths = {f"/{path.relative_to(ROOT).as_posix()}" for path in ROOT.rglob("*.py") if ".venv" not in path.parts}
+    named = {
+        (page.name, name)
+        for page in PAGES
+        if page.name not in before
+        for name in re.findall(r"`([\w/]+\.py)`", page.read_text(encoding="utf-8"))
+        if not name.startswith(written)
+    }
+    assert [item for item in sorted(named) if not any(path.endswith(f"/{item[1]}") for path in paths)] == []

@@ -6,7 +6,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,13 +43,13 @@ def offer(place: Path, name: str, target: str, **files: str) -> None:
 def call(tmp_path: Path) -> Call:
     """A command line, or Python code, in a process that finds the packages in tmp_path / "site"."""
 
-    def called(*words: str | Path, code: str = "", **variables: str) -> subprocess.CompletedProcess[str]:
+    def called(*words: str | Path, code: str = "", lines: Sequence[str] = ()) -> subprocess.CompletedProcess[str]:
         path = os.pathsep.join(map(str, (tmp_path / "site", ROOT)))
         program = ["-c", code] if code else ["-m", "hybrid_sysid_ros"]
         return subprocess.run(
             [sys.executable, *program, *map(str, words)],
             capture_output=True, text=True, cwd=tmp_path, timeout=600,
-            env={**os.environ, "PYTHONPATH": path, "COLUMNS": "200", **variables},
+            env={**os.environ, "PYTHONPATH": path, "COLUMNS": "200", "LINES": "\n".join(lines)},
         )  # fmt: skip
 
     return called
@@ -70,8 +70,21 @@ def heating(tmp_path: Path) -> Path:
     return tmp_path / "sled"
 
 
+END = "--- end ---\n"
+COMMANDS = f"""
+import os, sys
+from hybrid_sysid_ros.commands import app
+for line in os.environ["LINES"].splitlines():
+    sys.argv = ["hybrid-sysid", *line.split()]
+    try:
+        app.main()
+    except SystemExit as end:
+        if end.code:
+            raise
+    print({END.strip()!r}, flush=True)
+"""
+"""Command lines one after another, in one process that compiles and imports once."""
 REPORT = """
-import sys
 from hybrid_sysid_ros import models, report
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
@@ -85,39 +98,40 @@ report.write("report.html", report.identification_section(model, []), loop, repo
 def test_the_page_s_extension_adds_what_it_says(heating: Path, call: Call, domain: int) -> None:
     pytest.importorskip("plotly", reason="needs the extra report")
 
-    def does(*words: str | Path, **more: str) -> str:
-        found = call(*words, **more)
-        assert (found.returncode, "warning" in found.stderr) == (0, False), (words, found.stderr)
-        return found.stdout
+    def does(*lines: str, code: str = "") -> list[str]:
+        found = call(code=COMMANDS + code, lines=lines)
+        assert (found.returncode, "warning" in found.stderr) == (0, False), found.stderr
+        return found.stdout.split(END)
 
-    assert re.search(r"^  heating +Compare the commands", does("--help"), re.M)
-    assert "--heating" in does("run", "--help")
-    does("rig", "new", heating)
+    helped, run, *_ = does("--help", "run --help", "rig new ./sled")
+    assert re.search(r"^  heating +Compare the commands", helped, re.M)
+    assert "--heating" in run
     values = heating / "rig.yaml"
     told = values.read_text(encoding="utf-8")
-    name = next(iter(yaml.safe_load(told)["actuators"]))
+    content = yaml.safe_load(told)
+    name, kind = next(iter(content["actuators"])), next(iter(content["experiments"]["excitations"]))
     values.write_text(f"{told}\nheating: {{{name}: 0.25}}\n", encoding="utf-8")
-    assert "no problems" in does("rig", "check", heating)
-    parameters = yaml.safe_load(does("parameters", "--rig", heating))
-    assert parameters["/**/heating"]["ros__parameters"]["memory"] == 10.0
-
-    kind = next(iter(yaml.safe_load(told)["experiments"]["excitations"]))
-    does("simulate", kind, "bag", "--rig", heating, "--duration", "10")
-    does("identify", "bag", "--rig", heating, "--structure", "linear", "--out", "model")
-    does(
-        "run", "--rig", heating, "--model", "model", "--policy", "exact", "--lockstep", "--duration", "2",
-        "--reference", "steps", "--heating", "--bag", "loop", "--domain", str(domain),
-    )  # fmt: skip
-    assert "actuator_load" in next((heating.parent / "loop").glob("metadata.yaml")).read_text(encoding="utf-8")
-    shown = re.match(rf"{name}: (\S+) of 0\.25 ", does("heating", "loop", "--rig", heating))
-    assert shown is not None
-    assert 0.0 < float(shown[1]) < 100.0
-    does(code=REPORT)
+    checked, parameters, *_, shown, _ = does(
+        "rig check ./sled",
+        "parameters --rig ./sled",
+        f"simulate {kind} bag --rig ./sled --duration 10",
+        "identify bag --rig ./sled --structure linear --out model",
+        "run --rig ./sled --model model --policy exact --lockstep --duration 2 --reference steps --heating --bag loop "
+        f"--domain {domain}",
+        "heating loop --rig ./sled",
+        code=REPORT,
+    )
+    assert "no problems" in checked
+    assert yaml.safe_load(parameters)["/**/heating"]["ros__parameters"]["memory"] == 10.0
+    assert "actuator_load" in (heating.parent / "loop" / "metadata.yaml").read_text(encoding="utf-8")
+    load = re.match(rf"{name}: (\S+) of 0\.25 ", shown)
+    assert load is not None
+    assert 0.0 < float(load[1]) < 100.0
     page = (heating.parent / "report.html").read_text(encoding="utf-8")
-    assert f"<td>{name}</td><td>{shown[1]}</td><td>0.25</td>" in page
+    assert f"<td>{name}</td><td>{load[1]}</td><td>0.25</td>" in page
 
     values.write_text(f"{told}\nheating: {{motor: 0.25}}\n", encoding="utf-8")
-    wrong = call("rig", "check", heating)
+    wrong = call("rig", "check", "./sled")
     assert wrong.returncode == 2
     assert "heating: unknown key 'motor'" in wrong.stderr
 
@@ -187,6 +201,28 @@ def test_what_can_t_be_imported_is_named_when_it_is_needed(tmp_path: Path, call:
     assert "tides.nowhere" in found.stderr
 
 
+@pytest.mark.parametrize(
+    ("declared", "why"),
+    [
+        (None, "cannot be read"),
+        ("nodes: [", "nodes.yaml"),
+        ("parameters: {}", "unknown key 'parameters'"),
+    ],
+)
+def test_declarations_that_can_t_be_read_are_named_and_the_rest_works(
+    tmp_path: Path, call: Call, declared: str | None, why: str
+) -> None:
+    given = "declarations=__import__('pathlib').Path(__file__).with_name('nodes.yaml')"
+    offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=MANIFEST.format("tides", given))
+    if declared is not None:
+        (tmp_path / "site" / "tides" / "nodes.yaml").write_text(declared)
+    found = call("parameters")
+    assert found.returncode == 0
+    assert "/**/plant:" in found.stdout
+    assert found.stderr.count("\n") == 1
+    assert why in found.stderr
+
+
 # Companions
 
 
@@ -218,26 +254,22 @@ def test_a_companion_tells_a_recorder_only_where_there_is_one() -> None:
 # The trunk alone
 
 ALONE = """
-import contextlib, importlib.util, io, sys
-import hybrid_sysid_ros
-from hybrid_sysid_ros.commands import app
+import importlib.util
 from hybrid_sysid_ros.rigs import folder, rig
 from hybrid_sysid_ros.support import extensions
 assert not {away} & {{item.name for item in extensions.installed()}}
 for name in {away}:
     assert importlib.util.find_spec(f"hybrid_sysid_ros.extensions.{{name}}") is None
-for words in (["--help"], ["run", "--help"], ["demo", "--help"], ["rig", "check", "cam_beam"], ["parameters"]):
-    sys.argv = ["hybrid-sysid", *words]
-    with contextlib.redirect_stdout(io.StringIO()) as out:
-        try:
-            app.main()
-        except SystemExit as end:
-            assert not end.code, (words, end.code)
-    print(out.getvalue())
 for name in folder.names():
     rig.load(name)
 for module in {modules}:
     importlib.import_module(module)
+for item in extensions.registry().extensions:  # those that are left need none that is not there
+    for target in (target for names in item.provides.values() for target in names.values() if target):
+        extensions.loaded(target)
+    for module in (*(module for module, _ in item.commands.values()), *({ros} and item.nodes.values() or ())):
+        importlib.import_module(module)
+assert not extensions.registry().problems
 """
 
 
@@ -262,10 +294,14 @@ def test_the_trunk_works_without(away: list[str], tmp_path: Path, call: Call) ->
     for path in HOME.iterdir():
         if path.name not in (*away, "__pycache__"):
             (package / "extensions" / path.name).symlink_to(path)
-    modules = trunk_modules() if away == OURS else []
-    found = call(code=ALONE.format(away={*away}, modules=modules))
+    alone = away == OURS
+    code = ALONE.format(away={*away}, modules=trunk_modules() if alone else [], ros=has_ros())
+    lines = ("--help", "run --help", "demo --help", "parameters", *(["rig check cam_beam"] if alone else []))
+    found = call(code=COMMANDS + code, lines=lines)
     assert found.returncode == 0, found.stderr
     assert found.stderr == ""
+    if not alone:
+        return
     assert "cam_beam: no problems" in found.stdout
     sections = {name: item.name for item in extensions.installed() for name in item.provides.get("sections", ())}
     told = set(re.findall(r"^note: (\w+): no extension", found.stdout, re.M))

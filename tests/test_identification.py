@@ -10,9 +10,11 @@ from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.identification import Part, evaluate, free_run, identify, prepare
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.problem import CORRELATION_SECONDS, INITIAL_SPREAD, RELATIVE_ERROR
+from hybrid_sysid_ros.identification.problem import Problem as IdentificationProblem
 from hybrid_sysid_ros.models import Sampling, build
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.rigs.excitation import random_steps
+from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_bench import bench, held_levels, linear_run, record_of
 from tests.one_joint import Linear
 
@@ -204,3 +206,14 @@ def test_a_model_remembers_its_records_and_their_range(rig):
     assert half.output.min() <= low < high <= half.output.max()
     assert model.training_range["drive"][1] <= 6.0
     assert model.structure == "linear"
+
+
+@pytest.mark.parametrize("relative", [1.1e3, np.inf, np.nan])
+def test_a_fit_whose_every_simulation_runs_away_is_refused(linear_bench, monkeypatch, relative):
+    """Also where the numbers are finite."""
+    u, y, _ = linear_bench
+    system, _ = build("linear", CamBeam(), scales=np.ones(3), seed=0)
+    experiment = prepare(record_of(u, y, 0.005), system, Sampling())
+    monkeypatch.setattr(IdentificationProblem, "relative_error", lambda problem, rows: relative)
+    with pytest.raises(UserError, match="every simulation diverges"):
+        fit(system, [experiment], stages=(None,), iterations=1)

@@ -16,8 +16,8 @@ from test_bags import RATE, SIGNALS, START, other_topics, plain, references, sta
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags import bag as bag_module
+from hybrid_sysid_ros.bags.layout import jazzy_types
 from hybrid_sysid_ros.bags.mcap import MAGIC
-from hybrid_sysid_ros.bags.series import jazzy_types
 from hybrid_sysid_ros.support.errors import UserError
 
 STATUS = "/proc/self/status"

@@ -23,9 +23,12 @@ LAYERS = [  # from the bottom up; a room (folder of the package) imports from th
     {"control"},
     {"runtime"},
     {"report"},
+    {"library"},
     {"commands", "nodes"},
     {"extensions", "__main__"},
 ]
+DOORS = {("__init__", room) for room in ("library", "bags", "rigs", "support")}
+"""What the package offers by its own name, once somebody asks for it."""
 ROS = re.compile(r"(rcl\w*|ros2\w*|rosbag2\w*|rosidl\w*|ament_\w+|tf2_\w+|\w+_msgs|\w+_interfaces|std_srvs)")
 NODES = re.compile(r"nodes/.*|extensions/\w+/nodes/.*")
 """Files that may import ROS."""
@@ -101,7 +104,7 @@ def violations(source: str, file: str) -> list[str]:
         if top == PACKAGE and rest:
             there = room(rest.replace(".", "/"))
             known = layer(there) >= 0
-            if known and there != here and layer(there) >= layer(here):
+            if known and there != here and layer(there) >= layer(here) and (here, there) not in DOORS:
                 found.append(f"{file}: {here} may not import {there}")
     return found
 

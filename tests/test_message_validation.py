@@ -9,13 +9,13 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
 
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hybrid_sysid_ros.nodes.layout import Place, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints
-from hybrid_sysid_ros.nodes.validation import LARGEST, MessageValidator, Order, Reason
+from hybrid_sysid_ros.nodes.validation import FORMS, LARGEST, MessageValidator, Order, Reason
 from tests.node_bench import joint
 
 MS = SECOND // 1000
@@ -142,3 +142,66 @@ def test_names_that_are_missing_are_counted() -> None:
     )
     assert validator.read(Joints.of(joint(0, name=["c"], position=[1.0])), slots) is None
     assert validator.dropped == {Reason.UNNAMED: 1, Reason.UNRELATED: 1}
+
+
+def test_a_stamp_is_near_up_to_its_bounds_and_no_further() -> None:
+    gate = Gate()
+    for stamp, near in ((20 * MS, True), (20 * MS + 1, False), (-500 * MS, True), (-500 * MS - 1, False)):
+        assert gate.validator.is_near(gate.now + stamp) is near
+        assert (Gate().say(gate.now + stamp) is Order.NEW) is near
+    assert Gate(timed=False).validator.is_near(0)
+
+
+def test_without_a_clock_time_begins_anew_where_two_go_on_from_one_another() -> None:
+    for second, order in ((0, None), (1, Order.RESTART), (SECOND - 1, Order.RESTART), (SECOND, None), (-1, None)):
+        gate = Gate(timed=False)
+        assert gate.say(10 * SECOND) is Order.NEW
+        assert gate.say(5 * SECOND) is None
+        assert gate.say(5 * SECOND + second) is order
+    gate = Gate(timed=False)
+    assert gate.say(10 * SECOND) is Order.NEW
+    assert gate.say(SECOND // 2) is None  # there was none before that it could go on from
+    assert gate.say(9 * SECOND) is Order.LATE  # by no more than a restart
+    assert gate.say(9 * SECOND - 1) is None
+
+
+def test_a_publisher_is_silent_from_its_bound_on() -> None:
+    gate = Gate()
+    assert gate.say(gate.now, "first") is Order.NEW
+    gate.wait(500 * MS - 1)
+    assert gate.say(gate.now, "second") is None
+    gate.wait(1)
+    assert gate.say(gate.now, "second") is Order.NEW
+    assert gate.validator.source == "second"
+
+
+def test_no_more_forms_are_known_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each is unpacked by the middleware once, and all once more when there were too many."""
+    validator = MessageValidator(JointState, steady=lambda: 0)
+    unpacked: list[bytes] = []
+
+    def unpack(data: bytes, kind: type[Any]) -> Any:
+        unpacked.append(data)
+        return deserialize_message(data, kind)
+
+    monkeypatch.setattr("hybrid_sysid_ros.nodes.validation.deserialize_message", unpack)
+    messages = [serialize_message(joint(5, name=["b" * (8 * k + 1)], position=[1.0])) for k in range(FORMS + 1)]
+    for message in 2 * messages[:FORMS]:
+        validator.unpack(message)
+    assert len(unpacked) == FORMS
+    for message in (messages[FORMS], *messages[:FORMS]):
+        validator.unpack(message)
+    assert len(unpacked) == 2 * FORMS + 1
+
+
+def test_what_is_not_known_yet_is_told_from_what_is_wrong() -> None:
+    validator, slots = (
+        MessageValidator(JointState, steady=lambda: 0),
+        Slots([Place("a", "position"), Place("b", "effort")]),
+    )
+    slots.low[:], slots.high[:] = [-1.0, -1.0], [1.0, 1.0]
+    for value, inside in ((1.0, True), (-1.0, True), (1.001, False), (-1.001, False)):
+        for other in (0.0, math.nan):  # what is wrong beside it changes nothing
+            read = validator.read(Joints("", 1, ["a", "b"], ([value, 0.0], [], [0.0, other])), slots)
+            assert read is not None
+            assert (read[0] == value) is inside

@@ -15,8 +15,8 @@ from test_bags import SIGNALS, references, states  # type: ignore[import-not-fou
 from benchmarks.fuzz import crafted, records
 from benchmarks.fuzz.worker import FAILURES, Reader
 from hybrid_sysid_ros import bags, models
+from hybrid_sysid_ros.bags.layout import jazzy_types
 from hybrid_sysid_ros.bags.mcap import CHANNEL, CHUNK, LARGEST_CHUNK, MESSAGE, SCHEMA, STATISTICS
-from hybrid_sysid_ros.bags.series import jazzy_types
 from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.safety import certificate

@@ -15,7 +15,7 @@ import pytest
 from mcap.reader import make_reader
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.bags import durable
+from hybrid_sysid_ros.bags import storage
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -103,7 +103,7 @@ class Disk:
 
         say(0, 50)
         bench.until(lambda: self.recorder.recording.kept == 50)
-        monkeypatch.setattr(durable.os, "pwrite", full)
+        monkeypatch.setattr(storage.os, "pwrite", full)
         say(50, 80)
         bench.until(lambda: tasks(heard) and tasks(heard)[-1].level == DiagnosticStatus.ERROR)
         assert "No space left on device" in tasks(heard)[-1].message
@@ -123,7 +123,7 @@ def test_a_full_disk_keeps_the_bag(bench: Bench, tmp_path: Path, monkeypatch: An
 def test_a_disk_that_has_room_again_gets_what_has_waited(bench: Bench, tmp_path: Path, monkeypatch: Any) -> None:
     real = os.pwrite
     recorder = Disk(bench, tmp_path / "bag", monkeypatch).recorder
-    monkeypatch.setattr(durable.os, "pwrite", real)
+    monkeypatch.setattr(storage.os, "pwrite", real)
     bench.until(lambda: recorder.recording.kept == 80)
     assert recorder.trouble is None
     recorder.close()
@@ -158,7 +158,7 @@ def test_a_slow_disk_holds_nobody_up(bench: Bench, tmp_path: Path, monkeypatch: 
         answer.wait()
         real(descriptor)
 
-    monkeypatch.setattr(durable.os, "fsync", slow)
+    monkeypatch.setattr(storage.os, "fsync", slow)
     monkeypatch.setattr(room, "SLOW", 0.1)
     try:
         publisher.publish(message)

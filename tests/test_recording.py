@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from test_bags import SIGNALS, stamps, states  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros import bags
-from hybrid_sysid_ros.bags import durable as room
+from hybrid_sysid_ros.bags import storage as room
 from hybrid_sysid_ros.bags.mcap import McapFile
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop, simulate_loop
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
-from hybrid_sysid_ros.estimation import Estimate, ExtendedKalmanFilter
+from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, StateEstimate
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.footage import LEARNED_FROM
@@ -93,7 +93,7 @@ class Watcher:
         """Of the next frame [s]."""
         return -self.imager.lead + self.number / self.camera.rate
 
-    def update(self, time: float, outputs: Array, applied: Array) -> Estimate:
+    def update(self, time: float, outputs: Array, applied: Array) -> StateEstimate:
         """See :class:`~hybrid_sysid_ros.control.closed_loop.Observer`."""
         while self.due <= time + 1e-9:
             self.look()

@@ -27,7 +27,7 @@ from rich.table import Table
 from benchmarks import result
 from benchmarks.estimators.runs import PERIOD, Run, beam, drawn
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.estimation import METHODS, Channel, Estimator, Tuning
+from hybrid_sysid_ros.estimation import METHODS, Estimator, SensorChannel, Tuning
 from hybrid_sysid_ros.estimation.consistency import band, normalised_errors
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import Rig, load
@@ -132,7 +132,7 @@ def watched(make: Callable[[], Any], runs: Sequence[Run], volt: float) -> dict[s
 def delayed(method: type[Estimator], rig: Rig, system: System, tuning: Tuning) -> dict[str, Any]:
     """Position RMSE with frames of a second sensor that come late, and the time of one frame's call."""
     volt = rig.display[0].scale
-    tuning = replace(tuning, channels={"camera": Channel(of="position", noise=FRAME_NOISE * volt)})
+    tuning = replace(tuning, channels={"camera": SensorChannel(of="position", noise=FRAME_NOISE * volt)})
     errors: dict[str, list[float]] = {"no_frames": [], "punctual": [], "late_in_place": [], "late_taken_for_new": []}
     seconds: list[float] = []
     for seed in range(DELAYED_RUNS):

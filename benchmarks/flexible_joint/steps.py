@@ -27,7 +27,7 @@ from hybrid_sysid_ros.control.closed_loop import simulate_loop
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.estimation import Estimate, ExtendedKalmanFilter
+from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, StateEstimate
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -76,7 +76,7 @@ class Watched:
             self.iterations.append(self.controller.iterations)
         return plan
 
-    def update(self, time: float, outputs: Array, applied: Array) -> Estimate:
+    def update(self, time: float, outputs: Array, applied: Array) -> StateEstimate:
         """One estimate."""
         estimate = self.estimator.update(time, outputs, applied)
         self.innovations.append(estimate.normalised_innovation)

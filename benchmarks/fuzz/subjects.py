@@ -15,8 +15,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from benchmarks.fuzz import records
 from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.bags.layout import jazzy_types
 from hybrid_sysid_ros.bags.mcap import CHUNK, DATA_END
-from hybrid_sysid_ros.bags.series import jazzy_types
 from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.models import load as load_model

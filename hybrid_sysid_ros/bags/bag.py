@@ -15,11 +15,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.bags import mcap, metadata, part
-from hybrid_sysid_ros.bags.definitions import types_of
-from hybrid_sysid_ros.bags.layout import Types
+from hybrid_sysid_ros.bags import bag_file, mcap, metadata
+from hybrid_sysid_ros.bags.layout import Types, types_of
 from hybrid_sysid_ros.bags.mcap import LONGEST_MESSAGE, MAGIC, Batch, DamagedError, McapFile, Schema
-from hybrid_sysid_ros.bags.quality import Quality
+from hybrid_sysid_ros.bags.storage import Quality
 from hybrid_sysid_ros.support.errors import UserError
 
 logger = logging.getLogger(__name__)
@@ -31,7 +30,7 @@ BLOCK = 1 << 15  # messages of a topic that are handed out together, and
 BLOCK_BYTES = 1 << 23  # bytes; a block may exceed them by what one chunk of the file holds
 SMALLEST_BLOCK = 16  # messages, however large, so that a sampling time can be seen in them
 
-Source = Callable[[Collection[str]], Iterable[dict[str, Batch]]]
+MessageSource = Callable[[Collection[str]], Iterable[dict[str, Batch]]]
 
 
 class DamagedBagError(UserError):
@@ -69,7 +68,7 @@ class Bag:
     path: Path
     topics: dict[str, Topic]
     schemas: dict[str, Schema]
-    source: Source
+    source: MessageSource
     qualities: dict[str, list[Quality]] = field(default_factory=dict)
     """How publishers offered the topics, as far as the bag says it."""
 
@@ -201,8 +200,8 @@ def _whole(path: Path, stack: ExitStack) -> Bag:
     files = list(told.files) if told else storage_files(path)
     if told and told.packing == "file":
         folder = Path(stack.enter_context(TemporaryDirectory()))
-        files = [part.unpacked(file, folder / f"{number}_{file.stem}") for number, file in enumerate(files)]
-    parts = [(file, part.stated(file)) for file in files]
+        files = [bag_file.unpacked(file, folder / f"{number}_{file.stem}") for number, file in enumerate(files)]
+    parts = [(file, bag_file.stated(file)) for file in files]
     schemas, counts = dict[str, Schema](), dict[str, int]()
     for _, said in parts:
         for topic, schema in said.schemas.items():
@@ -215,8 +214,8 @@ def _whole(path: Path, stack: ExitStack) -> Bag:
 
     def source(wanted: Collection[str]) -> Iterator[dict[str, Batch]]:
         for file, said in parts:
-            for batches in part.batches(file, said, wanted):
-                yield from part.without_packing(batches) if packed else (batches,)
+            for batches in bag_file.batches(file, said, wanted):
+                yield from bag_file.without_packing(batches) if packed else (batches,)
 
     qualities = told.qualities if told else {}
     return Bag(path=path, topics=_topics(schemas, counts), schemas=schemas, source=source, qualities=qualities)

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.bags.bag import Messages
 from hybrid_sysid_ros.bags.layout import (
     MOST_FIELDS,
-    Group,
-    Layout,
+    MessageGroup,
+    MessageLayout,
     MissingFieldError,
-    Place,
+    NumberPlace,
     UnknownLayoutError,
     field_of,
     groups_of,
     sharing,
 )
-from hybrid_sysid_ros.bags.signals import Step, parsed_field
+from hybrid_sysid_ros.bags.signals import FieldStep, parsed_field
 
 SECOND = 1_000_000_000  # ns
 
@@ -29,14 +29,14 @@ class MissingInMessageError(LookupError):
     """A message of the topic has not got the field: its number and what is missing."""
 
 
-class Columns:
+class TopicColumns:
     """Fields of a topic as arrays: numbers are taken at once out of all messages that share a layout."""
 
     def __init__(self, messages: Messages, *, stamped: bool | None = None) -> None:
         """stamped: whether their headers were ever given a stamp; None: see whether one of these was."""
         self.messages = messages
         self._known_stamped = stamped
-        self._columns: dict[tuple[Step, ...], NDArray[np.float64]] = {}
+        self._columns: dict[tuple[FieldStep, ...], NDArray[np.float64]] = {}
 
     def values(self, field: str) -> NDArray[np.float64]:
         """Field of every message, (messages,).
@@ -71,7 +71,7 @@ class Columns:
         for end in range(1, len(steps)):
             point = field_of(self._first, steps[:end])
             if not steps[end - 1].attribute and isinstance(point, dict) and "time_from_start" in point:
-                stamps = stamps + self._nanoseconds((*steps[:end], Step(attribute="time_from_start")))
+                stamps = stamps + self._nanoseconds((*steps[:end], FieldStep(attribute="time_from_start")))
         return stamps
 
     @cached_property
@@ -84,38 +84,38 @@ class Columns:
 
     @cached_property
     def _header_stamps(self) -> NDArray[np.int64]:
-        return self._nanoseconds((Step(attribute="header"), Step(attribute="stamp")))
+        return self._nanoseconds((FieldStep(attribute="header"), FieldStep(attribute="stamp")))
 
-    def _nanoseconds(self, steps: tuple[Step, ...]) -> NDArray[np.int64]:
-        whole = self._column((*steps, Step(attribute="sec"))).astype(np.int64)
-        return whole * SECOND + self._column((*steps, Step(attribute="nanosec"))).astype(np.int64)
+    def _nanoseconds(self, steps: tuple[FieldStep, ...]) -> NDArray[np.int64]:
+        whole = self._column((*steps, FieldStep(attribute="sec"))).astype(np.int64)
+        return whole * SECOND + self._column((*steps, FieldStep(attribute="nanosec"))).astype(np.int64)
 
-    def _column(self, steps: tuple[Step, ...]) -> NDArray[np.float64]:
+    def _column(self, steps: tuple[FieldStep, ...]) -> NDArray[np.float64]:
         if steps not in self._columns:
             self._columns[steps] = self._read(steps)
         return self._columns[steps]
 
-    def _read(self, steps: tuple[Step, ...]) -> NDArray[np.float64]:
+    def _read(self, steps: tuple[FieldStep, ...]) -> NDArray[np.float64]:
         column = np.empty(len(self.messages.data))
         for layout, (numbers, rows) in self._groups:
             try:
                 place = field_of(layout.fields, steps)
             except MissingFieldError as error:
                 raise self._missing(numbers[0], error) from error
-            if not isinstance(place, Place):
+            if not isinstance(place, NumberPlace):
                 raise self._missing(numbers[0], "the field is no single number")
             column[numbers] = place.read(rows)
         return column
 
     @cached_property
-    def _groups(self) -> list[tuple[Layout, Group]]:
+    def _groups(self) -> list[tuple[MessageLayout, MessageGroup]]:
         """Messages by their layouts, the first one's first."""
         found, waiting, fields = [], groups_of(self.messages.data), 0
         while waiting:
             group = waiting.pop()
             first = int(group[0][0])
             try:
-                layout = Layout.of(self.messages.data[first], self.messages.type, self.messages.types)
+                layout = MessageLayout.of(self.messages.data[first], self.messages.type, self.messages.types)
             except UnknownLayoutError as error:
                 raise self._missing(first, f"it is no {self.messages.type}: {error}") from error
             sharers, others = sharing(layout, group)

@@ -1,16 +1,21 @@
-"""Layout: where the numbers of serialised messages (CDR) are, so that numpy reads or writes a column at once."""
+"""Layout: message types, and where the numbers of serialised messages (CDR) are, for columns at once by numpy."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
-from hybrid_sysid_ros.bags.signals import Step
+from hybrid_sysid_ros.bags.mcap import DamagedError, Schema
+from hybrid_sysid_ros.bags.signals import FieldStep
 
 HEADER = 4  # bytes of encapsulation before the message; alignment counts from their end
 NUMBERS = {
@@ -34,7 +39,7 @@ class MissingFieldError(LookupError):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Place:
+class NumberPlace:
     """Where one number is: offset [bytes] in the message and its numpy type."""
 
     offset: int
@@ -61,12 +66,12 @@ class Places:
     def __len__(self) -> int:
         return self.count
 
-    def __getitem__(self, index: int) -> Place:
-        return Place(offset=self.offset + index * self.dtype.itemsize, dtype=self.dtype)
+    def __getitem__(self, index: int) -> NumberPlace:
+        return NumberPlace(offset=self.offset + index * self.dtype.itemsize, dtype=self.dtype)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
+class MessageLayout:
     """One message's structure.
 
     fields: the message as nested mappings and lists, with Place and Places for its numbers and text as it is.
@@ -79,7 +84,7 @@ class Layout:
     count: int
 
     @classmethod
-    def of(cls, raw: bytes, message_type: str, types: Types) -> Layout:
+    def of(cls, raw: bytes, message_type: str, types: Types) -> MessageLayout:
         """Layout of a serialised message.
 
         Raises:
@@ -92,11 +97,11 @@ class Layout:
         return cls(fields=fields, fixed=np.flatnonzero(np.frombuffer(walk.fixed, dtype=np.uint8)), count=walk.count)
 
 
-Group = tuple[NDArray[np.intp], NDArray[np.uint8]]
+MessageGroup = tuple[NDArray[np.intp], NDArray[np.uint8]]
 """Messages of one length: their numbers (messages,) and bytes (messages, length)."""
 
 
-def groups_of(messages: Sequence[bytes]) -> list[Group]:
+def groups_of(messages: Sequence[bytes]) -> list[MessageGroup]:
     """Messages by their lengths."""
     sizes = np.fromiter(map(len, messages), dtype=np.intp, count=len(messages))
     return [
@@ -105,7 +110,7 @@ def groups_of(messages: Sequence[bytes]) -> list[Group]:
     ]
 
 
-def sharing(layout: Layout, group: Group) -> tuple[Group, Iterator[Group]]:
+def sharing(layout: MessageLayout, group: MessageGroup) -> tuple[MessageGroup, Iterator[MessageGroup]]:
     """Those of a group that share the layout of its first message, and groups of the others."""
     numbers, rows = group
     fixed = rows[:, layout.fixed]
@@ -118,7 +123,7 @@ def sharing(layout: Layout, group: Group) -> tuple[Group, Iterator[Group]]:
     return (numbers[same], rows[same]), ((numbers[part], rows[part]) for part in rest)
 
 
-def field_of(fields: Any, steps: Sequence[Step]) -> Any:
+def field_of(fields: Any, steps: Sequence[FieldStep]) -> Any:
     """Follow a path into the fields of a layout.
 
     Raises:
@@ -138,7 +143,7 @@ def field_of(fields: Any, steps: Sequence[Step]) -> Any:
     return node
 
 
-def _entry(node: Any, step: Step, enclosing: Sequence[dict[str, Any]]) -> Any:
+def _entry(node: Any, step: FieldStep, enclosing: Sequence[dict[str, Any]]) -> Any:
     index = _index_of(step.joint, enclosing) if step.joint else step.index
     if not isinstance(node, list | Places):
         raise MissingFieldError(f"there is no list to take [{step.joint or step.index}] of")
@@ -237,3 +242,40 @@ class _Walk:
         self.position += size
         if self.position > len(self.raw):
             raise UnknownLayoutError("the message is cut short")
+
+
+LONGEST = 1 << 18  # characters: the longest of ROS have some 50 000
+_SEPARATOR = "=" * 80 + "\n"
+_UNREAD = re.compile(r'"(\\.|[^"\\\n])*"|//[^\n]*|/\*.*?\*/', re.DOTALL)  # texts and comments of IDL
+_ANNOTATION = re.compile(r"@\s*[\w:]+\s*\([^()]*\)")
+
+
+@lru_cache(maxsize=256)
+def types_of(schema: Schema) -> Types:
+    """The type of a topic and all that it is made of; those of ROS 2 Jazzy where the bag has no definition.
+
+    Raises:
+        DamagedError, and what the parsers raise: the text is no definition.
+    """
+    if not schema.text:
+        return jazzy_types().fielddefs
+    if len(schema.text) > LONGEST:
+        raise DamagedError(f"the definition of {schema.name} has {len(schema.text)} characters")
+    if schema.encoding == "ros2msg":
+        return get_types_from_msg(schema.text, schema.name)
+    if schema.encoding not in ("ros2idl", "omgidl"):
+        raise DamagedError(f"the definition of {schema.name} is in {schema.encoding}, not in ROS 2's languages")
+    found: dict[str, Any] = {}
+    for part in schema.text.split(_SEPARATOR):
+        text = part.split("\n", 1)[-1] if part.startswith("IDL: ") else part
+        if "(" in _ANNOTATION.sub("", _UNREAD.sub("", text)):  # the parser takes 20 s for ((1))
+            raise DamagedError(f"the definition of {schema.name} has an expression in parentheses")
+        if text.strip():
+            found.update(get_types_from_idl(text))
+    return found
+
+
+@lru_cache(maxsize=1)
+def jazzy_types() -> Typestore:
+    """Message types of ROS 2 Jazzy."""
+    return get_typestore(Stores.ROS2_JAZZY)

@@ -277,23 +277,6 @@ def stated(path: Path) -> Stated:
     return found
 
 
-def differences(said: Stated, found: Stated) -> str:
-    """In what a file is other than it says, "" where it is not. found: of a whole pass."""
-    for what, one, other in (("chunks", said.chunks, found.chunks), ("messages", said.messages, found.messages)):
-        if one is not None and one != other:
-            return f"has {other} {what} where its summary says {one}"
-    for topic, count in (found.counts or {}).items():
-        told = count if said.counts is None else said.counts.get(topic, 0)
-        if told != count:
-            return f"has {count} messages of {topic} where its summary says {told}"
-    for topic in found.schemas if said.schemas else ():
-        if topic not in said.schemas:
-            return f"has topic {topic}, of which its summary says nothing"
-        if said.schemas[topic] != found.schemas[topic]:
-            return f"defines the type of {topic} in two ways"
-    return ""
-
-
 def unpacked(packed: bytes | memoryview, limit: int) -> bytes:
     """What zstd packed; its first bytes where that is more than the limit, of which it is never more than one more."""
     return ZstdDecompressor().decompress(packed, limit + 1)

@@ -12,8 +12,7 @@ from typing import Any
 import yaml
 
 from hybrid_sysid_ros.bags.mcap import DamagedError
-from hybrid_sysid_ros.bags.quality import Quality
-from hybrid_sysid_ros.bags.storage import DISTRIBUTION, Extent, Offer
+from hybrid_sysid_ros.bags.storage import DISTRIBUTION, Extent, OfferedTopic, Quality
 from hybrid_sysid_ros.support import yaml_text
 
 FILE = "metadata.yaml"  # what makes a folder a bag
@@ -80,17 +79,17 @@ def _qualities(told: Any) -> list[Quality]:
     return []
 
 
-def text(files: Sequence[Extent], offers: Sequence[Offer], notes: Mapping[str, str]) -> str:
+def text(files: Sequence[Extent], offers: Sequence[OfferedTopic], notes: Mapping[str, str]) -> str:
     """What rosbag2 of ROS 2 Jazzy writes of a bag's files and topics; notes: custom_data."""
     return _dumped({"rosbag2_bagfile_information": _told(files, offers, notes)})
 
 
-def inner_text(file: Extent, offers: Sequence[Offer], notes: Mapping[str, str]) -> str:
+def inner_text(file: Extent, offers: Sequence[OfferedTopic], notes: Mapping[str, str]) -> str:
     """What it writes into a file of it."""
     return _dumped(_told([file], offers, notes))
 
 
-def _told(files: Sequence[Extent], offers: Sequence[Offer], notes: Mapping[str, str]) -> dict[str, Any]:
+def _told(files: Sequence[Extent], offers: Sequence[OfferedTopic], notes: Mapping[str, str]) -> dict[str, Any]:
     counts = sum((file.counts for file in files), Counter[str]())
     held = [file for file in files if file.counts]
     first, last = min((file.first for file in held), default=0), max((file.last for file in held), default=0)

@@ -11,10 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.bag import Bag, name_of, opened
-from hybrid_sysid_ros.bags.columns import Columns, MissingInMessageError
+from hybrid_sysid_ros.bags.columns import MissingInMessageError, TopicColumns
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.bags.resampling import EveryNth, GroupMean, HeldLast, HeldMean, Resampled
-from hybrid_sysid_ros.bags.sampling import FEWEST, Samples, SamplingError
+from hybrid_sysid_ros.bags.sampling import (
+    FEWEST,
+    EveryNth,
+    GroupMean,
+    HeldLast,
+    HeldMean,
+    RecordSamples,
+    Resampled,
+    SamplingError,
+)
 from hybrid_sysid_ros.bags.signals import Signal, Signals
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256
@@ -54,7 +62,7 @@ class _Reading:
     def __init__(self, bag: Bag, signals: Signals, period: float | None) -> None:
         self.bag = bag
         self.signals = signals
-        self.samples = Samples(expected=signals.period, period=period)
+        self.samples = RecordSamples(expected=signals.period, period=period)
         self.wanted: dict[Key, Signal] = {
             **{("output", number): signal for number, signal in enumerate(signals.output)},
             **{("input", number): signal for number, signal in enumerate(signals.input)},
@@ -95,12 +103,12 @@ class _Reading:
             digest=sha256(self.bag.path),
         )
 
-    def columns(self, topics: Collection[str]) -> Iterator[Columns]:
+    def columns(self, topics: Collection[str]) -> Iterator[TopicColumns]:
         """Messages of topics, block by block, of those that the bag has."""
         for block in self.bag.blocks([name for name in topics if name in self.bag.topics]):
-            yield Columns(block, stamped=self.stamped.get(block.topic))
+            yield TopicColumns(block, stamped=self.stamped.get(block.topic))
 
-    def add(self, columns: Columns) -> None:
+    def add(self, columns: TopicColumns) -> None:
         """Take the signals of a block."""
         topic = columns.messages.topic
         for key, signal in list(self.wanted.items()):
@@ -150,11 +158,11 @@ class _Reading:
             logger.info("%s: samples %d to %d have a known input", self.bag.path, start, stop - 1)
         return slice(start, stop)
 
-    def values(self, columns: Columns, signal: Signal) -> NDArray[np.float64]:
+    def values(self, columns: TopicColumns, signal: Signal) -> NDArray[np.float64]:
         """A signal's values, (messages,), scaled."""
         return signal.scale * columns.values(signal.field) + signal.offset
 
-    def stamps(self, columns: Columns, signal: Signal) -> NDArray[np.int64]:
+    def stamps(self, columns: TopicColumns, signal: Signal) -> NDArray[np.int64]:
         """A signal's times, (messages,) [ns]."""
         columns.values(signal.field)  # the field is there in every message
         stamps = columns.stamps(signal.field)
@@ -178,7 +186,7 @@ class _Reading:
         """Error of a topic without messages."""
         return UserError(f"{self.at(signal)} has no messages: was its publisher running?")
 
-    def check_finite(self, columns: Columns, signal: Signal, values: NDArray[np.float64], *, input: bool) -> None:
+    def check_finite(self, columns: TopicColumns, signal: Signal, values: NDArray[np.float64], *, input: bool) -> None:
         """Whether all values are numbers, but for an input before the first sample."""
         wrong, first = ~np.isfinite(values), columns.messages.first
         if input and not first and self.shares_topic(signal) and signal.holds == "preceding":

@@ -24,7 +24,7 @@ class Record:
     input: (samples, inputs), in the drive's unit; input[k] holds over [time[k], time[k+1]) (its mean there).
     output: (samples, outputs), SI units, measured at time[k].
     channels: further signals by name, each (samples,), measured at time[k]; NaN where the bag does not tell.
-    source: path it came from; digest: SHA-256 of the content there.
+    source: path it came from; digest: SHA-256 of the content there. rig: name of the rig it is of, where that is known.
 
     Raises UserError, naming record and sample, when shapes disagree, time is not uniform or input or output not finite.
     """
@@ -36,6 +36,7 @@ class Record:
     channels: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     source: str = ""
     digest: str = ""
+    rig: str = ""
 
     def __post_init__(self) -> None:
         for key in ("time", "input", "output"):
@@ -46,6 +47,13 @@ class Record:
         self._check_time()
         for key in ("input", "output"):
             self._check_finite(key)
+
+    def __repr__(self) -> str:
+        of, columns = f" of {self.rig}" if self.rig else "", (self.input.shape[1], self.output.shape[1])
+        return (
+            f"Record({self.name}{of}: {self.duration:g} s, {self.samples} samples, "
+            f"{columns[0]} input{'s' * (columns[0] > 1)}, {columns[1]} output{'s' * (columns[1] > 1)})"
+        )
 
     @property
     def samples(self) -> int:

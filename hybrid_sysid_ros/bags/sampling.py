@@ -1,7 +1,8 @@
-"""Sampling: stamps of messages put on a uniform grid, and every n-th of them."""
+"""Sampling: the samples of a record, and signals brought onto them, block by block."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from functools import cached_property
 
 import numpy as np
@@ -101,7 +102,7 @@ def multiple(period: float, sampling_time: float) -> int:
     return count
 
 
-class Samples:
+class RecordSamples:
     """The samples of a record, from stamps that come in blocks: every n-th, where the record is to be slower.
 
     expected: sampling time of the stamps [s], None for any; period: of the record, None for that of the stamps.
@@ -155,3 +156,171 @@ def _rounded(period: float, samples: int) -> float:
     """Whole nanoseconds, where that does not move the last sample by more than a tenth of the jitter."""
     nearest = round(period, 9)
     return nearest if abs(nearest - period) * samples < 0.1 * JITTER * period else period
+
+
+class Resampled(ABC):
+    """A signal on its way onto the samples of a record. It keeps one number a sample, whatever came in."""
+
+    @abstractmethod
+    def add(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        """Take the messages that follow; both (messages,), stamps in ns."""
+
+    @abstractmethod
+    def result(self) -> NDArray[np.float64]:
+        """Values at the samples, (samples,), when all messages were taken."""
+
+
+class EveryNth(Resampled):
+    """The first of every `size` values: of a signal in the messages that give the samples."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._taken = 0
+        self._kept: list[NDArray[np.float64]] = []
+
+    def add(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        self._kept.append(values[-self._taken % self._size :: self._size].copy())  # a view would keep all of them
+        self._taken += len(values)
+
+    def result(self) -> NDArray[np.float64]:
+        return np.concatenate(self._kept)
+
+
+class GroupMean(Resampled):
+    """Mean of every `size` values: of an input in the messages that give the samples.
+
+    skip: 1 where values belong to the interval before their message: the first one is not used, and the last sample
+        has none of its own where no message follows it: the last value again.
+    """
+
+    def __init__(self, size: int, *, skip: int) -> None:
+        self._size = size
+        self._skip = self._to_skip = skip
+        self._means: list[NDArray[np.float64]] = []
+        self._rest = np.empty(0)
+        self._last = np.empty(0)
+
+    def add(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        used = values[self._to_skip :]
+        self._to_skip = max(0, self._to_skip - len(values))
+        used = np.concatenate([self._rest, used])
+        whole = len(used) // self._size * self._size
+        self._means.append(used[:whole].reshape(-1, self._size).mean(axis=1))
+        self._rest = used[whole:].copy()
+        self._last = values[-1:].copy()
+
+    def result(self) -> NDArray[np.float64]:
+        last = self._rest.mean(keepdims=True) if len(self._rest) else self._last[: self._skip]
+        return np.concatenate([*self._means, last])
+
+
+class Held(Resampled):
+    """A signal of another topic, which holds from each message to the next."""
+
+    def __init__(self) -> None:
+        self._stamp = np.empty(0, dtype=np.int64)
+        self._value = np.empty(0)
+
+    def _hold(self, begins: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        """Let values[j] hold from begins[j] [ns] on, and what held before until begins[0]."""
+        begins, values = np.append(self._stamp, begins), np.append(self._value, values)
+        self._take(begins, values)
+        self._stamp, self._value = begins[-1:], values[-1:]
+
+    def _hold_until(self, stop: int) -> None:
+        """Hold the last value until `stop` [ns]."""
+        if len(self._stamp) and self._stamp[0] < stop:
+            self._hold(np.array([stop]), self._value)
+
+    @abstractmethod
+    def _take(self, begins: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        """Bring what holds from the first to the last of the times onto the samples."""
+
+
+class HeldLast(Held):
+    """Most recent value at each sample; NaN before the first.
+
+    samples: (samples,) ns, rising.
+    """
+
+    def __init__(self, samples: NDArray[np.int64]) -> None:
+        super().__init__()
+        self._samples = samples
+        self._found = np.full(len(samples), np.nan)
+
+    def add(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        order = np.argsort(stamps, kind="stable")
+        self._hold(stamps[order], values[order])
+
+    def result(self) -> NDArray[np.float64]:
+        self._hold_until(int(self._samples[-1]))
+        return self._found
+
+    def _take(self, begins: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        start, stop = (
+            np.searchsorted(self._samples, begins[0]),
+            np.searchsorted(self._samples, begins[-1], side="right"),
+        )
+        self._found[start:stop] = values[np.searchsorted(begins, self._samples[start:stop], side="right") - 1]
+
+
+class HeldMean(Held):
+    """Mean of an input over each interval between two edges.
+
+    edges: (samples + 1,) ns, rising.
+    preceding: values hold until their message's stamp, not from it on.
+    margin: ns by which messages may lie off the edges.
+    """
+
+    def __init__(self, edges: NDArray[np.int64], *, preceding: bool, margin: int) -> None:
+        super().__init__()
+        self._edges = edges
+        self._preceding = preceding
+        self._margin = margin
+        self._sums = np.zeros(len(edges) - 1)
+        self._messages = self._first = self._last = self._step = 0
+
+    def add(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        """Take the messages that follow.
+
+        Raises:
+            SamplingError: a stamp is repeated or reversed.
+        """
+        if self._messages:
+            joined = np.append(self._last, stamps)
+            check_order(joined, what="message", number=self._messages - 1, origin=self._first)
+        else:
+            check_order(stamps, what="message")
+            steps = np.diff(stamps)
+            self._first = int(stamps[0])
+            self._step = int(np.median(steps)) if len(steps) else 0
+            joined = np.append(stamps[0] - steps[:1].sum(), stamps)
+        begins = (joined[:-1] if self._preceding else stamps).copy()
+        if not self._messages:
+            begins[0] -= self._margin
+        self._hold(begins, values)
+        self._messages += len(stamps)
+        self._last = int(stamps[-1])
+
+    def known(self) -> slice:
+        """Intervals in which the input is known: from the first to the last message, and one step of theirs on."""
+        first = self._first - (self._step if self._preceding else 0) - self._margin
+        last = self._last + (0 if self._preceding else self._step) + self._margin
+        start = int(np.searchsorted(self._edges[:-1], first, side="right"))
+        return slice(start, int(np.searchsorted(self._edges[:-1], last)))
+
+    def result(self) -> NDArray[np.float64]:
+        self._hold_until(int(self._edges[-1]))
+        return np.asarray(self._sums / np.diff(self._edges))
+
+    def _take(self, begins: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        start, stop = np.searchsorted(self._edges, (begins[0], begins[-1]))
+        breaks = np.unique(np.concatenate([begins, self._edges[start:stop]]))
+        interval = np.searchsorted(self._edges, breaks[:-1], side="right") - 1
+        inside = (interval >= 0) & (interval < len(self._sums))
+        if not inside.any():
+            return
+        held = values[np.searchsorted(begins, breaks[:-1][inside], side="right") - 1]
+        first = interval[inside][0]
+        sums = np.bincount(interval[inside] - first, weights=held * np.diff(breaks)[inside])
+        self._sums[first : first + len(sums)] += sums

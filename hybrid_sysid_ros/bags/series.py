@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from rosbags.typesys import Stores, get_typestore
-from rosbags.typesys.store import Typestore
 
-from hybrid_sysid_ros.bags.layout import Layout, field_of
+from hybrid_sysid_ros.bags.layout import MessageLayout, field_of, jazzy_types
 from hybrid_sysid_ros.bags.signals import parsed_field
 
 SECOND = 1_000_000_000  # ns
@@ -33,12 +30,6 @@ class Series:
         return (content[start : start + size] for start in range(0, len(content), size))
 
 
-@lru_cache(maxsize=1)
-def jazzy_types() -> Typestore:
-    """Message types of ROS 2 Jazzy."""
-    return get_typestore(Stores.ROS2_JAZZY)
-
-
 def repeated(topic: str, template: Any, stamps: ArrayLike, columns: Mapping[str, ArrayLike]) -> Series:
     """Copy one message as often as there are stamps and put arrays into its fields.
 
@@ -49,7 +40,7 @@ def repeated(topic: str, template: Any, stamps: ArrayLike, columns: Mapping[str,
     message_type = template.__msgtype__
     stamps = np.asarray(stamps, dtype=np.int64)
     raw = bytes(jazzy_types().serialize_cdr(template, message_type, little_endian=True))
-    layout = Layout.of(raw, message_type, jazzy_types().fielddefs)
+    layout = MessageLayout.of(raw, message_type, jazzy_types().fielddefs)
     rows = np.tile(np.frombuffer(raw, dtype=np.uint8), (len(stamps), 1))
     values: dict[str, ArrayLike] = dict(columns)
     if "header" in layout.fields:

@@ -26,7 +26,7 @@ class Named(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
+class FieldStep:
     """One step into a message: an attribute by name, a list's entry by number, or a joint's entry by joint name."""
 
     attribute: str = ""
@@ -57,7 +57,7 @@ class Signal:
         _ = self.steps
 
     @property
-    def steps(self) -> tuple[Step, ...]:
+    def steps(self) -> tuple[FieldStep, ...]:
         """The field's path, step by step."""
         return parsed_field(self.field)
 
@@ -158,13 +158,13 @@ Given = tuple[Mapping[str, Signal], Mapping[str, Signal], Mapping[str, Signal]]
 """Inputs, outputs and channels."""
 
 
-def parsed_field(text: str) -> tuple[Step, ...]:
+def parsed_field(text: str) -> tuple[FieldStep, ...]:
     """Steps of a path into a message, such as points[0].positions[elbow].
 
     Raises:
         UserError: it is not such a path.
     """
-    steps: list[Step] = []
+    steps: list[FieldStep] = []
     position = 0
     while position < len(text):
         match = _STEP.match(text, position)
@@ -174,9 +174,9 @@ def parsed_field(text: str) -> tuple[Step, ...]:
         if attribute and bool(steps) != match[0].startswith("."):
             break
         if attribute:
-            steps.append(Step(attribute=attribute))
+            steps.append(FieldStep(attribute=attribute))
         else:
-            steps.append(Step(index=int(entry)) if entry.isdigit() else Step(joint=entry))
+            steps.append(FieldStep(index=int(entry)) if entry.isdigit() else FieldStep(joint=entry))
         position = match.end()
     if position < len(text) or not steps or not steps[0].attribute:
         raise UserError(f"field {text!r} is no path into a message: write data, effort[0], position[elbow] or a.b.c")

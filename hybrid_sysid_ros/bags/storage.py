@@ -1,11 +1,15 @@
-"""Storage: one file of a bag, written by the mcap library as rosbag2's plugin does (mcap.dev/spec/registry, ros2)."""
+"""Storage: the MCAP files of a bag that is written, block by block on the disk, and how its topics were offered."""
 
 from __future__ import annotations
 
+import errno
+import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
 import yaml
@@ -13,9 +17,121 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import ChunkIndex, DataEnd, Footer
 from mcap.writer import CompressionType, Writer
 
+from hybrid_sysid_ros.bags.layout import jazzy_types
 from hybrid_sysid_ros.bags.mcap import MAGIC
-from hybrid_sysid_ros.bags.quality import Quality
-from hybrid_sysid_ros.bags.series import jazzy_types
+
+ENDLESS = {"sec": 9223372036, "nsec": 854775807}
+"""A duration without end."""
+NUMBERED = {
+    "reliability": {1: "reliable", 2: "best_effort"},
+    "durability": {1: "transient_local", 2: "volatile"},
+    "history": {1: "keep_last", 2: "keep_all"},
+}
+"""What the numbers stood for before version 9 of metadata.yaml."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quality:
+    """A quality of service: what matters of it to who publishes again; policies as in rosbag2's metadata.yaml."""
+
+    reliability: str = "reliable"
+    durability: str = "volatile"
+    history: str = "keep_last"
+    depth: int = 10
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """The profile as metadata.yaml has it."""
+        return {
+            "history": self.history,
+            "depth": self.depth,
+            "reliability": self.reliability,
+            "durability": self.durability,
+            "deadline": dict(ENDLESS),
+            "lifespan": dict(ENDLESS),
+            "liveliness": "automatic",
+            "liveliness_lease_duration": dict(ENDLESS),
+            "avoid_ros_namespace_conventions": False,
+        }
+
+    @classmethod
+    def of(cls, profile: Mapping[str, Any]) -> Quality:
+        """A profile out of metadata.yaml, of any version. Raises KeyError, TypeError or ValueError where it is none."""
+        policies = {name: known.get(profile[name], str(profile[name])) for name, known in NUMBERED.items()}
+        return cls(**policies, depth=int(profile["depth"]))
+
+
+class DurableFile:
+    """A file that grows by blocks: each is on the disk whole or not at all, whatever fails meanwhile.
+
+    As long as it grows it has a provisional end, which the next block takes the place of: so it is whole between two
+    blocks, also where nobody comes to close it.
+
+    It has what a library needs that writes to a file: write(), flush() and tell().
+    """
+
+    def __init__(self, path: Path, *, end: bytes) -> None:
+        """path: of a file that is made with its first block. end: the provisional one."""
+        self._path, self._end = path, end
+        self._descriptor: int | None = None
+        self._size = 0  # without the end
+        self._pending = bytearray()
+
+    def write(self, data: bytes | bytearray | memoryview) -> int:
+        """Write into the block that sync() puts on the disk."""
+        self._pending += data
+        return len(data)
+
+    def flush(self) -> None:
+        """Do nothing: blocks are put on the disk by sync()."""
+
+    def tell(self) -> int:
+        """Where the next byte goes."""
+        return self._size + len(self._pending)
+
+    def sync(self, *, whole: bool = False) -> None:
+        """Put the block on the disk. whole: it has the file's real end. Raises OSError where that fails, and leaves
+        the file as it was before; it may be tried again.
+        """
+        if self._descriptor is None:
+            self._descriptor = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+        if not os.fstat(self._descriptor).st_nlink:
+            raise OSError(errno.ENOENT, "somebody has removed it")
+        try:
+            self._put(self._descriptor, bytes(self._pending) + (b"" if whole else self._end))
+            os.fsync(self._descriptor)
+        except OSError:
+            with suppress(OSError):  # the end goes where it was, so it needs no room
+                self._put(self._descriptor, self._end if self._size else b"")
+            raise
+        self._size += len(self._pending)
+        self._pending.clear()
+
+    def close(self) -> None:
+        """Close the file as it is on the disk; one without a block is removed."""
+        if self._descriptor is None:
+            return
+        os.close(self._descriptor)
+        if not self._size:
+            with suppress(OSError):
+                self._path.unlink()
+
+    def _put(self, descriptor: int, data: bytes) -> None:
+        """Let this be all that follows the blocks on the disk."""
+        written = 0
+        while written < len(data):
+            written += os.pwrite(descriptor, data[written:], self._size + written)
+        os.ftruncate(descriptor, self._size + len(data))
+
+
+def sync(path: Path) -> None:
+    """Put a file, or the names in a folder, on the disk. Raises OSError where that fails."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
 
 CHUNK = 1 << 20  # bytes of messages that are packed together, where nobody flushes before
 DISTRIBUTION = "jazzy"
@@ -26,7 +142,7 @@ PLACE = "_Writer__chunk_indices"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Offer:
+class OfferedTopic:
     """A topic as its publishers offer it: its message type, of ROS 2 Jazzy, and the quality of service of each."""
 
     topic: str
@@ -102,7 +218,7 @@ class Storage:
         """What it holds by now."""
         return Extent(name=self.name, counts=self.counts.copy(), first=self.first, last=self.last)
 
-    def write(self, offer: Offer, logged: int, published: int, data: bytes | memoryview) -> None:
+    def write(self, offer: OfferedTopic, logged: int, published: int, data: bytes | memoryview) -> None:
         """Write one serialised message (CDR) with the times at which it was logged and published [ns]."""
         channel = self._channels.get(offer.topic)
         if channel is None:
@@ -127,7 +243,7 @@ class Storage:
         self._writer.add_metadata("rosbag2", told)
         self._writer.finish()
 
-    def _channel(self, offer: Offer) -> int:
+    def _channel(self, offer: OfferedTopic) -> int:
         if offer.type not in self._schemas:
             text = offer.definition.encode()
             self._schemas[offer.type] = self._writer.register_schema(offer.type, "ros2msg", text)

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import console, print_table
 from hybrid_sysid_ros.core.friction import experiments
-from hybrid_sysid_ros.core.friction.laws import LAWS, Block, law
+from hybrid_sysid_ros.core.friction.laws import LAWS, SlidingBlock, law
 from hybrid_sysid_ros.report.line_plots import Plot, draw
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_file
@@ -42,7 +42,7 @@ def command(
     console.print(str(draw(picture, plots(chosen), title=f"friction law {name}")))
 
 
-def plots(system: Block) -> list[Plot]:
+def plots(system: SlidingBlock) -> list[Plot]:
     """The four plots of a law."""
     curve, loop = experiments.friction_over_speed(system), experiments.pre_sliding(system)
     away, (block, end) = experiments.break_away(system), experiments.stick_slip(system)
@@ -65,7 +65,7 @@ def plots(system: Block) -> list[Plot]:
     ]
 
 
-def _own(system: Block) -> list[str]:
+def _own(system: SlidingBlock) -> list[str]:
     """The parameters that a user may set."""
     return [item.name for item in system.parameters if item.name not in ("spring", "damper")]
 

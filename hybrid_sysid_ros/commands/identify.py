@@ -15,12 +15,13 @@ from hybrid_sysid_ros import report as reports
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
-from hybrid_sysid_ros.identification import Part, identify
+from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.grouping import Group
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.friction_curve import FrictionCurve, friction_curve, speeds_of
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
 from hybrid_sysid_ros.identification.validation.leftovers import Leftovers, before_and_after
+from hybrid_sysid_ros.library.models import identify
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.options import parse

@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from hybrid_sysid_ros.commands.terminal import Overwrite, console
-from hybrid_sysid_ros.models import load
-from hybrid_sysid_ros.models.export import STEP, export_casadi
+from hybrid_sysid_ros.library.models import load_model
+from hybrid_sysid_ros.library.policies import export
+from hybrid_sysid_ros.models.export import STEP
 from hybrid_sysid_ros.support.files import check_folder
 
 
@@ -27,8 +28,8 @@ def command(
 ) -> None:
     """Write a model as CasADi functions, for do-mpc, acados or a script."""
     check_folder(out, marker=STEP, replace=overwrite)
-    loaded = load(model, rig=rig)
-    export_casadi(loaded, out, step=step, smoothing=smoothing, overwrite=overwrite)
+    loaded = load_model(model, rig=rig)
+    export(loaded, out, step=step, smoothing=smoothing, overwrite=overwrite)
     console.print(
         f"{out}: step(x, u) and output(x, u) of {loaded.structure} {loaded.rig}; casadi.Function.load reads them"
     )

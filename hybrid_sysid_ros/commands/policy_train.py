@@ -9,16 +9,13 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import Overwrite, OwnRig, Seed, print_table, status
-from hybrid_sysid_ros.control.policy.training_settings import Settings
-from hybrid_sysid_ros.models import load as load_model
+from hybrid_sysid_ros.library.models import load_model
+from hybrid_sysid_ros.library.policies import DEFAULT, train_policy
 from hybrid_sysid_ros.models.options import parse
-from hybrid_sysid_ros.runtime.policies import train_policy
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
 from hybrid_sysid_ros.support.files import beside, check_folder
 from hybrid_sysid_ros.support.parallel import Store
 from hybrid_sysid_ros.support.progress import progress_bars
-
-DEFAULT = Settings()
 
 
 def command(
@@ -53,18 +50,24 @@ def command(
     An interrupted training goes on from the closed loops in OUT.samples when it is started again.
     """
     check_folder(out, marker="policy.yaml", replace=overwrite)
-    settings = Settings(
-        episodes=(episodes,) * rounds,
-        epochs=epochs,
-        hidden=_widths(hidden),
-        sequence=plan,
-        followed=parse(follow or []),
-    )
+    widths, followed = _widths(hidden), parse(follow or [])
     loaded = load_model(model)
     samples = beside(out, ".samples")
     try:
         with progress_bars(status) as update:
-            policy = train_policy(loaded, settings, seed=seed, samples=samples, progress=update)
+            policy = train_policy(
+                loaded.rig,
+                loaded,
+                episodes=episodes,
+                rounds=rounds,
+                epochs=epochs,
+                hidden=widths,
+                plan=plan,
+                follow=followed,
+                seed=seed,
+                samples=samples,
+                progress=update,
+            )
     except KeyboardInterrupt:
         kept = Store(samples).kept
         text = f"{kept} closed loops are kept in {samples}; the same command goes on from there"

@@ -6,9 +6,8 @@ from pathlib import Path
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.commands.terminal import status
-from hybrid_sysid_ros.identification.plausibility import check_limits, spikes, strangeness
+from hybrid_sysid_ros.library.records import checked_bag
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
@@ -36,12 +35,15 @@ def read_records(
     if twins := {name for name in names if names.count(name) > 1}:
         raise UserError(f"two bags are called {min(twins)}: results go by the name, so rename one")
     described = load_rig(rig)
-    chosen = Signals.load(signals) if signals is not None else described.signals
-    chosen = chosen.ordered(described.system.inputs, described.system.outputs)
-    records = [bags.read(path, chosen, period=period or None, recover=recover) for path in paths]
-    for record in records:
-        check_limits(record, described, chosen)
-        strange = [] if model is None else strangeness(record, model, described, chosen)
-        for line in (*spikes(record, described, chosen), *strange):
-            status.print(f"doubt: {line}")
-    return records
+    return [
+        checked_bag(
+            path,
+            described,
+            signals=signals,
+            period=period,
+            recover=recover,
+            doubtful=lambda line: status.print(f"doubt: {line}"),
+            model=model,
+        )
+        for path in paths
+    ]

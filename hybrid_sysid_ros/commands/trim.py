@@ -12,7 +12,7 @@ from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import console, print_table
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.equilibrium import Equilibrium, Mode, equilibrium
+from hybrid_sysid_ros.core.equilibrium import Eigenmode, Equilibrium, equilibrium
 from hybrid_sysid_ros.rigs.modes import name_of
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.rigs.validity import check_reached, check_valid
@@ -78,7 +78,7 @@ def _point(system: System, found: Equilibrium, title: str) -> Table:
     return table
 
 
-def _modes(system: System, named: list[tuple[Mode, str]]) -> Table:
+def _modes(system: System, named: list[tuple[Eigenmode, str]]) -> Table:
     table = Table("mode", "poles [1/s]", "", "moves", title="modes of the linear system there")
     for mode, name in named:
         involved = [
@@ -90,12 +90,12 @@ def _modes(system: System, named: list[tuple[Mode, str]]) -> Table:
     return table
 
 
-def _poles(mode: Mode) -> str:
+def _poles(mode: Eigenmode) -> str:
     real = f"{mode.pole.real:+.5g}"
     return f"{real} +- {mode.pole.imag:.5g}j" if mode.oscillates else real
 
 
-def _character(mode: Mode) -> str:
+def _character(mode: Eigenmode) -> str:
     """What a pole does, in words."""
     real, size = mode.pole.real, abs(mode.pole)
     if size < 1e-9:
@@ -105,7 +105,7 @@ def _character(mode: Mode) -> str:
     return f"{'doubles' if real > 0.0 else 'halves'} in {math.log(2.0) / abs(real):.4g} s"
 
 
-def _content(system: System, found: Equilibrium, named: list[tuple[Mode, str]]) -> dict[str, Any]:
+def _content(system: System, found: Equilibrium, named: list[tuple[Eigenmode, str]]) -> dict[str, Any]:
     states = [item.name for item in system.declared_states]
     point = np.concatenate([found.states[: len(states)], found.inputs]).tolist()
     names = [*states, *(item.name for item in system.inputs)]

@@ -11,7 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control.controller import Controller, Status
 from hybrid_sysid_ros.control.problem import Problem, stage_costs
-from hybrid_sysid_ros.estimation import Estimate
+from hybrid_sysid_ros.estimation import StateEstimate
 from hybrid_sysid_ros.support.arrays import Array
 
 Reference = Callable[[Array], Array]
@@ -23,6 +23,8 @@ class Plant(Protocol):
 
     step: float
     """Of one :meth:`advance` [s]."""
+    state: Array
+    """Now, of as many states as the plant has."""
 
     @property
     def time(self) -> float:
@@ -45,7 +47,7 @@ class Plant(Protocol):
 class Observer(Protocol):
     """What tells the state: an estimator."""
 
-    def update(self, time: float, outputs: Array, applied: Array) -> Estimate:
+    def update(self, time: float, outputs: Array, applied: Array) -> StateEstimate:
         """See :meth:`~hybrid_sysid_ros.estimation.Estimator.update`."""
         ...
 
@@ -66,6 +68,8 @@ class ClosedLoop:
     """(samples, m), from each sample on."""
     statuses: Counter[Status] = field(default_factory=Counter)
     """How often each stood behind an input."""
+    states: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(samples, states of the plant), without noise."""
 
     def tracking_rmse(self, start: float, stop: float) -> Array:
         """Root mean square (p,) of outputs - references within start <= t < stop [s]."""
@@ -106,18 +110,26 @@ def simulate_loop(
     ahead: Array = lead + controller.period * np.arange(1, controller.horizon + 1, dtype=np.float64)
     u = np.zeros(inputs)
     statuses: Counter[Status] = Counter()
-    rows: list[tuple[float, Array, Array, Array, Array]] = []
+    rows: list[tuple[float, Array, Array, Array, Array, Array]] = []
     for _ in range(samples):
         time = plant.time
         estimate = estimator.update(time, plant.sensed(), u)
         plan = controller.control(estimate.ahead, estimate.disturbance, u, reference(time + ahead))
         u = plan.input
         statuses[plan.status] += 1
-        rows.append((time, plant.outputs(), estimate.state, reference(np.array([time]))[0], u))
+        rows.append((time, plant.outputs(), estimate.state, reference(np.array([time]))[0], u, plant.state.copy()))
         controller.prepare(period)
         for _ in range(steps):
             plant.advance(u)
-    times, outputs, estimates, references, applied = (np.array(part, dtype=float) for part in zip(*rows, strict=True))
+    times, outputs, estimates, references, applied, states = (
+        np.array(part, dtype=float) for part in zip(*rows, strict=True)
+    )
     return ClosedLoop(
-        time=times, outputs=outputs, estimates=estimates, references=references, inputs=applied, statuses=statuses
+        time=times,
+        outputs=outputs,
+        estimates=estimates,
+        references=references,
+        inputs=applied,
+        statuses=statuses,
+        states=states,
     )

@@ -1,8 +1,8 @@
 """Systems: their law written once, stepped, compiled, simulated with derivatives, and exported to CasADi."""
 
 from hybrid_sysid_ros.core.compiled import compiled
-from hybrid_sysid_ros.core.contacts import Ageing, Bristles, Contact, Dry, Hysteretic, MaxwellSlip, Viscous
 from hybrid_sysid_ros.core.declaration import Variable
+from hybrid_sysid_ros.core.friction import Ageing, Bristles, Contact, Dry, Hysteretic, MaxwellSlip, Viscous
 from hybrid_sysid_ros.core.networks import Softsign
 from hybrid_sysid_ros.core.parameters import Parameter, bounded
 from hybrid_sysid_ros.core.record_map import RecordMap

@@ -23,7 +23,7 @@ from hybrid_sysid_ros.core.mathematics import Scalar
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Call:
+class BlockCall:
     """One evaluation of a block within a trace."""
 
     block: Block
@@ -41,7 +41,7 @@ class Calls:
 
     weights: casadi.SX | None = None
     """Where blocks are to be written out: the weights (weights,) to do it with; None: they stay opaque."""
-    made: list[Call] = field(default_factory=list)
+    made: list[BlockCall] = field(default_factory=list)
 
 
 _current: ContextVar[Calls | None] = ContextVar("calls", default=None)
@@ -120,7 +120,7 @@ class Block(ABC):
             weights: list[Any] = casadi.vertsplit(calls.weights[self.at : self.at + self.size])
             return list(self.symbolic(list(z), weights))
         number = len(calls.made)
-        call = Call(
+        call = BlockCall(
             block=self,
             features=casadi.vertcat(*z),
             outputs=casadi.SX.sym(f"y{number}", self.outputs),

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.core.compilation import folder, kept_in
-from hybrid_sysid_ros.core.printing import Columns, columns_of, source_of
+from hybrid_sysid_ros.core.printing import JacobianColumns, columns_of, source_of
 from hybrid_sysid_ros.core.system import System
 
 
@@ -24,7 +24,7 @@ class Compiled:
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self._jacobians: dict[tuple[bool, bool, bool], tuple[int, Columns]] = {}
+        self._jacobians: dict[tuple[bool, bool, bool], tuple[int, JacobianColumns]] = {}
 
     @cached_property
     def step(self) -> int:
@@ -36,7 +36,9 @@ class Compiled:
         """The output map."""
         return self._address(source_of(self._system, output=True))
 
-    def jacobian(self, *, output: bool = False, smooth: bool = False, learn: bool = False) -> tuple[int, Columns]:
+    def jacobian(
+        self, *, output: bool = False, smooth: bool = False, learn: bool = False
+    ) -> tuple[int, JacobianColumns]:
         """The step or the output map with its Jacobian by states and inputs, for fits also by parameters and weights.
 
         smooth: stick-slip is rounded.

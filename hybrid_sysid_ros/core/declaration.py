@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from hybrid_sysid_ros.core.contacts import Contact
+from hybrid_sysid_ros.core.friction import Contact
 from hybrid_sysid_ros.support.errors import UserError
 
 

@@ -18,7 +18,7 @@ STEADY = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Mode:
+class Eigenmode:
     """One way in which a linear system moves: a real pole, or a pair."""
 
     pole: complex
@@ -54,7 +54,7 @@ class Equilibrium:
     """Of such a map [s]."""
 
     @property
-    def modes(self) -> list[Mode]:
+    def modes(self) -> list[Eigenmode]:
         """By their poles, fastest first."""
         return modes_of(self.transition, period=self.period)
 
@@ -119,7 +119,7 @@ def equilibrium(system: System, at: Mapping[str, float] | None = None) -> Equili
     return Equilibrium(states=states, inputs=point[n:], transition=transition, gain=gain, period=system.sampling_time)
 
 
-def modes_of(transition: Array, *, period: float | None = None) -> list[Mode]:
+def modes_of(transition: Array, *, period: float | None = None) -> list[Eigenmode]:
     """The modes of x' = A x, or with a period [s] of x(k + 1) = A x, fastest first.
 
     A state's share in a mode is the product of its entries in the right and the left eigenvector, which no choice of
@@ -135,5 +135,5 @@ def modes_of(transition: Array, *, period: float | None = None) -> list[Mode]:
         if pole.imag < 0.0:
             continue
         shares = np.abs(right[:, k] * left[k])
-        found.append(Mode(pole=complex(pole), shares=shares / max(np.sum(shares), 1e-300)))
+        found.append(Eigenmode(pole=complex(pole), shares=shares / max(np.sum(shares), 1e-300)))
     return sorted(found, key=lambda mode: -abs(mode.pole))

@@ -14,7 +14,7 @@ import casadi
 
 from hybrid_sysid_ros.core import call as call_module
 from hybrid_sysid_ros.core import trace
-from hybrid_sysid_ros.core.blocks import Call
+from hybrid_sysid_ros.core.blocks import BlockCall
 from hybrid_sysid_ros.core.compilation import digest
 from hybrid_sysid_ros.core.system import System
 from hybrid_sysid_ros.core.trace import Trace
@@ -65,7 +65,7 @@ _OPERATIONS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Columns:
+class JacobianColumns:
     """Columns of a Jacobian: states, inputs, some parameters (by index) and, where asked for, the weights, in order."""
 
     states: int
@@ -82,14 +82,16 @@ class Columns:
         return self.count - self.weights
 
 
-def columns_of(system: System, *, learn: bool) -> Columns:
+def columns_of(system: System, *, learn: bool) -> JacobianColumns:
     """Columns by states and inputs; for a fit (learn) also by all parameters that are not fixed, and by the weights."""
     free = tuple(i for i, item in enumerate(system.parameters) if not item.fixed) if learn else ()
     weights = len(system.weights) if learn else 0
-    return Columns(states=len(system.states), inputs=len(system.inputs), parameters=free, weights=weights)
+    return JacobianColumns(states=len(system.states), inputs=len(system.inputs), parameters=free, weights=weights)
 
 
-def source_of(system: System, columns: Columns | None = None, *, output: bool = False, smooth: bool = False) -> str:
+def source_of(
+    system: System, columns: JacobianColumns | None = None, *, output: bool = False, smooth: bool = False
+) -> str:
     """Source of the module whose ``function`` is the step, or the output map, with its Jacobian by the columns if any.
 
     Raises UserError for a wrong law.
@@ -111,7 +113,7 @@ def source_of(system: System, columns: Columns | None = None, *, output: bool = 
     return "\n\n\n".join(part.rstrip() for part in parts) + "\n"
 
 
-def _head(system: System, calls: Sequence[Call]) -> str:
+def _head(system: System, calls: Sequence[BlockCall]) -> str:
     """Imports, and the compiled functions of each kind of block. Other sources of what is imported: another module."""
     makers = {call.block.code: type(call.block) for call in calls}
     modules = {kind.__module__ for kind in makers.values()}
@@ -122,7 +124,7 @@ def _head(system: System, calls: Sequence[Call]) -> str:
     return "\n".join(lines)
 
 
-def _kinds(calls: Sequence[Call]) -> list[str]:
+def _kinds(calls: Sequence[BlockCall]) -> list[str]:
     """Blocks that differ in where their weights begin only share their compiled functions."""
     return list(dict.fromkeys(call.block.code for call in calls))
 
@@ -131,7 +133,7 @@ Known = list[tuple[str, casadi.SX]]
 """What printed lines may read, by name."""
 
 
-def _body(traced: Trace, columns: Columns | None) -> Iterator[str]:
+def _body(traced: Trace, columns: JacobianColumns | None) -> Iterator[str]:
     calls, kinds = traced.calls, _kinds(traced.calls)
     names = (f"a{number}" for number in itertools.count())
     known: Known = [
@@ -179,7 +181,7 @@ def _body(traced: Trace, columns: Columns | None) -> Iterator[str]:
 
 
 def _by_weights(
-    traced: Trace, columns: Columns, known: Known, by_call: Sequence[casadi.SX], names: Iterator[str]
+    traced: Trace, columns: JacobianColumns, known: Known, by_call: Sequence[casadi.SX], names: Iterator[str]
 ) -> Iterator[str]:
     """Derivatives by the weights: those of each call, by how the result depends on its outputs."""
     calls, kinds = traced.calls, _kinds(traced.calls)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from hybrid_sysid_ros.core.contacts import Contact, Field
+from hybrid_sysid_ros.core.friction import Contact, Field
 from hybrid_sysid_ros.core.mathematics import Scalar
 
 Rates = Callable[[Sequence[Scalar], Sequence[Scalar]], Sequence[Scalar]]

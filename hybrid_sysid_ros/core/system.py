@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hybrid_sysid_ros.core.contacts import Contact, Field
 from hybrid_sysid_ros.core.declaration import Variable, check, hidden_states, variables
+from hybrid_sysid_ros.core.friction import Contact, Field
 from hybrid_sysid_ros.core.mathematics import Scalar, rows
 from hybrid_sysid_ros.core.parameters import Parameter, declared
 from hybrid_sysid_ros.core.record_map import RecordMap, record_map

@@ -5,17 +5,40 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import casadi
 import numpy as np
 
-from hybrid_sysid_ros.core.blocks import Call, Calls, tracing
+from hybrid_sysid_ros.core.blocks import BlockCall, Calls, tracing
 from hybrid_sysid_ros.core.mathematics import Scalar, rounded, rows
+from hybrid_sysid_ros.core.steppers import StepContext, Stepper
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-if TYPE_CHECKING:
-    from hybrid_sysid_ros.core.system import System
+
+class Traceable(Protocol):
+    """What a trace reads of a system."""
+
+    @property
+    def states(self) -> Sequence[Any]: ...
+    @property
+    def inputs(self) -> Sequence[Any]: ...
+    @property
+    def outputs(self) -> Sequence[Any]: ...
+    @property
+    def declared_states(self) -> Sequence[Any]: ...
+    @property
+    def parameters(self) -> Sequence[Any]: ...
+    @property
+    def values(self) -> Array: ...
+    @property
+    def form(self) -> tuple[Any, ...]: ...
+    @property
+    def stepper(self) -> Stepper: ...
+    def bound(self, values: Sequence[Scalar]) -> Traceable: ...
+    def step_context(self) -> StepContext: ...
+    def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]: ...
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,14 +53,14 @@ class Trace:
     h: casadi.SX
     s: casadi.SX
     result: casadi.SX
-    calls: Sequence[Call]
+    calls: Sequence[BlockCall]
 
 
-def step_of(system: System, *, smooth: bool = False, weights: casadi.SX | None = None) -> Trace:
+def step_of(system: Traceable, *, smooth: bool = False, weights: casadi.SX | None = None) -> Trace:
     """One step of the system. smooth: stick-slip rounded over s. weights: see :class:`~.blocks.Calls`."""
     kinematics = kinematics_of(system)
 
-    def advance(bound: System, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
+    def advance(bound: Traceable, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
         context = replace(bound.step_context(), kinematics=kinematics)
         with rounded(smooth):
             return bound.stepper.advance(context, x, u, h, s if smooth else None)
@@ -45,29 +68,29 @@ def step_of(system: System, *, smooth: bool = False, weights: casadi.SX | None =
     return _traced(system, "the step", advance, weights)
 
 
-def law_of(system: System, *, smooth: bool = False, weights: casadi.SX | None = None) -> Trace:
+def law_of(system: Traceable, *, smooth: bool = False, weights: casadi.SX | None = None) -> Trace:
     """The rates of the states, for steppers that call the law several times. smooth: corners with a width rounded.
     weights: see :class:`~.blocks.Calls`.
     """
     count = len(system.declared_states)
 
-    def law(bound: System, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
+    def law(bound: Traceable, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
         with rounded(smooth):
             return bound.step_context().rates(x[:count], u)
 
     return _traced(system, "law(x, u)", law, weights)
 
 
-def output_of(system: System, *, weights: casadi.SX | None = None) -> Trace:
+def output_of(system: Traceable, *, weights: casadi.SX | None = None) -> Trace:
     """The outputs."""
 
-    def output(bound: System, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
+    def output(bound: Traceable, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
         return rows(bound.output(x, u), len(system.outputs), f"{type(system).__name__}: output(x, u)", "outputs")
 
     return _traced(system, "output(x, u)", output, weights)
 
 
-def shown_states(system: System) -> tuple[int, ...]:
+def shown_states(system: Traceable) -> tuple[int, ...]:
     """For each output the state that it is, -1 where the map computes it."""
     traced = output_of(system)
     states = casadi.vertsplit(traced.x)
@@ -77,7 +100,7 @@ def shown_states(system: System) -> tuple[int, ...]:
     )
 
 
-def kinematics_of(system: System) -> Mapping[int, int]:
+def kinematics_of(system: Traceable) -> Mapping[int, int]:
     """Position state -> the velocity state that is its rate, as the law says."""
     key = system.form
     if key not in _KINEMATICS:
@@ -94,11 +117,11 @@ def kinematics_of(system: System) -> Mapping[int, int]:
 
 _KINEMATICS: dict[Any, Mapping[int, int]] = {}
 
-Traced = Callable[["System", list[Scalar], list[Scalar], Scalar, Scalar], Sequence[Scalar]]
+Traced = Callable[[Traceable, list[Scalar], list[Scalar], Scalar, Scalar], Sequence[Scalar]]
 """(system whose parameters are symbols, x, u, h, s) -> what is to be traced."""
 
 
-def _traced(system: System, what: str, function: Traced, weights: casadi.SX | None) -> Trace:
+def _traced(system: Traceable, what: str, function: Traced, weights: casadi.SX | None) -> Trace:
     """Raises UserError where the function can't be traced, or gives no finite numbers at the origin."""
     x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u", len(system.inputs))
     p, h, s = casadi.SX.sym("p", len(system.parameters)), casadi.SX.sym("h"), casadi.SX.sym("s")

@@ -1,9 +1,9 @@
 """Kalman filters and moving-horizon estimation on any model, behind one interface."""
 
-from hybrid_sysid_ros.estimation.estimator import Counters, Estimate, Estimator
+from hybrid_sysid_ros.estimation.estimator import Counters, Estimator, StateEstimate
 from hybrid_sysid_ros.estimation.extended_kalman_filter import ExtendedKalmanFilter
 from hybrid_sysid_ros.estimation.moving_horizon_estimator import MovingHorizonEstimator
-from hybrid_sysid_ros.estimation.tuning import Channel, Tuning
+from hybrid_sysid_ros.estimation.tuning import SensorChannel, Tuning
 from hybrid_sysid_ros.estimation.unscented_kalman_filter import UnscentedKalmanFilter
 
 METHODS: dict[str, type[Estimator]] = {
@@ -15,12 +15,12 @@ METHODS: dict[str, type[Estimator]] = {
 
 __all__ = [
     "METHODS",
-    "Channel",
     "Counters",
-    "Estimate",
     "Estimator",
     "ExtendedKalmanFilter",
     "MovingHorizonEstimator",
+    "SensorChannel",
+    "StateEstimate",
     "Tuning",
     "UnscentedKalmanFilter",
 ]

@@ -21,7 +21,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Estimate:
+class StateEstimate:
     """What is known after a measurement."""
 
     time: float
@@ -147,7 +147,7 @@ class Estimator(ABC):
         self._last = self._newest = math.nan
         self._arrays["applied"][:] = 0.0
 
-    def update(self, time: float, outputs: Array, applied: Array) -> Estimate:
+    def update(self, time: float, outputs: Array, applied: Array) -> StateEstimate:
         """Measured outputs (outputs,) at ``time`` [s], NaN where one is missing, and the mean inputs (inputs,) since
         the measurement before.
 
@@ -167,7 +167,7 @@ class Estimator(ABC):
             return self._take(time, since, 0, self._outputs)
         return self._update_oddly(time, elapsed)
 
-    def _update_oddly(self, time: float, elapsed: float) -> Estimate:
+    def _update_oddly(self, time: float, elapsed: float) -> StateEstimate:
         """The first measurement, one after a gap, or one that is late."""
         valid = np.isfinite(self._outputs)
         if not math.isfinite(time):
@@ -198,7 +198,7 @@ class Estimator(ABC):
         since, self._last = self._last, time
         return self._take(time, since, 0, self._outputs)
 
-    def correct(self, time: float, value: float, channel: str) -> Estimate:
+    def correct(self, time: float, value: float, channel: str) -> StateEstimate:
         """A measurement of a further channel at ``time`` [s], the moment that it is of, in whatever order it comes.
 
         Further than the window from the newest measurement it is ignored (late). The first one of all starts the
@@ -225,7 +225,7 @@ class Estimator(ABC):
             return self._look()
         return self._take(time, time, first, self._value)
 
-    def _take(self, time: float, since: float, first: int, given: Array) -> Estimate:
+    def _take(self, time: float, since: float, first: int, given: Array) -> StateEstimate:
         """Values of the channels from ``first`` on in their place; ``applied`` counts where ``since`` is before."""
         out, P = np.empty(self._parts[-1] + 1), np.empty((self._size, self._size))
         code = self._run(self._given, MEASURE, time, since, first, given, self._applied, out, P)
@@ -247,7 +247,7 @@ class Estimator(ABC):
             return self._start(max(time, self._newest), 0, self._initialisation.last_outputs())
         return self._sort_out(first, given, delayed, out, P)
 
-    def _sort_out(self, first: int, given: Array, delayed: bool, out: Array, P: Array) -> Estimate:
+    def _sort_out(self, first: int, given: Array, delayed: bool, out: Array, P: Array) -> StateEstimate:
         """Count what was not used, and begin again where a sensor has been an outlier for too long."""
         core, counters = self._memory.core[0], self.counters
         index = int(core["at"])
@@ -269,18 +269,18 @@ class Estimator(ABC):
         out[self._parts[3] :] = shown
         return self._estimate(out, P)
 
-    def _look(self, task: int = LOOK) -> Estimate:
+    def _look(self, task: int = LOOK) -> StateEstimate:
         """The estimate as it is, or as it begins."""
         out, P = np.empty(self._parts[-1] + 1), np.empty((self._size, self._size))
         self._run(self._given, task, 0.0, 0.0, 0, self._outputs, self._applied, out, P)
         return self._estimate(out, P)
 
-    def _estimate(self, out: Array, P: Array) -> Estimate:
+    def _estimate(self, out: Array, P: Array) -> StateEstimate:
         a, b, c, d, e = self._parts
         disturbance, parameters = out[b:c], out[c:d]
         if self._offsets is not None:
             disturbance = disturbance + (parameters - self._as_given) @ self._offsets
-        return Estimate(
+        return StateEstimate(
             time=self._newest,
             state=out[:a],
             ahead=out[a:b],
@@ -291,7 +291,7 @@ class Estimator(ABC):
             normalised_innovation=float(out[e]),
         )
 
-    def _start(self, time: float, first: int, values: Array) -> Estimate:
+    def _start(self, time: float, first: int, values: Array) -> StateEstimate:
         """Begin with values of the channels from ``first`` on, nothing else known."""
         self._initialisation.fresh(time, self._applied, first, values)
         self._newest, self._started = time, True

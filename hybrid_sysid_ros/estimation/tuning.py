@@ -13,7 +13,7 @@ Numbers = tuple[float, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Channel:
+class SensorChannel:
     """A further sensor with stamps of its own."""
 
     of: str
@@ -56,7 +56,7 @@ class Tuning:
     """Parameters of the system that change slowly: name -> deviation after one second [its unit / sqrt(s)]; each stays
     within its bounds.
     """
-    channels: Mapping[str, Channel] = field(default_factory=dict)
+    channels: Mapping[str, SensorChannel] = field(default_factory=dict)
     """Further sensors by name."""
     window: float = 0.2
     """Age [s] up to which a measurement that comes after newer ones is still used."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label, median_filter
 
 from hybrid_sysid_ros.bags.record import Record
-from hybrid_sysid_ros.bags.signals import Signal, Signals
+from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -45,8 +45,11 @@ class Channel:
         return f"sample {sample} ({sample * self.period:.6g} s)"
 
 
-def check_limits(record: Record, rig: Rig, signals: Signals) -> None:
-    """Raise UserError for an input that no actuator of the rig gives. signals: in the order of the rig's inputs."""
+def check_limits(record: Record, rig: Rig, signals: Signals | None = None) -> None:
+    """Raise UserError for an input that no actuator of the rig gives. signals: in the order of the rig's inputs; None
+    for a record of arrays.
+    """
+    remedy = "set the scale of the signals (--signals), repair the driver" if signals else "convert its unit"
     for channel, low, high in zip(_inputs(record, rig, signals), *rig.limits, strict=True):
         margin = PASSED * (high - low)
         beyond = np.flatnonzero((channel.values < low - margin) | (channel.values > high + margin))
@@ -55,12 +58,25 @@ def check_limits(record: Record, rig: Rig, signals: Signals) -> None:
             raise UserError(
                 f"{channel.what}: input {channel.variable.name} goes to {farthest:.6g} {unit}, and the rig's actuator "
                 f"from {low:g} to {high:g} {unit} only: {len(beyond)} of {record.samples} samples are far beyond, the "
-                f"first at {channel.at(int(beyond[0]))}; set the scale of the signals (--signals), repair the driver, "
-                f"or correct actuators in {rig.file}"
+                f"first at {channel.at(int(beyond[0]))}; {remedy}, or correct "
+                f"actuators in {rig.file}"
             )
 
 
-def spikes(record: Record, rig: Rig, signals: Signals) -> list[str]:
+def check_travel(record: Record, rig: Rig) -> None:
+    """Raise UserError for an output far beyond the stops of the rig: probably it is in another unit."""
+    for channel, low, high in zip(_outputs(record, rig, None), *rig.travel_of_outputs, strict=True):
+        margin = PASSED * (high - low)
+        farthest = float(channel.values[np.argmax(np.abs(channel.values))])
+        if not low - margin <= farthest <= high + margin:
+            unit = channel.variable.unit
+            raise UserError(
+                f"{channel.what}: output {channel.variable.name} goes to {farthest:.6g}, and the rig's travel from "
+                f"{low:g} to {high:g} {unit} only: is it in {unit}? convert it, or correct travel in {rig.file}"
+            )
+
+
+def spikes(record: Record, rig: Rig, signals: Signals | None = None) -> list[str]:
     """What to say of outputs with samples that leave their neighbours by as much as the rest of the record moves."""
     found = []
     for channel in _outputs(record, rig, signals):
@@ -101,24 +117,22 @@ def _farthest(values: Array, among: NDArray[np.intp]) -> int:
     return int(among[np.argmax(np.abs(values[among]))])
 
 
-def _inputs(record: Record, rig: Rig, signals: Signals) -> list[Channel]:
-    return _channels(record, record.input, rig.system.inputs, signals, signals.input)
+def _inputs(record: Record, rig: Rig, signals: Signals | None) -> list[Channel]:
+    return _channels(record, record.input, rig.system.inputs, signals)
 
 
-def _outputs(record: Record, rig: Rig, signals: Signals) -> list[Channel]:
-    return _channels(record, record.output, rig.system.outputs, signals, signals.output)
+def _outputs(record: Record, rig: Rig, signals: Signals | None) -> list[Channel]:
+    return _channels(record, record.output, rig.system.outputs, signals)
 
 
-def _channels(
-    record: Record, values: Array, variables: Sequence[Variable], signals: Signals, read: Sequence[Signal]
-) -> list[Channel]:
-    place = record.source or record.name
+def _channels(record: Record, values: Array, variables: Sequence[Variable], signals: Signals | None) -> list[Channel]:
+    def what(name: str) -> str:
+        if signals is None:
+            return f"record {record.name}"
+        signal = signals.inputs.get(name) or signals.outputs[name]
+        return f"{record.source or record.name}: topic {signals.topic(signal)}: {signal.field}"
+
     return [
-        Channel(
-            what=f"{place}: topic {signals.topic(signal)}: {signal.field}",
-            variable=variable,
-            period=record.sampling_time,
-            values=column,
-        )
-        for variable, signal, column in zip(variables, read, values.T, strict=True)
+        Channel(what=what(variable.name), variable=variable, period=record.sampling_time, values=column)
+        for variable, column in zip(variables, values.T, strict=True)
     ]

@@ -8,9 +8,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Sensitivities, System, rollouts
+from hybrid_sysid_ros.core.rollout import Starts
 from hybrid_sysid_ros.core.symbolic import linearised
 from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification.experiment import Experiment
@@ -19,8 +19,6 @@ from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Starts = NDArray[np.int64]
 
 GROWTHS = (1.4, 3.6)
 """Length of the open windows, first short ones, by how often an error grows by e in them: to 4 and 36 times itself."""

@@ -18,6 +18,7 @@ from hybrid_sysid_ros.models.structures import assemble
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.text_table import text_table
 
 FORMAT = 2
 TRIALS = 0.2, 0.45, 0.8
@@ -50,6 +51,25 @@ class Model:
     place: str = ""
     """Folder of a rig outside the package."""
     seal: str = ""
+
+    def __repr__(self) -> str:
+        """One line: arrays are asked for by name."""
+        return f"{type(self).__name__}({self.structure} of {self.rig}, {len(self.names)} free parameters)"
+
+    def __str__(self) -> str:
+        """A table of physical parameters, and how well the training records are met."""
+        errors = self.standard_errors
+        rows = [
+            (item.name, f"{value:.4g}", f"{errors[item.name]:.2g}" if item.name in errors else "set", item.unit)
+            for item, value in zip(self.system.parameters, self.system.values, strict=True)
+            if not item.learned
+        ]
+        title, met = f"{self.structure} of {self.rig}", [scores["r2"] for scores in self.scores.values()]
+        if met:
+            title += f", R2 {min(met):.4f} to {max(met):.4f} over {len(met)} training records"
+        return text_table(
+            title, ("parameter", "value", "standard error", "unit"), rows, most=7, rest="model.parameters"
+        )
 
     @property
     def standard_errors(self) -> dict[str, float]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hybrid_sysid_ros.control import Problem
-from hybrid_sysid_ros.rigs.excitation import Schedule
+from hybrid_sysid_ros.rigs.excitation import ReferenceSchedule
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import defaults, mpc_problem
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
@@ -111,7 +111,7 @@ def _bounds(loop: LoopRecord, rig: Rig, problem: Problem) -> dict[int, tuple[flo
     }
 
 
-def _followed(loop: LoopRecord, schedule: Schedule) -> bool:
+def _followed(loop: LoopRecord, schedule: ReferenceSchedule) -> bool:
     """Whether a loop followed a schedule of its rig."""
     wanted = schedule(loop.time)
     begun = loop.time >= 0.0

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.support.structured import built, numbers, refuse_unknown, 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Loop:
+class ExperimentLoop:
     """A controller that drives an input in experiments: u = gain (e + integral of e * rate), e = reference - output,
     the output behind its sensor's low-pass where it has one.
     """
@@ -33,7 +33,7 @@ class Loop:
 class Experiments:
     """How a rig is driven through its experiments."""
 
-    loops: Mapping[int, Loop] = field(default_factory=dict)
+    loops: Mapping[int, ExperimentLoop] = field(default_factory=dict)
     """By input: its controller. An input without one is excited itself."""
     feedback: Feedback | None = None
     """Instead of loops: one law of all inputs, which follows commands. Excitations are added to its inputs."""
@@ -57,7 +57,7 @@ def experiments_of(content: Mapping[str, Any], system: System, where: str) -> Ex
         here = f"{where}: loops.{name}"
         told = dict(value) if isinstance(value, dict) else {}
         output = index_of(told.get("output", system.outputs[0].name), system.outputs, here, "output")
-        loops[index_of(name, system.inputs, here, "input")] = built(Loop, {**told, "output": output}, here)
+        loops[index_of(name, system.inputs, here, "input")] = built(ExperimentLoop, {**told, "output": output}, here)
     feedback, driven = None, tuple(system.inputs)
     if "feedback" in content:
         feedback = Feedback.of(section(content, "feedback", where), system, f"{where}: feedback")

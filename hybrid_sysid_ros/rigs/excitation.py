@@ -226,7 +226,7 @@ class Segment:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Schedule:
+class ReferenceSchedule:
     """What the outputs are to follow, segment by segment, and 0 elsewhere, in the units in which they are shown."""
 
     name: str

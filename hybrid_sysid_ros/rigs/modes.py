@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.equilibrium import Mode
+from hybrid_sysid_ros.core.equilibrium import Eigenmode
 from hybrid_sysid_ros.rigs.drivers import index_of
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import refuse_unknown, section
@@ -41,7 +41,7 @@ def modes_of(told: Mapping[str, Any], system: System, where: str) -> dict[str, N
     return found
 
 
-def name_of(mode: Mode, system: System, known: Mapping[str, NamedMode]) -> str:
+def name_of(mode: Eigenmode, system: System, known: Mapping[str, NamedMode]) -> str:
     """The name of which the states have the largest share in a mode of a system, "" where none fits."""
     names = [item.name for item in system.declared_states]
     shares = dict(zip(names, mode.shares.tolist(), strict=True))

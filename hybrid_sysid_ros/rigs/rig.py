@@ -16,7 +16,7 @@ from hybrid_sysid_ros.core import System, Variable
 from hybrid_sysid_ros.rigs import folder as folders
 from hybrid_sysid_ros.rigs.actuator import Actuator
 from hybrid_sysid_ros.rigs.drivers import Experiments, experiments_of, index_of
-from hybrid_sysid_ros.rigs.excitation import Excitation, Schedule, Segment
+from hybrid_sysid_ros.rigs.excitation import Excitation, ReferenceSchedule, Segment
 from hybrid_sysid_ros.rigs.joints import Joints
 from hybrid_sysid_ros.rigs.modes import NamedMode, modes_of
 from hybrid_sysid_ros.rigs.sensor import Display, Sensor
@@ -58,7 +58,7 @@ class Rig:
     """Of its topics, without slashes at its ends."""
     signals: Signals
     experiments: Experiments
-    references: Mapping[str, Schedule]
+    references: Mapping[str, ReferenceSchedule]
     """By name; the first is the one to show."""
     content: Mapping[str, Any]
     """All of rig.yaml."""
@@ -74,6 +74,10 @@ class Rig:
     def __reduce__(self) -> Any:
         """To another process a rig goes by its source: that runs its Python there, too."""
         return (load, (self.source,)) if _LOADED.get(self.folder) is self else object.__reduce_ex__(self, 2)
+
+    def __repr__(self) -> str:
+        inputs, outputs = (", ".join(map(str, items)) for items in (self.system.inputs, self.system.outputs))
+        return f"Rig({self.name}: {inputs} -> {outputs})"
 
     @property
     def source(self) -> str:
@@ -132,7 +136,7 @@ class Rig:
         """Name of the reference to show: the rig's first, or "steps" where it has none."""
         return next(iter(self.references), "steps")
 
-    def schedule(self, name: str = "") -> Schedule:
+    def schedule(self, name: str = "") -> ReferenceSchedule:
         """One of the rig's references by its name, the first by default. Raises UserError where there is none."""
         if (name or self.reference) not in self.references:
             raise UserError(f"{self.file}: no reference {name}: it has {', '.join(self.references) or 'none'}")
@@ -315,7 +319,7 @@ def _above_zero(content: Mapping[str, Any], key: str, where: str) -> float:
     return value
 
 
-def _references(content: Mapping[str, Any], system: System, where: str) -> dict[str, Schedule]:
+def _references(content: Mapping[str, Any], system: System, where: str) -> dict[str, ReferenceSchedule]:
     found = {}
     for name in content:
         here, told = f"{where}: {name}", section(content, name, where)
@@ -331,7 +335,7 @@ def _references(content: Mapping[str, Any], system: System, where: str) -> dict[
                 raise UserError(f"{at}: goes from {start:g} to {stop:g} s: its start must lie before its stop")
             excitation = Excitation.of(numbers_of, at)
             segments.append(Segment(name=label, output=output, start=start, stop=stop, excitation=excitation))
-        found[name] = Schedule(
+        found[name] = ReferenceSchedule(
             name=name,
             duration=_above_zero(told, "duration", here),
             outputs=len(system.outputs),

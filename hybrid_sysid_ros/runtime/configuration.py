@@ -16,7 +16,7 @@ from hybrid_sysid_ros.control.safety.supervisor import Tolerances
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.wrappers import RateDisturbanceModel, Stabilised, feedback_of, offset_of
-from hybrid_sysid_ros.estimation import Channel, Tuning
+from hybrid_sysid_ros.estimation import SensorChannel, Tuning
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import TRAINED, Parameter, check_rules, defaults, parameters, shipped
@@ -102,7 +102,7 @@ def estimator_tuning(values: Mapping[str, Any], rig: Rig, system: System | None 
         patience=values["patience"],
         input_noise=of_inputs("input_noise"),
         followed=_drifts(values["followed"], [item.name for item in system.parameters if not item.fixed]),
-        channels={CAMERA: Channel(of=rig.system.outputs[0].name, noise=camera)} if camera else {},
+        channels={CAMERA: SensorChannel(of=rig.system.outputs[0].name, noise=camera)} if camera else {},
         window=values["window"],
         horizon=values["horizon"],
     )

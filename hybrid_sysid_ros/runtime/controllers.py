@@ -50,11 +50,17 @@ def policy_folder(rig: Rig, settings: Mapping[str, Any]) -> Path | None:
 
 
 def controller_of(
-    rig: Rig, model: Model, settings: Mapping[str, Any], warn: Warn = lambda line: None
+    rig: Rig,
+    model: Model,
+    settings: Mapping[str, Any],
+    warn: Warn = lambda line: None,
+    *,
+    network: Policy | None = None,
 ) -> ConfiguredController:
     """The controller that the settings name, for a model. In lockstep it takes its time, so that a run repeats.
 
-    A setting by whose name an extension provides a controller, where it is given, asks for that one.
+    A setting by whose name an extension provides a controller, where it is given, asks for that one. network: the
+    policy, where it is at hand already; else it is read from its folder.
     Raises UserError where model, policy and settings don't go together.
     """
     for name, target in extensions.targets("controllers").items():
@@ -63,15 +69,16 @@ def controller_of(
             return further
     system = controller_model(rig, model.system)
     asked, interior = mpc_problem(settings, rig, system), settings["solver"] == "ipopt"
-    path = policy_folder(rig, settings)
-    if path is None:
+    path = policy_folder(rig, settings) if network is None else Path("policy")
+    if path is None or settings["policy"] == "exact":
         if settings["policy_path"]:  # whoever turns to it later should not find then that it does not fit
             policy.load(Path(settings["policy_path"]), model=model)
         alone = _interior_point(system, asked, settings, warn) if interior else _exact(system, asked, settings)
         return ConfiguredController(controller=wrap_for_rig(rig, system, alone), problem=asked)
     if interior:
         raise UserError(f"parameter solver is ipopt, policy {settings['policy']}: ipopt works alone, policy:=exact")
-    network = policy.load(path, model=model)
+    if network is None:
+        network = policy.load(path, model=model)
     _look_at(network, path, asked, settings, warn)
     if settings["policy"] == "network":
         return ConfiguredController(

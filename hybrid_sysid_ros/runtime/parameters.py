@@ -207,8 +207,21 @@ def declarations() -> dict[str, dict[str, dict[str, Any]]]:
 
 
 def declaration_files() -> list[Path]:
-    """The files that declare parameters and topics: the trunk's, then those of the extensions."""
-    return [DECLARATIONS, *(item.declarations for item in extensions.installed() if item.declarations)]
+    """The files that declare parameters and topics: the trunk's, then those of the extensions that can be read."""
+    return [DECLARATIONS, *_further_files()]
+
+
+@cache
+def _further_files() -> tuple[Path, ...]:
+    found = []
+    for name, path in ((item.name, item.declarations) for item in extensions.installed()):
+        try:
+            if path is not None:
+                refuse_unknown(read_mapping(path), ("nodes", "qos", "topics"), str(path))
+                found.append(path)
+        except UserError as error:
+            extensions.leave_out(f"what extension {name} declares of its nodes", error)
+    return tuple(found)
 
 
 def _count(entry: Mapping[str, Any], rig: Rig) -> int:

@@ -65,6 +65,14 @@ def certification_of(folder: Path, model: Path | None, *, seed: int = 0, seconds
     rig = rigs.load(policy.load(folder, certified=False).rig)
     loaded = load_model(model or configuration.shipped(rig.name, "model"))
     imitation = policy.load(folder, model=loaded, certified=False)
+    return certification(imitation, seal, loaded, seed=seed, seconds=seconds)
+
+
+def certification(
+    imitation: Policy, seal: str, loaded: Model, *, seed: int = 0, seconds: float | None = None
+) -> Certification:
+    """The same of a policy of this seal and its model, which are loaded."""
+    rig = rigs.load(imitation.rig)
     alike = [item.name for item in rig.system.states] == [item.name for item in loaded.system.states]
     plant, words = (rig.system, f"the rig {rig.name}") if alike else (loaded.system, "the model")
     system = controller_model(rig, loaded.system)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.bag import name_of, opened
-from hybrid_sysid_ros.bags.columns import SECOND, Columns, MissingInMessageError
+from hybrid_sysid_ros.bags.columns import SECOND, MissingInMessageError, TopicColumns
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -148,7 +148,7 @@ class _Reading:
                 )
             if not messages[name].data:
                 raise UserError(f"{self.path}: topic {name} has no messages: was its publisher running?")
-        self.columns = {topic: Columns(messages[name]) for topic, name in self.names.items()}
+        self.columns = {topic: TopicColumns(messages[name]) for topic, name in self.names.items()}
 
     def values(self, topic: str, field: str) -> Array:
         try:
@@ -212,7 +212,7 @@ class _Reading:
         field = _field(*place)
         if np.isnan(self.values(MEASUREMENT, field)).all() and self.motion is not None and place[1] == "position":
             following = replace(self.motion, data=self.motion.data[1:], logged=self.motion.logged[1:])
-            columns = Columns(following)  # the first one has the beginning alone, the others all steps of a period
+            columns = TopicColumns(following)  # the first one has the beginning alone, the others all steps of a period
             newest = "points"
             try:
                 newest = _points(place, columns.entries("points"))[-1]

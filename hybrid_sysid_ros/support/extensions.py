@@ -112,9 +112,14 @@ def provided(kind: str) -> dict[str, Any]:
         try:
             found[name] = loaded(target)
         except UserError as error:
-            if (line := f"{kind} {name} of an extension is left out: {error}") not in registry().problems:
-                registry().problems.append(line)
+            leave_out(f"{kind} {name} of an extension", error)
     return found
+
+
+def leave_out(what: str, why: UserError) -> None:
+    """Note that something of an extension is not used; the command line tells it."""
+    if (line := f"{what} is left out: {why}") not in registry().problems:
+        registry().problems.append(line)
 
 
 def loaded(target: str) -> Any:

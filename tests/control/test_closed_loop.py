@@ -10,7 +10,7 @@ from hybrid_sysid_ros.control import ExactMpc, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop, simulate_loop
 from hybrid_sysid_ros.control.problem import stage_costs
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.estimation import Estimate
+from hybrid_sysid_ros.estimation import StateEstimate
 from tests.control import two_inputs
 
 PROBLEM = dataclasses.replace(
@@ -88,7 +88,7 @@ class Exact:
     def update(self, time, outputs, applied):
         x = self.state.copy()
         nothing = np.zeros(0)
-        return Estimate(
+        return StateEstimate(
             time=time, state=x, ahead=x, disturbance=np.zeros(2), parameters=nothing, covariance=np.zeros((4, 4)),
             innovation=nothing, normalised_innovation=0.0,
         )  # fmt: skip

@@ -8,8 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hybrid_sysid_ros.core import Ageing, Hysteretic, MaxwellSlip, System, one_step, simulate
-from hybrid_sysid_ros.core.contacts import fading_stiffnesses
-from hybrid_sysid_ros.core.friction import stefanski, stribeck
+from hybrid_sysid_ros.core.friction import fading_stiffnesses, stefanski, stribeck
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.support.errors import UserError
 

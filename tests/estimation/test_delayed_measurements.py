@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.estimation import Channel, Tuning
+from hybrid_sysid_ros.estimation import SensorChannel, Tuning
 from hybrid_sysid_ros.support.errors import UserError
 from tests.one_joint import Linear
 from tests.one_joint import narx as narx_of
@@ -24,7 +24,7 @@ TUNING = Tuning(
     hum_noise=(1e-4,),
     gate=1e9,
     patience=5,
-    channels={"camera": Channel(of="position", noise=2e-3), "gyro": Channel(of="velocity", noise=1e-2)},
+    channels={"camera": SensorChannel(of="position", noise=2e-3), "gyro": SensorChannel(of="velocity", noise=1e-2)},
     horizon=60,
 )
 
@@ -195,10 +195,13 @@ def test_a_recurrence_knows_only_its_own_samples(kind):
     ("changes", "reason"),
     [
         (
-            {"channels": {"camera": Channel(of="yaw", noise=1.0)}},
+            {"channels": {"camera": SensorChannel(of="yaw", noise=1.0)}},
             "channel camera is of yaw, which is none of position, velocity",
         ),
-        ({"channels": {"camera": Channel(of="position", noise=0.0)}}, "channel camera: noise is 0: it must be above 0"),
+        (
+            {"channels": {"camera": SensorChannel(of="position", noise=0.0)}},
+            "channel camera: noise is 0: it must be above 0",
+        ),
         ({"measurement_noise": (0.0,)}, "measurement_noise of output position is 0"),
         ({"input_noise": (-1.0,)}, "input_noise of input drive is -1"),
         ({"horizon": 0}, "horizon is 0"),

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from hybrid_sysid_ros.core import System, bounded, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar, cos, sin
 from hybrid_sysid_ros.core.rollout import one_step
-from hybrid_sysid_ros.estimation import METHODS, Channel, Tuning
+from hybrid_sysid_ros.estimation import METHODS, SensorChannel, Tuning
 from hybrid_sysid_ros.estimation.consistency import normalised_errors
 from hybrid_sysid_ros.support.errors import UserError
 from tests.shared import FlexibleJoint
@@ -283,7 +283,7 @@ def test_an_angle_comes_out_of_where_the_tip_is_seen(kind):
     assert np.mean(estimate.disturbance) == pytest.approx(0.5, abs=0.2)
 
 
-PLAIN = dataclasses.replace(TUNING, gate=25.0, channels={"gyro": Channel(of="turn", noise=1e-3)}, window=0.1)
+PLAIN = dataclasses.replace(TUNING, gate=25.0, channels={"gyro": SensorChannel(of="turn", noise=1e-3)}, window=0.1)
 
 
 def test_a_channel_alone_begins_and_the_outputs_join(kind):
@@ -307,7 +307,7 @@ def test_a_precise_sensor_that_a_coarse_one_does_not_contradict_wins(kind):
         process_noise=(1e-3,),
         disturbance_noise=(0.0,),
         initial_deviation=(1e-3, 1e-3, 1e-3),
-        channels={"laser": Channel(of="tilt", noise=1e-3)},
+        channels={"laser": SensorChannel(of="tilt", noise=1e-3)},
     )
     ours = kind(Plate(), coarse, period=PERIOD)
     for k in range(60):
@@ -354,7 +354,7 @@ CART = Tuning(
     process_noise=(0.01, 0.1, 0.1),
     disturbance_noise=(0.1, 0.0),
     disturbance_limit=(1.0,),
-    channels={"tape": Channel(of="place", noise=0.01)},
+    channels={"tape": SensorChannel(of="place", noise=0.01)},
 )
 
 

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.core import Dry, System, bounded
 from hybrid_sysid_ros.core.mathematics import log, sqrt
 from hybrid_sysid_ros.rigs.actuator import Actuator
 from hybrid_sysid_ros.rigs.check import check, step_responses
-from hybrid_sysid_ros.rigs.drivers import Experiments, Loop
+from hybrid_sysid_ros.rigs.drivers import ExperimentLoop, Experiments
 from hybrid_sysid_ros.rigs.excitation import Excitation
 from hybrid_sysid_ros.rigs.experiments import simulate
 from hybrid_sysid_ros.rigs.rig import default, load
@@ -97,13 +97,13 @@ def test_what_grows_without_a_loop_is_named_and_held_by_one():
     """q'' = 4 q + u grows by e in half a second."""
     falling = Mass(growth=4.0)
     assert "in position and velocity, by e in 0.5 s" in problems(rig_of(falling))
-    held = Experiments(loops={0: Loop(output=0, gain=6.0)})
+    held = Experiments(loops={0: ExperimentLoop(output=0, gain=6.0)})
     assert problems(rig_of(falling, experiments=held)) == ""
 
 
 def test_a_loop_that_is_too_weak_is_told_with_what_grows():
     """q'' = 4 q - q."""
-    weak = rig_of(Mass(growth=4.0), experiments=Experiments(loops={0: Loop(output=0, gain=1.0)}))
+    weak = rig_of(Mass(growth=4.0), experiments=Experiments(loops={0: ExperimentLoop(output=0, gain=1.0)}))
     found = problems(weak)
     assert f"with them unstable at the origin in position and velocity, by e in {3**-0.5:.3g} s" in found
     assert "do not tell" not in found
@@ -118,7 +118,7 @@ def test_a_loop_is_stable_up_to_the_gain_at_which_its_phase_is_180_degrees(share
     filtered = np.polyval(numerator, s) / np.polyval(denominator, s)
     along = (1 + integral / s) * filtered * np.exp(-s * (0.0125 + delay + 0.0005)) / (1 + 0.5 * s)
     crossing = along[np.flatnonzero(np.diff(np.sign(along.imag)) > 0)[0]]
-    loop = Loop(output=0, gain=share / abs(crossing), integral=integral)
+    loop = ExperimentLoop(output=0, gain=share / abs(crossing), integral=integral)
     sensors = {"first": Sensor(unit="m", delay=delay, low_pass=low_pass)}
     found = problems(rig_of(Lags(), sensors=sensors, experiments=Experiments(loops={0: loop})))
     assert ("unstable at the origin in first" in found) == (share > 1.0)

@@ -16,6 +16,10 @@ from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.shared import Shared
 from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+PARTS = ("state", "disturbance", "previous_input", "preview")
+"""Of an instance, as :meth:`~hybrid_sysid_ros.control.controller.Controller.control` calls them."""
 
 
 class Instance(NamedTuple):
@@ -33,6 +37,12 @@ class Instance(NamedTuple):
     def assign(self, state: Array, disturbance: Array, previous: Array, preview: Array) -> None:
         """Write what is asked into these arrays."""
         self.state[:], self.disturbance[:], self.previous[:], self.preview[:] = state, disturbance, previous, preview
+
+    def check(self, *parts: Array) -> None:
+        """Raise UserError, naming it, for a part of another shape than these arrays have."""
+        for name, own, part in zip(PARTS, self, parts, strict=True):
+            if np.shape(part) != own.shape:
+                raise UserError(f"control: {name} has shape {np.shape(part)}; it needs {own.shape}")
 
 
 @inner

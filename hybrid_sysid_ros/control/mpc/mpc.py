@@ -104,9 +104,12 @@ class ExactMpc:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`.
 
         Where something is not a number, the problem has no solution, or the time is over, the plan is what is left of
-        the last one; where there is none, the previous input, or zero if that is no number either.
+        the last one; where there is none, the previous input, or zero if that is no number either. Raises UserError for
+        a part of another shape, when there is no last plan.
         """
         mpc, instance = self._shooting, self._instance
+        if self._cold:  # once: a loop's later calls have the shapes of its first
+            instance.check(state, disturbance, previous_input, preview)
         instance.assign(state, disturbance, previous_input, preview)
         iterate = self.real_time and self._prepared and not self._cold
         self._prepared = False

@@ -10,6 +10,7 @@ from typing import Any
 
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.text_table import text_table
 
 Rates = Mapping[str, Mapping[str, float]]
 
@@ -94,6 +95,19 @@ class Certificate:
                 raise UserError(f"bounds.{name} has other drivers or criteria than rates")
         if any("all" not in names for names in _criteria(self.rates).values()):
             raise UserError("rates lack criterion all")
+
+    def __repr__(self) -> str:
+        return f"Certificate({self.loops} loops, delta {self.delta:g})"
+
+    def __str__(self) -> str:
+        """A table of the share of the loops that kept each criterion, and the bound that holds for it."""
+        rows = [
+            (driver, name, f"{rate:.4f}", f"{self.bounds['binomial'][driver][name]:.4f}")
+            for driver, parts in self.rates.items()
+            for name, rate in parts.items()
+        ]
+        title = f"certificate of {self.loops} closed loops, at a confidence of {1.0 - self.delta:.4g}"
+        return text_table(title, ("driver", "kept", "share", "at least"), rows, most=8, rest="certificate.rates")
 
     @property
     def margin(self) -> float:

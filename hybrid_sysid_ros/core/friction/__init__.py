@@ -1,5 +1,37 @@
-"""Friction: levels over speed (here), laws as systems with their parameters, and experiments on them."""
+"""Friction on one velocity, which a right-hand side can't hold: it is set-valued, or stiff, so a step solves it.
 
-from hybrid_sysid_ros.core.friction.levels import rational_stribeck, stefanski, stribeck
+All levels are per unit inertia of their velocity. A field of a contact is a number, the name of a parameter or a
+method(x, u) of the system, or a function(system, x, u).
 
-__all__ = ["rational_stribeck", "stefanski", "stribeck"]
+    Viscous      v' = f_v - D v
+    Dry          v' = f_v - F sat(v / vc) - D v
+    Ageing       v' = f_v - (F + Fe (1 - r)) sat(v / vc) - D v,  r' = |v| (1 - r) / L - r / T
+    Hysteretic   v' = f_v - F(v, v') sat(v / vc) - D v
+    Bristles     v' = f_v - s0 z - s1 z' - D v,  z' = v - |v| z s0 / F
+    MaxwellSlip  v' = f_v - sum k_i z_i - D v,  z_i' = v until |k_i z_i| = c_i F, then it slips
+
+F: level, vc: creep speed (0: it sticks exactly), D: viscous rate; z: deflection of bristles or elements. Each solves
+its step exactly, and smoothed for solvers that need derivatives.
+
+Beside them stand levels over speed, the laws of friction as systems with their parameters (:mod:`~.friction.laws`), and
+experiments on these.
+"""
+
+from hybrid_sysid_ros.core.friction.contact import Contact, Field, Viscous, rational_stribeck, stefanski, stribeck
+from hybrid_sysid_ros.core.friction.dry import Ageing, Dry, Hysteretic
+from hybrid_sysid_ros.core.friction.presliding import Bristles, MaxwellSlip, fading_stiffnesses
+
+__all__ = [
+    "Ageing",
+    "Bristles",
+    "Contact",
+    "Dry",
+    "Field",
+    "Hysteretic",
+    "MaxwellSlip",
+    "Viscous",
+    "fading_stiffnesses",
+    "rational_stribeck",
+    "stefanski",
+    "stribeck",
+]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hybrid_sysid_ros.core.friction.laws import Block
+from hybrid_sysid_ros.core.friction.laws import SlidingBlock
 from hybrid_sysid_ros.core.rollout import rollouts, simulate
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -34,7 +34,7 @@ class Line:
     y: Array
 
 
-def friction_over_speed(system: Block, *, top: float = 0.3, speeds: int = 41) -> Line:
+def friction_over_speed(system: SlidingBlock, *, top: float = 0.3, speeds: int = 41) -> Line:
     """Steady friction [N] at speeds up to ``top`` [m/s] both ways, the block led by a stiff drive."""
     tried = np.geomspace(top / 300.0, top, speeds)
     return _both_ways(tried, np.array([_led_steadily(system, speed) for speed in tried]))
@@ -44,14 +44,14 @@ def _both_ways(speeds: Array, friction: Array) -> Line:
     return Line(x=np.concatenate([-speeds[::-1], speeds]), y=np.concatenate([-friction[::-1], friction]))
 
 
-def _led_steadily(system: Block, speed: float) -> float:
+def _led_steadily(system: SlidingBlock, speed: float) -> float:
     """It has slid for long already: what the drive's own beginning disturbs is over before SETTLED."""
     time = _times(LED)
     friction, _ = led(system, speed * time, np.full(len(time), speed), system.sliding(speed))
     return float(friction[int(SETTLED * len(friction)) :].mean())
 
 
-def pre_sliding(system: Block, *, period: float = 4.0) -> Line:
+def pre_sliding(system: SlidingBlock, *, period: float = 4.0) -> Line:
     """Friction [N] over the place [m] of a block that is led to and fro, the third time half as far."""
     time, amplitude = _times(3.0 * period), min(SWING * system.way, FARTHEST) or 0.5 * SLID
     swing = np.where(time < 2.0 * period, 1.0, 0.5) * amplitude
@@ -62,13 +62,13 @@ def pre_sliding(system: Block, *, period: float = 4.0) -> Line:
     return Line(x=places[shown], y=friction[shown])
 
 
-def break_away(system: Block, *, slowest: float = 0.3, fastest: float = 300.0, rates: int = 25) -> Line:
+def break_away(system: SlidingBlock, *, slowest: float = 0.3, fastest: float = 300.0, rates: int = 25) -> Line:
     """Largest dry friction [N] until a block that has just come to rest slides, over the rate [N/s] of the force."""
     tried = np.geomspace(slowest, fastest, rates)
     return Line(x=tried, y=np.array([_broken(system, rate) for rate in tried]))
 
 
-def _broken(system: Block, rate: float) -> float:
+def _broken(system: SlidingBlock, rate: float) -> float:
     named = system.named
     most = 3.0 * max(named.get("static", 0.0), named.get("coulomb", 0.0), 0.1)
     far = max(SLID, WAYS * system.way)
@@ -83,13 +83,15 @@ def _broken(system: Block, rate: float) -> float:
     return float(friction[: slid[0] + 1 if len(slid) else None].max())
 
 
-def _just_stopped(system: Block) -> Array:
+def _just_stopped(system: SlidingBlock) -> Array:
     """At rest, a contact that ages just renewed."""
     names = [str(item).partition(" ")[0] for item in system.states]
     return np.array([1.0 if name == "renewed" else 0.0 for name in names])
 
 
-def stick_slip(system: Block, *, spring: float = 20.0, speed: float = 0.02, seconds: float = 12.0) -> tuple[Line, Line]:
+def stick_slip(
+    system: SlidingBlock, *, spring: float = 20.0, speed: float = 0.02, seconds: float = 12.0
+) -> tuple[Line, Line]:
     """Place [m] over time [s] of a block on a spring [N/m] whose end a belt draws at a speed [m/s]; and the end's."""
     time = _times(seconds)
     end = speed * time
@@ -100,7 +102,7 @@ def stick_slip(system: Block, *, spring: float = 20.0, speed: float = 0.02, seco
     return Line(x=shown, y=places), Line(x=shown, y=speed * shown)
 
 
-def led(system: Block, end: Array, speed: Array, hidden: Sequence[float] = ()) -> tuple[Array, Array]:
+def led(system: SlidingBlock, end: Array, speed: Array, hidden: Sequence[float] = ()) -> tuple[Array, Array]:
     """Friction [N] and places [m] of a block that a stiff drive leads along ``end`` [m] with ``speed`` [m/s]; hidden:
     states at the beginning, zero by default. The block is so heavy that friction changes its motion by nothing.
     """

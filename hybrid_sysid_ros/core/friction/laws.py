@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from hybrid_sysid_ros.core.contacts import (
+from hybrid_sysid_ros.core.friction import (
     Ageing,
     Bristles,
     Contact,
@@ -16,7 +16,7 @@ from hybrid_sysid_ros.core.contacts import (
     Viscous,
     fading_stiffnesses,
 )
-from hybrid_sysid_ros.core.friction.levels import stribeck
+from hybrid_sysid_ros.core.friction.contact import stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.core.parameters import bounded
 from hybrid_sysid_ros.core.system import System
@@ -27,7 +27,7 @@ ELEMENTS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class Block(System):
+class SlidingBlock(System):
     """m x'' = f + k (p - x) + c (p' - x') - F: a force f, and a spring and damper to an end p that is led."""
 
     states = ("place [m]", "speed [m/s]")
@@ -57,7 +57,7 @@ class Block(System):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViscousLaw(Block):
+class ViscousLaw(SlidingBlock):
     """F = fv v."""
 
     source = "Newton's law of viscosity; Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7)"
@@ -268,7 +268,7 @@ class AgeingLaw(_Static):
         return (renewal / (1.0 + renewal),)
 
 
-LAWS: Mapping[str, Block] = {
+LAWS: Mapping[str, SlidingBlock] = {
     "viscous": ViscousLaw(),
     "coulomb": CoulombLaw(),
     "stribeck": StribeckLaw(),
@@ -280,7 +280,7 @@ LAWS: Mapping[str, Block] = {
 }
 
 
-def law(name: str, values: Mapping[str, float] | None = None) -> Block:
+def law(name: str, values: Mapping[str, float] | None = None) -> SlidingBlock:
     """A law by its name, with other values of its parameters.
 
     Raises UserError for an unknown law or parameter, for a value outside its bounds, and for values that contradict
@@ -299,5 +299,5 @@ def law(name: str, values: Mapping[str, float] | None = None) -> Block:
         bounds = f"{parameter.low:g} to {parameter.high:g}"
         raise UserError(f"friction law {name}: {parameter.name} = {value:g} {parameter.unit} is outside {bounds}")
     made.check()
-    assert isinstance(made, Block)
+    assert isinstance(made, SlidingBlock)
     return made

@@ -13,5 +13,5 @@ EXTENSION = Extension(
             "From what is known beforehand to a verdict: models, shots, a controller.",
         ),
     },
-    provides={"sections": {"mockup": f"{HERE}.mockup:check_section"}},
+    provides={"sections": {"mockup": f"{HERE}.mockup:Setup.of"}},
 )

@@ -73,7 +73,7 @@ class Setup:
     seed: int
 
     @classmethod
-    def of(cls, rig: Rig, seed: int) -> Setup:
+    def of(cls, rig: Rig, seed: int = 0) -> Setup:
         """By the sections demo and mockup of a rig's file; without the latter all experiments but the last are learnt
         from. What the rig really is, is drawn by the seed: its system with each free physical parameter moved by the
         deviation of policy_training. Raises UserError for what is not there.
@@ -115,11 +115,6 @@ class Setup:
             tolerance=tolerance,
             seed=seed,
         )
-
-
-def check_section(rig: Rig) -> None:
-    """Raise UserError where the section mockup of a rig's file is not as it should be."""
-    Setup.of(rig, 0)
 
 
 def _chosen(

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.control.scenarios import plant_near
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.accuracy.statistics import Shots
 from hybrid_sysid_ros.models import Model
-from hybrid_sysid_ros.rigs.excitation import Schedule, Segment
+from hybrid_sysid_ros.rigs.excitation import ReferenceSchedule, Segment
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
@@ -38,7 +38,7 @@ class Range:
     rig: Rig
     model: Model
     """What estimator and controller know."""
-    schedule: Schedule
+    schedule: ReferenceSchedule
     seed: int
     reality: System | None = None
     """What the rig is; its own system by default."""

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.bag import Messages, opened
-from hybrid_sysid_ros.bags.columns import SECOND, Columns, MissingInMessageError
-from hybrid_sysid_ros.bags.layout import Layout
+from hybrid_sysid_ros.bags.columns import SECOND, MissingInMessageError, TopicColumns
+from hybrid_sysid_ros.bags.layout import MessageLayout
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
@@ -137,10 +137,10 @@ class _Stamped:
     """Joint messages by their stamps, the first of each."""
 
     def __init__(self, messages: Messages) -> None:
-        self.columns = Columns(messages)
+        self.columns = TopicColumns(messages)
         self.stamps: NDArray[np.int64]
         self.stamps, self._first = np.unique(self.columns.stamps("header.stamp.sec"), return_index=True)
-        fields = Layout.of(messages.data[0], messages.type, messages.types).fields
+        fields = MessageLayout.of(messages.data[0], messages.type, messages.types).fields
         self.fields = [
             (f"{kind}[{entry}]", str(entry), kind)
             for kind in FIELDS

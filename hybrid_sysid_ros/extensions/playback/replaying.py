@@ -14,7 +14,7 @@ import numpy as np
 
 from hybrid_sysid_ros.bags import attached, laid_out
 from hybrid_sysid_ros.bags.bag import opened
-from hybrid_sysid_ros.bags.columns import Columns
+from hybrid_sysid_ros.bags.columns import TopicColumns
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import processes, run_provenance
@@ -114,7 +114,7 @@ def _timing(bag: Path, rig: Rig, recover: bool) -> tuple[bool, float]:
                     f"{', '.join(names)}: record them, or name the right rig (--rig)"
                 )
         block = next(iter(source.blocks(names[:1])))
-        stamps = Columns(block).stamps("header.stamp.sec")
+        stamps = TopicColumns(block).stamps("header.stamp.sec")
         steps = np.diff(np.unique(stamps))
         if not len(steps):
             raise UserError(f"{bag}: {names[0]} has one measurement only: nothing to replay")

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.support.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True)
-class Joint(System):
+class FlexibleJoint(System):
     """J d'' = tau - t(d - q) - Ff,  I q'' = t(d - q): motor angle d, link angle q [rad], torque tau [N m].
 
     A linear spring, t = Ke (d - q); what Ff is says a subclass.
@@ -63,7 +63,7 @@ class Joint(System):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViscousJoint(Joint):
+class ViscousJoint(FlexibleJoint):
     """Ff = fv d'."""
 
     contacts: ClassVar[tuple[Contact, ...]] = (Viscous(on="motor_speed", viscous="viscous"),)
@@ -96,7 +96,7 @@ class StribeckJoint(ViscousJoint):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DahlJoint(Joint):
+class DahlJoint(FlexibleJoint):
     """Ff = s0 z,  z' = d' (1 - s0 z / fc sgn d')."""
 
     contacts: ClassVar[tuple[Contact, ...]] = (Bristles(on="motor_speed", level="level", stiffness="stiffness"),)

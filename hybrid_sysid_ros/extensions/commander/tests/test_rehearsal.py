@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from hybrid_sysid_ros.extensions.commander.language.rehearsal import Rehearsal
 from hybrid_sysid_ros.models import load
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.configuration import shipped
+from hybrid_sysid_ros.support import extensions
 
 
 @cache
@@ -36,6 +38,16 @@ def test_a_shipped_model_carries_a_sentence_out(name: str, text: str) -> None:
     reply = Rehearsal(interpreter(name)).say(text)
     assert reply.accepted, reply.line
     assert all(value >= 0.0 for key, value in reply.values.items() if key.startswith(("margin", "error")))
+
+
+def test_without_what_reads_pictures_one_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(extensions, "targets", lambda kind: {})
+    (tmp_path / "goal.jpg").touch()
+    made = interpreter("cam_beam")
+    files = replace(made.files, folder=str(tmp_path))
+    reply = Rehearsal(replace(made, files=files, eyes=replace(made.eyes))).say("look like goal.jpg")
+    assert not reply.accepted
+    assert "no extension that reads pictures is installed" in reply.line
 
 
 def test_an_output_that_belongs_at_0_hinders_no_way_home() -> None:

@@ -98,7 +98,7 @@ def test_the_same_records_are_the_same_problem_wherever_they_lie(monkeypatch, co
 
 INTERRUPTED = """
 from hybrid_sysid_ros import __main__
-from hybrid_sysid_ros.commands import search as search_command
+from hybrid_sysid_ros.extensions.search.commands import search as search_command
 from hybrid_sysid_ros.extensions.search.tests.branin import OfBranin
 search_command.Objective = OfBranin
 __main__.main()

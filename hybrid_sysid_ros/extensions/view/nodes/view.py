@@ -38,11 +38,11 @@ from hybrid_sysid_ros.nodes.diagnostics import Task
 from hybrid_sysid_ros.nodes.layout import Layout, Place, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory
 from hybrid_sysid_ros.nodes.process import announce, run
-from hybrid_sysid_ros.nodes.reference import KINDS
 from hybrid_sysid_ros.nodes.subscriptions import Collector
 from hybrid_sysid_ros.nodes.topics import TYPES
 from hybrid_sysid_ros.nodes.validation import MessageValidator
 from hybrid_sysid_ros.runtime.parameters import defaults
+from hybrid_sysid_ros.runtime.references import KINDS
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -134,13 +134,8 @@ class ViewNode(RigNode):
         return {
             "rig": self.rig.name,
             "outputs": [
-                {
-                    "name": output.name,
-                    "unit": output.unit,
-                    "tracked": output.tracked,
-                    "low": output.low if output.tracked else None,
-                    "high": output.high if output.tracked else None,
-                }
+                {"name": output.name, "unit": output.unit, "tracked": output.tracked}
+                | {"low": output.low if output.tracked else None, "high": output.high if output.tracked else None}
                 for output in offer.outputs
             ],
             "inputs": [

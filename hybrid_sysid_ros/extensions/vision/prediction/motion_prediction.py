@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from hybrid_sysid_ros.core import System, rollouts
-from hybrid_sysid_ros.estimation import Estimate, ExtendedKalmanFilter
+from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, StateEstimate
 from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.runtime.configuration import CAMERA
 from hybrid_sysid_ros.support.arrays import Array
@@ -32,7 +32,7 @@ class MotionAhead:
         """step: of the inputs [s]. seed: of the motions that the band is told by."""
         self.drift, self.step, self.system = drift, step, system
         self.tuning = replace(tuning, disturbance_noise=tuple(drift * item for item in tuning.disturbance_noise))
-        self.estimate: Estimate | None = None
+        self.estimate: StateEstimate | None = None
         self.likelihood = 0.0
         """Of the predictions that came true so far, logarithm of the density, summed."""
         self._filter = ExtendedKalmanFilter(system, self.tuning, period=step)

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.bag import opened
-from hybrid_sysid_ros.bags.columns import Columns, MissingInMessageError
+from hybrid_sysid_ros.bags.columns import MissingInMessageError, TopicColumns
 from hybrid_sysid_ros.extensions.vision.reading.footage import Footage
 from hybrid_sysid_ros.extensions.vision.reading.lamp import Onset, onset
 from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
@@ -101,7 +101,7 @@ def encoder_of(rig: Rig, joint: str, bag: Path) -> tuple[int, Array, Array]:
         if topic not in found.topics:
             raise UserError(f"{bag}: no topic {topic}: the bag has {found.listing}")
         for block in found.blocks({topic}):
-            columns = Columns(block)
+            columns = TopicColumns(block)
             try:
                 values.append(columns.values(field))
                 stamps.append(columns.stamps(field))

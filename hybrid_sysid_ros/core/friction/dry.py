@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from hybrid_sysid_ros.core.contacts.contact import TINY, Contact, Field, Solved, rounded_sign
-from hybrid_sysid_ros.core.friction.levels import stefanski
+from hybrid_sysid_ros.core.friction.contact import TINY, Contact, Field, Solved, rounded_sign, stefanski
 from hybrid_sysid_ros.core.mathematics import Scalar, absolute, maximum, saturate
 
 Fields = Mapping[str, Any]

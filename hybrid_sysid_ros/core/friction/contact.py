@@ -1,0 +1,101 @@
+"""What every contact is, the plainest one, viscous friction, and levels of dry friction over speed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from hybrid_sysid_ros.core.mathematics import Scalar, absolute, exp, maximum, select, sqrt
+
+Field = str | float | Callable[[Any, Any, Any], Any]
+
+TINY = 1e-12
+"""Keeps 0 / 0 out of the step of a frictionless instant."""
+
+Solved = tuple[Scalar, Sequence[Scalar]]
+"""Velocity and hidden states after a step."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact:
+    """Friction on one velocity."""
+
+    on: str
+    """Name of the velocity that carries it."""
+    viscous: Field = 0.0
+    """D, resolved trapezoidally."""
+    fields: ClassVar[tuple[str, ...]] = ("viscous",)
+    hidden_power: ClassVar[int] = 1
+    """Power of s in the unit of hidden states over that of the velocity: 1 is a way, -1 an acceleration."""
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        """The hidden states that the contact brings along, as declarations."""
+        return ()
+
+    def solve(
+        self,
+        v: Scalar,
+        pushed: Scalar,
+        hidden: Sequence[Scalar],
+        h: Scalar,
+        smoothing: Scalar | None,
+        **at: Any,
+    ) -> Solved:
+        """Velocity and hidden states after a step of h [s]: ``pushed`` is v + h f_v, ``at`` the fields' values.
+
+        Viscous friction is trapezoidal: second order, where Euler's damping depends on the step.
+        """
+        half = 0.5 * h * at["viscous"]
+        return (pushed - half * v) / (1.0 + half), ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Viscous(Contact):
+    """Friction in proportion to the velocity."""
+
+
+def rounded_sign(x: Scalar, smoothing: Scalar) -> Scalar:
+    """X / sqrt(x^2 + smoothing^2)."""
+    return x / maximum(sqrt(x * x + smoothing * smoothing), TINY)
+
+
+def stribeck(v: Scalar, coulomb: Scalar, static: Scalar, speed: Scalar) -> Scalar:
+    """Level F(v) = Fc + (Fs - Fc) exp(-(v / vs)^2) [units of Fc].
+
+    Source: Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7), eq. (3) with exponent 2. The sign of
+    the velocity is applied by the contact.
+    """
+    ratio = v / speed
+    return coulomb + (static - coulomb) * exp(-ratio * ratio)
+
+
+def rational_stribeck(v: Scalar, coulomb: Scalar, excess: Scalar, speed: Scalar) -> Scalar:
+    """Level F(v) = Fc + dF / (1 + (v / vs)^2)^2 [units of Fc]: a Stribeck curve with a heavier tail and no exp()."""
+    ratio = v / speed
+    bell = 1.0 + ratio * ratio
+    return coulomb + excess / (bell * bell)
+
+
+def stefanski(
+    v: Scalar,
+    acceleration: Scalar,
+    coulomb: Scalar,
+    static: Scalar,
+    speed_shape: Scalar,
+    acceleration_shape: Scalar,
+    *,
+    growing: Scalar | None = None,
+) -> Scalar:
+    """Level F(v, v') = Fc + (Fs - Fc) exp(-a1 |v| / (|v'| + a2)) sgn(v v') [units of Fc]: higher while the speed grows
+    than while it falls, so that friction over speed is a loop.
+
+    At rest it is the static level. growing: sgn(v v') where it is rounded. Source: Wojewoda, Stefanski, Wiercigroch,
+    Kapitaniak (2008), Phil. Trans. R. Soc. A 366, 747-765, on hysteretic dry friction; the formula is given as it is
+    commonly quoted, and was not compared with the paper's own print.
+    """
+    decay = exp(-speed_shape * absolute(v) / (absolute(acceleration) + acceleration_shape))
+    if growing is None:
+        growing = select(v * acceleration < 0.0, -1.0, 1.0)
+    return coulomb + (static - coulomb) * decay * growing

@@ -1,0 +1,258 @@
+"""Arguments: what the public functions are given, checked by name, kind and shape. Each error says what to do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.identification import Part
+from hybrid_sysid_ros.identification.plausibility import check_limits, check_travel
+from hybrid_sysid_ros.models import Model, Sampling
+from hybrid_sysid_ros.models.options import Options
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError, known
+from hybrid_sysid_ros.support.structured import section
+
+RigLike: TypeAlias = Rig | str | Path
+"""A rig, its name, or the path of its folder."""
+PartLike: TypeAlias = Part | str | Sequence[float] | Array
+"""A part, "0:0.5", or (0, 0.5)."""
+SamplingLike: TypeAlias = Sampling | Mapping[str, Any]
+"""A sampling, or some of its numbers by name."""
+
+LARGEST_SEED = 2**63 - 1
+
+
+def shown(value: object) -> str:
+    """An argument in a few words, for an error: never a whole array."""
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
+    if isinstance(value, str | int | float | Path | None):
+        return repr(str(value)) if isinstance(value, str | Path) else repr(value)
+    if isinstance(value, list | tuple | dict):
+        return f"a {type(value).__name__} of {len(value)}"
+    return f"a {type(value).__name__}"
+
+
+@contextmanager
+def within(argument: str) -> Iterator[None]:
+    """Say which argument it was that the library below refuses."""
+    try:
+        yield
+    except UserError as error:
+        raise UserError(f"{argument}: {error}") from error
+
+
+def rig_of(value: RigLike, argument: str = "rig") -> Rig:
+    """A rig from itself, its name, or the path of its folder."""
+    if isinstance(value, Rig):
+        return value
+    if not isinstance(value, str | Path) or not str(value):
+        raise UserError(
+            f"{argument} is {shown(value)}; give a rig's name, the path of its folder, or what load_rig returns"
+        )
+    with within(argument):
+        return rigs.load(value)
+
+
+def path_of(value: str | Path, argument: str) -> Path:
+    """A path that is text or a path."""
+    if not isinstance(value, str | Path) or not str(value):
+        raise UserError(f"{argument} is {shown(value)}; give a path, as text or pathlib.Path")
+    return Path(value).expanduser()
+
+
+def records_of(value: object, rig: Rig, argument: str = "records") -> list[Record]:
+    """One record or several, of a rig."""
+    found = [value] if isinstance(value, Record) else value
+    if isinstance(found, str | Path):
+        raise UserError(f"{argument} is {shown(value)}; read it first: read_bag({str(value)!r}, rig)")
+    if isinstance(found, np.ndarray) or not isinstance(found, Sequence):
+        raise UserError(
+            f"{argument} is {shown(value)}; give a record or a list of them: read_bag makes one of a bag, record of "
+            "arrays"
+        )
+    if not found:
+        raise UserError(f"{argument} is empty; give at least one record")
+    return [record_of(item, rig, f"{argument}[{index}]") for index, item in enumerate(found)]
+
+
+def record_of(value: object, rig: Rig, argument: str = "record") -> Record:
+    """One record of a rig. What was made without one is held against the rig here."""
+    if isinstance(value, str | Path):
+        raise UserError(f"{argument} is {shown(value)}; read it first: read_bag({str(value)!r}, rig)")
+    if not isinstance(value, Record):
+        raise UserError(f"{argument} is {shown(value)}; give a record: read_bag makes one of a bag, record of arrays")
+    if value.rig and value.rig != rig.name:
+        raise UserError(
+            f"{argument} is of the rig {value.rig}, not of {rig.name}; give one that was read for {rig.name}"
+        )
+    for kind, columns, items in (
+        ("input", value.input.shape[1], rig.system.inputs),
+        ("output", value.output.shape[1], rig.system.outputs),
+    ):
+        if columns != len(items):
+            names = ", ".join(map(str, items))
+            raise UserError(f"{argument} has {columns} {kind}s, {rig.name} has {len(items)}: {names}")
+    if not value.rig:
+        check_limits(value, rig)
+        check_travel(value, rig)
+    return value
+
+
+def model_of(value: object, rig: Rig | None = None, argument: str = "model") -> Model:
+    """A model, of a rig where one is given."""
+    if isinstance(value, str | Path):
+        raise UserError(f"{argument} is {shown(value)}; load it first: load_model({str(value)!r})")
+    if not isinstance(value, Model):
+        raise UserError(f"{argument} is {shown(value)}; give a model: identify makes one, load_model reads one")
+    if rig is not None and value.rig != rig.name:
+        raise UserError(f"{argument} is of the rig {value.rig}, not of {rig.name}; give one that was identified on it")
+    return value
+
+
+def number_of(
+    value: object, argument: str, *, low: float = -math.inf, high: float = math.inf, unit: str = "", above: bool = False
+) -> float:
+    """A finite number within low and high; above: low itself is not among them."""
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.number):
+        raise UserError(f"{argument} is {shown(value)}; give a number{f' [{unit}]' if unit else ''}")
+    number = float(value)  # type: ignore[arg-type]
+    if not (math.isfinite(number) and low <= number <= high and (number > low or not above)):
+        least = f"above {low:g}" if above else f"of at least {low:g}"
+        most = f" and at most {high:g}" if math.isfinite(high) else ""
+        raise UserError(f"{argument} is {number:g}; give a number {least}{most}{f' [{unit}]' if unit else ''}")
+    return number
+
+
+def whole_of(value: object, argument: str, *, low: int, high: int) -> int:
+    """A whole number within low and high."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
+        raise UserError(f"{argument} is {shown(value)}; give a whole number from {low} to {high}")
+    return int(value)
+
+
+def seed_of(value: object) -> int:
+    """A seed of random numbers."""
+    return whole_of(value, "seed", low=0, high=LARGEST_SEED)
+
+
+def choice_of(value: object, argument: str, names: Collection[str]) -> str:
+    """One of some names."""
+    if not isinstance(value, str) or value not in names:
+        text = value if isinstance(value, str) else ""
+        raise UserError(f"{argument} is {shown(value)}; {known(text, names)}")
+    return value
+
+
+def part_of(value: PartLike, argument: str = "part") -> Part:
+    """A part of a record, as fractions of it."""
+    if isinstance(value, Part):
+        start, stop = value.start, value.stop
+    elif isinstance(value, str):
+        with within(argument):
+            return Part.parse(value)
+    elif isinstance(value, Sequence | np.ndarray) and len(value) == 2:
+        start, stop = (number_of(end, f"{argument}[{index}]") for index, end in enumerate(value))
+    else:
+        raise UserError(f"{argument} is {shown(value)}; give two fractions, such as (0, 0.5)")
+    if not 0.0 <= start < stop <= 1.0:
+        raise UserError(f"{argument} is ({start:g}, {stop:g}); give two fractions with 0 <= start < stop <= 1")
+    return Part(start=start, stop=stop)
+
+
+def parts_of(value: PartLike | Sequence[PartLike], count: int) -> Part | list[Part]:
+    """One part of all records, or one of each."""
+    if isinstance(value, Part | str) or not isinstance(value, Sequence):
+        return part_of(value)  # type: ignore[arg-type]
+    if not any(isinstance(item, Part | str | Sequence | np.ndarray) for item in value):
+        return part_of(value)  # type: ignore[arg-type]
+    if len(value) != count:
+        raise UserError(f"part has {len(value)} parts for {count} records; give one for all, or one of each")
+    return [part_of(item, f"part[{index}]") for index, item in enumerate(value)]  # type: ignore[arg-type]
+
+
+def sampling_of(value: SamplingLike | None, rig: Rig) -> Sampling:
+    """How records meet the simulation: by default as the rig's file says, else as the command line does."""
+    told = section(rig.content, "demo", str(rig.file))
+    own = {name: told[name] for name in ("step", "period") if name in told}
+    if value is None:
+        return Sampling(**own)
+    if isinstance(value, Sampling):
+        return value
+    if not isinstance(value, Mapping):
+        raise UserError(f'sampling is {shown(value)}; give its numbers, as in {{"step": 0.005, "period": 0.05}}')
+    for name, item in value.items():
+        choice_of(name, "a name in sampling", ("step", "period", "input"))
+        if name == "input":
+            choice_of(item, "sampling.input", ("averaged", "sampled"))
+        else:
+            number_of(item, f"sampling.{name}", low=0.0, above=True, unit="s")
+    return Sampling(**(own | dict(value)))
+
+
+def options_of(value: Mapping[str, Any] | None, argument: str = "options") -> Options:
+    """Numbers by name."""
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise UserError(f'{argument} is {shown(value)}; give numbers by name, as in {{"units": 8}}')
+    for name, item in value.items():
+        number_of(item, f"{argument}[{name!r}]")
+    return dict(value)
+
+
+def callable_of(value: object, argument: str, arguments: str) -> Any:
+    """A function that is told how far the work is, or None."""
+    if value is not None and not callable(value):
+        raise UserError(f"{argument} is {shown(value)}; give a function of {arguments}, or None")
+    return value
+
+
+def array_of(value: object, argument: str) -> Array:
+    """Finite numbers, of any shape."""
+    try:
+        found = np.asarray(value)
+        numeric = found.dtype.kind in "iuf"
+    except ValueError:  # rows of several lengths
+        numeric = False
+    if not numeric:
+        raise UserError(f"{argument} is {shown(value)}; give an array of numbers")
+    found = found.astype(float)
+    if not np.isfinite(found).all():
+        wrong = ~np.isfinite(found)
+        first = tuple(np.argwhere(wrong)[0].tolist())
+        raise UserError(
+            f"{argument} is {found[first]} at {list(first)}, one of {np.count_nonzero(wrong)} values that are not "
+            "finite; cut them off, or repair the measurement"
+        )
+    return found
+
+
+def columns_of(value: Any, argument: str, names: Sequence[str], rows: int) -> Array:
+    """An array (rows, columns) out of one, of a column alone, or of columns by their names.
+
+    names: what the columns are called; without names any number of columns will do.
+    """
+    if isinstance(value, Mapping):
+        if set(value) != set(names):
+            expected = f"; give {', '.join(names)}" if names else "; columns have names where a rig is given"
+            raise UserError(f"{argument} has the names {', '.join(map(str, value))}{expected}")
+        return np.column_stack([columns_of(value[name], f"{argument}[{name!r}]", (), rows)[:, 0] for name in names])
+    found = array_of(value, argument)
+    if found.ndim == 1:
+        found = found[:, None]
+    wanted = f"({rows}, {len(names) or 'columns'})"
+    turned = " (it seems to be transposed)" if found.ndim == 2 and found.shape[1] == rows != found.shape[0] else ""
+    if found.ndim != 2 or len(found) != rows or (names and found.shape[1] != len(names)):
+        of = f" for {', '.join(names)}" if names else ""
+        raise UserError(f"{argument} has shape {np.shape(value)}; it needs {wanted}{of}{turned}")
+    return found

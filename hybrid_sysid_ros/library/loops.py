@@ -1,0 +1,275 @@
+"""Closed loops of a simulated rig, without a clock: whatever the load, they repeat bit by bit."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hybrid_sysid_ros.control import Controller, Problem, Status
+from hybrid_sysid_ros.control.closed_loop import ClosedLoop, Reference
+from hybrid_sysid_ros.control.policy.policy import Policy
+from hybrid_sysid_ros.library.arguments import (
+    RigLike,
+    array_of,
+    choice_of,
+    model_of,
+    number_of,
+    rig_of,
+    seed_of,
+    shown,
+    within,
+)
+from hybrid_sysid_ros.library.models import Model, load_model, sealed
+from hybrid_sysid_ros.models import Model as AnyModel
+from hybrid_sysid_ros.rigs.excitation import constant
+from hybrid_sysid_ros.rigs.plant import Plant
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.runtime.configuration import defaults, mpc_problem, shipped
+from hybrid_sysid_ros.runtime.configuration import parameters as parameters_of
+from hybrid_sysid_ros.runtime.controllers import controller_of
+from hybrid_sysid_ros.runtime.parameters import check_rules
+from hybrid_sysid_ros.runtime.references import KINDS, signal_of
+from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.text_table import text_table
+
+ReferenceLike: TypeAlias = str | float | ArrayLike | Callable[[Array], ArrayLike]
+"""A kind of reference, set-points, or outputs over time."""
+
+CONTROLLERS = ("exact", "network", "supervised")
+NODES = ("controller", "estimator", "reference")
+"""Whose parameters a loop has."""
+METHODS = ("horizon", "period", "control", "prepare", "reset")
+"""Of a controller."""
+LONGEST = 3600.0
+"""Of a loop [s]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Loop:
+    """A closed loop as it went, a row a sample; SI units. m inputs, p outputs."""
+
+    rig: Rig
+    time: Array
+    """(samples,) [s]."""
+    states: Array
+    """(samples, states of the simulated rig), without noise."""
+    outputs: Array
+    """(samples, p), without noise."""
+    inputs: Array
+    """(samples, m), from each sample on."""
+    reference: Array
+    """(samples, p)."""
+    estimate: Array
+    """(samples, states of the model), as the controller was told them."""
+    statuses: Mapping[Status, int]
+    """How often each stood behind an input."""
+    problem: Problem
+    """By whose stage cost the loop is judged."""
+
+    @cached_property
+    def cost(self) -> float:
+        """Sum of the stage costs of the controller's problem."""
+        return ClosedLoop(
+            time=self.time,
+            outputs=self.outputs,
+            estimates=self.estimate,
+            references=self.reference,
+            inputs=self.inputs,
+        ).cost(self.problem)
+
+    @property
+    def score(self) -> dict[str, float]:
+        """Root mean square of output - reference of each tracked output, by its name, in the unit it is shown in."""
+        errors = np.sqrt(np.mean((self.outputs - self.reference) ** 2, axis=0))
+        return {
+            item.name: float(display.shown(error))
+            for item, display, error, weight in zip(
+                self.rig.system.outputs, self.rig.display, errors, self.problem.output_weights, strict=True
+            )
+            if weight > 0.0
+        }
+
+    def __repr__(self) -> str:
+        return f"Loop({self.rig.name}: {len(self.time)} samples, cost {self.cost:.6g})"
+
+    def __str__(self) -> str:
+        units = {item.name: shown.unit for item, shown in zip(self.rig.system.outputs, self.rig.display, strict=True)}
+        rows = [(f"tracking error of {name}", f"{error:.4g}", units[name], "rms") for name, error in self.score.items()]
+        rows += [
+            (f"largest {item.name}", f"{np.abs(column).max():.4g}", item.unit, "")
+            for item, column in zip(self.rig.system.inputs, self.inputs.T, strict=True)
+        ]
+        rows.append(("cost", f"{self.cost:.6g}", "", "by the controller's problem"))
+        rows += [(f"answers: {status.value}", str(count), "", "") for status, count in self.statuses.items()]
+        title = f"loop of {self.rig.name}, {len(self.time)} samples"
+        return text_table(title, ("quantity", "value", "unit", ""), rows, most=8, rest="loop.score and loop.statuses")
+
+    def plot(self) -> Any:
+        """Draw outputs, references and inputs over time: a plotly figure (extra ``report``)."""
+        from hybrid_sysid_ros.report.drawing import loop_figure
+
+        return loop_figure(self.rig, self.time, self.outputs, self.reference, self.inputs)
+
+
+def simulate(
+    rig: RigLike,
+    model: AnyModel | None = None,
+    *,
+    controller: str | Policy | Controller = "exact",
+    reference: ReferenceLike = "",
+    seconds: float | None = None,
+    policy: Policy | None = None,
+    plant: AnyModel | None = None,
+    seed: int = 0,
+    parameters: Mapping[str, Any] | None = None,
+) -> Loop:
+    """Close the loop of a simulated rig, its estimator and a controller, from rest.
+
+    model: what estimator and controller predict with, by default the one that comes with the package. plant: the model
+    that moves in place of the rig, by default the rig's own system with the values of its file; both have the noise of
+    the rig's sensors and the limits of its actuators. controller: "exact", the MPC; "network", a policy alone;
+    "supervised", a policy while its plans pass a check, else the MPC; a policy, which drives alone; or an object with
+    the methods of :class:`hybrid_sysid_ros.control.Controller`. reference: "constant", "steps", "sine", "multisine",
+    one of the rig's by name (the first by default); a set-point for each output; or a function of times (samples,) [s]
+    that gives the outputs (samples, p). Outputs are asked for in the units in which they are shown. policy: that drives
+    as "network" or "supervised", by default the one that comes with the package. seconds: of the loop, by default as
+    long as the rig's reference, or 10 s. seed: of the noise. parameters: of the nodes by name, such as
+    {"controller.horizon": 10, "estimator.gate": 4.0, "reference.hold": 2.0}.
+
+    No clock is read and no answer is late, so a loop repeats bit by bit. Raises UserError where rig, model, policy and
+    parameters do not go together.
+    """
+    described = rig_of(rig)
+    used = _model(described, model)
+    values = _parameters(described, parameters)
+    problem, driver = _controller(described, used, controller, policy, values["controller"])
+    signal, length = _reference(described, reference, values["reference"])
+    duration = length if seconds is None else number_of(seconds, "seconds", low=0.0, high=LONGEST, above=True, unit="s")
+    if duration < problem.period:
+        raise UserError(f"seconds is {duration:g}; give at least the controller's period, {problem.period:g} s")
+    loop = simulated_loop(
+        described,
+        used,
+        driver,
+        signal,
+        duration=duration,
+        plant=_plant(described, plant, seed_of(seed)),
+        settings=values["estimator"],
+    )
+    return Loop(
+        rig=described,
+        time=loop.time,
+        states=loop.states,
+        outputs=loop.outputs,
+        inputs=loop.inputs,
+        reference=loop.references,
+        estimate=loop.estimates,
+        statuses=loop.statuses,
+        problem=problem,
+    )
+
+
+def _model(rig: Rig, model: AnyModel | None) -> Model:
+    if model is None:
+        return load_model(shipped(rig.name, "model"), rig=rig.source)
+    return sealed(model_of(model, rig))
+
+
+def _plant(rig: Rig, plant: AnyModel | None, seed: int) -> Plant:
+    if plant is None:
+        return Plant(rig, seed=seed, bias=rig.bias)
+    return predicted_plant(rig, model_of(plant, rig, "plant").system, disturbance=rig.bias, seed=seed, noisy=True)
+
+
+def _parameters(rig: Rig, given: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
+    """Values of the nodes' parameters; in lockstep, for nothing here is late."""
+    values = {node: defaults(rig, node) for node in NODES}
+    if given is not None and not isinstance(given, Mapping):
+        raise UserError(f'parameters is {shown(given)}; give values by name, as in {{"controller.horizon": 10}}')
+    for name, value in (given or {}).items():
+        node, _, key = str(name).partition(".")
+        choice_of(node, f"the node of parameters[{name!r}]", NODES)
+        known = parameters_of(rig, node)
+        choice_of(key, f"the parameter of parameters[{name!r}]", known)
+        with within(f"parameters[{name!r}]"):
+            values[node][key] = known[key].checked(value)
+            check_rules(known, values[node])
+    for node in NODES:
+        values[node]["lockstep"] = True
+    return values
+
+
+def _controller(
+    rig: Rig, model: Model, controller: str | Policy | Controller, policy: Policy | None, settings: Mapping[str, Any]
+) -> tuple[Problem, Controller]:
+    """The controller, and the problem by which its loop is judged."""
+    if not isinstance(controller, str | Policy):
+        missing = [name for name in METHODS if not hasattr(controller, name)]
+        if missing or isinstance(controller, type):
+            raise UserError(
+                f"controller is {shown(controller)}; give one of {', '.join(CONTROLLERS)}, a policy, or an object that "
+                f"has {', '.join(METHODS)}"
+            )
+        problem = getattr(controller, "problem", None)
+        return problem if isinstance(problem, Problem) else mpc_problem(settings, rig, model.system), controller
+    if isinstance(controller, Policy):
+        policy, controller = controller, "network"
+    name = choice_of(controller, "controller", CONTROLLERS)
+    if policy is not None:
+        if not isinstance(policy, Policy) or name == "exact":
+            raise UserError(
+                f"policy is {shown(policy)} with controller {name!r}; a policy drives as 'network' or 'supervised'"
+            )
+        if policy.rig != rig.name or policy.model != model.seal:
+            raise UserError(
+                f"policy is for another model of {policy.rig}; train it for this one: train_policy(rig, model)"
+            )
+    warn = _warn if policy is None else lambda line: None  # its certificate is its user's matter
+    made = controller_of(rig, model, {**settings, "policy": name}, warn, network=policy)
+    return made.problem, made.controller
+
+
+def _reference(rig: Rig, reference: ReferenceLike, settings: Mapping[str, Any]) -> tuple[Reference, float]:
+    """The reference as outputs are shown, and how long a loop along it lasts where nobody says so [s]."""
+    outputs = len(rig.system.outputs)
+    if callable(reference):
+        probe = array_of(reference(np.linspace(0.0, 1.0, 3)), "reference")
+        if probe.shape != (3, outputs):
+            raise UserError(
+                f"reference gives an array of shape {probe.shape} for 3 times; it needs (3, {outputs}), a column for "
+                "each output"
+            )
+        return lambda times: np.asarray(reference(times), dtype=float), 10.0
+    if isinstance(reference, str):
+        kind = choice_of(reference or rig.reference, "reference", (*KINDS, *rig.references))
+        schedule = rig.references.get(kind)
+        with within("reference"):
+            return signal_of(kind, settings, rig), schedule.duration if schedule else 10.0
+    levels = np.atleast_1d(array_of(reference, "reference"))
+    if levels.shape != (outputs,):
+        raise UserError(
+            f"reference has shape {levels.shape}; give a set-point for each output, ({outputs},), a kind such as "
+            "'steps', or a function of time"
+        )
+    low, high = np.sort(rig.reach / np.array([display.scale for display in rig.display]), axis=0)
+    for item, display, level, least, most in zip(rig.system.outputs, rig.display, levels, low, high, strict=True):
+        if not least <= level <= most:
+            raise UserError(
+                f"reference of {item.name} is {level:g} {display.unit}, outside of the rig's {least:.4g} to {most:.4g} "
+                f"{display.unit}"
+            )
+    signals = [constant(level=level) for level in levels]
+    return lambda times: np.stack([signal(times) for signal in signals], axis=-1), 10.0
+
+
+def _warn(line: str) -> None:
+    """To whoever called :func:`simulate`."""
+    warnings.warn(line, stacklevel=5)

@@ -1,0 +1,204 @@
+"""Models: identified from records, scored, run free and drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from hybrid_sysid_ros import models
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.identification import identify as identified
+from hybrid_sysid_ros.identification.fitting import Progress
+from hybrid_sysid_ros.identification.identify import experiment_of
+from hybrid_sysid_ros.identification.validation.identifiability import doubts
+from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states
+from hybrid_sysid_ros.identification.validation.unstable import check_free_run, stabilised_run
+from hybrid_sysid_ros.library.arguments import (
+    PartLike,
+    RigLike,
+    SamplingLike,
+    callable_of,
+    model_of,
+    options_of,
+    part_of,
+    parts_of,
+    path_of,
+    record_of,
+    records_of,
+    rig_of,
+    sampling_of,
+    seed_of,
+    shown,
+)
+from hybrid_sysid_ros.models import storage
+from hybrid_sysid_ros.rigs import rig as rigs
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.text_table import text_table
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Model(models.Model):
+    """An identified model: see :class:`hybrid_sysid_ros.models.Model` for what it holds.
+
+    ``print(model)`` shows its parameters with their standard errors. ``model.save(folder)`` keeps it.
+    """
+
+    @classmethod
+    def of(cls, model: models.Model) -> Model:
+        """The same model with what a user asks of it."""
+        if isinstance(model, cls):
+            return model
+        return cls(**{item.name: getattr(model, item.name) for item in fields(models.Model)})
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Each physical parameter by its name, in its unit."""
+        pairs = zip(self.system.parameters, self.system.values.tolist(), strict=True)
+        return {item.name: value for item, value in pairs if not item.learned}
+
+    @property
+    def doubts(self) -> list[str]:
+        """What the training data did not determine, a sentence each."""
+        return [str(doubt) for doubt in doubts(self)]
+
+    def score(self, record: Record, *, part: PartLike = (0.0, 1.0)) -> Scores:
+        """Score the free run over a part of a record: R2, RMSE [SI] and fit in percent of each output.
+
+        The rig's stabiliser closes the run, where the rig has one. Raises UserError for a record of another rig, one
+        that does not fit the model's sampling, and a free run of an unstable system, which would say nothing.
+        """
+        found = self.free_run(record, part=part)
+        return Scores.of([item.name for item in self.system.outputs], found.measured, found.outputs)
+
+    def free_run(self, record: Record, *, part: PartLike = (0.0, 1.0)) -> FreeRun:
+        """Simulate a part of a record from one initial state, never corrected. Raises UserError as :meth:`score`."""
+        rig = rigs.load(self.rig)
+        experiment = experiment_of(self, record_of(record, rig), part=part_of(part))
+        if rig.experiments.stabiliser is None:
+            check_free_run(self.system, experiment)
+            states, outputs = free_run_states(self.system, experiment)
+        else:
+            states, outputs = stabilised_run(self.system, experiment, rig.experiments.stabiliser)
+        return FreeRun(
+            name=experiment.name,
+            rig=rig,
+            time=np.arange(experiment.samples, dtype=np.float64) * experiment.sampling.period,
+            measured=experiment.outputs,
+            outputs=outputs,
+            states=states,
+        )
+
+    def plot(self, record: Record, *, part: PartLike = (0.0, 1.0)) -> Any:
+        """Draw the free run over a part of a record: a plotly figure (extra ``report``). Raises UserError as
+        :meth:`score`.
+        """
+        return self.free_run(record, part=part).plot()
+
+    def sealed(self) -> Model:
+        """With the seal that it has in a folder: by it policies and certificates know their model."""
+        if self.seal:
+            return self
+        with TemporaryDirectory() as scratch:
+            self.save(Path(scratch) / "model")
+            return replace(self, seal=storage.digest(Path(scratch) / "model", kind="model"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FreeRun:
+    """A free run over a record, at its scored samples; SI units. n states of the model, p outputs."""
+
+    name: str
+    """Of the record."""
+    rig: Rig
+    time: Array
+    """(samples,) [s]."""
+    measured: Array
+    """(samples, p)."""
+    outputs: Array
+    """(samples, p), simulated."""
+    states: Array
+    """(samples, n), simulated."""
+
+    def __repr__(self) -> str:
+        return f"FreeRun({self.name}: {self.time[-1]:g} s, {len(self.time)} samples)"
+
+    def __str__(self) -> str:
+        rows = []
+        for item, display, real, run in zip(
+            self.rig.system.outputs, self.rig.display, self.measured.T, self.outputs.T, strict=True
+        ):
+            one = Scores.of([item.name], real[:, None], run[:, None])
+            rmse = f"{float(display.shown(one.rmse)):.4g} {display.unit}"
+            rows.append((item.name, f"{one.r2:.4f}", rmse, f"{one.fit_percent:.1f} %"))
+        return text_table(
+            f"free run over {self.name}", ("output", "R2", "RMSE", "fit"), rows, most=8, rest="free_run.outputs"
+        )
+
+    def plot(self) -> Any:
+        """Draw measured and simulated outputs and their difference: a plotly figure (extra ``report``)."""
+        from hybrid_sysid_ros.report.drawing import free_run_figure
+
+        return free_run_figure(self.rig, self.time, self.measured, self.outputs)
+
+
+def identify(
+    records: Record | Sequence[Record],
+    rig: RigLike,
+    structure: str = "hybrid",
+    *,
+    sampling: SamplingLike | None = None,
+    part: PartLike | Sequence[PartLike] = (0.0, 1.0),
+    options: Mapping[str, float] | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Model:
+    """Fit a structure to parts of records.
+
+    records: one or several. structure: "hybrid", "gray", "linear", "narx" and the others of ``hybrid-sysid identify
+    --help``. sampling: ``step``, ``period`` and ``input``, by default as the rig's file says. part: of all records, as
+    fractions of them, or one of each. options: numbers by name, such as {"units": 8}. seed: of everything random.
+    progress(stage, evaluations, error): told how far the fit is.
+
+    Raises UserError for records that don't fit the rig, its sampling or one another or don't excite it, and for an
+    unknown structure or option.
+    """
+    described = rig_of(rig)
+    used = records_of(records, described)
+    if not isinstance(structure, str) or not structure:
+        raise UserError(f"structure is {shown(structure)}; give its name, such as 'hybrid'")
+    names = [record.name for record in used]
+    if twins := {name for name in names if names.count(name) > 1}:
+        raise UserError(
+            f"records: two are called {min(twins)}; results go by the name, so give them names of their own"
+        )
+    return Model.of(
+        identified(
+            used,
+            described,
+            structure,
+            sampling=sampling_of(sampling, described),
+            part=parts_of(part, len(used)),
+            options=options_of(options),
+            seed=seed_of(seed),
+            progress=callable_of(progress, "progress", "stage, evaluations, error"),
+        )
+    )
+
+
+def load_model(folder: str | Path, *, rig: str | Path = "") -> Model:
+    """Read a model folder. rig: the folder of its rig, where that is not known by name. Raises UserError where a file
+    is missing, altered or newer, or the model does not fit its rig.
+    """
+    return Model.of(models.load(path_of(folder, "folder"), rig=rig_of(rig).source if rig else ""))
+
+
+def sealed(model: object, rig: Rig | None = None) -> Model:
+    """A model out of an argument, with its seal."""
+    return Model.of(model_of(model, rig)).sealed()

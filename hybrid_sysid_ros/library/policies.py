@@ -1,0 +1,235 @@
+"""Policies: networks that imitate the exact MPC, their certificates; and what leaves Python."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from hybrid_sysid_ros.control.controller import Plan
+from hybrid_sysid_ros.control.export.folder import MANIFEST, identifier
+from hybrid_sysid_ros.control.export.folder import write as export_policy
+from hybrid_sysid_ros.control.mpc.horizon import PARTS
+from hybrid_sysid_ros.control.policy import policy as policies
+from hybrid_sysid_ros.control.policy.training_settings import Settings
+from hybrid_sysid_ros.control.safety.certificate import Certificate
+from hybrid_sysid_ros.control.safety.certification import Progress
+from hybrid_sysid_ros.control.safety.certification import certify as certified
+from hybrid_sysid_ros.library.arguments import (
+    RigLike,
+    callable_of,
+    choice_of,
+    model_of,
+    number_of,
+    options_of,
+    path_of,
+    rig_of,
+    seed_of,
+    shown,
+    whole_of,
+)
+from hybrid_sysid_ros.library.models import Model, load_model, sealed
+from hybrid_sysid_ros.models import Model as AnyModel
+from hybrid_sysid_ros.models import storage
+from hybrid_sysid_ros.models.export import STEP, export_casadi
+from hybrid_sysid_ros.runtime import policies as configured
+from hybrid_sysid_ros.runtime.configuration import shipped
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import check_folder
+from hybrid_sysid_ros.support.text_table import text_table
+
+DEFAULT = Settings()
+LOOPS = 26_500
+"""Of a certificate, for a margin of .01 at a confidence of 99 %."""
+MOST = 10**9
+FORMATS = ("onnx", "c", "both")
+SECONDS = 0.02, 8.0
+"""Shortest and longest loop of a certificate [s]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Policy(policies.Policy):
+    """A network in place of an MPC, and the model that this MPC has.
+
+    ``policy.control(state, disturbance, previous_input, preview)`` answers; ``policy.save(folder)`` keeps it.
+    """
+
+    imitates: Model
+    """The model of the exact MPC that it imitates."""
+
+    @classmethod
+    def of(cls, policy: policies.Policy, model: Model) -> Policy:
+        """The same policy beside its model."""
+        given = {item.name: getattr(policy, item.name) for item in fields(policies.Policy) if item.init}
+        return cls(**given, imitates=model)
+
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+        """Answer one instance: state (n,), disturbance (m,) and previous_input (m,), preview (horizon, p).
+
+        See :class:`hybrid_sysid_ros.control.Controller`. Raises UserError for a part of another shape.
+        """
+        shapes = (self.states,), (self.inputs,), (self.inputs,), (self.horizon, self.outputs)
+        parts = state, disturbance, previous_input, preview
+        for name, part, shape in zip(PARTS, parts, shapes, strict=True):
+            if np.shape(part) != shape:
+                raise UserError(f"control: {name} has shape {np.shape(part)}; it needs {shape}")
+        return super().control(*parts)
+
+    def __repr__(self) -> str:
+        widths = ", ".join(str(len(bias)) for _, bias in self.layers[:-1])
+        return f"Policy({self.rig}: tanh layers of {widths}, a plan of {self.stages} of {self.horizon} intervals)"
+
+    def __str__(self) -> str:
+        rows = [
+            (key.replace("_", " "), f"{value:.4g}" if isinstance(value, float) else str(value))
+            for key, value in self.training.items()
+        ]
+        return text_table(f"policy for {self.rig}", ("quantity", "value"), rows, most=8, rest="policy.training")
+
+
+def train_policy(
+    rig: RigLike,
+    model: AnyModel,
+    *,
+    episodes: int = DEFAULT.episodes[0],
+    rounds: int = len(DEFAULT.episodes),
+    epochs: int = DEFAULT.epochs,
+    hidden: Sequence[int] = DEFAULT.hidden,
+    plan: bool = DEFAULT.sequence,
+    follow: Mapping[str, float] | None = None,
+    seed: int = 0,
+    workers: int = 0,
+    samples: str | Path | None = None,
+    progress: Progress | None = None,
+) -> Policy:
+    """Train a network that imitates the exact MPC of a rig on a model (extra ``train``).
+
+    episodes: closed loops of each round. rounds: from the second one on the policy drives (DAgger). epochs: of the last
+    round. hidden: widths of the tanh layers. plan: answer with the whole plan, which can be checked and certified.
+    follow: parameters of the model that the policy adapts to, each with its spread. seed: of everything random.
+    workers: processes, 0 for one per core. samples: folder that keeps finished loops, so that a training that was
+    interrupted goes on. progress(stage, done, of).
+
+    The defaults take an hour on a few cores. Raises UserError where torch is missing, or a number is out of range.
+    """
+    used = sealed(model, rig_of(rig))
+    settings = Settings(
+        episodes=(whole_of(episodes, "episodes", low=2, high=MOST),) * whole_of(rounds, "rounds", low=1, high=100),
+        epochs=whole_of(epochs, "epochs", low=1, high=MOST),
+        hidden=_widths(hidden),
+        workers=whole_of(workers, "workers", low=0, high=MOST),
+        sequence=bool(plan),
+        followed=options_of(follow, "follow"),
+    )
+    trained = configured.train_policy(
+        used,
+        settings,
+        seed=seed_of(seed),
+        samples=None if samples is None else path_of(samples, "samples"),
+        progress=callable_of(progress, "progress", "stage, done, of"),
+    )
+    return Policy.of(trained, used)
+
+
+def load_policy(folder: str | Path, model: AnyModel | None = None, *, rig: str | Path = "") -> Policy:
+    """Read a policy folder and let it check itself.
+
+    model: that it was trained for, by default the one that comes with the package. rig: folder of its rig, where that
+    is not known by name. Raises UserError where a file is missing or altered, or the policy is for another model.
+    """
+    place = path_of(folder, "folder")
+    if rig:
+        rig_of(rig)
+    own = policies.load(place, certified=False).rig
+    used = load_model(shipped(own, "model")) if model is None else sealed(model, rig_of(own))
+    return Policy.of(policies.load(place, model=used), used)
+
+
+def certify(
+    policy: policies.Policy,
+    model: AnyModel | None = None,
+    *,
+    loops: int = LOOPS,
+    seconds: float | None = None,
+    delta: float = 0.01,
+    seed: int = 0,
+    workers: int = 0,
+    store: str | Path | None = None,
+    progress: Progress | None = None,
+) -> Certificate:
+    """Run random closed loops of a policy beside the exact MPC, and state how often it keeps what, and how surely.
+
+    model: that the policy imitates, by default its own. loops: independent ones. seconds: of a loop, by default as the
+    rig's file says. delta: probability with which a bound may be wrong. seed: of everything random. workers: processes,
+    0 for one per core. store: folder that keeps finished loops, so that a certification that was interrupted goes on.
+    progress(stage, done, of).
+
+    ``certificate.save(folder)`` puts it beside its policy. Raises UserError where policy and model do not fit.
+    """
+    if not isinstance(policy, policies.Policy):
+        raise UserError(f"policy is {shown(policy)}; give a policy: train_policy makes one, load_policy reads one")
+    if model is None and not isinstance(policy, Policy):
+        raise UserError("model is missing; give the model that the policy imitates")
+    used = policy.imitates if isinstance(policy, Policy) and model is None else sealed(model, rig_of(policy.rig))
+    if used.seal != policy.model:
+        raise UserError(f"model is another one than the policy's of {policy.rig}; give the one that it was trained for")
+    low, high = SECONDS
+    length = None if seconds is None else number_of(seconds, "seconds", low=low, high=high, unit="s")
+    return certified(
+        configured.certification(policy, _seal(policy), used, seed=seed_of(seed), seconds=length),
+        loops=whole_of(loops, "loops", low=1, high=MOST),
+        delta=number_of(delta, "delta", low=0.0, high=1.0, above=True),
+        workers=whole_of(workers, "workers", low=0, high=MOST),
+        store=None if store is None else path_of(store, "store"),
+        progress=callable_of(progress, "progress", "stage, done, of"),
+    )
+
+
+def export(
+    model: AnyModel | policies.Policy,
+    out: str | Path,
+    *,
+    format: str = "both",
+    step: float = 0.0,
+    smoothing: float = 0.0,
+    overwrite: bool = False,
+) -> Path:
+    """Write a model as CasADi functions, or a policy as ONNX and C99; return the folder.
+
+    format: of a policy, "onnx" (extra ``export``), "c" or "both". step: of a model's step function [s], 0 for its own.
+    smoothing: of a model, the velocity over which stick-slip is rounded, 0 for none. overwrite: replace what is there.
+    What is written was checked against the original. Raises UserError for a place that can't be written.
+    """
+    folder = path_of(out, "out")
+    if isinstance(model, policies.Policy):
+        form = choice_of(format, "format", FORMATS)
+        check_folder(folder, marker=MANIFEST, replace=bool(overwrite))
+        name, seal = identifier(folder.resolve().name), _seal(model)
+        export_policy(model, folder, name=name, seal=seal, form=form)  # type: ignore[arg-type]
+        return folder
+    if not isinstance(model, AnyModel):
+        raise UserError(f"model is {shown(model)}; give a model or a policy")
+    check_folder(folder, marker=STEP, replace=bool(overwrite))
+    given = {
+        "step": number_of(step, "step", low=0.0, unit="s"),
+        "smoothing": number_of(smoothing, "smoothing", low=0.0),
+    }
+    export_casadi(sealed(model_of(model)), folder, **given, overwrite=bool(overwrite))
+    return folder
+
+
+def _seal(policy: policies.Policy) -> str:
+    """What the policy's folder is known by, wherever it is saved."""
+    with TemporaryDirectory() as scratch:
+        policy.save(Path(scratch) / "policy")
+        return storage.digest(Path(scratch) / "policy", kind="policy")
+
+
+def _widths(value: object) -> tuple[int, ...]:
+    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str):
+        raise UserError(f"hidden is {shown(value)}; give the widths of the layers, such as (64, 64)")
+    return tuple(whole_of(width, f"hidden[{index}]", low=1, high=MOST) for index, width in enumerate(value))

@@ -1,0 +1,183 @@
+"""Records: out of bags, and out of arrays."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.bags.record import UNIFORMITY, Record
+from hybrid_sysid_ros.bags.signals import Signals
+from hybrid_sysid_ros.identification.plausibility import check_limits, check_travel, spikes, strangeness
+from hybrid_sysid_ros.library.arguments import RigLike, array_of, columns_of, number_of, path_of, rig_of, shown
+from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.rigs.rig import Rig
+from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.errors import UserError
+
+Doubtful = Callable[[str], object]
+"""Gets what is strange in a record."""
+
+
+def load_rig(rig: str | Path) -> Rig:
+    """Load a rig.
+
+    rig: the name of a rig that is known, such as "cam_beam", or the path of a rig's folder, such as "./my_rig". A
+    folder's Python runs with your rights. Raises UserError where there is no such rig, or a file of it is wrong.
+    """
+    return rig_of(rig)
+
+
+def read_bag(
+    path: str | Path,
+    rig: RigLike,
+    *,
+    signals: str | Path | None = None,
+    period: float = 0.0,
+    recover: bool = False,
+) -> Record:
+    """Read a record out of a bag: a rosbag2 folder, or one MCAP or SQLite file. ROS need not be installed.
+
+    rig: says which topics and fields are the inputs and outputs. signals: YAML file that says so instead. period:
+    keep one sample in so many seconds, 0 for all. recover: read what can be read of a cut bag. What is strange in the
+    record is warned of. Raises UserError for a bag that is missing, damaged, or does not fit the rig.
+    """
+    described, place = rig_of(rig), path_of(path, "path")
+    chosen = None if signals is None else path_of(signals, "signals")
+    kept = number_of(period, "period", low=0.0, unit="s")
+    return checked_bag(place, described, signals=chosen, period=kept, recover=bool(recover), doubtful=_warn)
+
+
+def checked_bag(
+    path: Path,
+    rig: Rig,
+    *,
+    signals: Path | None,
+    period: float,
+    recover: bool,
+    doubtful: Doubtful,
+    model: Model | None = None,
+) -> Record:
+    """The record of a bag, with what is strange in it told. model: that is to meet it. Raises UserError for signals
+    that state another unit than the rig's, and for inputs that its actuators don't give.
+    """
+    found = Signals.load(signals) if signals is not None else rig.signals
+    found = found.ordered(rig.system.inputs, rig.system.outputs)
+    record = replace(bags.read(path, found, period=period or None, recover=recover), rig=rig.name)
+    check_limits(record, rig, found)
+    strange = [] if model is None else strangeness(record, model, rig, found)
+    for line in (*spikes(record, rig, found), *strange):
+        doubtful(line)
+    return record
+
+
+def record(
+    *,
+    time: ArrayLike,
+    inputs: ArrayLike | Mapping[str, ArrayLike],
+    outputs: ArrayLike | Mapping[str, ArrayLike],
+    rig: RigLike | None = None,
+    units: Mapping[str, str] | None = None,
+    channels: Mapping[str, ArrayLike] | None = None,
+    name: str = "arrays",
+) -> Record:
+    """Make a record of arrays.
+
+    time: (samples,) in seconds, uniform; it may begin anywhere. inputs: (samples, m), one column alone as (samples,),
+    or a mapping of columns by the rig's names; inputs[k] acts from time[k] to time[k + 1]. outputs: (samples, p)
+    likewise, measured at time[k]. rig: whose inputs and outputs they are; they are then checked against its actuators
+    and its travel. units: of columns by name, where they are not the rig's: an output may come in the unit that its
+    sensor reads. channels: further signals by name, (samples,) each. name: what tables call the record.
+
+    Raises UserError for another shape, unit or size than the rig's, for what is not finite, and for uneven times.
+    """
+    if not isinstance(name, str) or not name:
+        raise UserError(f"name is {shown(name)}; give what tables are to call the record")
+    described = None if rig is None else rig_of(rig)
+    times = _times(time)
+    names: dict[str, list[str]] = {"inputs": [], "outputs": []}
+    if described is not None:
+        names = {kind: [item.name for item in getattr(described.system, kind)] for kind in names}
+    u = columns_of(inputs, "inputs", names["inputs"], len(times))
+    y = columns_of(outputs, "outputs", names["outputs"], len(times))
+    if units is not None:
+        y = y * _scales(units, described)
+    found = Record(
+        name=name,
+        time=times,
+        input=u,
+        output=y,
+        channels={key: _column(value, key, len(times)) for key, value in _mapping(channels, "channels").items()},
+        rig="" if described is None else described.name,
+    )
+    if described is not None:
+        check_limits(found, described)
+        check_travel(found, described)
+        for line in spikes(found, described):
+            _warn(line)
+    return found
+
+
+def _times(value: ArrayLike) -> Array:
+    """Times from 0 on, exactly uniform."""
+    times = array_of(value, "time")
+    if times.ndim != 1 or len(times) < 2:
+        raise UserError(f"time has shape {times.shape}; it needs (samples,), with 2 samples or more")
+    step = (times[-1] - times[0]) / (len(times) - 1)
+    uniform = np.arange(len(times)) * step
+    away = np.abs(times - times[0] - uniform)
+    rounding = 4.0 * np.spacing(np.abs(times).max())  # of stamps since 1970
+    if not step > 0.0 or away.max() > UNIFORMITY * step + rounding:
+        worst = int(np.argmax(away))
+        raise UserError(
+            f"time is not uniform at sample {worst}: {times[worst]:.9g} s, where steps of {step:.6g} s lead to "
+            f"{times[0] + uniform[worst]:.9g} s; interpolate the signals to even times"
+        )
+    return uniform
+
+
+def _scales(units: Mapping[str, str], rig: Rig | None) -> Array:
+    """SI per unit of each output; inputs have one unit."""
+    if rig is None:
+        raise UserError("units need a rig that they can be held against; give rig, too")
+    items = {item.name: item.unit for item in (*rig.system.inputs, *rig.system.outputs)}
+    given = _mapping(units, "units")
+    for name, unit in given.items():
+        if name not in items:
+            raise UserError(f"units names {name!r}; {rig.name} has {', '.join(items)}")
+        read = [
+            display.unit for item, display in zip(rig.system.outputs, rig.display, strict=True) if item.name == name
+        ]
+        if unit not in (items[name], *read):
+            known = " or ".join(dict.fromkeys([items[name], *read]))
+            raise UserError(f"units of {name} is {shown(unit)}; {rig.name} takes {known}: convert the values")
+    return np.array(
+        [
+            1.0 if given.get(item.name, item.unit) == item.unit else display.scale
+            for item, display in zip(rig.system.outputs, rig.display, strict=True)
+        ]
+    )
+
+
+def _mapping(value: object, argument: str) -> dict[str, Any]:
+    if value is not None and not isinstance(value, Mapping):
+        raise UserError(f"{argument} is {shown(value)}; give a mapping by name")
+    return dict(value or {})
+
+
+def _column(value: ArrayLike, name: str, rows: int) -> Array:
+    found = np.asarray(value, dtype=float) if np.asarray(value).dtype.kind in "iuf" else None
+    if found is None or found.shape != (rows,):
+        raise UserError(f"channels[{name!r}] has shape {np.shape(value)}; it needs ({rows},) numbers")
+    return found
+
+
+def _warn(line: str) -> None:
+    """To whoever called a public function of this file."""
+    warnings.warn(line, stacklevel=4)

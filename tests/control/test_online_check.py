@@ -1,0 +1,91 @@
+"""Gates of a plan: the bounds that a network's plan must keep, and when a prepared step is thought over."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.control.mpc import shooting
+from hybrid_sysid_ros.control.safety.supervisor import INPUT_ROUNDING, _bounded
+
+HORIZON = SimpleNamespace(
+    limits=SimpleNamespace(low=np.array([-2.0, -1.0]), high=np.array([4.0, 1.0]), rate=np.array([1.5, 9.0]))
+)
+STEADY = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("previous", "changes", "bounded"),
+    [
+        ([1.0, 0.0], {}, True),
+        ([1.0, 0.0], {(2, 1): 1.0}, True),  # at a bound, and as far beyond it as rounding may lead
+        ([1.0, 0.0], {(2, 1): 1.0 + 0.5 * INPUT_ROUNDING}, True),
+        ([1.0, 0.0], {(2, 1): -1.0 - 0.5 * INPUT_ROUNDING}, True),
+        ([1.0, 0.0], {(2, 1): 1.0 + 4.0 * INPUT_ROUNDING}, False),
+        ([1.0, 0.0], {(2, 1): -1.0 - 4.0 * INPUT_ROUNDING}, False),
+        ([1.0, 0.0], {(0, 0): 2.5 + 4.0 * INPUT_ROUNDING}, False),  # changes too fast: at first,
+        ([1.0, 0.0], {(2, 0): 2.5}, True),
+        ([1.0, 0.0], {(2, 0): 2.6}, False),  # at last,
+        ([1.0, 0.0], {(1, 0): -0.6}, False),  # downwards,
+        ([-1.0, 0.0], {}, False),  # and from the input before
+        ([9.0, 0.0], dict.fromkeys([(0, 0), (1, 0), (2, 0)], 3.0), True),  # which was beyond its bounds: from these
+        ([1.0, 0.0], {(1, 1): np.nan}, False),
+    ],
+)
+def test_a_plan_keeps_the_bounds_of_inputs_and_of_their_changes(previous, changes, bounded):
+    inputs = STEADY.copy()
+    for place, value in changes.items():
+        inputs[place] = value
+    assert _bounded(SimpleNamespace(previous=np.array(previous)), HORIZON, inputs) is bounded
+
+
+class Calls(list[tuple[object, ...]]):
+    """What the feedback phase does, where a step is predicted to cost 100 and costs something else."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, cost: float, *, solvable: bool = True) -> None:
+        super().__init__()
+        answers = {"expand": 100.0, "follow": (cost, 0.0), "solve": "about the state itself"}
+        for name in ("evaluate", "expand", "apply_step", "follow", "assign", "solve"):
+            monkeypatch.setattr(shooting, name, self._noted(name, answers.get(name)))
+        program = SimpleNamespace(solve=lambda *_: solvable, keep_working_set=self._noted("keep", None))
+        monkeypatch.setattr(shooting, "quadratic", program)
+
+    def _noted(self, name, answer):
+        def call(*arguments):
+            self.append((name, *(item for item in arguments if isinstance(item, int | float))))
+            return answer
+
+        return call
+
+    def feedback(self):
+        horizon = SimpleNamespace(weights=None, inputs=None, simulated=None, disturbance=None)
+        return shooting.feedback(None, horizon, None, SimpleNamespace(disturbance=None), 1e-6)
+
+
+@pytest.mark.parametrize("cost", [50.0, 100.0 * (1.0 + shooting.DOUBT)])
+def test_a_step_that_costs_what_was_predicted_is_taken(monkeypatch, cost):
+    calls = Calls(monkeypatch, cost)
+    found = calls.feedback()
+    assert (found.iterations, found.solved) == (1, False)
+    assert [call for call in calls if call[0] == "apply_step"] == [("apply_step", 1.0)]
+    assert not [call for call in calls if call[0] == "solve"]
+    assert calls[0] == ("evaluate", True)
+
+
+@pytest.mark.parametrize("cost", [100.0 * (1.0 + 1.1 * shooting.DOUBT), np.inf, np.nan])
+def test_a_step_that_costs_more_is_taken_back_and_made_about_the_state_itself(monkeypatch, cost):
+    calls = Calls(monkeypatch, cost)
+    assert calls.feedback() == "about the state itself"
+    assert [call for call in calls if call[0] in ("apply_step", "solve")] == [
+        ("apply_step", 1.0),
+        ("apply_step", -1.0),
+        ("solve", 1, 1e-6, True),
+    ]
+
+
+def test_without_a_solution_the_trajectory_stays(monkeypatch):
+    calls = Calls(monkeypatch, 0.0, solvable=False)
+    assert (calls.feedback().iterations, calls.feedback().solved) == (0, False)
+    assert not [call for call in calls if call[0] == "apply_step"]

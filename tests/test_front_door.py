@@ -1,0 +1,321 @@
+"""The front door: what ``import hybrid_sysid_ros as hs`` offers, and what it says to wrong arguments."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hybrid_sysid_ros as hs
+from hybrid_sysid_ros import models
+from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.identification import evaluate
+from hybrid_sysid_ros.library.arguments import columns_of
+
+ROOT = Path(__file__).parents[1]
+BAGS, TRAINED = ROOT / "bags", ROOT / "trained"
+TIME = np.arange(400) * 0.005
+WAVE = np.sin(TIME)
+
+
+def made(**changes: Any) -> Record:
+    """A record of a beam, but for what is changed."""
+    given: dict[str, Any] = {"time": TIME, "inputs": WAVE, "outputs": 0.1 * WAVE, "rig": "cam_beam"}
+    return hs.record(**{**given, **changes})
+
+
+@pytest.fixture(scope="module")
+def things() -> SimpleNamespace:
+    """What arguments are made of."""
+    model = hs.load_model(TRAINED / "cam_beam" / "model")
+    return SimpleNamespace(
+        record=made(),
+        two_columns=hs.record(time=TIME, inputs=np.zeros((400, 2)), outputs=WAVE),
+        volts=hs.record(time=TIME, inputs=WAVE, outputs=4.0 * WAVE),
+        wheel=hs.record(time=TIME, inputs=WAVE, outputs=np.stack([WAVE, WAVE], axis=1)[:, :1], rig=None),
+        model=model,
+        other=hs.load_model(TRAINED / "wheel_motor" / "model"),
+        policy=hs.load_policy(TRAINED / "cam_beam" / "policy"),
+        rig=hs.load_rig("cam_beam"),
+    )
+
+
+# The names
+
+
+def test_a_dozen_names_are_offered_and_nothing_else() -> None:
+    assert dir(hs) == sorted(hs.__all__)
+    assert len(hs.__all__) <= 15
+    for name in hs.__all__:
+        assert getattr(hs, name).__doc__
+    with pytest.raises(AttributeError, match="no attribute 'identity'"):
+        _ = hs.identity  # type: ignore[attr-defined]
+
+
+def test_importing_the_package_loads_no_library() -> None:
+    code = (
+        "import sys, time; began = time.perf_counter(); import hybrid_sysid_ros as hs; "
+        "took = time.perf_counter() - began; heavy = {'numpy', 'numba', 'casadi', 'scipy', 'yaml', 'torch', 'plotly'}; "
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules); dir(hs); print(took)"
+    )
+    took = float(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout)
+    assert took < 0.3
+
+
+# Wrong arguments
+
+Case = tuple[str, Callable[[SimpleNamespace], object]]
+WRONG: list[Case] = [
+    # rigs and bags
+    ("rig", lambda t: hs.load_rig("cam_beem")),
+    ("rig", lambda t: hs.load_rig("")),
+    ("rig", lambda t: hs.load_rig(7)),  # type: ignore[arg-type]
+    ("rig", lambda t: hs.load_rig("./nowhere")),
+    ("rig", lambda t: hs.load_rig(BAGS / "beam_multisine")),
+    ("rig", lambda t: hs.load_rig(t.model)),
+    ("rig", lambda t: hs.read_bag(BAGS / "beam_multisine", t.record)),
+    ("path", lambda t: hs.read_bag(t.record, "cam_beam")),
+    ("nowhere", lambda t: hs.read_bag("nowhere", "cam_beam")),
+    ("topic", lambda t: hs.read_bag(BAGS / "wheel_motor_multisine", "cam_beam")),
+    ("period", lambda t: hs.read_bag(BAGS / "beam_multisine", "cam_beam", period=-1.0)),
+    ("period", lambda t: hs.read_bag(BAGS / "beam_multisine", "cam_beam", period="1")),  # type: ignore[arg-type]
+    ("signals", lambda t: hs.read_bag(BAGS / "beam_multisine", "cam_beam", signals=3)),  # type: ignore[arg-type]
+    # arrays
+    ("time", lambda t: made(time=TIME[:, None])),
+    ("time", lambda t: made(time="now")),
+    ("time", lambda t: made(time=TIME**2)),
+    ("time", lambda t: made(time=-TIME)),
+    ("time", lambda t: made(time=[0.0])),
+    ("inputs", lambda t: made(inputs=WAVE[:-1])),
+    ("inputs", lambda t: made(inputs=np.stack([WAVE, WAVE]).T)),
+    ("inputs", lambda t: made(inputs=WAVE[None])),
+    ("inputs", lambda t: made(inputs=np.where(TIME < 1.0, WAVE, np.nan))),
+    ("inputs", lambda t: made(inputs=["a"] * 400)),
+    ("inputs", lambda t: made(inputs={"force": WAVE})),
+    ("input drive", lambda t: made(inputs=100.0 * WAVE)),
+    ("outputs", lambda t: made(outputs=3.0)),
+    ("outputs", lambda t: made(outputs=WAVE.astype(complex))),
+    ("output position", lambda t: made(outputs=5.0 * WAVE)),
+    ("units", lambda t: made(units={"position": "deg"})),
+    ("units", lambda t: made(units={"speed": "V"})),
+    ("units", lambda t: made(units="V")),
+    ("units", lambda t: made(units={"position": "V"}, rig=None)),
+    ("channels", lambda t: made(channels={"reference": WAVE[:3]})),
+    ("name", lambda t: made(name="")),
+    # identify
+    ("records", lambda t: hs.identify([], "cam_beam")),
+    ("records", lambda t: hs.identify(None, "cam_beam")),  # type: ignore[arg-type]
+    ("records", lambda t: hs.identify("bags/beam_multisine", "cam_beam")),  # type: ignore[arg-type]
+    ("records", lambda t: hs.identify(WAVE, "cam_beam")),  # type: ignore[arg-type]
+    ("records[0]", lambda t: hs.identify([WAVE], "cam_beam")),  # type: ignore[list-item]
+    ("records[1]", lambda t: hs.identify([t.record, "bags/beam_multisine"], "cam_beam")),  # type: ignore[list-item]
+    ("records[0]", lambda t: hs.identify(t.two_columns, "cam_beam")),
+    ("records[0]", lambda t: hs.identify(t.record, "wheel_motor")),
+    ("output position", lambda t: hs.identify(t.volts, "cam_beam")),
+    ("records", lambda t: hs.identify([t.record, t.record], "cam_beam")),
+    ("rig", lambda t: hs.identify(t.record, t.model)),
+    ("structure", lambda t: hs.identify(t.record, "cam_beam", "hybird")),
+    ("structure", lambda t: hs.identify(t.record, "cam_beam", 5)),  # type: ignore[arg-type]
+    ("option", lambda t: hs.identify(t.record, "cam_beam", "gray", options={"neurons": 3})),
+    ("options", lambda t: hs.identify(t.record, "cam_beam", options={"units": "8"})),  # type: ignore[dict-item]
+    ("options", lambda t: hs.identify(t.record, "cam_beam", options=8)),  # type: ignore[arg-type]
+    ("part", lambda t: hs.identify(t.record, "cam_beam", part=(0.5, 0.2))),
+    ("part", lambda t: hs.identify(t.record, "cam_beam", part=(0, 50))),
+    ("part", lambda t: hs.identify(t.record, "cam_beam", part=0.5)),  # type: ignore[arg-type]
+    ("part", lambda t: hs.identify(t.record, "cam_beam", part=[(0, 0.5), (0.5, 1)])),
+    ("sampling", lambda t: hs.identify(t.record, "cam_beam", sampling=0.05)),  # type: ignore[arg-type]
+    ("sampling", lambda t: hs.identify(t.record, "cam_beam", sampling={"rate": 20})),
+    ("sampling", lambda t: hs.identify(t.record, "cam_beam", sampling={"step": "fast"})),
+    ("seed", lambda t: hs.identify(t.record, "cam_beam", seed=-1)),
+    ("seed", lambda t: hs.identify(t.record, "cam_beam", seed=0.5)),  # type: ignore[arg-type]
+    ("progress", lambda t: hs.identify(t.record, "cam_beam", progress=True)),  # type: ignore[arg-type]
+    # models
+    ("folder", lambda t: hs.load_model(t.model)),
+    ("model", lambda t: hs.load_model(TRAINED / "cam_beam")),
+    ("record", lambda t: t.model.score("bags/beam_multisine")),
+    ("record", lambda t: t.model.score([t.record])),
+    ("record", lambda t: t.other.free_run(t.record)),
+    ("part", lambda t: t.model.plot(t.record, part=(0.0, np.nan))),
+    # loops
+    ("model", lambda t: hs.simulate("cam_beam", t.other)),
+    ("model", lambda t: hs.simulate("cam_beam", TRAINED / "cam_beam" / "model")),  # type: ignore[arg-type]
+    ("plant", lambda t: hs.simulate("cam_beam", t.model, plant=t.other, seconds=1)),
+    ("controller", lambda t: hs.simulate("cam_beam", t.model, controller="pid")),
+    ("controller", lambda t: hs.simulate("cam_beam", t.model, controller=object())),  # type: ignore[arg-type]
+    ("policy", lambda t: hs.simulate("wheel_motor", t.other, controller=t.policy)),
+    ("policy", lambda t: hs.simulate("cam_beam", t.model, policy=t.policy)),
+    ("reference", lambda t: hs.simulate("cam_beam", t.model, reference="stairs")),
+    ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=[1.0, 2.0])),
+    ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=99.0)),
+    ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=np.sin)),
+    ("seconds", lambda t: hs.simulate("cam_beam", t.model, seconds=0)),
+    ("seconds", lambda t: hs.simulate("cam_beam", t.model, seconds="ten")),  # type: ignore[arg-type]
+    ("seed", lambda t: hs.simulate("cam_beam", t.model, seed="1", seconds=1)),  # type: ignore[arg-type]
+    ("parameters", lambda t: hs.simulate("cam_beam", t.model, parameters={"horizon": 10})),
+    ("parameters", lambda t: hs.simulate("cam_beam", t.model, parameters={"controller.horizons": 10})),
+    ("parameters", lambda t: hs.simulate("cam_beam", t.model, parameters={"controller.horizon": -3})),
+    # policies and what leaves
+    ("model", lambda t: hs.train_policy("wheel_motor", t.model)),
+    ("episodes", lambda t: hs.train_policy("cam_beam", t.model, episodes=1)),
+    ("hidden", lambda t: hs.train_policy("cam_beam", t.model, hidden=64)),  # type: ignore[arg-type]
+    ("follow", lambda t: hs.train_policy("cam_beam", t.model, follow="coulomb")),  # type: ignore[arg-type]
+    ("folder", lambda t: hs.load_policy(None)),  # type: ignore[arg-type]
+    ("policy", lambda t: hs.load_policy(TRAINED / "cam_beam" / "model")),
+    ("model", lambda t: hs.load_policy(TRAINED / "cam_beam" / "policy", t.other)),
+    ("policy", lambda t: hs.certify(TRAINED / "cam_beam" / "policy")),  # type: ignore[arg-type]
+    ("loops", lambda t: hs.certify(t.policy, loops=0)),
+    ("delta", lambda t: hs.certify(t.policy, loops=10, delta="1 %")),  # type: ignore[arg-type]
+    ("seconds", lambda t: hs.certify(t.policy, seconds=99.0)),
+    ("model", lambda t: hs.export("trained/cam_beam/model", "out")),  # type: ignore[arg-type]
+    ("out", lambda t: hs.export(t.model, 3)),  # type: ignore[arg-type]
+    ("format", lambda t: hs.export(t.policy, "out", format="matlab")),
+    ("state", lambda t: t.policy.control(0.0, np.zeros(1), np.zeros(1), np.zeros((20, 1)))),
+    ("preview", lambda t: t.policy.control(np.zeros(2), np.zeros(1), np.zeros(1), np.zeros(20))),
+]
+
+
+@pytest.mark.parametrize(("argument", "call"), WRONG, ids=[f"{k}-{name}" for k, (name, _) in enumerate(WRONG)])
+def test_a_wrong_argument_is_told_in_one_line(
+    things: SimpleNamespace, argument: str, call: Callable[[SimpleNamespace], object]
+) -> None:
+    with pytest.raises(hs.UserError) as caught:
+        call(things)
+    line = str(caught.value)
+    assert argument in line
+    assert "\n" not in line
+    assert "array([" not in line
+    assert len(line) < 500
+
+
+# What is taken
+
+
+def test_one_record_one_column_and_an_array_are_taken_where_lists_are(things: SimpleNamespace) -> None:
+    record = hs.read_bag(BAGS / "beam_multisine", "cam_beam")
+    one = hs.identify(record, "cam_beam", "gray", part=np.array([0.0, 0.25]))
+    two = hs.identify([record], things.rig, "gray", part=[(0.0, 0.25)])
+    assert one.parameters == two.parameters
+
+
+def test_records_of_arrays_are_those_of_their_bag() -> None:
+    read = hs.read_bag(BAGS / "beam_multisine", "cam_beam")
+    volts = hs.load_rig("cam_beam").display[0].shown(read.output[:, 0])
+    late = hs.record(
+        time=1_700_000_000.0 + read.time, inputs={"drive": read.input}, outputs=volts, units={"position": "V"},
+        rig="cam_beam",
+    )  # fmt: skip
+    np.testing.assert_allclose(late.output, read.output, atol=1e-12)
+    np.testing.assert_array_equal(late.input, read.input)
+    assert late.time == pytest.approx(read.time, abs=1e-4)
+
+
+def test_columns_by_name_come_in_the_rigs_order() -> None:
+    found = columns_of({"b": [3.0, 4.0], "a": [1.0, 2.0]}, "inputs", ["a", "b"], 2)
+    np.testing.assert_array_equal(found, [[1.0, 3.0], [2.0, 4.0]])
+
+
+def test_a_spike_is_warned_of() -> None:
+    wave = 0.1 * WAVE
+    wave[200] = -0.15
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        made(outputs=wave)
+    assert "spike" in str(caught[0].message)
+    assert caught[0].filename == __file__
+
+
+# What comes back
+
+
+def test_a_model_prints_as_a_table_without_arrays(things: SimpleNamespace) -> None:
+    for text in (str(things.model), repr(things.model), repr(things.record), repr(things.rig), str(things.policy)):
+        assert "array(" not in text
+        assert len(text.splitlines()) <= 11
+    assert "rad/(s^2 V)" in str(things.model)
+
+
+def test_a_model_scores_as_the_command_does(things: SimpleNamespace) -> None:
+    record = hs.read_bag(BAGS / "beam_swept_sine", "cam_beam")
+    assert things.model.score(record) == evaluate(models.load(TRAINED / "cam_beam" / "model"), record)
+    run = things.model.free_run(record, part=(0.5, 1.0))
+    assert run.outputs.shape == run.measured.shape == (len(run.time), 1)
+    assert run.states.shape == (len(run.time), 2)
+    assert things.model.score(record, part=(0.5, 1.0)).rmse == pytest.approx(
+        float(np.sqrt(np.mean((run.measured - run.outputs) ** 2)))
+    )
+
+
+def test_an_unstable_rigs_model_is_scored_under_its_stabiliser() -> None:
+    record = hs.read_bag(BAGS / "winged_cone_flight", "winged_cone")
+    model = hs.load_model(TRAINED / "winged_cone" / "model")
+    assert model.score(record, part=(0.75, 1.0)).outputs
+
+
+def test_a_loop_repeats_bit_by_bit_and_has_its_arrays_by_name(things: SimpleNamespace) -> None:
+    loops = [hs.simulate("cam_beam", things.model, reference="steps", seconds=1.0) for _ in range(2)]
+    first, second = loops
+    for name in ("time", "states", "outputs", "inputs", "reference", "estimate"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+        assert len(getattr(first, name)) == 50
+    assert first.cost == second.cost > 0.0
+    assert set(first.score) == {"position"}
+    assert "late" not in str(first)
+    np.testing.assert_array_equal(first.outputs[:, 0], first.states[:, 0])
+    noisy = hs.simulate("cam_beam", things.model, reference="steps", seconds=1.0, seed=1)
+    assert not np.array_equal(first.inputs, noisy.inputs)
+
+
+def test_a_policy_drives_alone_supervised_and_by_name(things: SimpleNamespace) -> None:
+    given: dict[str, Any] = {"reference": lambda t: np.sin(t)[:, None], "seconds": 0.5}
+    alone = hs.simulate("cam_beam", things.model, controller=things.policy, **given)
+    named = hs.simulate("cam_beam", controller="network", **given)
+    np.testing.assert_array_equal(alone.inputs, named.inputs)
+    held = hs.simulate("cam_beam", things.model, controller="supervised", policy=things.policy, **given)
+    assert np.isfinite(held.inputs).all()
+
+
+def test_a_set_point_is_in_the_unit_that_is_shown(things: SimpleNamespace) -> None:
+    loop = hs.simulate(things.rig, things.model, reference=2.0, seconds=0.1, parameters={"controller.horizon": 15})
+    np.testing.assert_allclose(things.rig.display[0].shown(loop.reference), 2.0)
+    assert loop.problem.horizon == 15
+
+
+def test_a_model_may_move_in_place_of_the_rig(things: SimpleNamespace) -> None:
+    given: dict[str, Any] = {"reference": 2.0, "seconds": 1.0}
+    real = hs.simulate("cam_beam", things.model, **given)
+    moved = hs.simulate("cam_beam", things.model, plant=things.model, **given)
+    assert not np.array_equal(real.states, moved.states)
+
+
+def test_figures_show_what_was_measured_and_simulated(things: SimpleNamespace) -> None:
+    pytest.importorskip("plotly")
+    figure = things.model.plot(hs.read_bag(BAGS / "beam_swept_sine", "cam_beam"))
+    names = [trace.name for trace in figure.data]
+    assert {"measured", "free run"} <= set(names)
+    drawn = hs.simulate(things.rig, things.model, seconds=0.1).plot()
+    assert {"output", "reference", "input"} <= {trace.name for trace in drawn.data}
+
+
+def test_a_policy_keeps_to_its_model_wherever_that_is_saved(tmp_path: Path) -> None:
+    """What is trained on a model that was never saved goes with the folder that it is saved to later."""
+    pytest.importorskip("torch")
+    record = hs.read_bag(BAGS / "beam_multisine", "cam_beam")
+    model = hs.identify(record, "cam_beam", "gray", part=(0.0, 0.25))
+    policy = hs.train_policy("cam_beam", model, episodes=2, rounds=1, epochs=1, hidden=(4,), workers=1)
+    certificate = hs.certify(policy, loops=2, delta=0.5, workers=1)
+    model.save(tmp_path / "model")
+    policy.save(tmp_path / "policy")
+    certificate.save(tmp_path / "policy")
+    again = hs.load_policy(tmp_path / "policy", hs.load_model(tmp_path / "model"))
+    assert again.certificate is not None
+    assert again.certificate.loops == 2
+    assert "array(" not in str(certificate)
+    assert (hs.export(again, tmp_path / "c", format="c") / "export.json").is_file()
+    assert (hs.export(model, tmp_path / "casadi") / "step.casadi").is_file()
