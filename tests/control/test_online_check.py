@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.control.mpc import shooting
-from hybrid_sysid_ros.control.safety.supervisor import INPUT_ROUNDING as ROUNDING
-from hybrid_sysid_ros.control.safety.supervisor import _bounded
+from hybrid_sysid_ros.control.safety.supervisor import INPUT_ROUNDING, _bounded
 
-LIMITS = SimpleNamespace(low=np.array([-2.0, -1.0]), high=np.array([4.0, 1.0]), rate=np.array([1.5, 9.0]))
-HORIZON = SimpleNamespace(limits=LIMITS)
+HORIZON = SimpleNamespace(
+    limits=SimpleNamespace(low=np.array([-2.0, -1.0]), high=np.array([4.0, 1.0]), rate=np.array([1.5, 9.0]))
+)
 STEADY = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
 
 
@@ -21,11 +21,11 @@ STEADY = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
     [
         ([1.0, 0.0], {}, True),
         ([1.0, 0.0], {(2, 1): 1.0}, True),  # at a bound, and as far beyond it as rounding may lead
-        ([1.0, 0.0], {(2, 1): 1.0 + 0.5 * ROUNDING}, True),
-        ([1.0, 0.0], {(2, 1): -1.0 - 0.5 * ROUNDING}, True),
-        ([1.0, 0.0], {(2, 1): 1.0 + 4.0 * ROUNDING}, False),
-        ([1.0, 0.0], {(2, 1): -1.0 - 4.0 * ROUNDING}, False),
-        ([1.0, 0.0], {(0, 0): 2.5 + 4.0 * ROUNDING}, False),  # changes too fast: at first,
+        ([1.0, 0.0], {(2, 1): 1.0 + 0.5 * INPUT_ROUNDING}, True),
+        ([1.0, 0.0], {(2, 1): -1.0 - 0.5 * INPUT_ROUNDING}, True),
+        ([1.0, 0.0], {(2, 1): 1.0 + 4.0 * INPUT_ROUNDING}, False),
+        ([1.0, 0.0], {(2, 1): -1.0 - 4.0 * INPUT_ROUNDING}, False),
+        ([1.0, 0.0], {(0, 0): 2.5 + 4.0 * INPUT_ROUNDING}, False),  # changes too fast: at first,
         ([1.0, 0.0], {(2, 0): 2.5}, True),
         ([1.0, 0.0], {(2, 0): 2.6}, False),  # at last,
         ([1.0, 0.0], {(1, 0): -0.6}, False),  # downwards,
