@@ -20,7 +20,7 @@ from hybrid_sysid_ros.bags.sampling import (
     multiple,
     uniform_period,
 )
-from hybrid_sysid_ros.control.policy.training_range import TrainingRange
+from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.estimation import Tuning
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.models import Sampling

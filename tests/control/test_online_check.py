@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.control.mpc import shooting
-from hybrid_sysid_ros.control.safety.online_check import ROUNDING, _bounded
+from hybrid_sysid_ros.control.safety.supervisor import INPUT_ROUNDING as ROUNDING
+from hybrid_sysid_ros.control.safety.supervisor import _bounded
 
-HORIZON = SimpleNamespace(low=np.array([-2.0, -1.0]), high=np.array([4.0, 1.0]), rate=np.array([1.5, 9.0]))
+LIMITS = SimpleNamespace(low=np.array([-2.0, -1.0]), high=np.array([4.0, 1.0]), rate=np.array([1.5, 9.0]))
 STEADY = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
 
 
@@ -36,7 +37,7 @@ def test_a_plan_keeps_the_bounds_of_inputs_and_of_their_changes(previous, change
     inputs = STEADY.copy()
     for place, value in changes.items():
         inputs[place] = value
-    assert _bounded(SimpleNamespace(previous=np.array(previous)), HORIZON, inputs) is bounded
+    assert _bounded(SimpleNamespace(previous=np.array(previous)), SimpleNamespace(limits=LIMITS), inputs) is bounded
 
 
 class Calls(list[tuple[object, ...]]):
@@ -45,7 +46,7 @@ class Calls(list[tuple[object, ...]]):
     def __init__(self, monkeypatch: pytest.MonkeyPatch, cost: float, *, solvable: bool = True) -> None:
         super().__init__()
         answers = {"expand": 100.0, "follow": (cost, 0.0), "solve": "about the state itself"}
-        for name in ("evaluate", "expand", "move", "follow", "assign", "solve"):
+        for name in ("evaluate", "expand", "apply_step", "follow", "assign", "solve"):
             monkeypatch.setattr(shooting, name, self._noted(name, answers.get(name)))
         program = SimpleNamespace(solve=lambda *_: solvable, keep_working_set=self._noted("keep", None))
         monkeypatch.setattr(shooting, "quadratic", program)
@@ -67,7 +68,7 @@ def test_a_step_that_costs_what_was_predicted_is_taken(monkeypatch, cost):
     calls = Calls(monkeypatch, cost)
     found = calls.feedback()
     assert (found.iterations, found.solved) == (1, False)
-    assert [call for call in calls if call[0] == "move"] == [("move", 1.0)]
+    assert [call for call in calls if call[0] == "apply_step"] == [("apply_step", 1.0)]
     assert not [call for call in calls if call[0] == "solve"]
     assert calls[0] == ("evaluate", True)
 
@@ -76,9 +77,9 @@ def test_a_step_that_costs_what_was_predicted_is_taken(monkeypatch, cost):
 def test_a_step_that_costs_more_is_taken_back_and_made_about_the_state_itself(monkeypatch, cost):
     calls = Calls(monkeypatch, cost)
     assert calls.feedback() == "about the state itself"
-    assert [call for call in calls if call[0] in ("move", "solve")] == [
-        ("move", 1.0),
-        ("move", -1.0),
+    assert [call for call in calls if call[0] in ("apply_step", "solve")] == [
+        ("apply_step", 1.0),
+        ("apply_step", -1.0),
         ("solve", 1, 1e-6, True),
     ]
 
@@ -86,4 +87,4 @@ def test_a_step_that_costs_more_is_taken_back_and_made_about_the_state_itself(mo
 def test_without_a_solution_the_trajectory_stays(monkeypatch):
     calls = Calls(monkeypatch, 0.0, solvable=False)
     assert (calls.feedback().iterations, calls.feedback().solved) == (0, False)
-    assert not [call for call in calls if call[0] == "move"]
+    assert not [call for call in calls if call[0] == "apply_step"]
