@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.control.mpc import shooting
-from hybrid_sysid_ros.control.safety.supervisor import INPUT_ROUNDING, _bounded
+from hybrid_sysid_ros.control.safety.supervisor import INPUT_ROUNDING as ROUNDING
+from hybrid_sysid_ros.control.safety.supervisor import _bounded
 
-HORIZON = SimpleNamespace(
-    limits=SimpleNamespace(low=np.array([-2.0, -1.0]), high=np.array([4.0, 1.0]), rate=np.array([1.5, 9.0]))
-)
+LIMITS = SimpleNamespace(low=np.array([-2.0, -1.0]), high=np.array([4.0, 1.0]), rate=np.array([1.5, 9.0]))
 STEADY = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
 
 
@@ -21,11 +20,11 @@ STEADY = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
     [
         ([1.0, 0.0], {}, True),
         ([1.0, 0.0], {(2, 1): 1.0}, True),  # at a bound, and as far beyond it as rounding may lead
-        ([1.0, 0.0], {(2, 1): 1.0 + 0.5 * INPUT_ROUNDING}, True),
-        ([1.0, 0.0], {(2, 1): -1.0 - 0.5 * INPUT_ROUNDING}, True),
-        ([1.0, 0.0], {(2, 1): 1.0 + 4.0 * INPUT_ROUNDING}, False),
-        ([1.0, 0.0], {(2, 1): -1.0 - 4.0 * INPUT_ROUNDING}, False),
-        ([1.0, 0.0], {(0, 0): 2.5 + 4.0 * INPUT_ROUNDING}, False),  # changes too fast: at first,
+        ([1.0, 0.0], {(2, 1): 1.0 + 0.5 * ROUNDING}, True),
+        ([1.0, 0.0], {(2, 1): -1.0 - 0.5 * ROUNDING}, True),
+        ([1.0, 0.0], {(2, 1): 1.0 + 4.0 * ROUNDING}, False),
+        ([1.0, 0.0], {(2, 1): -1.0 - 4.0 * ROUNDING}, False),
+        ([1.0, 0.0], {(0, 0): 2.5 + 4.0 * ROUNDING}, False),  # changes too fast: at first,
         ([1.0, 0.0], {(2, 0): 2.5}, True),
         ([1.0, 0.0], {(2, 0): 2.6}, False),  # at last,
         ([1.0, 0.0], {(1, 0): -0.6}, False),  # downwards,
@@ -38,7 +37,7 @@ def test_a_plan_keeps_the_bounds_of_inputs_and_of_their_changes(previous, change
     inputs = STEADY.copy()
     for place, value in changes.items():
         inputs[place] = value
-    assert _bounded(SimpleNamespace(previous=np.array(previous)), HORIZON, inputs) is bounded
+    assert _bounded(SimpleNamespace(previous=np.array(previous)), SimpleNamespace(limits=LIMITS), inputs) is bounded
 
 
 class Calls(list[tuple[object, ...]]):
