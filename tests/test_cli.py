@@ -228,7 +228,6 @@ def test_an_interrupted_training_says_what_is_kept(command, linear_model, tmp_pa
         ("run", "--model", "nowhere", "--bag", "PLACE"),
         ("simulate", "multisine", "PLACE", "--duration", "3600"),
         ("policy", "train", "nowhere", "--out", "PLACE"),
-        ("policy", "export", "nowhere", "PLACE"),
     ],
     ids=lambda arguments: f"{arguments[0]} {arguments[-2]}",
 )

@@ -41,7 +41,7 @@ KEPT_IN = {  # heavy libraries, and the files that may import them
     "joblib": re.compile(r"support/parallel\.py"),
     "dask": re.compile(r"support/cluster\.py"),
     "distributed": re.compile(r"support/cluster\.py"),
-    "onnx": re.compile(r"control/export/onnx_graph\.py"),
+    "onnx": re.compile(r"extensions/export/onnx_graph\.py"),
     "plotly": re.compile(r"(extensions/\w+/)?report/.*"),
     "mcp": re.compile(r"extensions/commander/language/server\.py"),
     "websockets": re.compile(r"extensions/view/server\.py"),

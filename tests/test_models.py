@@ -1,7 +1,6 @@
 """Models as folders: what is saved is what is loaded, and a bad folder says what is wrong with it."""
 
 import dataclasses
-import json
 import math
 import os
 import shutil
@@ -9,16 +8,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-import casadi
 import numpy as np
 import pytest
 import yaml
 
 from hybrid_sysid_ros import models
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.models import Model, Sampling, build, storage, structure_names
-from hybrid_sysid_ros.models.export import export_casadi
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.model import FORMAT
 from hybrid_sysid_ros.models.options import parse
@@ -412,39 +408,6 @@ def test_no_spring_pushes_so_no_free_run_grows_without_bound(structure):
     start[:2] = 3.0, -20.0
     states = simulate(system, start, np.full((120_000, 1), 10.0), step=0.005, every=1000)
     np.testing.assert_allclose(states[-1, :2], states[-2, :2], atol=1e-6)
-
-
-@pytest.mark.parametrize("structure", ["lugre", "hybrid", "narx", "recurrent", "residual", *FUZZY])
-def test_an_export_simulates_as_the_model_in_plain_casadi(tmp_path, structure):
-    """Fifty steps by the functions that were loaded from files, against the compiled rollout."""
-    model = model_of(structure)
-    export_casadi(model, tmp_path / "export")
-    step, output = (casadi.Function.load(str(tmp_path / "export" / f"{name}.casadi")) for name in ("step", "output"))
-    told = json.loads((tmp_path / "export" / "model.json").read_text())
-    assert told["inputs"] == ["drive [V]"]
-    assert told["step"] == model.sampling.step
-    drive = np.random.default_rng(1).uniform(-3.0, 3.0, (50, 1))
-    x, states = np.zeros(len(model.system.states)), []
-    for u in drive:
-        x = np.array(step(x, u)).ravel()
-        states.append(x)
-    undelayed = model.system.with_values(
-        [0.0 if item.name == "input_delay" else value for item, value in zip(
-            model.system.parameters, model.system.values, strict=True)]
-    )  # fmt: skip
-    expected = simulate(undelayed, np.zeros(len(x)), drive, step=model.sampling.step)[1:]
-    np.testing.assert_allclose(states, expected, rtol=1e-9, atol=1e-12)
-    assert float(output(x, drive[-1])) == pytest.approx(output_of(undelayed, x, drive[-1])[0])
-    if structure == "hybrid":
-        export_casadi(model, tmp_path / "export", step=10 * model.sampling.step, overwrite=True)
-        ten = casadi.Function.load(str(tmp_path / "export" / "step.casadi"))
-        held = simulate(undelayed, np.zeros(len(x)), np.full((10, 1), 2.0), step=model.sampling.step)[-1]
-        np.testing.assert_allclose(np.array(ten(np.zeros(len(x)), 2.0)).ravel(), held, rtol=1e-9)
-        with pytest.raises(UserError, match="no multiple"):
-            export_casadi(model, tmp_path / "export", step=1.5 * model.sampling.step, overwrite=True)
-        for wrong in ({"step": np.nan}, {"step": 1e6}, {"smoothing": np.inf}):
-            with pytest.raises(UserError, match="export: step is"):
-                export_casadi(model, tmp_path / "export", overwrite=True, **wrong)
 
 
 def test_a_model_of_a_rig_with_other_signals_is_refused(folder, monkeypatch):

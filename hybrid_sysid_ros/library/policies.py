@@ -10,8 +10,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from hybrid_sysid_ros.control.controller import Plan
-from hybrid_sysid_ros.control.export.folder import MANIFEST, identifier
-from hybrid_sysid_ros.control.export.folder import write as export_policy
 from hybrid_sysid_ros.control.mpc.horizon import PARTS
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.training_settings import Settings
@@ -34,12 +32,11 @@ from hybrid_sysid_ros.library.arguments import (
 from hybrid_sysid_ros.library.models import Model, load_model, sealed
 from hybrid_sysid_ros.models import Model as AnyModel
 from hybrid_sysid_ros.models import storage
-from hybrid_sysid_ros.models.export import STEP, export_casadi
 from hybrid_sysid_ros.runtime import policies as configured
 from hybrid_sysid_ros.runtime.configuration import shipped
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import check_folder
 from hybrid_sysid_ros.support.text_table import text_table
 
 DEFAULT = Settings()
@@ -207,18 +204,15 @@ def export(
     folder = path_of(out, "out")
     if isinstance(model, policies.Policy):
         form = choice_of(format, "format", FORMATS)
-        check_folder(folder, marker=MANIFEST, replace=bool(overwrite))
-        name, seal = identifier(folder.resolve().name), _seal(model)
-        export_policy(model, folder, name=name, seal=seal, form=form)  # type: ignore[arg-type]
+        extensions.one("exporters", "policy")(model, folder, seal=_seal(model), form=form, overwrite=bool(overwrite))
         return folder
     if not isinstance(model, AnyModel):
         raise UserError(f"model is {shown(model)}; give a model or a policy")
-    check_folder(folder, marker=STEP, replace=bool(overwrite))
     given = {
         "step": number_of(step, "step", low=0.0, unit="s"),
         "smoothing": number_of(smoothing, "smoothing", low=0.0),
     }
-    export_casadi(sealed(model_of(model)), folder, **given, overwrite=bool(overwrite))
+    extensions.one("exporters", "model")(sealed(model_of(model)), folder, **given, overwrite=bool(overwrite))
     return folder
 
 

@@ -24,13 +24,11 @@ TRUNK = Extension(
         "parameters": (f"{COMMANDS}.parameters", "Write the ROS parameter file of a rig's nodes."),
         "check": (f"{COMMANDS}.check", "Check the installation in a quarter of a minute."),
         "demo": (f"{COMMANDS}.demo", "From bags to a controlled rig: identify, run the loop, report."),
-        "model export": (f"{COMMANDS}.model_export", "Write a model as CasADi functions."),
         "policy train": (f"{COMMANDS}.policy_train", "Train a network that imitates the exact MPC."),
         "policy certify": (
             f"{COMMANDS}.policy_certify",
             "State how a policy does beside the exact MPC, and how surely.",
         ),
-        "policy export": (f"{COMMANDS}.policy_export", "Write a policy as ONNX and as C99."),
         "rig new": (f"{COMMANDS}.rig_new", "Write a small rig to begin with."),
         "rig check": (f"{COMMANDS}.rig_check", "Check a rig and show its step response."),
         "rig list": (f"{COMMANDS}.rig_list", "List the rigs that are known by name."),

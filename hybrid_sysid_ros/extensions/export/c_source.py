@@ -9,9 +9,9 @@ from string import Template
 
 import numpy as np
 
-from hybrid_sysid_ros.control.export.vectors import Vectors, parts
 from hybrid_sysid_ros.control.policy.policy import FARTHEST, Policy, named_layers
 from hybrid_sysid_ros.core.networks import Layers
+from hybrid_sysid_ros.extensions.export.vectors import Vectors, parts
 from hybrid_sysid_ros.support.arrays import Array
 
 WIDTH = 118

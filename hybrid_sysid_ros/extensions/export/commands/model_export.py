@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from hybrid_sysid_ros.commands.terminal import Overwrite, console
+from hybrid_sysid_ros.extensions.export.casadi_functions import STEP
 from hybrid_sysid_ros.library.models import load_model
 from hybrid_sysid_ros.library.policies import export
-from hybrid_sysid_ros.models.export import STEP
 from hybrid_sysid_ros.support.files import check_folder
 
 

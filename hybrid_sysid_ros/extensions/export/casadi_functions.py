@@ -9,7 +9,7 @@ from pathlib import Path
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.models.model import Model, signals_of
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import written_folder
+from hybrid_sysid_ros.support.files import check_folder, written_folder
 
 MOST_SUBSTEPS = 10_000
 """Of an exported step; each is written out."""
@@ -26,6 +26,7 @@ def export_casadi(
     smoothing: rounds stick-slip over so much velocity, 0 for the exact step, whose derivative jumps. u acts at once:
     delays are told in model.json. Raises UserError where the place can't be written or the step is no multiple.
     """
+    check_folder(folder, marker=STEP, replace=overwrite)
     system, own = model.system, model.sampling.step
     if not (0.0 <= step <= MOST_SUBSTEPS * own and 0.0 <= smoothing < math.inf):
         raise UserError(

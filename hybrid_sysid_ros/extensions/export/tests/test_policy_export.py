@@ -13,10 +13,11 @@ import pytest
 from small_policies import PROBLEM, TWO, correction_of, policy_of  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.commands import app
-from hybrid_sysid_ros.control.export import compiler, folder, onnx_graph
-from hybrid_sysid_ros.control.export.vectors import asked as vectors_of
-from hybrid_sysid_ros.control.export.vectors import bounded, parts, vectors
 from hybrid_sysid_ros.control.safety.certificate import Certificate, bounds
+from hybrid_sysid_ros.extensions.export import compiler, onnx_graph
+from hybrid_sysid_ros.extensions.export import policy_folder as folder
+from hybrid_sysid_ros.extensions.export.vectors import asked as vectors_of
+from hybrid_sysid_ros.extensions.export.vectors import bounded, parts, vectors
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.export.vectors import NAMES, Vectors, parts
 from hybrid_sysid_ros.control.policy.policy import FARTHEST, Policy
 from hybrid_sysid_ros.core.networks import Layers
+from hybrid_sysid_ros.extensions.export.vectors import NAMES, Vectors, parts
 from hybrid_sysid_ros.support.extras import extra
 
 OPERATORS, INTERMEDIATE = 13, 8

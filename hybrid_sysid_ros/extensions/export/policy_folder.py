@@ -12,12 +12,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
-from hybrid_sysid_ros.control.export import c_source, compiler, onnx_graph
-from hybrid_sysid_ros.control.export.vectors import NAMES, Vectors, parts, vectors
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.policy import SELF_CHECK_TOLERANCE, Policy
 from hybrid_sysid_ros.control.safety.certificate import Certificate
 from hybrid_sysid_ros.core import Variable
+from hybrid_sysid_ros.extensions.export import c_source, compiler, onnx_graph
+from hybrid_sysid_ros.extensions.export.vectors import NAMES, Vectors, parts, vectors
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
@@ -55,6 +55,12 @@ def export(folder: Path | str, out: Path | str, *, form: Format = "both", overwr
     loaded = policies.load(folder)
     name = identifier(Path(folder).resolve().name)
     return write(loaded, out, name=name, seal=storage.digest(folder, kind="policy"), form=form)
+
+
+def export_loaded(policy: Policy, out: Path, *, seal: str, form: Format, overwrite: bool) -> None:
+    """:func:`export` of a policy in memory, by the name of the folder. seal: of the policy's own folder."""
+    check_folder(out, marker=MANIFEST, replace=overwrite)
+    write(policy, out, name=identifier(out.resolve().name), seal=seal, form=form)
 
 
 def write(policy: Policy, out: Path | str, *, name: str, seal: str, form: Format = "both") -> list[Check]:

@@ -8,8 +8,8 @@ from typing import Annotated, Any, cast
 import typer
 
 from hybrid_sysid_ros.commands.terminal import Overwrite, OwnRig, console
-from hybrid_sysid_ros.control.export import Check, export
 from hybrid_sysid_ros.control.policy.policy import SELF_CHECK_TOLERANCE
+from hybrid_sysid_ros.extensions.export.policy_folder import Check, export
 from hybrid_sysid_ros.support.errors import UserError
 
 FORMATS = ("onnx", "c", "both")
