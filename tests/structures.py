@@ -3,26 +3,32 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib import import_module
 
 import numpy as np
 
 from hybrid_sysid_ros.core import Dry, RungeKutta, System, Variable, bounded
+from hybrid_sysid_ros.core.blocks import Block
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.models import build
 from hybrid_sysid_ros.models.narx import Narx
-from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.models.residual import ResidualHybrid
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.trunk import TRUNK
 
-try:  # systems of an extension take part where it is there
-    from hybrid_sysid_ros.extensions.fuzzy.tests.systems import SYSTEMS as FUZZY
-except ModuleNotFoundError:
-    FUZZY = {}
+FURTHER: dict[str, Callable[[], System]] = {}
+"""Systems of the structures of extensions, of those that are there."""
+BLOCKS: dict[str, tuple[Block, Block]] = {}
+"""Blocks of extensions, each in two shapes."""
+for path in sorted(extensions.HOME.glob("*/tests/systems.py")):
+    told = import_module(f"hybrid_sysid_ros.extensions.{path.parts[-3]}.tests.systems")
+    FURTHER |= told.SYSTEMS
+    BLOCKS |= getattr(told, "BLOCKS", {})
 
 RANGE = np.array([0.15, 0.5, 10.0])  # position [rad], velocity [rad/s], drive [V] of the beam's records
 DEFLECTION = 0.005  # of bristles, as far as they bend [rad]
-MOTIONS = [name for name in TRUNK.provides["structures"] if name not in ("narx", "recurrent", "residual")]
+MOTIONS = [name for name in TRUNK.provides["structures"] if name not in ("narx", "residual")]
 
 
 def structure(name: str, seed: int = 0) -> System:
@@ -39,11 +45,6 @@ def structure(name: str, seed: int = 0) -> System:
 
 
 POSITION, DRIVE = Variable.of(CamBeam.outputs[0]), Variable.of(CamBeam.inputs[0])
-
-
-def recurrent() -> Recurrent:
-    system = Recurrent(outputs=(POSITION,), inputs=(DRIVE,), units=5, scales=(0.05, 0.2, 4.0))
-    return system.with_weights(np.random.default_rng(0).normal(size=len(system.weights)))
 
 
 def polynomial() -> Narx:
@@ -132,7 +133,6 @@ class TwoTanks(System):
 SYSTEMS: dict[str, Callable[[], System]] = {
     **{name: partial(structure, name) for name in MOTIONS},
     "narx": polynomial,
-    "recurrent": recurrent,
     "residual": residual,
-    **FUZZY,
+    **FURTHER,
 }

@@ -34,7 +34,7 @@ NODES = re.compile(r"nodes/.*|extensions/\w+/nodes/.*")
 """Files that may import ROS."""
 LAUNCH = re.compile(r"launch\w*")
 KEPT_IN = {  # heavy libraries, and the files that may import them
-    "torch": re.compile(r"(control/policy/(network|training)|identification/gradient_training)\.py"),
+    "torch": re.compile(r"(control/policy/(network|training)|extensions/recurrent/training)\.py"),
     "casadi": re.compile(r"(core/\w+|control/mpc/interior_point)\.py"),
     "sysidentpy": re.compile(r"identification/selection/term_selection\.py"),
     "optuna": re.compile(r"extensions/search/(study|database)\.py"),
@@ -175,7 +175,7 @@ def test_a_forbidden_import_is_found(file: str, source: str) -> None:
         ("nodes/plant.py", "import rclpy\nfrom hybrid_sysid_ros.control import mpc"),
         ("control/policy/training.py", "import torch\nfrom hybrid_sysid_ros.estimation import kalman"),
         ("control/mpc/mpc.py", "from . import shooting\nfrom .shooting import Shooting\nfrom ...models import hybrid"),
-        ("identification/gradient_training.py", "def late():\n    import torch"),
+        ("extensions/recurrent/training.py", "def late():\n    import torch"),
         ("report/figures.py", "import plotly.graph_objects\nfrom hybrid_sysid_ros.identification import residuals"),
         ("extensions/view/nodes/view.py", "import rclpy\nfrom hybrid_sysid_ros.nodes import topics"),
         ("extensions/view/server.py", "import websockets\nfrom hybrid_sysid_ros.runtime import parameters"),
@@ -200,7 +200,7 @@ for name in {names}:
 
 def test_the_library_imports_without_ros_and_without_extras() -> None:
     free = [file for file in FILES if not NODES.fullmatch(file) and not AT_THE_TOP.fullmatch(file)]
-    assert "identification/gradient_training.py" in free
+    assert "identification/fitting.py" in free
     modules = [file.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for file in free]
     names = [PACKAGE if module == "__init__" else f"{PACKAGE}.{module}" for module in modules]
     absent = [*(set(KEPT_IN) - {"casadi"}), "rclpy", "sensor_msgs"]  # casadi traces every law

@@ -22,8 +22,7 @@ from hybrid_sysid_ros.models.structure import assemble, options_of
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
 from tests.one_joint import narx as narx_of
-from tests.one_joint import recurrent as recurrent_of
-from tests.structures import FUZZY, RANGE, residual
+from tests.structures import FURTHER, RANGE, residual
 
 FROM_DATA = {
     "narx": narx_of(
@@ -37,9 +36,8 @@ FROM_DATA = {
         input_scale=4.0,
         period=0.05,
     ),
-    "recurrent": recurrent_of(3, scales=(0.03, 0.2, 4.0), period=0.025),
     "residual": residual(CamBeam()),
-    **{name: made() for name, made in FUZZY.items()},
+    **{name: made() for name, made in FURTHER.items()},
 }
 BUILT = [name for name in structure_names() if name not in FROM_DATA]
 SCALES = np.array([0.1, 0.4, 5.0])
@@ -437,7 +435,7 @@ assert not [name for name in heavy if name in sys.modules], [name for name in he
 """
 
 
-@pytest.mark.parametrize("structure", ["gray", "hybrid", "narx", "recurrent", "residual", *FUZZY])
+@pytest.mark.parametrize("structure", ["gray", "hybrid", "narx", "residual", *FURTHER])
 def test_a_model_is_loaded_without_what_fits_it(structure, tmp_path):
     model_of(structure).save(tmp_path / "model")
     subprocess.run([sys.executable, "-c", LIGHT, tmp_path / "model"], check=True, timeout=120)

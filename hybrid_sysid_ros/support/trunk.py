@@ -47,7 +47,6 @@ TRUNK = Extension(
             **dict.fromkeys(("linear", "stribeck", "dahl", "lugre"), f"{STRUCTURES}.gray_box:GrayBox"),
             "narx": f"{STRUCTURES}.narx:NarxStructure",
             "black_box": f"{STRUCTURES}.hybrid:BlackBox",
-            "recurrent": f"{STRUCTURES}.recurrent:RecurrentStructure",
             "hybrid_joint": f"{STRUCTURES}.hybrid:JointHybrid",
             "hybrid_frozen": f"{STRUCTURES}.hybrid:FrozenHybrid",
             "gray": f"{STRUCTURES}.gray_box:GrayBox",

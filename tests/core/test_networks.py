@@ -12,10 +12,11 @@ from benchmarks.network_plant import WEIGHTS, NetworkPlant, layers
 from benchmarks.perceptron import Perceptron
 from hybrid_sysid_ros.core import Softsign, System, one_step, step_with_jacobian
 from hybrid_sysid_ros.core.blocks import Block
-from hybrid_sysid_ros.core.networks import GatedUnits, Polynomial
+from hybrid_sysid_ros.core.networks import Polynomial
 from hybrid_sysid_ros.core.steppers import Sampled
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.support.errors import UserError
+from tests.structures import BLOCKS as FURTHER_BLOCKS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +130,7 @@ def check_slopes(block, written, atol=1e-14):
 BLOCKS: dict[str, Any] = {
     **{name: block for name, (block, _) in LEARNT.items()},
     "perceptron": Perceptron(widths=(3, 7, 9, 2)),
-    "gated units": GatedUnits(units=3, size=9 + 9 + 27 + 3 + 3 + 1 + 5),
+    **{name: block for name, (block, _) in FURTHER_BLOCKS.items()},
 }
 
 

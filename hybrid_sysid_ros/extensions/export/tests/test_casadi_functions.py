@@ -10,11 +10,11 @@ from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.extensions.export.casadi_functions import export_casadi
 from hybrid_sysid_ros.support.errors import UserError
-from tests.structures import FUZZY
+from tests.structures import FURTHER
 from tests.test_models import model_of
 
 
-@pytest.mark.parametrize("structure", ["lugre", "hybrid", "narx", "recurrent", "residual", *FUZZY])
+@pytest.mark.parametrize("structure", ["lugre", "hybrid", "narx", "residual", *FURTHER])
 def test_an_export_simulates_as_the_model_in_plain_casadi(tmp_path, structure):
     """Fifty steps by the functions that were loaded from files, against the compiled rollout."""
     model = model_of(structure)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.extensions.recurrent.recurrent import Recurrent, step_within
 from hybrid_sysid_ros.models.fit import Fit, FitContext
 from hybrid_sysid_ros.models.options import Option
-from hybrid_sysid_ros.models.recurrent import Recurrent, step_within
 from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.models.structure import Structure
 
@@ -30,7 +30,7 @@ class RecurrentStructure(Structure):
         return replace(asked, step=step_within(asked.period) if asked.input == "averaged" else asked.period)
 
     def fit(self, context: FitContext) -> Fit:
-        from hybrid_sysid_ros.identification.gradient_training import train, untrained
+        from hybrid_sysid_ros.extensions.recurrent.training import train, untrained
 
         network = untrained(self.physics, context.sampling.step, int(context.options["units"]))
         return train(network, context.experiments(network), seed=context.seed, progress=context.progress)

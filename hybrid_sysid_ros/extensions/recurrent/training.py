@@ -11,9 +11,9 @@ import numpy as np
 
 from hybrid_sysid_ros.core import System, Variable, simulate
 from hybrid_sysid_ros.core.parameters import scale_of
+from hybrid_sysid_ros.extensions.recurrent.recurrent import Recurrent
 from hybrid_sysid_ros.identification.fitting import Progress
 from hybrid_sysid_ros.models.fit import Experiment, Fit
-from hybrid_sysid_ros.models.recurrent import Recurrent
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra

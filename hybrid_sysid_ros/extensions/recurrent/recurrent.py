@@ -11,9 +11,9 @@ import numpy as np
 
 from hybrid_sysid_ros.core import Parameter, Recurrence, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.core.networks import GatedUnits
 from hybrid_sysid_ros.core.parameters import of_data
 from hybrid_sysid_ros.core.record_map import RecordMap
+from hybrid_sysid_ros.extensions.recurrent.gated_units import GatedUnits
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -11,10 +11,10 @@ from scipy.linalg import expm
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Variable, one_step, simulate
 from hybrid_sysid_ros.core.symbolic import symbolic_step
+from hybrid_sysid_ros.extensions.recurrent.recurrent import Recurrent, step_within
+from hybrid_sysid_ros.extensions.recurrent.training import Schedule, rollout, train, untrained
 from hybrid_sysid_ros.identification import free_run, prepare, score
-from hybrid_sysid_ros.identification.gradient_training import Schedule, rollout, train, untrained
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.models.recurrent import Recurrent, step_within
 from hybrid_sysid_ros.support.errors import UserError
 from tests.one_joint import Linear, recurrent
 
