@@ -36,7 +36,7 @@ LAUNCH = re.compile(r"launch\w*")
 KEPT_IN = {  # heavy libraries, and the files that may import them
     "torch": re.compile(r"(control/policy/(network|training)|extensions/recurrent/training)\.py"),
     "casadi": re.compile(r"(core/\w+|control/mpc/interior_point)\.py"),
-    "sysidentpy": re.compile(r"identification/selection/term_selection\.py"),
+    "sysidentpy": re.compile(r"extensions/narx/term_selection\.py"),
     "optuna": re.compile(r"extensions/search/(study|database)\.py"),
     "joblib": re.compile(r"support/parallel\.py"),
     "dask": re.compile(r"support/cluster\.py"),
@@ -143,7 +143,7 @@ def test_imports_run_downwards(file: str) -> None:
         ("nodes/plant.py", "from launch import LaunchDescription"),
         ("control/policy/policy.py", "from torch import nn"),
         ("identification/fitting.py", "def late():\n    from torch import nn"),
-        ("models/narx.py", "import sysidentpy"),
+        ("models/lagged.py", "import sysidentpy"),
         ("control/mpc/mpc.py", "from casadi import SX"),
         ("identification/fitting.py", "import optuna"),
         ("identification/fitting.py", "import plotly"),

@@ -21,24 +21,9 @@ from hybrid_sysid_ros.models.options import parse
 from hybrid_sysid_ros.models.structure import assemble, options_of
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
-from tests.one_joint import narx as narx_of
-from tests.structures import FURTHER, RANGE, residual
+from tests.structures import FURTHER, RANGE
 
-FROM_DATA = {
-    "narx": narx_of(
-        exponents=((1, 0, 0, 0), (0, 2, 1, 0), (0, 0, 0, 1)),
-        coefficients=(0.9, 1.0 / 3.0, 0.1),
-        output_lags=2,
-        input_lags=2,
-        output_range=(-0.1, 0.1),
-        input_range=(-9.0, 10.0 / 3.0),
-        output_scale=0.03,
-        input_scale=4.0,
-        period=0.05,
-    ),
-    "residual": residual(CamBeam()),
-    **{name: made() for name, made in FURTHER.items()},
-}
+FROM_DATA = {name: made() for name, made in FURTHER.items()}
 BUILT = [name for name in structure_names() if name not in FROM_DATA]
 SCALES = np.array([0.1, 0.4, 5.0])
 
@@ -435,7 +420,7 @@ assert not [name for name in heavy if name in sys.modules], [name for name in he
 """
 
 
-@pytest.mark.parametrize("structure", ["gray", "hybrid", "narx", "residual", *FURTHER])
+@pytest.mark.parametrize("structure", ["gray", "hybrid", *FURTHER])
 def test_a_model_is_loaded_without_what_fits_it(structure, tmp_path):
     model_of(structure).save(tmp_path / "model")
     subprocess.run([sys.executable, "-c", LIGHT, tmp_path / "model"], check=True, timeout=120)

@@ -45,13 +45,11 @@ TRUNK = Extension(
         "sections": dict.fromkeys(SECTIONS, ""),
         "structures": {
             **dict.fromkeys(("linear", "stribeck", "dahl", "lugre"), f"{STRUCTURES}.gray_box:GrayBox"),
-            "narx": f"{STRUCTURES}.narx:NarxStructure",
             "black_box": f"{STRUCTURES}.hybrid:BlackBox",
             "hybrid_joint": f"{STRUCTURES}.hybrid:JointHybrid",
             "hybrid_frozen": f"{STRUCTURES}.hybrid:FrozenHybrid",
             "gray": f"{STRUCTURES}.gray_box:GrayBox",
             "hybrid": f"{STRUCTURES}.hybrid:AnchoredHybrid",
-            "residual": f"{STRUCTURES}.residual:ResidualStructure",
         },
     },
 )

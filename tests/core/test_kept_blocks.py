@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.perceptron import Perceptron
-from hybrid_sysid_ros.core.networks import Polynomial, Softsign
+from hybrid_sysid_ros.core.networks import Softsign
 from tests.structures import BLOCKS
 
 ERROR = """
@@ -64,7 +64,6 @@ def names(function) -> set[str]:
     ("first", "second"),
     [
         (Perceptron(widths=(2, 8, 1)), Perceptron(widths=(2, 8, 8, 1))),
-        (Polynomial(features=1, exponents=((1,),)), Polynomial(features=1, exponents=((2,),))),
         (Softsign(features=2, units=3), Softsign(features=2, units=4)),
         *BLOCKS.values(),
     ],

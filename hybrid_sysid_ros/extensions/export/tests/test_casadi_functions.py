@@ -14,7 +14,7 @@ from tests.structures import FURTHER
 from tests.test_models import model_of
 
 
-@pytest.mark.parametrize("structure", ["lugre", "hybrid", "narx", "residual", *FURTHER])
+@pytest.mark.parametrize("structure", ["lugre", "hybrid", *FURTHER])
 def test_an_export_simulates_as_the_model_in_plain_casadi(tmp_path, structure):
     """Fifty steps by the functions that were loaded from files, against the compiled rollout."""
     model = model_of(structure)

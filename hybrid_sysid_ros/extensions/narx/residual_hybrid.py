@@ -11,11 +11,11 @@ import numpy as np
 
 from hybrid_sysid_ros.core import Parameter, Softsign, System, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar, clip
-from hybrid_sysid_ros.core.networks import Polynomial
 from hybrid_sysid_ros.core.parameters import of_data
 from hybrid_sysid_ros.core.record_map import RecordMap
 from hybrid_sysid_ros.core.steppers import Rates
 from hybrid_sysid_ros.core.wrappers import Wrapper
+from hybrid_sysid_ros.extensions.narx.polynomial import Polynomial
 from hybrid_sysid_ros.models.hybrid import CLIP, CORNER, features_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.narx.residual_hybrid import ResidualHybrid, averaged
 from hybrid_sysid_ros.models.fit import Fit, FitContext
 from hybrid_sysid_ros.models.options import Option
-from hybrid_sysid_ros.models.residual import ResidualHybrid, averaged
 from hybrid_sysid_ros.models.structure import Structure
 from hybrid_sysid_ros.structures.gray_box import FIT_OPTIONS
 from hybrid_sysid_ros.structures.hybrid import MEMBERS, RIDGE
@@ -46,7 +46,7 @@ class ResidualStructure(Structure):
         return {**OPTIONS, **{name: item for name, item in self.gray.options.items() if name not in OPTIONS}}
 
     def fit(self, context: FitContext) -> Fit:
-        from hybrid_sysid_ros.identification.residual import ResidualSequence, check_forgets, initial_guess
+        from hybrid_sysid_ros.extensions.narx.residual_fit import ResidualSequence, check_forgets, initial_guess
 
         gray, options = self.gray.fit(context.of(self.gray)), context.options
         residuals = [ResidualSequence.of(gray.system, item) for item in context.experiments(gray.system)]

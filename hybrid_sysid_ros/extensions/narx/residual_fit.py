@@ -12,7 +12,8 @@ from scipy.signal import savgol_filter
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.core.symbolic import symbolic_values
-from hybrid_sysid_ros.identification.selection.term_selection import (
+from hybrid_sysid_ros.extensions.narx.residual_hybrid import ResidualHybrid, Term, coefficients, step_up
+from hybrid_sysid_ros.extensions.narx.term_selection import (
     MOST,
     exponents_of,
     forward_selection,
@@ -23,7 +24,6 @@ from hybrid_sysid_ros.identification.validation.scores import initial_state
 from hybrid_sysid_ros.models.fit import Experiment
 from hybrid_sysid_ros.models.hybrid import CLIP
 from hybrid_sysid_ros.models.options import Options
-from hybrid_sysid_ros.models.residual import ResidualHybrid, Term, coefficients, step_up
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.core.networks import Polynomial
+from hybrid_sysid_ros.extensions.narx.polynomial import Polynomial
 from hybrid_sysid_ros.models.lagged import Lagged
 from hybrid_sysid_ros.support.errors import UserError
 

@@ -15,17 +15,17 @@ from hybrid_sysid_ros.core import Dry, Sensitivities, System, rollouts, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.estimation.extended_kalman_filter import ExtendedKalmanFilter
 from hybrid_sysid_ros.estimation.tuning import Tuning
+from hybrid_sysid_ros.extensions.narx.residual_fit import ResidualSequence, check_forgets, initial_guess, levinson
+from hybrid_sysid_ros.extensions.narx.residual_hybrid import RADIUS, ResidualHybrid, averaged, coefficients
+from hybrid_sysid_ros.extensions.narx.tests.systems import residual
 from hybrid_sysid_ros.identification import Experiment, free_run
 from hybrid_sysid_ros.identification.experiment import ResampledRecord
 from hybrid_sysid_ros.identification.fitting import fit
-from hybrid_sysid_ros.identification.residual import ResidualSequence, check_forgets, initial_guess, levinson
 from hybrid_sysid_ros.identification.validation.stages import compare_stages
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.hybrid import CLIP
-from hybrid_sysid_ros.models.residual import RADIUS, ResidualHybrid, averaged, coefficients
 from hybrid_sysid_ros.models.structure import options_of, structure_of
 from hybrid_sysid_ros.support.errors import UserError
-from tests.structures import residual
 
 SAMPLING = Sampling(step=0.005, period=0.01)
 

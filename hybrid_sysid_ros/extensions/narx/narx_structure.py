@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.extensions.narx.narx import Narx
 from hybrid_sysid_ros.models.fit import Fit, FitContext
-from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.models.options import Option
 from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.models.structure import Structure
@@ -37,7 +37,7 @@ class NarxStructure(Structure):
         return replace(asked, step=asked.period)
 
     def fit(self, context: FitContext) -> Fit:
-        from hybrid_sysid_ros.identification.selection.term_selection import select_terms
+        from hybrid_sysid_ros.extensions.narx.term_selection import select_terms
 
         options = {name: int(value) for name, value in context.options.items()}
         chosen = select_terms(
