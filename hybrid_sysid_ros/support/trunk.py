@@ -19,7 +19,6 @@ TRUNK = Extension(
         "evaluate": (f"{COMMANDS}.evaluate", "Score a model on bags by free run and closed loop."),
         "ensemble": (f"{COMMANDS}.ensemble", "Score several models together on bags."),
         "trim": (f"{COMMANDS}.trim", "Find an equilibrium of a rig and the modes about it."),
-        "friction": (f"{COMMANDS}.friction", "Draw a law of friction, or list them."),
         "run": (f"{COMMANDS}.run", "Run plant, estimator, controller and reference as ROS 2 nodes."),
         "parameters": (f"{COMMANDS}.parameters", "Write the ROS parameter file of a rig's nodes."),
         "check": (f"{COMMANDS}.check", "Check the installation in a quarter of a minute."),

@@ -9,9 +9,9 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import console, print_table
-from hybrid_sysid_ros.core.friction import experiments
-from hybrid_sysid_ros.core.friction.laws import LAWS, SlidingBlock, law
-from hybrid_sysid_ros.report.line_plots import Plot, draw
+from hybrid_sysid_ros.extensions.friction_atlas import experiments
+from hybrid_sysid_ros.extensions.friction_atlas.laws import LAWS, SlidingBlock, law
+from hybrid_sysid_ros.extensions.friction_atlas.line_plots import Plot, draw
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_file
 

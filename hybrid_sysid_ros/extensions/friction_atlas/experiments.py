@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hybrid_sysid_ros.core.friction.laws import SlidingBlock
 from hybrid_sysid_ros.core.rollout import rollouts, simulate
+from hybrid_sysid_ros.extensions.friction_atlas.laws import SlidingBlock
 from hybrid_sysid_ros.support.arrays import Array
 
 STEP = 1e-4

@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.core.friction.experiments import break_away, friction_over_speed, led, pre_sliding, stick_slip
-from hybrid_sysid_ros.core.friction.laws import LAWS, law
+from hybrid_sysid_ros.extensions.friction_atlas.experiments import (
+    break_away,
+    friction_over_speed,
+    led,
+    pre_sliding,
+    stick_slip,
+)
+from hybrid_sysid_ros.extensions.friction_atlas.laws import LAWS, law
 from hybrid_sysid_ros.support.errors import UserError
 
 COULOMB, STATIC, STRIBECK_SPEED, VISCOUS = 1.0, 1.5, 0.05, 0.4
