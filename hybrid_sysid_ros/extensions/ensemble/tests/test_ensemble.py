@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros import bags
+from hybrid_sysid_ros.extensions.ensemble.ensemble import Ensemble, ensemble
 from hybrid_sysid_ros.identification import evaluate
-from hybrid_sysid_ros.identification.validation.ensemble import Ensemble, ensemble
 from hybrid_sysid_ros.identification.validation.unstable import UnstableError
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.parameters import shipped
 from hybrid_sysid_ros.support.errors import UserError
 
-BAGS = Path(__file__).parents[1] / "bags"
+BAGS = Path(__file__).parents[4] / "bags"
 MULTISINE = BAGS / "beam_multisine"
 
 

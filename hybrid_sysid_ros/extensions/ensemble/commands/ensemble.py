@@ -12,8 +12,8 @@ from rich.table import Table
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table
+from hybrid_sysid_ros.extensions.ensemble.ensemble import DEVIATIONS, Ensemble, ensemble
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.validation.ensemble import DEVIATIONS, Ensemble, ensemble
 from hybrid_sysid_ros.models import load as load_model
 
 
