@@ -34,7 +34,7 @@ NODES = re.compile(r"nodes/.*|extensions/\w+/nodes/.*")
 """Files that may import ROS."""
 LAUNCH = re.compile(r"launch\w*")
 KEPT_IN = {  # heavy libraries, and the files that may import them
-    "torch": re.compile(r"(control/policy/(network|training)|extensions/recurrent/training)\.py"),
+    "torch": re.compile(r"extensions/(policies/(network|training)|recurrent/training)\.py"),
     "casadi": re.compile(r"(core/\w+|control/mpc/interior_point)\.py"),
     "sysidentpy": re.compile(r"extensions/narx/term_selection\.py"),
     "optuna": re.compile(r"extensions/search/(study|database)\.py"),
@@ -50,8 +50,8 @@ KEPT_IN = {  # heavy libraries, and the files that may import them
     "PIL": re.compile(r"extensions/vision/camera/jpeg\.py"),
 }
 AT_THE_TOP = re.compile(
-    r"core/casadi_form\.py|control/(mpc/interior_point|policy/(network|training))\.py"
-    r"|(extensions/\w+/)?report/(charts|\w*figures)\.py|extensions/(view|commander/language)/server\.py"
+    r"core/casadi_form\.py|control/mpc/interior_point\.py"
+    r"|extensions/policies/(network|training)\.py|(extensions/\w+/)?report/(charts|\w*figures)\.py|extensions/(view|commander/language)/server\.py"
 )
 """Files that import one of them at once, and are themselves imported late; all others import it where they use it."""
 
@@ -173,7 +173,7 @@ def test_a_forbidden_import_is_found(file: str, source: str) -> None:
     ("file", "source"),
     [
         ("nodes/plant.py", "import rclpy\nfrom hybrid_sysid_ros.control import mpc"),
-        ("control/policy/training.py", "import torch\nfrom hybrid_sysid_ros.estimation import kalman"),
+        ("extensions/policies/training.py", "import torch\nfrom hybrid_sysid_ros.estimation import kalman"),
         ("control/mpc/mpc.py", "from . import shooting\nfrom .shooting import Shooting\nfrom ...models import hybrid"),
         ("extensions/recurrent/training.py", "def late():\n    import torch"),
         ("report/figures.py", "import plotly.graph_objects\nfrom hybrid_sysid_ros.identification import residuals"),

@@ -119,7 +119,7 @@ def provided(kind: str) -> dict[str, Any]:
 def one(kind: str, name: str) -> Any:
     """The thing of a kind that has a name. Raises UserError where no extension provides it, or it can't be imported."""
     if (target := targets(kind).get(name)) is None:
-        raise UserError(f"no {kind} {name} are installed: install the extension that provides them")
+        raise UserError(f"{kind} {name}: no extension that provides it is installed: install one that does")
     return loaded(target)
 
 

@@ -22,11 +22,6 @@ TRUNK = Extension(
         "parameters": (f"{COMMANDS}.parameters", "Write the ROS parameter file of a rig's nodes."),
         "check": (f"{COMMANDS}.check", "Check the installation in a quarter of a minute."),
         "demo": (f"{COMMANDS}.demo", "From bags to a controlled rig: identify, run the loop, report."),
-        "policy train": (f"{COMMANDS}.policy_train", "Train a network that imitates the exact MPC."),
-        "policy certify": (
-            f"{COMMANDS}.policy_certify",
-            "State how a policy does beside the exact MPC, and how surely.",
-        ),
         "rig new": (f"{COMMANDS}.rig_new", "Write a small rig to begin with."),
         "rig check": (f"{COMMANDS}.rig_check", "Check a rig and show its step response."),
         "rig list": (f"{COMMANDS}.rig_list", "List the rigs that are known by name."),

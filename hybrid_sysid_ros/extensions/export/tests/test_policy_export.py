@@ -10,7 +10,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from small_policies import PROBLEM, TWO, correction_of, policy_of  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.control.safety.certificate import Certificate, bounds
@@ -21,6 +20,7 @@ from hybrid_sysid_ros.extensions.export.vectors import bounded, parts, vectors
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256
+from tests.small_policies import PROBLEM, TWO, correction_of, policy_of
 
 SEAL = "0123abcd"
 CORRECTION = correction_of(PROBLEM, hidden=(7,))

@@ -14,8 +14,8 @@ POSITION, DRIVE = Variable.of(CamBeam.outputs[0]), Variable.of(CamBeam.inputs[0]
 
 
 def recurrent() -> Recurrent:
-    """Of five hidden states."""
-    system = Recurrent(outputs=(POSITION,), inputs=(DRIVE,), units=5, scales=(0.05, 0.2, 4.0))
+    """Of three hidden states."""
+    system = Recurrent(outputs=(POSITION,), inputs=(DRIVE,), units=3, scales=(0.03, 0.2, 4.0), period=0.025)
     return system.with_weights(np.random.default_rng(0).normal(size=len(system.weights)))
 
 

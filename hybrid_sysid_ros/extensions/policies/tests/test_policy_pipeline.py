@@ -4,18 +4,18 @@ import dataclasses
 
 import numpy as np
 import pytest
-from linear_policies import CARTS  # type: ignore[import-not-found]
-from small_policies import SEAL, model_of  # type: ignore[import-not-found]
-from test_samples import CARTS_SPREAD  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.training_settings import Settings
-from hybrid_sysid_ros.control.safety.certification import certify
-from hybrid_sysid_ros.control.safety.certified_loops import Certification, Criteria, Distribution
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor, Tolerances
 from hybrid_sysid_ros.control.scenarios import Spread
+from hybrid_sysid_ros.extensions.policies.certification import certify
+from hybrid_sysid_ros.extensions.policies.certified_loops import Certification, Criteria, Distribution
+from hybrid_sysid_ros.extensions.policies.tests.test_samples import CARTS_SPREAD
 from hybrid_sysid_ros.models import storage
+from tests.linear_policies import CARTS
+from tests.small_policies import SEAL, model_of
 
 BEAM = Problem(
     horizon=8,
@@ -44,7 +44,7 @@ JOINT = Problem(
 @pytest.fixture(scope="module", params=["beam", "carts", "joint"])
 def made(request, rig, flexible_joint, tmp_path_factory):
     """System, problem and spread, and the folder of a policy that was trained for them."""
-    training = pytest.importorskip("hybrid_sysid_ros.control.policy.training", exc_type=ImportError)
+    training = pytest.importorskip("hybrid_sysid_ros.extensions.policies.training", exc_type=ImportError)
     system, problem, spread = {
         "beam": (rig.system, BEAM, Spread(amplitude=(0.05,), disturbance=(0.3,), push=(0.005, 0.05))),
         "carts": (CARTS.system, CARTS.problem, CARTS_SPREAD),

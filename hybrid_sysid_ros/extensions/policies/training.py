@@ -12,9 +12,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.policy.idle_states import without_idle
 from hybrid_sysid_ros.control.policy.kernels import TrainingRange
-from hybrid_sysid_ros.control.policy.network import (
+from hybrid_sysid_ros.control.policy.policy import Correction, Policy, features_of
+from hybrid_sysid_ros.control.policy.training_settings import MOST_EPISODES, Settings
+from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.scenarios import Spread, steady_motion
+from hybrid_sysid_ros.extensions.policies.idle_states import without_idle
+from hybrid_sysid_ros.extensions.policies.network import (
     beyond_bounds,
     descend,
     in_double,
@@ -22,11 +26,7 @@ from hybrid_sysid_ros.control.policy.network import (
     new_network,
     single,
 )
-from hybrid_sysid_ros.control.policy.policy import Correction, Policy, features_of
-from hybrid_sysid_ros.control.policy.samples import Samples, sampled
-from hybrid_sysid_ros.control.policy.training_settings import MOST_EPISODES, Settings
-from hybrid_sysid_ros.control.problem import Problem
-from hybrid_sysid_ros.control.scenarios import Spread, steady_motion
+from hybrid_sysid_ros.extensions.policies.samples import Samples, sampled
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.arrays import Array

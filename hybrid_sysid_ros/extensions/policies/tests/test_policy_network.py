@@ -5,8 +5,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from hybrid_sysid_ros.control.policy import network as networks  # noqa: E402
 from hybrid_sysid_ros.control.policy.training_settings import Settings  # noqa: E402
+from hybrid_sysid_ros.extensions.policies import network as networks  # noqa: E402
 
 
 def test_an_answer_beyond_the_bound_is_right_where_the_bound_is():

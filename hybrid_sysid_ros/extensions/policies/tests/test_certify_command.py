@@ -8,16 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from linear_policies import BEAM, broken_policy, checked  # type: ignore[import-not-found]
 
-from hybrid_sysid_ros.commands import app, policy_certify
+from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.safety.certificate import FILE
+from hybrid_sysid_ros.extensions.policies.by_rig import certification_of
+from hybrid_sysid_ros.extensions.policies.commands import policy_certify
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.configuration import check_tolerances
-from hybrid_sysid_ros.runtime.policies import certification_of
+from tests.linear_policies import BEAM, broken_policy, checked
 from tests.straight_beam import straight
 
 

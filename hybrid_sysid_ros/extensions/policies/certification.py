@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.safety.certificate import Certificate, bounds, margin
-from hybrid_sysid_ros.control.safety.certified_loops import (
+from hybrid_sysid_ros.control.safety.supervisor import REASONS
+from hybrid_sysid_ros.control.scenarios import DISTURBED, PUSHED
+from hybrid_sysid_ros.extensions.policies.certified_loops import (
     COST,
     ERROR,
     EXACT,
@@ -25,8 +27,6 @@ from hybrid_sysid_ros.control.safety.certified_loops import (
     Drivers,
     measured,
 )
-from hybrid_sysid_ros.control.safety.supervisor import REASONS
-from hybrid_sysid_ros.control.scenarios import DISTURBED, PUSHED
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.arrays import Array

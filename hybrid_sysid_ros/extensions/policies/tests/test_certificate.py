@@ -5,15 +5,17 @@ import math
 
 import numpy as np
 import pytest
-from linear_policies import BEAM, CARTS, broken_policy, checked, exact_policy  # type: ignore[import-not-found]
 from scipy.stats import binom
 
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.safety import certificate as certificates
 from hybrid_sysid_ros.control.safety.certificate import FILE, LEAST_LOOPS, binomial_bound, margin
-from hybrid_sysid_ros.control.safety.certification import certify
-from hybrid_sysid_ros.control.safety.certified_loops import (
+from hybrid_sysid_ros.control.safety.supervisor import REASONS, Supervisor, Tolerances
+from hybrid_sysid_ros.control.scenarios import Spread
+from hybrid_sysid_ros.core import one_step
+from hybrid_sysid_ros.extensions.policies.certification import certify
+from hybrid_sysid_ros.extensions.policies.certified_loops import (
     COST,
     ERROR,
     EXACT,
@@ -25,11 +27,9 @@ from hybrid_sysid_ros.control.safety.certified_loops import (
     Criteria,
     Distribution,
 )
-from hybrid_sysid_ros.control.safety.supervisor import REASONS, Supervisor, Tolerances
-from hybrid_sysid_ros.control.scenarios import Spread
-from hybrid_sysid_ros.core import one_step
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.support.errors import UserError
+from tests.linear_policies import BEAM, CARTS, broken_policy, checked, exact_policy
 from tests.straight_beam import straight
 
 STRAIGHT = straight(BEAM.system)

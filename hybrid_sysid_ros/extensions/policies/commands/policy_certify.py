@@ -11,11 +11,11 @@ from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import OwnRig, Seed, console, print_table, status
 from hybrid_sysid_ros.control.safety.certificate import FILE, FORMAT, LEAST_LOOPS, Certificate, find
-from hybrid_sysid_ros.control.safety.certification import certify
-from hybrid_sysid_ros.control.safety.certified_loops import EXACT, JUDGED, Certification
 from hybrid_sysid_ros.control.safety.supervisor import REASONS
+from hybrid_sysid_ros.extensions.policies.by_rig import certification_of
+from hybrid_sysid_ros.extensions.policies.certification import certify
+from hybrid_sysid_ros.extensions.policies.certified_loops import EXACT, JUDGED, Certification
 from hybrid_sysid_ros.models import storage
-from hybrid_sysid_ros.runtime.policies import certification_of
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
 from hybrid_sysid_ros.support.files import beside, check_file
 from hybrid_sysid_ros.support.progress import progress_bars

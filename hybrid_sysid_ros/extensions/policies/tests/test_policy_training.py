@@ -4,15 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-from linear_policies import CARTS  # type: ignore[import-not-found]
-from small_policies import PROBLEM, SEAL, SPREAD, by_hand, model_of  # type: ignore[import-not-found]
-from test_samples import CARTS_SPREAD, some_samples  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.control.policy import policy as policies
-from hybrid_sysid_ros.control.policy.samples import Samples, sample
 from hybrid_sysid_ros.control.policy.training_settings import Settings
+from hybrid_sysid_ros.extensions.policies.samples import Samples, sample
+from hybrid_sysid_ros.extensions.policies.tests.test_samples import CARTS_SPREAD, some_samples
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Store
+from tests.linear_policies import CARTS
+from tests.small_policies import PROBLEM, SEAL, SPREAD, by_hand, model_of
 
 
 def answers_to(policy, samples):
@@ -31,7 +31,7 @@ def imitated(policy, samples):
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
     """A tiny training: a linear beam, nine closed loops in two rounds; twice, by different ways to the same samples."""
-    training = pytest.importorskip("hybrid_sysid_ros.control.policy.training", exc_type=ImportError)
+    training = pytest.importorskip("hybrid_sysid_ros.extensions.policies.training", exc_type=ImportError)
     settings = Settings(episodes=(12, 6), hidden=(16,), epochs=60, batch=128, workers=1)
     model = model_of(SEAL)
     store: Store[dict[str, np.ndarray]] = Store(tmp_path_factory.mktemp("store") / "samples", "tiny")
@@ -45,7 +45,7 @@ def test_a_tiny_training_imitates_better_than_a_constant(trained):
 
 
 def test_of_two_inputs_each_is_imitated():
-    training = pytest.importorskip("hybrid_sysid_ros.control.policy.training", exc_type=ImportError)
+    training = pytest.importorskip("hybrid_sysid_ros.extensions.policies.training", exc_type=ImportError)
     settings = Settings(episodes=(24,), hidden=(24,), epochs=60, batch=128, workers=1)
     model = dataclasses.replace(model_of(SEAL), system=CARTS.system)
     policy = training.train(model, CARTS.problem, CARTS_SPREAD, settings, seed=1)
@@ -78,7 +78,7 @@ def test_the_network_of_torch_answers_the_same_without_torch(trained, tmp_path):
 
 
 def test_a_training_without_loops_to_hold_out_or_without_answers_is_refused(tmp_path):
-    training = pytest.importorskip("hybrid_sysid_ros.control.policy.training", exc_type=ImportError)
+    training = pytest.importorskip("hybrid_sysid_ros.extensions.policies.training", exc_type=ImportError)
     store: Store[dict[str, np.ndarray]] = Store(tmp_path / "samples", "hopeless")
     settings = Settings(episodes=(2,), epochs=1, workers=1)
     none = {name: values[:0] for name, values in some_samples().arrays.items() if name != "dropped"}
@@ -94,7 +94,7 @@ def test_a_training_without_loops_to_hold_out_or_without_answers_is_refused(tmp_
 @pytest.fixture(scope="module")
 def rich():
     """A tiny training with a parameter to follow."""
-    training = pytest.importorskip("hybrid_sysid_ros.control.policy.training", exc_type=ImportError)
+    training = pytest.importorskip("hybrid_sysid_ros.extensions.policies.training", exc_type=ImportError)
     settings = Settings(
         episodes=(16,),
         hidden=(24,),

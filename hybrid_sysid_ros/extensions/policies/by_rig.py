@@ -11,8 +11,10 @@ from hybrid_sysid_ros.control import Problem
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_settings import Settings
-from hybrid_sysid_ros.control.safety.certified_loops import Certification, Criteria, Distribution
+from hybrid_sysid_ros.control.safety.certificate import Certificate
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.policies.certification import Progress, certify
+from hybrid_sysid_ros.extensions.policies.certified_loops import Certification, Criteria, Distribution
 from hybrid_sysid_ros.models import Model, storage
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -32,13 +34,13 @@ def train_policy(
     samples: Path | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> Policy:
-    """Train a policy that imitates the exact MPC on a model; see :mod:`hybrid_sysid_ros.control.policy.training`.
+    """Train a policy that imitates the exact MPC on a model; see :mod:`hybrid_sysid_ros.extensions.policies.training`.
 
     samples: folder where finished closed loops are kept until the end, so that an interrupted training goes on.
     progress: gets the stage, how much of it is done, and how much there is. Raises UserError where torch is missing.
     """
     with extra("train"):
-        from hybrid_sysid_ros.control.policy.training import train
+        from hybrid_sysid_ros.extensions.policies.training import train
     if not model.seal:
         raise UserError("policy: the model was never saved; save it first, for the policy belongs to what is on disk")
     rig = rigs.load(model.rig)
@@ -87,6 +89,24 @@ def certification(
         tolerances=check_tolerances(configuration.defaults(rig.name, "controller"), rig, imitation.problem),
         seed=seed,
     )
+
+
+def certified(
+    imitation: Policy,
+    seal: str,
+    loaded: Model,
+    *,
+    seed: int = 0,
+    seconds: float | None = None,
+    loops: int,
+    delta: float,
+    workers: int,
+    store: Path | None,
+    progress: Progress | None,
+) -> Certificate:
+    """The certificate of that: see :func:`~.certification.certify`."""
+    made = certification(imitation, seal, loaded, seed=seed, seconds=seconds)
+    return certify(made, loops=loops, delta=delta, workers=workers, store=store, progress=progress)
 
 
 def _certified(rig: Rig, model: System, problem: Problem, *, plant: str) -> tuple[Distribution, Criteria]:

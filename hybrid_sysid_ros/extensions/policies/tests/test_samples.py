@@ -4,13 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from linear_policies import CARTS, CASES  # type: ignore[import-not-found]
-from small_policies import PROBLEM, SPREAD, model_of  # type: ignore[import-not-found]
 
 from hybrid_sysid_ros.control import ExactMpc, scenarios
-from hybrid_sysid_ros.control.policy.samples import Samples, sample, scenario_of, shifted
 from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, plant_near, steady_motion
+from hybrid_sysid_ros.extensions.policies.samples import Samples, sample, scenario_of, shifted
 from hybrid_sysid_ros.support.errors import UserError
+from tests.linear_policies import CARTS, CASES
+from tests.small_policies import PROBLEM, SPREAD, model_of
 
 CARTS_SPREAD = Spread(
     amplitude=(0.5, 0.0, 0.3),
