@@ -6,7 +6,6 @@ import json
 import shutil
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -23,12 +22,6 @@ from tests.command_line import PLACES, refused, refused_place
 
 BAGS = Path(__file__).parents[1] / "bags"
 MULTISINE = str(BAGS / "beam_multisine")
-
-
-@pytest.fixture
-def command(call):
-    """Run hybrid-sysid with arguments; give status, standard output and standard error."""
-    return partial(call, app.main, "hybrid-sysid")
 
 
 @pytest.fixture(scope="module")
