@@ -21,9 +21,9 @@ from benchmarks import acados_peer, result
 from benchmarks.network_plant import NetworkPlant
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import ExactMpc, Problem, Status
-from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.control.problem import stage_costs
 from hybrid_sysid_ros.core import System, Variable, simulate
+from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.extensions.narx.narx import Narx
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load

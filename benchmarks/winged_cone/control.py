@@ -23,8 +23,8 @@ from benchmarks.winged_cone.autopilot import ANGLE_OF_ATTACK, STATES, STEPS, jud
 from benchmarks.winged_cone.flights import RIG
 from hybrid_sysid_ros.control import Controller, ExactMpc, Problem, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
-from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.plant import Plant
