@@ -8,7 +8,7 @@ from linear_policies import CARTS  # type: ignore[import-not-found]
 from small_policies import SEAL, model_of  # type: ignore[import-not-found]
 from test_samples import CARTS_SPREAD  # type: ignore[import-not-found]
 
-from hybrid_sysid_ros.control import ExactMpc, Problem, Status
+from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
 from hybrid_sysid_ros.control.export import compiler, folder
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.training_settings import Settings
@@ -18,7 +18,7 @@ from hybrid_sysid_ros.control.safety.supervisor import Supervisor, Tolerances
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.models import storage
 
-BEAM = Problem(
+BEAM = ControlProblem(
     horizon=8,
     period=0.02,
     substeps=4,
@@ -29,7 +29,7 @@ BEAM = Problem(
     input_high=(10.0,),
     smoothing=0.005,
 )
-JOINT = Problem(
+JOINT = ControlProblem(
     horizon=12,
     period=0.02,
     substeps=4,

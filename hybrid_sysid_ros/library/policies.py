@@ -9,14 +9,13 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from hybrid_sysid_ros.control.controller import Plan
+from hybrid_sysid_ros.control.controller import MpcSolution
 from hybrid_sysid_ros.control.export.folder import MANIFEST, identifier
 from hybrid_sysid_ros.control.export.folder import write as export_policy
 from hybrid_sysid_ros.control.mpc.horizon import PARTS
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.safety.certificate import Certificate
-from hybrid_sysid_ros.control.safety.certification import Progress
 from hybrid_sysid_ros.control.safety.certification import certify as certified
 from hybrid_sysid_ros.library.arguments import (
     RigLike,
@@ -40,6 +39,7 @@ from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
+from hybrid_sysid_ros.support.progress import StageProgress
 from hybrid_sysid_ros.support.text_table import text_table
 
 DEFAULT = Settings()
@@ -67,7 +67,7 @@ class Policy(policies.Policy):
         given = {item.name: getattr(policy, item.name) for item in fields(policies.Policy) if item.init}
         return cls(**given, imitates=model)
 
-    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """Answer one instance: state (n,), disturbance (m,) and previous_input (m,), preview (horizon, p).
 
         See :class:`hybrid_sysid_ros.control.Controller`. Raises UserError for a part of another shape.
@@ -104,7 +104,7 @@ def train_policy(
     seed: int = 0,
     workers: int = 0,
     samples: str | Path | None = None,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
 ) -> Policy:
     """Train a network that imitates the exact MPC of a rig on a model (extra ``train``).
 
@@ -159,7 +159,7 @@ def certify(
     seed: int = 0,
     workers: int = 0,
     store: str | Path | None = None,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
 ) -> Certificate:
     """Run random closed loops of a policy beside the exact MPC, and state how often it keeps what, and how surely.
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hybrid_sysid_ros.control import Problem
+from hybrid_sysid_ros.control import ControlProblem
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_settings import Settings
@@ -89,7 +89,7 @@ def certification(
     )
 
 
-def _certified(rig: Rig, model: System, problem: Problem, *, plant: str) -> tuple[Distribution, Criteria]:
+def _certified(rig: Rig, model: System, problem: ControlProblem, *, plant: str) -> tuple[Distribution, Criteria]:
     """What the loops of a certificate are made of, and what they must keep; plant: what stands for it, in words.
 
     Raises UserError where the section policy_certificate lacks a number.
