@@ -29,7 +29,7 @@ from rich.table import Table
 from benchmarks import result
 from benchmarks.mpc_speed import Case, cases, loop
 from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.control import Controller, ExactMpc, Problem, scenarios
+from hybrid_sysid_ros.control import Controller, ControlProblem, ExactMpc, scenarios
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.kernels import answer
@@ -226,7 +226,7 @@ def beam(train: bool) -> dict[str, Any]:
 
 def costs(
     controller: Controller,
-    problem: Problem,
+    problem: ControlProblem,
     system: System,
     spread: Spread,
     questions: list[tuple[Array, ...]] | None = None,
@@ -245,7 +245,7 @@ def costs(
 
 def cost(
     controller: Controller,
-    problem: Problem,
+    problem: ControlProblem,
     system: System,
     spread: Spread,
     random: np.random.Generator,

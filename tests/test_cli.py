@@ -15,7 +15,7 @@ from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.commands import identify as identify_command
 from hybrid_sysid_ros.models import load, storage
 from hybrid_sysid_ros.runtime.parameters import shipped
-from hybrid_sysid_ros.runtime.run import Outcome, Run
+from hybrid_sysid_ros.runtime.run import Run, RunResult
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import Interrupted
 from tests.command_line import PLACES, refused, refused_place
@@ -194,7 +194,7 @@ def test_an_interrupted_run_says_whether_there_is_a_bag(command, tmp_path, monke
     bag = tmp_path / "bag"
     if kept:
         bag.mkdir()
-    monkeypatch.setattr(Run, "go", lambda _: Outcome(diagnostics={}, interrupted=True, bag=bag))
+    monkeypatch.setattr(Run, "go", lambda _: RunResult(diagnostics={}, interrupted=True, bag=bag))
     assert command("run", "--bag", bag) == (130, "", f"{line.format(bag)}\n")
 
 

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from hybrid_sysid_ros.control.controller import Plan
+from hybrid_sysid_ros.control.controller import MpcSolution
 from hybrid_sysid_ros.control.mpc.horizon import PARTS
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.training_settings import Settings
@@ -37,7 +37,7 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.text_table import text_table
 
 DEFAULT = Settings()
-Progress = Callable[[str, int, int], None]
+StageProgress = Callable[[str, int, int], None]
 """progress(stage, done, of)"""
 LOOPS = 26_500
 """Of a certificate, for a margin of .01 at a confidence of 99 %."""
@@ -63,7 +63,7 @@ class Policy(policies.Policy):
         given = {item.name: getattr(policy, item.name) for item in fields(policies.Policy) if item.init}
         return cls(**given, imitates=model)
 
-    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """Answer one instance: state (n,), disturbance (m,) and previous_input (m,), preview (horizon, p).
 
         See :class:`hybrid_sysid_ros.control.Controller`. Raises UserError for a part of another shape.
@@ -100,7 +100,7 @@ def train_policy(
     seed: int = 0,
     workers: int = 0,
     samples: str | Path | None = None,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
 ) -> Policy:
     """Train a network that imitates the exact MPC of a rig on a model (extra ``train``).
 
@@ -155,7 +155,7 @@ def certify(
     seed: int = 0,
     workers: int = 0,
     store: str | Path | None = None,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
 ) -> Certificate:
     """Run random closed loops of a policy beside the exact MPC, and state how often it keeps what, and how surely.
 

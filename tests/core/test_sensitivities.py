@@ -5,7 +5,7 @@ import pytest
 
 from hybrid_sysid_ros.core import Sensitivities, rollouts
 from hybrid_sysid_ros.identification.experiment import prepare
-from hybrid_sysid_ros.identification.problem import Problem
+from hybrid_sysid_ros.identification.problem import FitProblem
 from hybrid_sysid_ros.models import Sampling
 from tests.one_joint import Linear
 from tests.structures import FURTHER, SYSTEMS, TwoTanks, structure
@@ -120,7 +120,7 @@ def test_the_jacobian_of_a_fit_is_what_its_residuals_differ_by(linear_records, n
     """With initial states of every record, whose columns reach into no other record."""
     system = structure(name)
     experiments = [prepare(record, system, Sampling()) for record in linear_records]
-    problem = Problem(system, experiments)
+    problem = FitProblem(system, experiments)
     random = np.random.default_rng(2)
     lower, upper = problem.bounds
     point = np.clip(problem.start + 0.02 * random.normal(size=len(problem.start)), lower, upper)

@@ -1,6 +1,6 @@
 """Small networks as blocks of a law."""
 
 from hybrid_sysid_ros.core.networks.softsign import Softsign
-from hybrid_sysid_ros.core.networks.tanh_layers import Layers
+from hybrid_sysid_ros.core.networks.tanh_layers import NetworkLayers
 
-__all__ = ["Layers", "Softsign"]
+__all__ = ["NetworkLayers", "Softsign"]

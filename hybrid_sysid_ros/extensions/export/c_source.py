@@ -10,7 +10,7 @@ from string import Template
 import numpy as np
 
 from hybrid_sysid_ros.control.policy.policy import FARTHEST, Policy, named_layers
-from hybrid_sysid_ros.core.networks import Layers
+from hybrid_sysid_ros.core.networks import NetworkLayers
 from hybrid_sysid_ros.extensions.export.vectors import Vectors, parts
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -35,7 +35,7 @@ def sources(
     """
     correction = policy.correction
     names = () if correction is None else correction.names
-    followed: Layers = () if correction is None else correction.layers
+    followed: NetworkLayers = () if correction is None else correction.layers
     values = {
         "name": name,
         "NAME": name.upper(),
@@ -98,7 +98,7 @@ def _weights(policy: Policy) -> str:
     return "\n".join([tracked, *(_array(name, values) for name, values in arrays)])
 
 
-def _layers(layers: Layers, prefix: str) -> str:
+def _layers(layers: NetworkLayers, prefix: str) -> str:
     sizes = [matrix.shape for matrix, _ in layers]
     return ",\n".join(f"    {{{prefix}W{k}, {prefix}b{k}, {wide}, {high}}}" for k, (high, wide) in enumerate(sizes))
 

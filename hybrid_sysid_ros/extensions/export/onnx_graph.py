@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.policy.policy import FARTHEST, Policy
-from hybrid_sysid_ros.core.networks import Layers
+from hybrid_sysid_ros.core.networks import NetworkLayers
 from hybrid_sysid_ros.extensions.export.vectors import NAMES, Vectors, parts
 from hybrid_sysid_ros.support.extras import extra
 
@@ -66,7 +66,7 @@ class Graph:
         least = self.add("ReduceMin", self.add("Cast", joined, to=_type("DOUBLE")), axes=[1], keepdims=1)
         return self.add("Greater", least, self.constant(0.5), **attributes)
 
-    def network(self, value: str, layers: Layers) -> str:
+    def network(self, value: str, layers: NetworkLayers) -> str:
         for index, (matrix, bias) in enumerate(layers):
             value = self.add("Gemm", value, self.constant(matrix), self.constant(bias), transB=1)
             if index < len(layers) - 1:

@@ -28,7 +28,7 @@ FORMAT = 2
 EXAMPLES = 2
 """Instances with their answers in the manifest."""
 
-Format = Literal["onnx", "c", "both"]
+ExportFormat = Literal["onnx", "c", "both"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +42,7 @@ class Check:
     largest_difference: float | None
 
 
-def export(folder: Path | str, out: Path | str, *, form: Format = "both", overwrite: bool = False) -> list[Check]:
+def export(folder: Path | str, out: Path | str, *, form: ExportFormat = "both", overwrite: bool = False) -> list[Check]:
     """Write a saved policy as ONNX, as C, or both, with a manifest; tell how each was checked.
 
     Numbers are doubles, as the policy's own: it answers its self-check vectors to 1e-9 of the inputs' units and what is
@@ -57,13 +57,13 @@ def export(folder: Path | str, out: Path | str, *, form: Format = "both", overwr
     return write(loaded, out, name=name, seal=storage.digest(folder, kind="policy"), form=form)
 
 
-def export_loaded(policy: Policy, out: Path, *, seal: str, form: Format, overwrite: bool) -> None:
+def export_loaded(policy: Policy, out: Path, *, seal: str, form: ExportFormat, overwrite: bool) -> None:
     """:func:`export` of a policy in memory, by the name of the folder. seal: of the policy's own folder."""
     check_folder(out, marker=MANIFEST, replace=overwrite)
     write(policy, out, name=identifier(out.resolve().name), seal=seal, form=form)
 
 
-def write(policy: Policy, out: Path | str, *, name: str, seal: str, form: Format = "both") -> list[Check]:
+def write(policy: Policy, out: Path | str, *, name: str, seal: str, form: ExportFormat = "both") -> list[Check]:
     """:func:`export` of a policy in memory. name: of the C function and the files. seal: of the policy's folder."""
     told, known = about(policy, seal), vectors(policy)
     with written_folder(out, marker=MANIFEST) as partial:

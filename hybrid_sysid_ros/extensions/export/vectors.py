@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.controller import Status
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.support.arrays import Array
 
 Truths = NDArray[np.bool_]
@@ -70,7 +70,7 @@ def vectors(policy: Policy) -> Vectors:
     return Vectors(**{name: np.concatenate([values, getattr(edge, name)]) for name, values in vars(known).items()})
 
 
-def bounded(answers: Array, previous_inputs: Array, problem: Problem) -> Array:
+def bounded(answers: Array, previous_inputs: Array, problem: ControlProblem) -> Array:
     """Answers (vectors, stages, inputs) within bounds and rate limits after the previous inputs (vectors, inputs)."""
     low, high, rate = (np.array(getattr(problem, name)) for name in ("input_low", "input_high", "rate_limits"))
     inputs = np.empty_like(answers)

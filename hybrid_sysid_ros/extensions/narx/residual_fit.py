@@ -21,7 +21,7 @@ from hybrid_sysid_ros.extensions.narx.term_selection import (
 )
 from hybrid_sysid_ros.identification.starting import FEATURE_SCALE
 from hybrid_sysid_ros.identification.validation.scores import initial_state
-from hybrid_sysid_ros.models.fit import Experiment
+from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.models.hybrid import CLIP
 from hybrid_sysid_ros.models.options import Options
 from hybrid_sysid_ros.support.arrays import Array
@@ -38,7 +38,7 @@ LASTING, LONG = 0.1, 50_000
 class ResidualSequence:
     """What a gray box leaves of an experiment, at every step of its simulation."""
 
-    experiment: Experiment
+    experiment: PreparedRecord
     states: Array
     """Of the gray box in free run, (steps + 1, states)."""
     errors: Array
@@ -47,7 +47,7 @@ class ResidualSequence:
     """Over each step, the last one twice, (steps + 1, inputs)."""
 
     @classmethod
-    def of(cls, system: System, experiment: Experiment) -> ResidualSequence:
+    def of(cls, system: System, experiment: PreparedRecord) -> ResidualSequence:
         """By a fitted gray box."""
         sampling, steps = experiment.sampling, len(experiment.inputs)
         starts, first = np.array([[0, 0, steps + 1, 0]]), initial_state(system, experiment)[None]
@@ -68,7 +68,7 @@ class ResidualSequence:
         past = [_earlier(values, lag) for values in self.inputs.T for lag in range(1, system.input_lags)]
         return np.column_stack([self.states[:, :n], *errors, *past, self.states[:, n:]])
 
-    def initialised(self, system: ResidualHybrid) -> Experiment:
+    def initialised(self, system: ResidualHybrid) -> PreparedRecord:
         """The experiment with these states at its samples, where the short rollouts of a fit begin. The whole record
         begins without a residual.
         """

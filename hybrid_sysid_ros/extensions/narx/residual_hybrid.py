@@ -15,12 +15,11 @@ from hybrid_sysid_ros.core.parameters import of_data
 from hybrid_sysid_ros.core.record_map import RecordMap
 from hybrid_sysid_ros.core.steppers import Rates
 from hybrid_sysid_ros.core.wrappers import Wrapper
+from hybrid_sysid_ros.extensions.narx.narx import Term
 from hybrid_sysid_ros.extensions.narx.polynomial import Polynomial
 from hybrid_sysid_ros.models.hybrid import CLIP, CORNER, features_of
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-
-Term = tuple[int, ...]
 
 RADIUS = 0.9995
 """Of the circle that holds the poles of every residual: what is left after 1000 steps is .6 of it at most."""

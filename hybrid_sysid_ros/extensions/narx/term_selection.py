@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.extensions.narx.narx import Narx
-from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.selection.regression import Regression
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -26,7 +26,7 @@ EXACT = 1e-10
 
 
 def select_terms(
-    experiments: Sequence[Experiment],
+    experiments: Sequence[PreparedRecord],
     *,
     outputs: Sequence[Variable],
     inputs: Sequence[Variable],

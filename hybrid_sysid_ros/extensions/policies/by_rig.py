@@ -7,13 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hybrid_sysid_ros.control import Problem
+from hybrid_sysid_ros.control import ControlProblem
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.safety.certificate import Certificate
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.extensions.policies.certification import Progress, certify
+from hybrid_sysid_ros.extensions.policies.certification import StageProgress, certify
 from hybrid_sysid_ros.extensions.policies.certified_loops import Certification, Criteria, Distribution
 from hybrid_sysid_ros.models import Model, storage
 from hybrid_sysid_ros.models import load as load_model
@@ -102,14 +102,14 @@ def certified(
     delta: float,
     workers: int,
     store: Path | None,
-    progress: Progress | None,
+    progress: StageProgress | None,
 ) -> Certificate:
     """The certificate of that: see :func:`~.certification.certify`."""
     made = certification(imitation, seal, loaded, seed=seed, seconds=seconds)
     return certify(made, loops=loops, delta=delta, workers=workers, store=store, progress=progress)
 
 
-def _certified(rig: Rig, model: System, problem: Problem, *, plant: str) -> tuple[Distribution, Criteria]:
+def _certified(rig: Rig, model: System, problem: ControlProblem, *, plant: str) -> tuple[Distribution, Criteria]:
     """What the loops of a certificate are made of, and what they must keep; plant: what stands for it, in words.
 
     Raises UserError where the section policy_certificate lacks a number.

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.safety.certificate import Certificate, bounds, margin
 from hybrid_sysid_ros.control.safety.supervisor import REASONS
@@ -29,13 +27,10 @@ from hybrid_sysid_ros.extensions.policies.certified_loops import (
 )
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.support import parallel
-from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.arrays import Array, NamedArrays
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Store
-
-Arrays = dict[str, NDArray[Any]]
-Progress = Callable[[str, int, int], None]
-"""progress(stage, done, of)"""
+from hybrid_sysid_ros.support.progress import StageProgress
 
 CHUNK = 32
 """Loops that a process runs between two looks."""
@@ -51,7 +46,7 @@ def certify(
     delta: float = 0.01,
     workers: int = 0,
     store: Path | None = None,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
 ) -> Certificate:
     """Run the loops and count.
 
@@ -64,7 +59,7 @@ def certify(
     Drivers(certification)  # or say why not
     began, told = time.perf_counter(), progress or (lambda *_: None)
     pieces = [(first, min(first + CHUNK, loops)) for first in range(0, loops, CHUNK)]
-    kept: Store[Arrays] | None = Store(store, _purpose(certification)) if store is not None else None
+    kept: Store[NamedArrays] | None = Store(store, _purpose(certification)) if store is not None else None
     told("closed loops", 0, loops)
     found = parallel.run(
         partial(measured, certification),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control import scenarios
-from hybrid_sysid_ros.control.controller import Plan, Status
+from hybrid_sysid_ros.control.controller import MpcSolution, Status
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.shooting import rollout
@@ -18,11 +18,9 @@ from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.supervisor import REASONS, Supervisor, Tolerances
 from hybrid_sysid_ros.control.scenarios import LENGTH, LoopRun, Scenario, Spread, SteadyMotion, steady_motion
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers
-
-Values = tuple[float, ...]
 
 DRIVERS = EXACT, NETWORK, SUPERVISED = range(3)
 JUDGED = {"network": NETWORK, "supervised": SUPERVISED}
@@ -47,9 +45,9 @@ class Distribution:
     """References, disturbances, pushes and plants, as in the training but for the jitter."""
     seconds: float
     """Length of a loop."""
-    state_error: Values
+    state_error: Numbers
     """(n,), deviations of the estimated states, new at every period."""
-    disturbance_error: Values
+    disturbance_error: Numbers
     """(m,), deviations of the estimated input disturbance, one for a loop."""
     plant: str
     """What stands for the plant, in words."""
@@ -59,7 +57,7 @@ class Distribution:
 class Criteria:
     """What a loop must keep."""
 
-    input_error: Values
+    input_error: Numbers
     """eta (m,): by how much an input may be off the exact MPC's [its unit]."""
     cost_share: float
     """By how much its cost may be above that of the exact MPC's own loop."""
@@ -209,7 +207,7 @@ class Drivers:
         inside = np.all((self._low <= inputs) & (inputs <= self._high))
         return bool(inside and np.all(changes <= self._rates + ROUNDING))
 
-    def _cheaper(self, asked: Instance, given: Array, first: Plan) -> Plan:
+    def _cheaper(self, asked: Instance, given: Array, first: MpcSolution) -> MpcSolution:
         """The exact MPC's answer to an instance, the ``first`` one unless a driver's inputs (m,) are off it.
 
         Its problem may have several local solutions, so where the driver is off by more than it may be, it begins at

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.scenarios import jacobian_at
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
@@ -17,7 +17,7 @@ IDLE = 1e-10
 """Of a singular value, in the largest one: below it there is none."""
 
 
-def without_idle(system: System, problem: Problem) -> Array:
+def without_idle(system: System, problem: ControlProblem) -> Array:
     """The map (n, n), lower triangular, that takes from a state what neither its own motion nor the cost depends on.
 
     Directions v with (A - I) v = 0 of each step's derivatives A, C v = 0 of the tracked outputs', and no bounded state

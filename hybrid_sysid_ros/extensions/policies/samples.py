@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control import scenarios
-from hybrid_sysid_ros.control.controller import Controller, Plan, Status
+from hybrid_sysid_ros.control.controller import Controller, MpcSolution, Status
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
-from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread, magnitude, steady_motion
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
@@ -32,7 +32,7 @@ estimated speed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Samples:
+class TrainingSamples:
     """Converged answers of an exact MPC: n states, m inputs, p outputs, horizon N."""
 
     instances: Array
@@ -52,13 +52,13 @@ class Samples:
         return {item.name: getattr(self, item.name) for item in fields(self)}
 
     @classmethod
-    def joined(cls, parts: Sequence[Mapping[str, NDArray[Any]]]) -> Samples:
+    def joined(cls, parts: Sequence[Mapping[str, NDArray[Any]]]) -> TrainingSamples:
         """All samples of several sets of :attr:`arrays`."""
         return cls(**{item.name: np.concatenate([part[item.name] for part in parts]) for item in fields(cls)})
 
 
 def scenario_of(
-    system: System, problem: Problem, spread: Spread, random: np.random.Generator
+    system: System, problem: ControlProblem, spread: Spread, random: np.random.Generator
 ) -> tuple[Scenario, Array]:
     """A scenario for training, and by how much the previous inputs (T, m) are moved before the MPC is asked.
 
@@ -81,13 +81,13 @@ def scenario_of(
 
 def sample(
     system: System,
-    problem: Problem,
+    problem: ControlProblem,
     spread: Spread,
     seed: int,
     *,
     driver: Controller | None = None,
     followed: Mapping[str, float] | None = None,
-) -> Samples:
+) -> TrainingSamples:
     """One closed loop in which the exact MPC is asked at each period.
 
     driver: who drives the loop, the MPC itself by default (DAgger: Ross, Gordon, Bagnell 2011, AISTATS). followed:
@@ -113,7 +113,7 @@ def sample(
 
 def sampled(
     system: System,
-    problem: Problem,
+    problem: ControlProblem,
     spread: Spread,
     seed: int,
     *,
@@ -133,7 +133,7 @@ def shifted(system: System, name: str, change: float) -> System:
 class _Expert:
     """The exact MPC, and those of moved parameters, asked once a period; what they answered."""
 
-    def __init__(self, system: System, problem: Problem, followed: Mapping[str, float], periods: int) -> None:
+    def __init__(self, system: System, problem: ControlProblem, followed: Mapping[str, float], periods: int) -> None:
         self._mpc = ExactMpc(system, problem)
         self._period = problem.period
         self._shifted = [
@@ -153,7 +153,7 @@ class _Expert:
         for mpc in (self._mpc, *(mpc for pair in self._shifted for mpc in pair)):
             mpc.reset()
 
-    def answer(self, k: int, asked: Instance) -> Plan:
+    def answer(self, k: int, asked: Instance) -> MpcSolution:
         """The answer at period k, which is kept if it converged."""
         found = self._found
         plan = self._solved(self._mpc, asked)
@@ -171,14 +171,14 @@ class _Expert:
         return plan
 
     @staticmethod
-    def _solved(mpc: ExactMpc, asked: Instance) -> Plan:
+    def _solved(mpc: ExactMpc, asked: Instance) -> MpcSolution:
         """Asked twice where that is needed: from a cold start one answer in ten takes so long."""
         plan = mpc.control(*asked)
         return plan if plan.status is Status.SOLVED else mpc.control(*asked)
 
-    def samples(self, cost: float) -> Samples:
+    def samples(self, cost: float) -> TrainingSamples:
         """What was kept; cost: mean stage cost of the loop. One that ran away teaches nothing."""
         self._kept &= np.isfinite(cost)
         arrays = {name: values[self._kept] for name, values in self._found.items()}
         costs, dropped = np.full(int(self._kept.sum()), cost), np.array([np.sum(~self._kept)])
-        return Samples(**arrays, costs=costs, dropped=dropped)
+        return TrainingSamples(**arrays, costs=costs, dropped=dropped)

@@ -6,16 +6,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.control.policy.policy import Correction, Policy, features_of
 from hybrid_sysid_ros.control.policy.training_settings import MOST_EPISODES, Settings
-from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.scenarios import Spread, steady_motion
 from hybrid_sysid_ros.extensions.policies.idle_states import without_idle
 from hybrid_sysid_ros.extensions.policies.network import (
@@ -26,17 +24,14 @@ from hybrid_sysid_ros.extensions.policies.network import (
     new_network,
     single,
 )
-from hybrid_sysid_ros.extensions.policies.samples import Samples, sampled
+from hybrid_sysid_ros.extensions.policies.samples import TrainingSamples, sampled
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.support import parallel
-from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.arrays import Array, NamedArrays
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Store
+from hybrid_sysid_ros.support.progress import StageProgress
 from hybrid_sysid_ros.support.threads import one_torch_thread
-
-Arrays = dict[str, NDArray[Any]]
-Progress = Callable[[str, int, int], None]
-"""progress(stage, done, of)"""
 
 VALIDATION_SHARE = 0.1
 """Share of the closed loops, whole ones, that training never sees."""
@@ -53,13 +48,13 @@ LEAST_DEVIATION = 1e-6
 
 def train(
     model: Model,
-    problem: Problem,
+    problem: ControlProblem,
     spread: Spread,
     settings: Settings,
     *,
     seed: int,
-    store: Store[Arrays] | None = None,
-    progress: Progress | None = None,
+    store: Store[NamedArrays] | None = None,
+    progress: StageProgress | None = None,
 ) -> Policy:
     """Sample the exact MPC on a model and train a policy that imitates it.
 
@@ -72,8 +67,8 @@ def train(
         if name not in model.system.named:
             raise UserError(f"policy: {type(model.system).__name__} has no parameter {name} to follow")
     problem, spread = problem.sized(model.system), spread.sized(model.system)
-    parts: list[Arrays] = []
-    held: list[Arrays] = []
+    parts: list[NamedArrays] = []
+    held: list[NamedArrays] = []
     policy: Policy | None = None
     network: torch.nn.Module | None = None
     with one_torch_thread(torch):
@@ -90,7 +85,7 @@ def train(
             last = number == len(settings.episodes) - 1
             epochs = settings.epochs if last else -(-settings.epochs // 3)
             report = partial(progress, f"round {number + 1}: epochs of training")
-            data = _Data.of(model, problem, spread, Samples.joined(parts), Samples.joined(held))
+            data = _TrainingData.of(model, problem, spread, TrainingSamples.joined(parts), TrainingSamples.joined(held))
             network, policy = _fit(model, data, settings, epochs, seed, network, report)
     assert policy is not None
     if settings.followed:
@@ -113,15 +108,15 @@ def _silent(stage: str, done: int, of: int) -> None:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Data:
+class _TrainingData:
     """What a network is trained on: features, and answers in units in which an input's bounds are -1 and 1."""
 
-    problem: Problem
+    problem: ControlProblem
     output_map: Array
     """(tracked, n)."""
     tracked: tuple[int, ...]
-    samples: Samples
-    held: Samples
+    samples: TrainingSamples
+    held: TrainingSamples
     still: Array
     """(features, features), which takes from raw features what nothing depends on."""
     features: Array
@@ -135,7 +130,9 @@ class _Data:
     """(m,), half the distance of the bounds."""
 
     @classmethod
-    def of(cls, model: Model, problem: Problem, spread: Spread, samples: Samples, held: Samples) -> _Data:
+    def of(
+        cls, model: Model, problem: ControlProblem, spread: Spread, samples: TrainingSamples, held: TrainingSamples
+    ) -> _TrainingData:
         """Raises UserError where one part is empty."""
         if not len(samples.plans) or not len(held.plans):
             raise UserError("policy: the exact MPC found no solution in its closed loops; allow it more iterations")
@@ -185,7 +182,7 @@ class _Data:
 
 def _fit(
     model: Model,
-    data: _Data,
+    data: _TrainingData,
     settings: Settings,
     epochs: int,
     seed: int,
@@ -228,7 +225,9 @@ def _fit(
     return network, replace(policy, training=_errors(policy, data))
 
 
-def _corrected(policy: Policy, model: Model, data: _Data, settings: Settings, seed: int, progress: Progress) -> Policy:
+def _corrected(
+    policy: Policy, model: Model, data: _TrainingData, settings: Settings, seed: int, progress: StageProgress
+) -> Policy:
     """The policy with a second network for the derivatives of its answers by the followed parameters."""
     followed, inputs = settings.followed, data.standardised
     shifts = data.samples.shifts[:, :, : policy.stages] / data.half
@@ -249,7 +248,7 @@ def _corrected(policy: Policy, model: Model, data: _Data, settings: Settings, se
     return replace(policy, correction=correction)
 
 
-def _errors(policy: Policy, data: _Data) -> dict[str, float]:
+def _errors(policy: Policy, data: _TrainingData) -> dict[str, float]:
     """Mean squared errors of bounded first inputs [their units squared], and of those after them in the plan."""
     errors = {}
     for name, part in (("train", data.samples), ("validation", data.held)):

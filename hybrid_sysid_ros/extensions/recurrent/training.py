@@ -12,8 +12,8 @@ import numpy as np
 from hybrid_sysid_ros.core import System, Variable, simulate
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.extensions.recurrent.recurrent import Recurrent
-from hybrid_sysid_ros.identification.fitting import Progress
-from hybrid_sysid_ros.models.fit import Experiment, Fit
+from hybrid_sysid_ros.identification.fitting import FitProgress
+from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
@@ -21,11 +21,11 @@ from hybrid_sysid_ros.support.threads import one_torch_thread
 
 
 @dataclass(frozen=True, kw_only=True)
-class Schedule:
+class TrainingSchedule:
     """How it is trained."""
 
     stages: tuple[tuple[int, int], ...] = ((20, 200), (40, 300), (80, 300))
-    """Samples of a rollout and gradient steps, in turn; short ones first keep the cost near convex."""
+    """TrainingSamples of a rollout and gradient steps, in turn; short ones first keep the cost near convex."""
     batch: int = 64
     """Rollouts in a step."""
     rate: float = 0.02
@@ -40,11 +40,11 @@ class Schedule:
 
 def train(
     network: Recurrent,
-    experiments: Sequence[Experiment],
+    experiments: Sequence[PreparedRecord],
     *,
     seed: int = 0,
-    schedule: Schedule = Schedule(),
-    progress: Progress | None = None,
+    schedule: TrainingSchedule = TrainingSchedule(),
+    progress: FitProgress | None = None,
 ) -> Fit:
     """A network trained on all records at once; its own weights and scales do not matter.
 
@@ -57,7 +57,7 @@ def train(
     missing.
     """
     torch = _torch()
-    data = _Data(network, experiments, shortest=schedule.stages[0][0])
+    data = _RecordBatch(network, experiments, shortest=schedule.stages[0][0])
     system, random, began = data.system.initial(seed), np.random.default_rng(seed), time.perf_counter()
     steps = sum(count for _, count in schedule.stages)
     best, least, done = system, np.inf, 0
@@ -119,10 +119,10 @@ def rollout(system: Recurrent, weights: Any, starts: Array, inputs: Array, every
     return torch.from_numpy(scales[:p]) * (states[every - 1 :: every] @ parts["readout"].T + parts["readout_bias"])
 
 
-class _Data:
+class _RecordBatch:
     """The experiments side by side: scored samples and steps of all records in one row each."""
 
-    def __init__(self, system: Recurrent, experiments: Sequence[Experiment], *, shortest: int) -> None:
+    def __init__(self, system: Recurrent, experiments: Sequence[PreparedRecord], *, shortest: int) -> None:
         _check(experiments, shortest)
         self.experiments = experiments
         self.sampling = experiments[0].sampling
@@ -168,7 +168,7 @@ class _Data:
         return float(np.sqrt(np.mean(np.concatenate(squares))))
 
 
-def _check(experiments: Sequence[Experiment], shortest: int) -> None:
+def _check(experiments: Sequence[PreparedRecord], shortest: int) -> None:
     for item in experiments:
         if item.samples <= shortest:
             raise UserError(

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.core import Variable, compiled, one_step, simulate
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.extensions.narx.narx import Narx
 from hybrid_sysid_ros.extensions.narx.term_selection import select_terms
-from hybrid_sysid_ros.identification import Experiment, free_run, prepare, score
+from hybrid_sysid_ros.identification import PreparedRecord, free_run, prepare, score
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.lagged import REACH
@@ -77,7 +77,7 @@ def selected(experiments, **settings):
 
 
 def experiment(inputs, outputs, name="bench"):
-    return Experiment(
+    return PreparedRecord(
         name=name, sampling=SAMPLING, inputs=inputs[:, None], outputs=outputs[:, None], states=outputs[:, None]
     )
 
@@ -282,7 +282,7 @@ def test_each_output_of_several_has_its_own_terms_in_all_signals():
     for k in range(400):
         y[k + 1, 0] = 0.6 * y[k, 0] + 0.2 * y[k, 1] + 0.5 * u[k, 0] - 0.1 * u[k, 1] ** 2
         y[k + 1, 1] = 0.3 * y[k, 1] - 0.4 * y[k, 0] * u[k, 1] + u[k, 1]
-    item = Experiment(name="pair", sampling=SAMPLING, inputs=u, outputs=y, states=y)
+    item = PreparedRecord(name="pair", sampling=SAMPLING, inputs=u, outputs=y, states=y)
     names = [tuple(Variable(name=f"{kind}_{i}", unit="V") for i in "ab") for kind in ("y", "u")]
     found = select_terms([item], outputs=names[0], inputs=names[1], output_lags=1, input_lags=1, degree=2)
     assert set(found.exponents[0]) == {(1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 2)}

@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
-from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import Dry, Sensitivities, System, rollouts, simulate
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.estimation.extended_kalman_filter import ExtendedKalmanFilter
@@ -18,7 +18,7 @@ from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.extensions.narx.residual_fit import ResidualSequence, check_forgets, initial_guess, levinson
 from hybrid_sysid_ros.extensions.narx.residual_hybrid import RADIUS, ResidualHybrid, averaged, coefficients
 from hybrid_sysid_ros.extensions.narx.tests.systems import residual
-from hybrid_sysid_ros.identification import Experiment, free_run
+from hybrid_sysid_ros.identification import PreparedRecord, free_run
 from hybrid_sysid_ros.identification.experiment import ResampledRecord
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.validation.stages import compare_stages
@@ -194,7 +194,7 @@ TRUE = np.array([1.7, -0.74])  # poles of .93 and .77, within RADIUS
 GAIN = 2e-3
 
 
-def told(seed: int, steps: int = 3000, noise: float = 1e-5) -> Experiment:
+def told(seed: int, steps: int = 3000, noise: float = 1e-5) -> PreparedRecord:
     """The belt with a residual e(k + 1) = 1.7 e(k) - .74 e(k - 1) + .002 (drive(k) - drive(k - 1) / 2) on its angle."""
     inputs = drive(steps, seed)
     _, y = along(Belt(), inputs)
@@ -207,7 +207,7 @@ def told(seed: int, steps: int = 3000, noise: float = 1e-5) -> Experiment:
     outputs = np.ascontiguousarray(y[::2])
     states = Belt().record_map().states_from_record(outputs, np.zeros_like(outputs), np.zeros((len(outputs), 2)))
     states[0] = 0.0
-    return Experiment(name=f"belt {seed}", sampling=SAMPLING, inputs=inputs, outputs=outputs, states=states)
+    return PreparedRecord(name=f"belt {seed}", sampling=SAMPLING, inputs=inputs, outputs=outputs, states=states)
 
 
 def fitted(**options: float) -> tuple[ResidualHybrid, list[ResidualSequence]]:
@@ -289,7 +289,7 @@ def test_between_its_samples_it_goes_on_a_straight_line() -> None:
 
 def test_an_mpc_and_an_estimator_take_its_steps_or_none() -> None:
     system = residual(Belt())
-    problem = Problem(
+    problem = ControlProblem(
         horizon=5, period=0.01, substeps=2, output_weights=(1.0, 0.0), input_low=(-1.0,), input_high=(1.0,)
     )
     assert problem.sized(system).substeps == 2

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.control import ExactMpc, Problem, Status
+from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor, Tolerances
@@ -17,7 +17,7 @@ from hybrid_sysid_ros.models import storage
 from tests.linear_policies import CARTS
 from tests.small_policies import SEAL, model_of
 
-BEAM = Problem(
+BEAM = ControlProblem(
     horizon=8,
     period=0.02,
     substeps=4,
@@ -28,7 +28,7 @@ BEAM = Problem(
     input_high=(10.0,),
     smoothing=0.005,
 )
-JOINT = Problem(
+JOINT = ControlProblem(
     horizon=12,
     period=0.02,
     substeps=4,

@@ -7,7 +7,7 @@ import pytest
 
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.training_settings import Settings
-from hybrid_sysid_ros.extensions.policies.samples import Samples, sample
+from hybrid_sysid_ros.extensions.policies.samples import TrainingSamples, sample
 from hybrid_sysid_ros.extensions.policies.tests.test_samples import CARTS_SPREAD, some_samples
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Store
@@ -83,7 +83,7 @@ def test_a_training_without_loops_to_hold_out_or_without_answers_is_refused(tmp_
     settings = Settings(episodes=(2,), epochs=1, workers=1)
     none = {name: values[:0] for name, values in some_samples().arrays.items() if name != "dropped"}
     for seed in (0, 1):
-        store.keep(seed, Samples(**none, dropped=np.array([160])).arrays)
+        store.keep(seed, TrainingSamples(**none, dropped=np.array([160])).arrays)
     with pytest.raises(UserError, match="no solution"):
         training.train(model_of(SEAL), PROBLEM, SPREAD, settings, seed=0, store=store)
     for episodes in ((), (1,), (5, 0)):

@@ -1,4 +1,4 @@
-"""Samples of the exact MPC: closed loops of it, on scenarios that are drawn."""
+"""TrainingSamples of the exact MPC: closed loops of it, on scenarios that are drawn."""
 
 import dataclasses
 
@@ -7,7 +7,7 @@ import pytest
 
 from hybrid_sysid_ros.control import ExactMpc, scenarios
 from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, plant_near, steady_motion
-from hybrid_sysid_ros.extensions.policies.samples import Samples, sample, scenario_of, shifted
+from hybrid_sysid_ros.extensions.policies.samples import TrainingSamples, sample, scenario_of, shifted
 from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_policies import CARTS, CASES
 from tests.small_policies import PROBLEM, SPREAD, model_of
@@ -170,12 +170,12 @@ def some_samples(**parts):
         "shifts": random.normal(size=(5, 0, 4, 1)),
         "costs": random.uniform(size=5),
     }
-    return Samples(**{**arrays, **parts}, dropped=np.array([3]))
+    return TrainingSamples(**{**arrays, **parts}, dropped=np.array([3]))
 
 
 def test_samples_come_back_from_their_arrays():
     samples = some_samples()
-    both = Samples.joined([samples.arrays, samples.arrays])
+    both = TrainingSamples.joined([samples.arrays, samples.arrays])
     assert (len(both.plans), both.dropped.sum()) == (10, 6)
-    for item in dataclasses.fields(Samples):
+    for item in dataclasses.fields(TrainingSamples):
         np.testing.assert_array_equal(np.split(getattr(both, item.name), 2)[1], getattr(samples, item.name))

@@ -12,7 +12,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Variable, one_step, simulate
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.extensions.recurrent.recurrent import Recurrent, step_within
-from hybrid_sysid_ros.extensions.recurrent.training import Schedule, rollout, train, untrained
+from hybrid_sysid_ros.extensions.recurrent.training import TrainingSchedule, rollout, train, untrained
 from hybrid_sysid_ros.identification import free_run, prepare, score
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.errors import UserError
@@ -149,7 +149,7 @@ def spring():
     pytest.importorskip("torch")
     records = [spring_record(seed) for seed in range(3)]
     heard = []
-    schedule = Schedule(stages=((20, 150), (40, 250)))
+    schedule = TrainingSchedule(stages=((20, 150), (40, 250)))
     fitted = trained(records, Linear(), SAMPLING, units=8, schedule=schedule, progress=lambda *news: heard.append(news))
     return fitted, heard
 
@@ -173,7 +173,7 @@ def test_the_trained_network_answers_a_step_as_the_spring_does(spring):
     assert np.max(np.abs(simulated - exact)) < 0.05 * 5 / 16
 
 
-SHORT = Schedule(stages=((10, 20),), check=10)
+SHORT = TrainingSchedule(stages=((10, 20),), check=10)
 
 
 def test_the_same_seed_trains_the_same_network():

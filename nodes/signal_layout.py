@@ -21,7 +21,7 @@ AHEAD = "_ahead"
 
 
 @dataclass(frozen=True)
-class Place:
+class SignalPlace:
     """Where a number stands."""
 
     entry: str
@@ -29,12 +29,12 @@ class Place:
     field: str
     """position, velocity or effort."""
 
-    def ending(self, ending: str) -> Place:
+    def ending(self, ending: str) -> SignalPlace:
         """The same field of the entry whose name ends so."""
-        return Place(self.entry + ending, self.field)
+        return SignalPlace(self.entry + ending, self.field)
 
 
-class Layout:
+class SignalLayout:
     """Places of a system's states (n,), inputs (m,) and outputs (p,); the system is the rig's, or a model of it.
 
     A joint of the rig carries what ``joints`` of its file says. What no joint carries, a hidden state or an output that
@@ -45,7 +45,7 @@ class Layout:
         """Raises UserError where a state has the name of a joint that does not carry it."""
         joints = rig.joints.joints
         carried = {
-            getattr(joint, field): Place(name, field)
+            getattr(joint, field): SignalPlace(name, field)
             for name, joint in joints.items()
             for field in ("position", "velocity")
             if getattr(joint, field)
@@ -56,14 +56,14 @@ class Layout:
                 raise UserError(
                     f"rig {rig.name}: {item.name} is a joint and a state that it does not carry: rename one"
                 )
-        self.inputs = [Place(*rig.joints.place(item.name)) for item in system.inputs]
-        self.states = [carried.get(item.name) or Place(item.name, "position") for item in system.states]
-        self.outputs = [carried.get(item.name) or Place(item.name, "position") for item in system.outputs]
+        self.inputs = [SignalPlace(*rig.joints.place(item.name)) for item in system.inputs]
+        self.states = [carried.get(item.name) or SignalPlace(item.name, "position") for item in system.states]
+        self.outputs = [carried.get(item.name) or SignalPlace(item.name, "position") for item in system.outputs]
         names = [item.name for item in system.states]
         self.further = [k for k, item in enumerate(system.outputs) if item.name not in names]
         """The outputs that are no states."""
 
-    def estimate(self, followed: Iterable[str]) -> list[Place]:
+    def estimate(self, followed: Iterable[str]) -> list[SignalPlace]:
         """What an estimate carries: states, outputs that are no states and input disturbances at its stamp, states and
         disturbances when the next command acts, and the followed parameters. Raises UserError where a followed
         parameter has the name of another entry.
@@ -74,13 +74,13 @@ class Layout:
         for name in followed:
             if name in entries:
                 raise UserError(f"parameter followed: {name} is also the name of a state or joint; follow another one")
-        return [*now, *later, *(Place(name, "position") for name in followed)]
+        return [*now, *later, *(SignalPlace(name, "position") for name in followed)]
 
 
 class Slots:
     """Numbers in their places in one kind of message after another: written without a search, read by name."""
 
-    def __init__(self, places: Sequence[Place], *, bounds: Sequence[tuple[float, float]] = ()) -> None:
+    def __init__(self, places: Sequence[SignalPlace], *, bounds: Sequence[tuple[float, float]] = ()) -> None:
         """bounds: within which the last numbers must be to be believed; all others within what any rig has."""
         free = [(-BEYOND, BEYOND)] * (len(places) - len(bounds))
         self.low, self.high = [low for low, _ in (*free, *bounds)], [high for _, high in (*free, *bounds)]

@@ -22,7 +22,7 @@ KEYS = ("learn", "part", "test", "structure", "options", "step", "period", "refe
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Records:
+class DemoRecords:
     """What a demo learns from and is scored on."""
 
     training: Sequence[Record]
@@ -36,7 +36,7 @@ class Records:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class DemoRecipe:
     """The section demo of a rig's file."""
 
     learn: tuple[str, ...]
@@ -55,7 +55,7 @@ class Plan:
     """Its parts where tracking is judged."""
 
     @classmethod
-    def of(cls, rig: Rig) -> Plan:
+    def of(cls, rig: Rig) -> DemoRecipe:
         """Raises UserError where the section names what is not there; without one all is as usual, but for the bags."""
         told, where = section(rig.content, "demo", str(rig.file)), f"{rig.file}: demo"
         refuse_unknown(told, KEYS, where)
@@ -83,12 +83,12 @@ class Plan:
             raise UserError(f"{rig.file}: demo: is missing: give it bags to learn from, {{learn: [NAME, ...]}}")
         return [_bag(rig, name) for name in self.learn], [_bag(rig, name) for name in self.test]
 
-    def records(self, rig: Rig) -> Records:
+    def records(self, rig: Rig) -> DemoRecords:
         """The bags, from the rig's folder or those that ship. Raises UserError where one is missing."""
         learnt, kept = ([bags.read(place, rig.signals) for place in places] for places in self.places(rig))
         rest = Part(start=self.part.stop) if self.part.stop < 1.0 else Part(stop=self.part.start)
         halves = [(record, rest) for record in learnt if (self.part.start, self.part.stop) != (0.0, 1.0)]
-        return Records(training=learnt, part=self.part, tests=[*halves, *((record, Part()) for record in kept)])
+        return DemoRecords(training=learnt, part=self.part, tests=[*halves, *((record, Part()) for record in kept)])
 
 
 def _names(told: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
-from hybrid_sysid_ros.nodes.layout import Place, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND
+from hybrid_sysid_ros.nodes.signal_layout import SignalPlace, Slots
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 
 
-class Motion:
+class JointMotion:
     """Gathers the positions of all joints that move; of a joint without one the velocity is summed up."""
 
     def __init__(self, rig: Rig, steps: int, source: str) -> None:
@@ -21,7 +21,7 @@ class Motion:
         self._positions = [names.index(joint.position) if joint.position in names else -1 for joint in joints.values()]
         self._velocities = [names.index(joint.velocity) if joint.velocity in names else -1 for joint in joints.values()]
         self._step, self._steps = rig.step, steps
-        slots = Slots([Place(name, "position") for name in joints])
+        slots = Slots([SignalPlace(name, "position") for name in joints])
         spacing = [round(k * rig.step * SECOND) for k in range(1, steps + 1)]
         self._first, self._further = TrajectoryWriter(slots, [0], source), TrajectoryWriter(slots, spacing, source)
         self._sums = [0.0] * len(joints)
