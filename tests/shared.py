@@ -274,6 +274,30 @@ def command(call: Callable[..., tuple[int, str, str]]) -> Callable[..., tuple[in
     return partial(call, app.main, "hybrid-sysid")
 
 
+@pytest.fixture(scope="session")
+def linear_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A linear model of the shipped multisine."""
+    folder = tmp_path_factory.mktemp("model") / "linear"
+    bag = str(Path(__file__).parents[1] / "bags" / "beam_multisine")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "sys.argv",
+            [
+                "hybrid-sysid",
+                "identify",
+                str(Path(__file__).parents[1] / "bags" / "beam_multisine"),
+                "--structure",
+                "linear",
+                "--out",
+                str(folder),
+            ],
+        )
+        with pytest.raises(SystemExit) as end:
+            app.main()
+    assert not end.value.code
+    return folder
+
+
 def simulated_record(rig: Rig, reference: Reference, *, seconds: float, name: str, seed: int, noisy: bool) -> Record:
     """The simulated rig driven as the author's: u = clip(3 (ref - yf), +-10), after a second of rest."""
     plant = Plant(rig, seed=seed, noisy=noisy)
