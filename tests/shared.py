@@ -280,18 +280,7 @@ def linear_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("model") / "linear"
     bag = str(Path(__file__).parents[1] / "bags" / "beam_multisine")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            "sys.argv",
-            [
-                "hybrid-sysid",
-                "identify",
-                str(Path(__file__).parents[1] / "bags" / "beam_multisine"),
-                "--structure",
-                "linear",
-                "--out",
-                str(folder),
-            ],
-        )
+        patch.setattr("sys.argv", ["hybrid-sysid", "identify", bag, "--structure", "linear", "--out", str(folder)])
         with pytest.raises(SystemExit) as end:
             app.main()
     assert not end.value.code
