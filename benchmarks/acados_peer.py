@@ -16,7 +16,7 @@ from typing import Any
 import casadi
 import numpy as np
 
-from hybrid_sysid_ros.control import Plan, Problem, Status
+from hybrid_sysid_ros.control import ControlProblem, MpcSolution, Status
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.support.arrays import Array
@@ -33,7 +33,7 @@ class AcadosMpc:
     and read after them.
     """
 
-    def __init__(self, system: System, problem: Problem, *, real_time: bool = False) -> None:
+    def __init__(self, system: System, problem: ControlProblem, *, real_time: bool = False) -> None:
         from acados_template import AcadosModel, AcadosOcp, AcadosOcpSolver  # type: ignore[import-not-found]
 
         self.horizon, self.period, self.problem, self.real_time = problem.horizon, problem.period, problem, real_time
@@ -98,7 +98,7 @@ class AcadosMpc:
         self.solver.reset()
         self._cold = True
 
-    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """The answer; only its first input is read."""
         solver, x = self.solver, self._augmented
         x[:-1], x[-1] = state, previous_input[0]
@@ -116,7 +116,7 @@ class AcadosMpc:
         self.times["call"].append(perf_counter() - began)
         u = np.clip(solver.get(0, "u"), self.problem.input_low, self.problem.input_high)
         done = Status.ITERATED if self.real_time else (Status.SOLVED if status == 0 else Status.NOT_CONVERGED)
-        return Plan(input=u, inputs=u[None], states=np.zeros((0, self._states)), status=done)
+        return MpcSolution(input=u, inputs=u[None], states=np.zeros((0, self._states)), status=done)
 
     def prepare(self, elapsed: float) -> None:
         """Move the plan on by one interval; in real time linearise there."""

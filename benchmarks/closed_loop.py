@@ -25,7 +25,7 @@ from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import Controller, ExactMpc, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.policy import policy
-from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
@@ -119,7 +119,7 @@ def proportional_loop(
     )
 
 
-def competitors(rig: Rig, model: Model) -> tuple[Problem, dict[str, Timed], dict[str, Drive]]:
+def competitors(rig: Rig, model: Model) -> tuple[ControlProblem, dict[str, Timed], dict[str, Drive]]:
     """The problem of the MPC, the controllers, and how each controller or law drives a loop, by name."""
     imitation = policy.load(configuration.shipped(RIG, "policy"), model=model)
     problem, system = imitation.problem, model.system

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import LinAlgError, null_space, solve_discrete_are
 
-from hybrid_sysid_ros.control.controller import Plan, Status
-from hybrid_sysid_ros.control.mpc.horizon import Horizon, Prediction, new_horizon, prediction
+from hybrid_sysid_ros.control.controller import MpcSolution, Status
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, PredictionModel, new_horizon, prediction
 from hybrid_sysid_ros.control.mpc.linearisation import linearise
 from hybrid_sysid_ros.control.mpc.shooting import bounded
-from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.support.arrays import Array
@@ -55,7 +55,7 @@ class LinearQuadraticRegulator:
     def __init__(
         self,
         system: System,
-        problem: Problem,
+        problem: ControlProblem,
         *,
         smoothing: float | None = None,
         preview: bool = True,
@@ -83,7 +83,7 @@ class LinearQuadraticRegulator:
     def prepare(self, elapsed: float) -> None:
         """It has nothing to prepare."""
 
-    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`. What is not a number gives HELD."""
         previous = np.asarray(previous_input, dtype=float)
         last = np.clip(
@@ -100,17 +100,17 @@ class LinearQuadraticRegulator:
         inputs = (last + change if sound else last)[None].copy()
         bounded(self._limits, last, inputs)
         states = np.zeros((0, len(self.rest.transition)))
-        return Plan(
+        return MpcSolution(
             input=inputs[0].copy(), inputs=inputs, states=states, status=Status.FEEDBACK if sound else Status.HELD
         )
 
 
 @kernel
-def _linearised(prediction: Prediction, horizon: Horizon) -> None:
+def _linearised(prediction: PredictionModel, horizon: Horizon) -> None:
     linearise(prediction, horizon, prediction.smoothing, False)
 
 
-def _rest(system: System, problem: Problem, wanted: Array) -> Rest:
+def _rest(system: System, problem: ControlProblem, wanted: Array) -> Rest:
     """Newton's method for a point of rest with the tracked outputs at ``wanted`` (p,), as near as they get."""
     n, m = len(system.states), len(system.inputs)
     horizon, model = new_horizon(system, replace(problem, horizon=1)), prediction(system, problem)
@@ -144,7 +144,7 @@ def _balance(rest: Rest) -> Array:
     return np.hstack([rest.transition - np.eye(len(rest.transition)), rest.gain])
 
 
-def _target(rest: Rest, problem: Problem) -> Array:
+def _target(rest: Rest, problem: ControlProblem) -> Array:
     """Derivative (n + m, p) of the rest by the outputs that are wanted, nearest by their weights."""
     roots = np.sqrt(problem.stage_weights.outputs[0])
     free = null_space(_balance(rest))
@@ -152,7 +152,7 @@ def _target(rest: Rest, problem: Problem) -> Array:
     return found
 
 
-def _gains(rest: Rest, problem: Problem) -> tuple[Array, Array, Array]:
+def _gains(rest: Rest, problem: ControlProblem) -> tuple[Array, Array, Array]:
     """K (m, n + m), g (horizon, m, p) and the derivative (n + m, p) of the rest [x, u] by its outputs.
 
     With the inputs before as states and their changes w as the inputs, z+ = F z + G w, z = [x, u_-].

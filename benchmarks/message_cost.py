@@ -21,9 +21,9 @@ from trajectory_msgs.msg import JointTrajectory
 from benchmarks import result
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.nodes.cdr import JointWriter, TrajectoryWriter
-from hybrid_sysid_ros.nodes.layout import FIELDS, Place, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.preview import Preview
+from hybrid_sysid_ros.nodes.signal_layout import FIELDS, SignalPlace, Slots
 from hybrid_sysid_ros.nodes.validation import MessageValidator
 
 NAME = "message_cost"
@@ -53,7 +53,7 @@ def seconds(call: Callable[[], object]) -> float:
 
 def measure(joints: int) -> dict[str, float]:
     """Microseconds of each part, for a message of so many joints."""
-    slots = Slots([Place(f"joint_{k}", field) for k in range(joints) for field in FIELDS])
+    slots = Slots([SignalPlace(f"joint_{k}", field) for k in range(joints) for field in FIELDS])
     values, writer = [0.1 * k for k in range(len(slots))], JointWriter(slots, "/rig/estimator 12345")
     validator = MessageValidator(
         JointState, clock=time_ns, steady=monotonic_ns, ahead=60 * SECOND, behind=600 * SECOND, silence=SECOND / 2
@@ -74,7 +74,7 @@ def measure(joints: int) -> dict[str, float]:
 
 def measure_preview(points: int) -> dict[str, float]:
     """Microseconds of each part, for a reference of one joint and so many points."""
-    slots, offsets = Slots([Place("joint", "position")]), [k * SECOND // 1000 for k in range(points)]
+    slots, offsets = Slots([SignalPlace("joint", "position")]), [k * SECOND // 1000 for k in range(points)]
     writer, rows = TrajectoryWriter(slots, offsets, "/rig/reference 12345"), [[0.1 * k] for k in range(points)]
     validator, tracked = MessageValidator(JointTrajectory, steady=monotonic_ns), np.array([True])
     data = writer.pack(time_ns(), rows)

@@ -20,12 +20,12 @@ from rich.table import Table
 from benchmarks import acados_peer, result
 from benchmarks.network_plant import NetworkPlant
 from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.control import ExactMpc, Problem, Status
+from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.control.problem import stage_costs
 from hybrid_sysid_ros.core import System, Variable, simulate
+from hybrid_sysid_ros.extensions.narx.narx import Narx
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.arrays import Array
@@ -40,7 +40,7 @@ class Case:
     """A closed loop: its model is the plant, noise (states,) is added to the state at each of the samples."""
 
     system: System
-    problem: Problem
+    problem: ControlProblem
     reference: Callable[[Array], Array]
     samples: int
     noise: tuple[float, ...]
@@ -51,10 +51,10 @@ def cases() -> dict[str, Case]:
     rig = load("cam_beam")
     scale, hardware = rig.display[0].scale, rig.schedule()
     plain: dict[str, Any] = {"period": 0.05, "input_low": (-10.0,), "input_high": (10.0,), "max_iterations": 100}
-    network = Problem(
+    network = ControlProblem(
         horizon=20, substeps=2, output_weights=(1e2,), rate_weights=(1e-1,), input_weights=(1e-2,), **plain
     )
-    lecture = Problem(horizon=10, substeps=1, output_weights=(1e3,), input_weights=(1.0,), **plain)
+    lecture = ControlProblem(horizon=10, substeps=1, output_weights=(1e3,), input_weights=(1.0,), **plain)
     return {
         "network": Case(
             system=NetworkPlant(),

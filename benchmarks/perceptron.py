@@ -13,7 +13,7 @@ from hybrid_sysid_ros.core import registers
 from hybrid_sysid_ros.core.blocks import Block, Kernels, not_learnt, weighed
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.mathematics import Scalar, tanh
-from hybrid_sysid_ros.core.networks import Layers
+from hybrid_sysid_ros.core.networks import NetworkLayers
 from hybrid_sysid_ros.core.networks.tanh_layers import column_sum, widths_of
 from hybrid_sysid_ros.core.registers import (
     behind,
@@ -49,7 +49,7 @@ class Perceptron(Block):
             raise UserError(f"network: widths {self.widths} need features, a hidden layer and outputs, each above 0")
 
     @classmethod
-    def of(cls, layers: Layers) -> Perceptron:
+    def of(cls, layers: NetworkLayers) -> Perceptron:
         """The network of layers (W (out, in), b (out,)). Raises UserError where they don't fit each other."""
         return cls(widths=widths_of(layers))
 
@@ -75,7 +75,7 @@ class Perceptron(Block):
         """Number of packed weights."""
         return len(self.packed([(np.zeros((b, a)), np.zeros(b)) for a, b in pairwise(self.widths)]))
 
-    def packed(self, layers: Layers) -> Array:
+    def packed(self, layers: NetworkLayers) -> Array:
         """Weights (size,) as the compiled forms read them: along rows.
 
         Each hidden layer by its columns, then its biases, then (all but the first) by its rows, which the gradient

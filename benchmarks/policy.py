@@ -29,7 +29,7 @@ from rich.table import Table
 from benchmarks import result
 from benchmarks.mpc_speed import Case, cases, loop
 from hybrid_sysid_ros.commands.terminal import print_table
-from hybrid_sysid_ros.control import Controller, ExactMpc, Problem, scenarios
+from hybrid_sysid_ros.control import Controller, ControlProblem, ExactMpc, scenarios
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.control.policy import policy
@@ -39,11 +39,11 @@ from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.scenarios import Scenario, Spread, steady_motion
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import OPTIONS
+from hybrid_sysid_ros.extensions.policies.by_rig import train_policy
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.policies import train_policy
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.extras import extra
 
@@ -103,7 +103,7 @@ def lecture() -> dict[str, Any]:
         seal="lecture",
     )
     with extra("train"):
-        from hybrid_sysid_ros.control.policy.training import train
+        from hybrid_sysid_ros.extensions.policies.training import train
     amplitude = LECTURE_AMPLITUDE * case.problem.output_scales[0]
     spread = Spread(amplitude=(amplitude,), disturbance=(0.0,), input_jitter=(1.0,), push=LECTURE_PUSH)
     policies = [train(model, case.problem, spread, LECTURE_SETTINGS, seed=seed) for seed in SEEDS]
@@ -226,7 +226,7 @@ def beam(train: bool) -> dict[str, Any]:
 
 def costs(
     controller: Controller,
-    problem: Problem,
+    problem: ControlProblem,
     system: System,
     spread: Spread,
     questions: list[tuple[Array, ...]] | None = None,
@@ -245,7 +245,7 @@ def costs(
 
 def cost(
     controller: Controller,
-    problem: Problem,
+    problem: ControlProblem,
     system: System,
     spread: Spread,
     random: np.random.Generator,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from time import perf_counter
 from typing import Any
 
-from hybrid_sysid_ros.control import Controller, Plan
+from hybrid_sysid_ros.control import Controller, MpcSolution
 
 
 class Timed:
@@ -24,7 +24,7 @@ class Timed:
         """Not measured: it is done when the input is out."""
         self.controller.prepare(elapsed)
 
-    def control(self, state: Any, disturbance: Any, previous_input: Any, preview: Any) -> Plan:
+    def control(self, state: Any, disturbance: Any, previous_input: Any, preview: Any) -> MpcSolution:
         """Measure one call."""
         began = perf_counter()
         plan = self.controller.control(state, disturbance, previous_input, preview)

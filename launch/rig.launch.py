@@ -13,7 +13,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from hybrid_sysid_ros.commands.program import arguments_of
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime.companion import Companion, Loop, join
+from hybrid_sysid_ros.runtime.companion import Companion, RequestedLoop, join
 from hybrid_sysid_ros.runtime.parameters import defaults
 from hybrid_sysid_ros.support import errors, extensions
 from launch import LaunchDescription, LaunchDescriptionEntity
@@ -96,9 +96,9 @@ def parameters(given: Mapping[str, str]) -> dict[str, dict[str, Any]]:
     return values
 
 
-def loop_of(given: Mapping[str, str]) -> Loop:
+def loop_of(given: Mapping[str, str]) -> RequestedLoop:
     """What companions join."""
-    return Loop(
+    return RequestedLoop(
         rig=given["rig"] or rigs.default(),
         reference=given["reference"],
         lockstep=given["lockstep"] == "true",

@@ -16,10 +16,10 @@ from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.estimation import METHODS, StateEstimate
 from hybrid_sysid_ros.models import Model, load
-from hybrid_sysid_ros.nodes.base import Source
+from hybrid_sysid_ros.nodes.base import ModelSource
 from hybrid_sysid_ros.nodes.cdr import JointWriter, TrajectoryWriter
-from hybrid_sysid_ros.nodes.layout import AHEAD, Layout, Place, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND
+from hybrid_sysid_ros.nodes.signal_layout import AHEAD, SignalLayout, SignalPlace, Slots
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import CAMERA, estimator_model, estimator_tuning, shipped
 from hybrid_sysid_ros.runtime.controllers import controller_of, policy_folder
@@ -34,12 +34,12 @@ WARM_UPS = 6  # answers of a controller before it drives
 COMPILING = 1.0  # s, from which on an answer of it has compiled something
 
 
-def model_of(rig: Rig, settings: Mapping[str, Any]) -> tuple[Model, Source]:
+def model_of(rig: Rig, settings: Mapping[str, Any]) -> tuple[Model, ModelSource]:
     """The model that the parameter names, or the one that comes with the package, and where it was read. Raises
     UserError where it cannot be loaded or is of another rig.
     """
     folder = settings["model"] or shipped(rig.name, "model")
-    source = Source(folder)
+    source = ModelSource(folder)
     return estimator_model(rig, load(folder, rig=rig.source)), source
 
 
@@ -54,7 +54,7 @@ class EstimatorAdapter:
     def __init__(self, rig: Rig, model: Model, settings: Mapping[str, Any], signature: str) -> None:
         """Compiles. Raises UserError where parameters and model don't go together."""
         self.system = system = model.system
-        layout = Layout(rig, system)
+        layout = SignalLayout(rig, system)
         limits = [(item.low, item.high, SLACK * (item.high - item.low)) for item in rig.actuators]
         bounds = [(low - slack, high + slack) for low, high, slack in limits]
         self.measured = Slots([*layout.outputs, *layout.inputs], bounds=bounds)
@@ -141,14 +141,14 @@ class ControllerAdapter:
         model, source = model_of(rig, settings)
         self.sources = {"model": source}
         if (folder := policy_folder(rig, settings)) is not None:
-            self.sources["policy"] = Source(folder)
+            self.sources["policy"] = ModelSource(folder)
         made = controller_of(rig, model, settings, warn)
         self.controller, self.problem = made.controller, made.problem
         self.network, self.supervisor = made.network, made.supervisor
         self.ahead = round((model.system.delay + settings["latency"]) * SECOND)
         period, horizon = self.controller.period, self.controller.horizon
         self.grid = np.round(period * np.arange(1, horizon + 1) * SECOND).astype(np.int64)
-        layout = Layout(rig, model.system)
+        layout = SignalLayout(rig, model.system)
         states, inputs = len(layout.states), len(layout.inputs)
         self.estimated = Slots([place.ending(AHEAD) for place in (*layout.states, *layout.inputs)])
         self.given = np.zeros(states + inputs)
@@ -157,7 +157,7 @@ class ControllerAdapter:
         self.tracked = np.array(self.problem.output_weights) > 0.0
         correction = self.network.correction if self.network is not None else None
         names: tuple[str, ...] = correction.names if correction is not None else ()
-        self.followed = Slots([Place(name, "position") for name in names])
+        self.followed = Slots([SignalPlace(name, "position") for name in names])
         self.plans = TrajectoryWriter(Slots([*layout.states, *layout.inputs]), self.grid.tolist(), signature)
         self.writer = JointWriter(Slots(layout.inputs), signature)
         self.rest = np.array([actuator.rest for actuator in rig.actuators])

@@ -28,7 +28,7 @@ LOCKSTEP_DEPTH = 10_000  # messages that are kept for readers that are slower
 REPORT_PERIOD = 0.4  # s, so that a change is reported within a second
 
 
-class Source:
+class ModelSource:
     """A folder that a node has read. The node goes on with what it read, whatever becomes of the folder."""
 
     def __init__(self, folder: Path | str) -> None:
@@ -81,7 +81,7 @@ class RigNode(ManagedNode):
         self.settings = parameters.declare(self, self.NAME, self.accept, self.carried(), self.words_of)
         self.rig = rigs.load(self.settings["rig"])
         self.validators: dict[str, MessageValidator] = {}
-        self.sources: Mapping[str, Source] = {}
+        self.sources: Mapping[str, ModelSource] = {}
         """Folders that were read, by task."""
         self.changed: dict[str, str] = {}
         """A sentence about each folder that has changed since, by task."""

@@ -8,14 +8,14 @@ from struct import Struct, calcsize
 
 import numpy as np
 
-from hybrid_sysid_ros.nodes.layout import FIELDS, Lists, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory
+from hybrid_sysid_ros.nodes.messages import SECOND, JointStates, TrajectoryMessage
+from hybrid_sysid_ros.nodes.signal_layout import FIELDS, Lists, Slots
 
 HEADER = b"\x00\x01\x00\x00"
 """Plain CDR, little-endian, no options. What follows is aligned from here on."""
 
 
-class Form:
+class MessageTemplate:
     """What messages of one source have in common, with the same names and as many numbers in each list: every byte but
     those of the stamp and the numbers, and where these stand.
 
@@ -84,7 +84,7 @@ class Form:
         return (int.from_bytes(values, "little") | self._common).to_bytes(len(values), "little")
 
 
-class JointForm(Form):
+class JointForm(MessageTemplate):
     """That of JointState."""
 
     def __init__(self, source: str, names: Sequence[str], counts: Sequence[int]) -> None:
@@ -95,13 +95,13 @@ class JointForm(Form):
             self._take_list(count)
         self._end()
 
-    def unpack(self, data: bytes) -> Joints | None:
+    def unpack(self, data: bytes) -> JointStates | None:
         """What a message says, if it is of this form."""
         values = self._numbers(data)
         if values is None:
             return None
         lists = values[2 : self._velocity], values[self._velocity : self._effort], values[self._effort :]
-        return Joints(self.source, int(values[0]) * SECOND + int(values[1]), self.names, lists)
+        return JointStates(self.source, int(values[0]) * SECOND + int(values[1]), self.names, lists)
 
     def pack(self, stamp: int, lists: Lists) -> bytes:
         """The message with this stamp [ns] and these numbers."""
@@ -109,7 +109,7 @@ class JointForm(Form):
         return self._message(*divmod(stamp, SECOND), *position, *velocity, *effort)
 
 
-class TrajectoryForm(Form):
+class TrajectoryForm(MessageTemplate):
     """That of JointTrajectory whose points all have the same lists."""
 
     def __init__(self, source: str, names: Sequence[str], counts: Sequence[int], points: int) -> None:
@@ -125,7 +125,7 @@ class TrajectoryForm(Form):
             self._take("iI", 4)
         self._end()
 
-    def unpack(self, data: bytes) -> Trajectory | None:
+    def unpack(self, data: bytes) -> TrajectoryMessage | None:
         """What a message says, if it is of this form."""
         values = self._numbers(data)
         if values is None:
@@ -133,7 +133,7 @@ class TrajectoryForm(Form):
         *rows, seconds, rest = np.array(values[2:]).reshape(self._points, self._columns[-1] + 2).T
         times = seconds.astype(np.int64) * SECOND + rest.astype(np.int64)
         lists = [rows[begin:end] for begin, end in zip(self._columns, self._columns[1:], strict=False)]
-        return Trajectory(self.source, int(values[0]) * SECOND + int(values[1]), self.names, times, lists)
+        return TrajectoryMessage(self.source, int(values[0]) * SECOND + int(values[1]), self.names, times, lists)
 
     def pack(self, stamp: int, numbers: Iterable[float]) -> bytes:
         """The message with this stamp [ns] and, for each point, its numbers, seconds and nanoseconds."""

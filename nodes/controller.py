@@ -17,16 +17,16 @@ import numpy as np
 from rclpy.publisher import Publisher
 from std_msgs.msg import Float64MultiArray
 
-from hybrid_sysid_ros.control import Plan
+from hybrid_sysid_ros.control import MpcSolution
 from hybrid_sysid_ros.control.safety.supervisor import LAYERS
 from hybrid_sysid_ros.nodes.adapters import ControllerAdapter
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.diagnostics import OK, Task, named_counts
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory
+from hybrid_sysid_ros.nodes.messages import SECOND, JointStates, TrajectoryMessage
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.process import run
 from hybrid_sysid_ros.nodes.timing import Timing
-from hybrid_sysid_ros.nodes.validation import Order
+from hybrid_sysid_ros.nodes.validation import StampOrder
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -45,7 +45,7 @@ OF_PROBLEM = {
 }  # parameters that a network was trained with
 
 
-class Mode(Enum):
+class ControllerMode(Enum):
     """What the services have asked for last."""
 
     DRIVE = "driving"
@@ -100,7 +100,7 @@ class ControllerNode(RigNode):
         self.statuses: Counter[str] = Counter()
         self.clipped = self.ended = self.repeated = 0
         self.execution, self.age = Timing(), Timing()
-        self.mode = Mode.DRIVE
+        self.mode = ControllerMode.DRIVE
         self.forget()
         self.commands: Publisher | None = None
         self.predictions, self.efforts = self.open("predicted_trajectory"), self.open("effort_command")
@@ -121,7 +121,7 @@ class ControllerNode(RigNode):
             self.every(WATCH_PERIOD, self.watch)
 
     def own_services(self) -> Mapping[str, Callable[[], object]]:
-        modes = {"enable": Mode.DRIVE, "hold": Mode.HOLD, "stop": Mode.STOP}
+        modes = {"enable": ControllerMode.DRIVE, "hold": ControllerMode.HOLD, "stop": ControllerMode.STOP}
         return {**{name: partial(self.turn_to, mode) for name, mode in modes.items()}, "reset": self.forget}
 
     def forget(self) -> None:
@@ -132,17 +132,17 @@ class ControllerNode(RigNode):
         self.home = np.zeros(len(self.adapter.outputs))
         self.input = self.adapter.rest.copy()
         self.preview: Preview | None = None
-        self.waiting: Joints | None = None
+        self.waiting: JointStates | None = None
 
-    def turn_to(self, mode: Mode) -> None:
+    def turn_to(self, mode: ControllerMode) -> None:
         """Drive, hold the outputs where they are now, or bring the inputs to rest and leave them there."""
-        if self.mode is Mode.STOP:
+        if self.mode is ControllerMode.STOP:
             self.adapter.controller.reset()
         self.mode, self.settled = mode, False
 
     def wind_down(self) -> None:
         """Stop, and give the inputs the time to come to rest."""
-        self.mode = Mode.STOP
+        self.mode = ControllerMode.STOP
         end = perf_counter() + self.settings["stop_seconds"] + WATCH_PERIOD
         while self.thread not in (None, get_ident()) and self.moves() and perf_counter() < end:
             sleep(WATCH_PERIOD / 10)
@@ -151,7 +151,7 @@ class ControllerNode(RigNode):
         """Open the topic of the commands."""
         self.commands = self.open("joint_command")
 
-    def on_reference(self, message: Trajectory) -> None:
+    def on_reference(self, message: TrajectoryMessage) -> None:
         """Keep the newest reference."""
         if not self.wishes.accepts_source(message.source):
             return
@@ -166,22 +166,22 @@ class ControllerNode(RigNode):
             waiting, self.waiting = self.waiting, None
             self.proceed(waiting, waiting.stamp, perf_counter())
 
-    def on_estimate(self, joints: Joints) -> None:
+    def on_estimate(self, joints: JointStates) -> None:
         """Answer an estimate."""
         began = perf_counter()
         given = self.entry.read(joints, self.adapter.estimated)
         if given is None or (order := self.entry.admit(joints)) is None:
             return
-        if order is Order.DUPLICATE or order is Order.LATE:
+        if order is StampOrder.DUPLICATE or order is StampOrder.LATE:
             self.repeated += 1
             self.publish()
             return
-        if order is Order.RESTART:
+        if order is StampOrder.RESTART:
             self.forget()
         self.adapter.given[:] = given
         self.proceed(joints, joints.stamp if self.lockstep else self.now(), began)
 
-    def proceed(self, joints: Joints, now: int, began: float) -> None:
+    def proceed(self, joints: JointStates, now: int, began: float) -> None:
         """Answer an estimate that is believed and read; now: in the ROS clock [ns], began: when it came [s]."""
         stamp = joints.stamp
         last = stamp + self.adapter.ahead + int(self.adapter.grid[-1])
@@ -193,7 +193,7 @@ class ControllerNode(RigNode):
             self.shown = stamp
             self.show(plan, stamp + self.adapter.ahead)
 
-    def wait(self, joints: Joints, reach: int) -> None:
+    def wait(self, joints: JointStates, reach: int) -> None:
         """In lockstep: keep an estimate until the reference reaches far enough [ns]."""
         if self.waiting is not None and self.preview is not None:
             self.get_logger().warning(
@@ -201,11 +201,11 @@ class ControllerNode(RigNode):
             )
         self.waiting = joints
 
-    def answer(self, joints: Joints, age: float, began: float) -> Plan | None:
+    def answer(self, joints: JointStates, age: float, began: float) -> MpcSolution | None:
         """Publish the command for an estimate of an age [s]; return the plan behind it, if there is one."""
         self.stamp = stamp = joints.stamp
         self.age.add(max(age, 0.0))
-        if self.mode is Mode.STOP:
+        if self.mode is ControllerMode.STOP:
             self.stop()
             return None
         sound = bool(np.isfinite(self.adapter.given).all())
@@ -233,7 +233,7 @@ class ControllerNode(RigNode):
         self.answered = stamp
         return plan
 
-    def settle(self, joints: Joints) -> bool:
+    def settle(self, joints: JointStates) -> bool:
         """Remember where the outputs were found first; whether the tracked ones were numbers."""
         if not self.settled:
             found = self.entry.read(joints, self.adapter.outputs)
@@ -244,9 +244,9 @@ class ControllerNode(RigNode):
 
     def reference(self, stamp: int) -> Array:
         """Reference for the preview of an estimate (horizon, outputs)."""
-        if self.mode is not Mode.HOLD and self.preview is None:
+        if self.mode is not ControllerMode.HOLD and self.preview is None:
             self.layers[NO_REFERENCE] += 1
-        if self.mode is Mode.HOLD or self.preview is None:
+        if self.mode is ControllerMode.HOLD or self.preview is None:
             return np.tile(self.home, (len(self.adapter.grid), 1))
         self.ended += not self.preview.covers(stamp)
         return self.preview.at(stamp + self.adapter.ahead + self.adapter.grid)
@@ -303,7 +303,7 @@ class ControllerNode(RigNode):
             self.numbers.data = self.input.tolist()
             self.efforts.publish(self.numbers)
 
-    def show(self, plan: Plan, start: int) -> None:
+    def show(self, plan: MpcSolution, start: int) -> None:
         """Publish the predicted trajectory, if someone looks."""
         if not len(plan.states) or not self.predictions.get_subscription_count():
             return
@@ -335,7 +335,7 @@ class ControllerNode(RigNode):
         judged = self.silent(self.judged("loop", loop, answers, **values), "state_estimate")
         if not self.stamp and judged.level == OK:
             judged = replace(judged, message="waiting for estimates")
-        elif self.mode is not Mode.DRIVE and judged.level == OK:
+        elif self.mode is not ControllerMode.DRIVE and judged.level == OK:
             judged = replace(judged, message=f"{self.mode.value} until the service enable is called")
         plans = {f"plans {name}": count for name, count in statuses.items() if name not in SOUND}
         supervisor = self.adapter.supervisor

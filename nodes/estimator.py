@@ -17,12 +17,12 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayou
 from hybrid_sysid_ros.estimation import StateEstimate
 from hybrid_sysid_ros.estimation.consistency import band
 from hybrid_sysid_ros.nodes.adapters import EstimatorAdapter, FrozenSensorDetector, Measured, model_of
-from hybrid_sysid_ros.nodes.base import RigNode, Source
+from hybrid_sysid_ros.nodes.base import ModelSource, RigNode
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints
+from hybrid_sysid_ros.nodes.messages import SECOND, JointStates
 from hybrid_sysid_ros.nodes.process import run
 from hybrid_sysid_ros.nodes.timing import Timing
-from hybrid_sysid_ros.nodes.validation import Order
+from hybrid_sysid_ros.nodes.validation import StampOrder
 from hybrid_sysid_ros.runtime.configuration import CAMERA
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -53,12 +53,12 @@ class EstimatorNode(RigNode):
         self.names = [item.name for item in self.rig.system.outputs]
         self.noisy = [sensor.noisy for sensor in self.rig.sensors]
 
-    def adapter_of(self, settings: Mapping[str, Any]) -> tuple[EstimatorAdapter, Source]:
+    def adapter_of(self, settings: Mapping[str, Any]) -> tuple[EstimatorAdapter, ModelSource]:
         """The estimator that the parameters name, and where its model was read."""
         model, source = model_of(self.rig, settings)
         return EstimatorAdapter(self.rig, model, settings, self.signature), source
 
-    def use(self, made: tuple[EstimatorAdapter, Source]) -> None:
+    def use(self, made: tuple[EstimatorAdapter, ModelSource]) -> None:
         """StateEstimate with an adapter from now on."""
         self.adapter, source = made
         self.sources = {"model": source}
@@ -110,20 +110,20 @@ class EstimatorNode(RigNode):
         """Open the topic of the estimates."""
         self.estimates = self.open("state_estimate")
 
-    def on_measurement(self, joints: Joints) -> None:
+    def on_measurement(self, joints: JointStates) -> None:
         """Answer a measurement."""
         began = perf_counter()
         given = self.entry.read(joints, self.adapter.measured)
         if given is not None and (order := self.entry.admit(joints)) is not None:
             self.answer(given, joints.stamp, order, began)
 
-    def answer(self, given: list[float], stamp: int, order: Order, began: float) -> None:
+    def answer(self, given: list[float], stamp: int, order: StampOrder, began: float) -> None:
         """Answer what a measurement gave, outputs and inputs; stamp [ns], began: when it came [s]."""
-        if order is Order.DUPLICATE:
+        if order is StampOrder.DUPLICATE:
             self.repeated += 1
             self.publish()
             return
-        if order is Order.RESTART:
+        if order is StampOrder.RESTART:
             self.adapter.filter.reset()
             self.stamp = self.shown = self.usable = self.zero = 0
             self.restarts += 1
@@ -145,7 +145,7 @@ class EstimatorNode(RigNode):
             self.get_logger().warning(str(error), once=True)
             return
         self.waiting = None
-        if order is Order.LATE:
+        if order is StampOrder.LATE:
             return  # the answer to a newer one is out
         self.stamp = stamp
         blind = stamp - self.usable > self.settings["sensor_timeout"] * SECOND
@@ -156,7 +156,7 @@ class EstimatorNode(RigNode):
         self.execution.add(taken)
         self.afterwards(estimate)
 
-    def on_camera(self, joints: Joints) -> None:
+    def on_camera(self, joints: JointStates) -> None:
         """Use a frame of a camera, in its place by its stamp."""
         began, found, stamp = perf_counter(), self.frames.read(joints, self.adapter.camera), joints.stamp
         if found is None or not self.frames.is_near(stamp) or not self.frames.accepts_source(joints.source):
@@ -173,7 +173,7 @@ class EstimatorNode(RigNode):
         if math.isfinite(found[0]):
             self.usable = max(stamp, self.usable)
         if self.waiting is not None:
-            self.answer(*self.waiting, Order.NEW, began)
+            self.answer(*self.waiting, StampOrder.NEW, began)
 
     def publish(self) -> None:
         """Publish the newest estimate."""

@@ -19,7 +19,7 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.node import Node
 from rclpy.task import Task
 
-from hybrid_sysid_ros.nodes.wait_set import KINDS, Ready, WaitSet
+from hybrid_sysid_ros.nodes.wait_set import KINDS, ReadyEntities, WaitSet
 from hybrid_sysid_ros.support.versions import RCLPY_EXECUTOR
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ PRIVATE = (
     *(f"_take_{kind}" for kind in (*KINDS, "waitable")),
 )
 """What Executor uses of rclpy's own that nobody promises."""
-Take = Callable[[Any], Callable[[], Coroutine[Any, Any, None]] | None]
+TakeEntity = Callable[[Any], Callable[[], Coroutine[Any, Any, None]] | None]
 """Takes what is ready of an entity, and returns what calls back with it."""
 
 
@@ -46,7 +46,7 @@ class Executor(SingleThreadedExecutor):
 
     def __init__(self, *, context: Context | None = None) -> None:
         super().__init__(context=context)
-        self._found: Iterator[tuple[Take, Any]] = iter(())
+        self._found: Iterator[tuple[TakeEntity, Any]] = iter(())
         self._wait_set: WaitSet | None = None
         self._changed = False  # what there is to wait for
         self._waiting = Lock()
@@ -70,7 +70,7 @@ class Executor(SingleThreadedExecutor):
             self._renew()
         return ended
 
-    def _find(self, timeout_sec: float | None) -> Iterator[tuple[Take, Any]]:
+    def _find(self, timeout_sec: float | None) -> Iterator[tuple[TakeEntity, Any]]:
         """What is to be called back; nothing when the time is over."""
         end = None if timeout_sec is None or timeout_sec < 0.0 else monotonic() + timeout_sec
         with self._tasks_lock:
@@ -78,7 +78,7 @@ class Executor(SingleThreadedExecutor):
             self._tasks.clear()
         for task in tasks:
             yield self._run, task
-        ready: Ready = []
+        ready: ReadyEntities = []
         while not ready and not self._is_shutdown:
             left = -1 if end is None else max(0, round(1e9 * (end - monotonic())))
             with self._waiting:
@@ -91,7 +91,7 @@ class Executor(SingleThreadedExecutor):
             if kind != "timer" or entity.handle.is_timer_ready():  # one that is cancelled is not
                 yield getattr(self, f"_take_{kind}"), entity
 
-    def _wait(self, timeout: int) -> Ready:
+    def _wait(self, timeout: int) -> ReadyEntities:
         if self._changed:
             self._renew()
         if self._is_shutdown:
@@ -128,7 +128,7 @@ class Executor(SingleThreadedExecutor):
             raise error
 
 
-def _call(take: Take, entity: Any) -> None:
+def _call(take: TakeEntity, entity: Any) -> None:
     """Take what is ready of an entity and call back. Raises what is raised there."""
     run = take(entity)
     if run is None:
@@ -149,7 +149,7 @@ Base: Any = Executor if RCLPY_EXECUTOR.usable(_missing()) else SingleThreadedExe
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class NodePart:
     """What one of several executors calls of a node: rclpy's own would call guards that wake another one, too."""
 
     node: Node
@@ -162,7 +162,7 @@ class Part:
         return found
 
 
-class Loop(Base):
+class EventLoop(Base):
     """All of some nodes but what goes on aside."""
 
     def __init__(self, nodes: Sequence[RigNode], services: Sequence[Services] = ()) -> None:
@@ -170,13 +170,13 @@ class Loop(Base):
         self._services = services
         super().__init__()
         aside = {group for node in nodes for group in (node.service_group, node.slow_group)}
-        self._parts = [Part(node, lambda group: group not in aside) for node in nodes]
+        self._parts = [NodePart(node, lambda group: group not in aside) for node in nodes]
         self._exchange = nodes[0].exchange
         self._more = False  # messages of the exchange wait
         for node in nodes:
             self.add_node(node)
 
-    def get_nodes(self) -> list[Part]:
+    def get_nodes(self) -> list[NodePart]:
         return self._parts
 
     def wake(self) -> None:
@@ -200,9 +200,9 @@ class Services(Base):
 
     def __init__(self, nodes: Sequence[RigNode], groups: Sequence[CallbackGroup]) -> None:
         super().__init__()
-        self._parts = [Part(node, frozenset(groups).__contains__) for node in nodes]
+        self._parts = [NodePart(node, frozenset(groups).__contains__) for node in nodes]
 
-    def get_nodes(self) -> list[Part]:
+    def get_nodes(self) -> list[NodePart]:
         return self._parts  # not added: a node has one executor, the loop's
 
     def serve(self) -> None:

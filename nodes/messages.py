@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hybrid_sysid_ros.nodes.layout import FIELDS, Lists
+from hybrid_sysid_ros.nodes.signal_layout import FIELDS, Lists
 from hybrid_sysid_ros.support.arrays import Array
 
 SECOND = 1_000_000_000  # ns
@@ -28,7 +28,7 @@ def set_nanoseconds(stamp: Time | Duration, value: int) -> None:
     stamp.sec, stamp.nanosec = divmod(int(value), SECOND)
 
 
-class Joints(NamedTuple):
+class JointStates(NamedTuple):
     """What a JointState says."""
 
     source: str
@@ -39,13 +39,13 @@ class Joints(NamedTuple):
     lists: Lists
 
     @classmethod
-    def of(cls, message: JointState) -> Joints:
+    def of(cls, message: JointState) -> JointStates:
         """What a message says that the middleware has unpacked."""
         header, lists = message.header, (message.position, message.velocity, message.effort)
         return cls(header.frame_id, nanoseconds(header.stamp), message.name, lists)
 
 
-class Trajectory(NamedTuple):
+class TrajectoryMessage(NamedTuple):
     """What a JointTrajectory says."""
 
     source: str
@@ -59,7 +59,7 @@ class Trajectory(NamedTuple):
     """Like those of Joints: numbers (points,) for each name, or none at all; NaN where a point has none."""
 
     @classmethod
-    def of(cls, message: JointTrajectory) -> Trajectory:
+    def of(cls, message: JointTrajectory) -> TrajectoryMessage:
         """What a message says that the middleware has unpacked; each point has a number for each name or none."""
         header, points, names = message.header, message.points, message.joint_names
         times = np.array([nanoseconds(point.time_from_start) for point in points], dtype=np.int64)

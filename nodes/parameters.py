@@ -13,19 +13,23 @@ from rclpy.parameter import Parameter as RosParameter
 
 from hybrid_sysid_ros.nodes.topics import check_override
 from hybrid_sysid_ros.rigs.rig import default
-from hybrid_sysid_ros.runtime.parameters import Parameter, check_rules, declarations, parameters
+from hybrid_sysid_ros.runtime.parameters import NodeParameter, check_rules, declarations, parameters
 from hybrid_sysid_ros.support import errors
 from hybrid_sysid_ros.support.errors import UserError
 
-RIG = Parameter(name="rig", default="", description="the rig, by its name or by the path of its folder")
+RIG = NodeParameter(name="rig", default="", description="the rig, by its name or by the path of its folder")
 OF_ROS = ("use_sim_time", "start_type_description_service")
 OF_QUALITY = "qos_overrides."
-Take = Callable[[Mapping[str, Any], Sequence[str]], None]
+TakeParameters = Callable[[Mapping[str, Any], Sequence[str]], None]
 """Takes checked values by name; and the names of those that are no live parameters, and other than before."""
 
 
 def declare(
-    node: Node, section: str, take: Take, carried: Mapping[str, Collection[str]], told: Callable[[Exception], str]
+    node: Node,
+    section: str,
+    take: TakeParameters,
+    carried: Mapping[str, Collection[str]],
+    told: Callable[[Exception], str],
 ) -> dict[str, Any]:
     """Declare the parameters of a node and return their values by name, "rig" among them.
 
@@ -59,9 +63,9 @@ def declare(
 
 
 def _change(
-    known: Mapping[str, Parameter],
+    known: Mapping[str, NodeParameter],
     values: Mapping[str, Any],
-    take: Take,
+    take: TakeParameters,
     told: Callable[[Exception], str],
     changes: list[RosParameter],
 ) -> SetParametersResult:
@@ -76,7 +80,7 @@ def _change(
     return SetParametersResult(successful=True)
 
 
-def _descriptor(item: Parameter) -> ParameterDescriptor:
+def _descriptor(item: NodeParameter) -> ParameterDescriptor:
     unit = f" [{item.unit}]" if item.unit else ""
     said = [f"each within [{item.low:g}, {item.high:g}]"] if item.each else []
     said += [f"one of {', '.join(item.choices)}"] if item.choices else []

@@ -13,10 +13,10 @@ from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.cdr import JointWriter
 from hybrid_sysid_ros.nodes.diagnostics import WARN, Task
 from hybrid_sysid_ros.nodes.drive import Answers, Drive
-from hybrid_sysid_ros.nodes.layout import Layout, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints
-from hybrid_sysid_ros.nodes.motion import Motion
+from hybrid_sysid_ros.nodes.joint_motion import JointMotion
+from hybrid_sysid_ros.nodes.messages import SECOND, JointStates
 from hybrid_sysid_ros.nodes.process import announce, run
+from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, Slots
 from hybrid_sysid_ros.nodes.timing import Timeline, Timing
 from hybrid_sysid_ros.rigs.joints import FILTERED
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -48,7 +48,7 @@ class PlantNode(RigNode):
         self.lockstep: bool = settings["lockstep"]
         self.plant = Plant(rig, seed=settings["seed"], bias=settings["bias"])
         self.plant.advance([actuator.rest for actuator in rig.actuators])  # compiles
-        layout = Layout(rig, rig.system)
+        layout = SignalLayout(rig, rig.system)
         self.low_passed = [k for k, sensor in enumerate(rig.sensors) if sensor.low_pass]
         filtered = [layout.outputs[k].ending(f"_{FILTERED}") for k in self.low_passed]
         self.writer = JointWriter(Slots([*layout.outputs, *layout.inputs, *filtered]), self.signature)
@@ -62,7 +62,7 @@ class PlantNode(RigNode):
         """Put the rig where it is at first, its time at 0."""
         self.plant = Plant(self.rig, seed=self.settings["seed"], bias=self.settings["bias"])
         self.chance = Random(self.settings["seed"])
-        self.motion = Motion(self.rig, self.steps, self.signature)
+        self.motion = JointMotion(self.rig, self.steps, self.signature)
         self.answers = Answers(start=LOCKSTEP_START, period=round(self.steps * self.rig.step * SECOND))
         self.rested()
         self.started = False
@@ -146,20 +146,19 @@ class PlantNode(RigNode):
             self.publish()
 
     def tick(self) -> None:
-        """In real time: integrate up to now and publish the measurement that is due. Those that were missed are left
-        out: a burst of old ones would keep the loop from answering the new one.
+        """In real time: integrate up to now and publish the measurement that is due, and those that were missed, as a
+        record is read only where it has no gaps.
         """
         elapsed = self.timeline.follow() / SECOND
         self.answers.start = self.timeline.start
         period = self.answers.period / SECOND
         number = int(elapsed / period + EARLY)
-        due = number - self.answers.latest
-        self.overruns += max(due - 1, 0)
+        self.overruns += max(number - self.answers.latest - 1, 0)
         self.lateness.add(max(elapsed - number * period, 0.0))
         self.disturb()
         self.drive.timeout = self.settings["command_timeout"]
-        if due > 0 and not self.finished.done():
-            self.measure(number, self.integrate(due * self.steps))
+        while self.answers.latest < number and not self.finished.done():
+            self.measure(self.answers.latest + 1, self.integrate(self.steps))
 
     def disturb(self) -> None:
         """Let those faults be in force that the parameters say."""
@@ -203,7 +202,7 @@ class PlantNode(RigNode):
         self.asked = perf_counter()
         self.measurements.publish(self.measurement)
 
-    def on_command(self, joints: Joints) -> None:
+    def on_command(self, joints: JointStates) -> None:
         """Put a command in force, if it is one that counts: a stop, an answer, or one that :meth:`is_direct`."""
         if not self.started:
             return
@@ -246,7 +245,7 @@ class PlantNode(RigNode):
             else -1
         )
 
-    def on_frame(self, joints: Joints) -> None:
+    def on_frame(self, joints: JointStates) -> None:
         """Note that a frame was read."""
         self.frame = max(self.frame, joints.stamp)
         if self.started:

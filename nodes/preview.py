@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.nodes.layout import Slots
-from hybrid_sysid_ros.nodes.messages import Trajectory
+from hybrid_sysid_ros.nodes.messages import TrajectoryMessage
+from hybrid_sysid_ros.nodes.signal_layout import Slots
 from hybrid_sysid_ros.nodes.validation import MessageValidator, Reason
 from hybrid_sysid_ros.rigs.rig import BEYOND
 from hybrid_sysid_ros.support.arrays import Array
@@ -23,7 +23,12 @@ class Preview:
 
     @classmethod
     def of(
-        cls, message: Trajectory, validator: MessageValidator, outputs: Slots, tracked: NDArray[np.bool_], now: int
+        cls,
+        message: TrajectoryMessage,
+        validator: MessageValidator,
+        outputs: Slots,
+        tracked: NDArray[np.bool_],
+        now: int,
     ) -> Preview | None:
         """Preview of a message, 0 for the outputs that are not tracked (outputs,); None where it lacks one that is, or
         its numbers or times make no sense, which its validator counts. now: where one begins that has no stamp [ns].

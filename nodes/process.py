@@ -18,7 +18,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
 from hybrid_sysid_ros.nodes import middleware
-from hybrid_sysid_ros.nodes.executors import Loop, Services, ended
+from hybrid_sysid_ros.nodes.executors import EventLoop, Services, ended
 from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -83,7 +83,7 @@ def _serve(nodes: Sequence[RigNode], ending: Interruption) -> None:
         Services(nodes, [node.service_group for node in nodes]),
         Services(nodes, [node.slow_group for node in nodes]),
     ]
-    executor = Loop(nodes, services)
+    executor = EventLoop(nodes, services)
     servers = [Thread(target=item.serve, daemon=True) for item in services]
     for node in nodes:
         node.thread = get_ident()

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
 from hybrid_sysid_ros.nodes.diagnostics import Task
-from hybrid_sysid_ros.nodes.layout import Layout, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory
+from hybrid_sysid_ros.nodes.messages import SECOND, JointStates, TrajectoryMessage
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.process import announce, run
+from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, Slots
 from hybrid_sysid_ros.nodes.timing import Timeline
-from hybrid_sysid_ros.nodes.validation import Order
+from hybrid_sysid_ros.nodes.validation import StampOrder
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.parameters import defaults
 from hybrid_sysid_ros.runtime.references import signal_of
@@ -81,7 +81,7 @@ class ReferenceNode(RigNode):
             )
         self.choose(Choice(settings, self.rig))
         self.offsets = np.arange(round(settings["preview_seconds"] * SECOND) // self.spacing + 1) * self.spacing
-        layout = Layout(self.rig, self.rig.system)
+        layout = SignalLayout(self.rig, self.rig.system)
         self.tracked = np.flatnonzero(defaults(self.rig, "controller")["output_weight"])
         self.scales = np.array([display.scale for display in self.rig.display])
         self.outputs = Slots(layout.outputs)
@@ -118,23 +118,23 @@ class ReferenceNode(RigNode):
         if not self.settings["lockstep"]:
             self.every(self.settings["publish_period"], self.tick)
 
-    def on_measurement(self, joints: Joints) -> None:
+    def on_measurement(self, joints: JointStates) -> None:
         """Begin with the first measurement; in lockstep follow their stamps."""
         if self.zero and not self.settings["lockstep"]:
             return
         self.measured.read(joints.names, joints.lists)
         order = self.entry.admit(joints) if self.measured.named else None
-        if order is None or order is Order.LATE:
+        if order is None or order is StampOrder.LATE:
             return
         stamp = self.entry.stamp
         if not self.zero:
             self.begin(stamp)
             announce("begun")
-        if order is Order.DUPLICATE:  # nobody answered it: maybe for want of a reference
+        if order is StampOrder.DUPLICATE:  # nobody answered it: maybe for want of a reference
             self.previews.publish(self.preview)
         self.advance(stamp - self.zero)
 
-    def on_set_point(self, message: Trajectory) -> None:
+    def on_set_point(self, message: TrajectoryMessage) -> None:
         """Follow it from now on, and say so at once."""
         if not self.zero or not self.wishes.accepts_source(message.source):
             return

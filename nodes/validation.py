@@ -14,8 +14,8 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from hybrid_sysid_ros.nodes.cdr import JointForm, TrajectoryForm
-from hybrid_sysid_ros.nodes.layout import Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory, point_lists
+from hybrid_sysid_ros.nodes.messages import SECOND, JointStates, TrajectoryMessage, point_lists
+from hybrid_sysid_ros.nodes.signal_layout import Slots
 
 LARGEST = 1 << 17
 """Bytes of a message: a preview of some 2000 points. A larger message is dropped before it is unpacked."""
@@ -41,7 +41,7 @@ class Reason(Enum):
     OTHER = "from another publisher"
 
 
-class Order(Enum):
+class StampOrder(Enum):
     """How a stamp follows the last one."""
 
     NEW = "new"
@@ -114,20 +114,20 @@ class MessageValidator:
             return self._joints(message, len(data))
         return self._trajectory(message, len(data)) if isinstance(message, JointTrajectory) else message
 
-    def _joints(self, message: JointState, size: int) -> Joints | None:
-        joints = Joints.of(message)
+    def _joints(self, message: JointState, size: int) -> JointStates | None:
+        joints = JointStates.of(message)
         if not _fit(joints.names, joints.lists):
             self.drop(Reason.MALFORMED)
             return None
         self._keep(size, JointForm(joints.source, joints.names, [len(numbers) for numbers in joints.lists]))
         return joints
 
-    def _trajectory(self, message: JointTrajectory, size: int) -> Trajectory | None:
+    def _trajectory(self, message: JointTrajectory, size: int) -> TrajectoryMessage | None:
         names, points = message.joint_names, message.points
         if not _fit(names, [values for point in points for values in point_lists(point)]):
             self.drop(Reason.MALFORMED)
             return None
-        trajectory = Trajectory.of(message)
+        trajectory = TrajectoryMessage.of(message)
         counts = {tuple(map(len, (*point_lists(point), point.accelerations))) for point in points}
         if len(counts) == 1 and not (found := counts.pop())[-1]:
             self._keep(size, TrajectoryForm(trajectory.source, names, found[:-1], len(points)))
@@ -139,7 +139,7 @@ class MessageValidator:
             self._forms.clear()
         self._forms[size] = form
 
-    def read(self, joints: Joints, slots: Slots) -> list[float] | None:
+    def read(self, joints: JointStates, slots: Slots) -> list[float] | None:
         """Return a message's numbers, NaN where one is missing or beyond the bounds of its slot; None if the message
         names none of the slots' entries. What is missing or wrong is counted once a message.
         """
@@ -158,7 +158,7 @@ class MessageValidator:
             values[k] = math.nan
         return values
 
-    def admit(self, joints: Joints) -> Order | None:
+    def admit(self, joints: JointStates) -> StampOrder | None:
         """Return how a message follows the last one; None if its publisher or its stamp is not accepted."""
         found = self._order(joints.stamp) if self.accepts_source(joints.source) else None
         if found is not None:
@@ -183,20 +183,20 @@ class MessageValidator:
         now = self._clock()
         return now - self._behind <= stamp <= now + self._ahead
 
-    def _order(self, stamp: int) -> Order | None:
+    def _order(self, stamp: int) -> StampOrder | None:
         now = self._clock() if self._clock is not None else None
         if now is not None and not now - self._behind <= stamp <= now + self._ahead:
             self.drop(Reason.AHEAD if stamp > now else Reason.LONG_PAST)
             return None
-        found = Order.NEW
+        found = StampOrder.NEW
         if self.stamp and stamp <= self.stamp:
-            found = Order.DUPLICATE if stamp == self.stamp else Order.LATE
+            found = StampOrder.DUPLICATE if stamp == self.stamp else StampOrder.LATE
             if stamp < self.stamp - RESTART:
                 if not self._begins_anew(stamp, near=now is not None and math.isfinite(self._behind)):
                     self.drop(Reason.BACKWARDS)
                     return None
-                found = Order.RESTART
-        if found is not Order.LATE:
+                found = StampOrder.RESTART
+        if found is not StampOrder.LATE:
             self.stamp, self._back = stamp, 0
         return found
 

@@ -19,7 +19,7 @@ KINDS = {  # of entities, as the middleware's wait set calls them, and as a node
     "client": "clients",
     "service": "services",
 }
-Ready = list[tuple[str, Any]]
+ReadyEntities = list[tuple[str, Any]]
 """What is ready: kinds, "waitable" for what holds several, and entities."""
 
 
@@ -71,7 +71,7 @@ class WaitSet:
             ]
             self._stack = stack.pop_all()
 
-    def wait(self, timeout: int) -> Ready:
+    def wait(self, timeout: int) -> ReadyEntities:
         """What is ready, timeout [ns] from now at the latest; below 0: whenever. Raises InvalidHandle if what holds
         several is destroyed.
         """
@@ -81,7 +81,7 @@ class WaitSet:
         for item in self._waitables:
             item.add_to_wait_set(self._set)
         self._set.wait(timeout)
-        ready: Ready = [("waitable", item) for item in self._waitables if item.is_ready(self._set)]
+        ready: ReadyEntities = [("waitable", item) for item in self._waitables if item.is_ready(self._set)]
         for kind, entities in self._entities.items():
             if entities:
                 ready.extend((kind, entities[pointer]) for pointer in self._set.get_ready_entities(kind))

@@ -7,7 +7,7 @@ from math import factorial
 
 import numpy as np
 
-from hybrid_sysid_ros.control import Problem
+from hybrid_sysid_ros.control import ControlProblem
 from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.core import RungeKutta, System, bounded
@@ -51,7 +51,7 @@ class Case:
     """A linear system, as one and by matrices: x+ = a x + b u + offset over a period, y = c x."""
 
     system: System
-    problem: Problem
+    problem: ControlProblem
     a: np.ndarray
     b: np.ndarray
     offset: np.ndarray
@@ -97,7 +97,7 @@ class Case:
 
 def _beam():
     system = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
-    problem = Problem(
+    problem = ControlProblem(
         horizon=8,
         period=0.02,
         substeps=4,
@@ -120,7 +120,7 @@ def _beam():
 
 def _carts():
     system = Carts()
-    problem = Problem(
+    problem = ControlProblem(
         horizon=6,
         period=0.1,
         substeps=2,

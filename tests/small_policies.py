@@ -5,14 +5,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from hybrid_sysid_ros.control import Problem
+from hybrid_sysid_ros.control import ControlProblem
 from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.control.policy.policy import Correction, Policy
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.models import Model, Sampling
 from tests.one_joint import Linear
 
-PROBLEM = Problem(
+PROBLEM = ControlProblem(
     horizon=4,
     period=0.05,
     substeps=10,

@@ -10,7 +10,7 @@ import pytest
 
 from hybrid_sysid_ros.core import Bristles, Sensitivities, System, bounded, rollouts
 from hybrid_sysid_ros.core.mathematics import Scalar
-from hybrid_sysid_ros.identification import Experiment
+from hybrid_sysid_ros.identification import PreparedRecord
 from hybrid_sysid_ros.identification.biased import Biased
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.models import Sampling
@@ -70,7 +70,7 @@ def test_its_slopes_are_what_simulations_differ_by():
         np.testing.assert_allclose(jacobian[:, :, column], (above - below) / 2e-6, rtol=1e-4, atol=1e-7)
 
 
-def records() -> list[Experiment]:
+def records() -> list[PreparedRecord]:
     """Of the sled, whose drive is off by another constant in each, while its wind is known."""
     found = []
     for seed, bias in enumerate(BIASES):
@@ -80,7 +80,7 @@ def records() -> list[Experiment]:
         shown[:, :2] = states[::2, :2]
         noise = np.random.default_rng(seed).normal(size=(1501, 2)) * [1e-4, 1e-2]
         measured = outputs[::2] + noise
-        found.append(Experiment(name=f"{seed}", sampling=SAMPLING, inputs=drive, outputs=measured, states=shown))
+        found.append(PreparedRecord(name=f"{seed}", sampling=SAMPLING, inputs=drive, outputs=measured, states=shown))
     return found
 
 

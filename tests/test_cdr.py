@@ -16,8 +16,8 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from hybrid_sysid_ros.nodes.cdr import JointForm, JointWriter, TrajectoryWriter
-from hybrid_sysid_ros.nodes.layout import Place, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory, set_nanoseconds
+from hybrid_sysid_ros.nodes.messages import SECOND, JointStates, TrajectoryMessage, set_nanoseconds
+from hybrid_sysid_ros.nodes.signal_layout import SignalPlace, Slots
 from hybrid_sysid_ros.nodes.validation import FORMS, MessageValidator
 
 TEXTS = ("", "a", "beam", "beam_ahead", "gelenk_ä", "関節", "🦾", "a b\t\n", "x" * 300)
@@ -55,54 +55,54 @@ def new_border() -> MessageValidator:
     return MessageValidator(JointState, steady=lambda: 0)
 
 
-def shown(joints: Joints | Trajectory | None) -> object:
+def shown(joints: JointStates | TrajectoryMessage | None) -> object:
     """For comparison, numbers bit by bit."""
     if joints is None:
         return None
-    if isinstance(joints, Trajectory):
+    if isinstance(joints, TrajectoryMessage):
         rows = [[row.tobytes() for row in rows] for rows in joints.lists]
         return joints.source, joints.stamp, list(joints.names), joints.times.tolist(), rows
     return joints.source, joints.stamp, list(joints.names), [array("d", values).tobytes() for values in joints.lists]
 
 
 def form_of(message: JointState) -> JointForm:
-    joints = Joints.of(message)
+    joints = JointStates.of(message)
     return JointForm(joints.source, joints.names, [len(values) for values in joints.lists])
 
 
 @pytest.mark.parametrize("seed", range(50))
 def test_packed_messages_are_those_of_the_standard(seed: int) -> None:
     message = any_message(random.Random(seed))
-    joints = Joints.of(message)
+    joints = JointStates.of(message)
     packed = form_of(message).pack(joints.stamp, joints.lists)
     assert packed == rosbags_bytes(message, little=True)
-    assert shown(Joints.of(deserialize_message(packed, JointState))) == shown(joints)
+    assert shown(JointStates.of(deserialize_message(packed, JointState))) == shown(joints)
 
 
 @pytest.mark.parametrize("seed", range(50))
 def test_a_form_reads_what_the_middleware_reads(seed: int) -> None:
     draw = random.Random(seed)
     first = any_message(draw)
-    source, counts = first.header.frame_id, [len(values) for values in Joints.of(first).lists]
+    source, counts = first.header.frame_id, [len(values) for values in JointStates.of(first).lists]
     form = form_of(first)
     for _ in range(5):
         message = any_numbers(draw, source, list(first.name), counts)
-        assert shown(form.unpack(serialize_message(message))) == shown(Joints.of(message))
-        assert shown(form.unpack(rosbags_bytes(message, little=True))) == shown(Joints.of(message))
+        assert shown(form.unpack(serialize_message(message))) == shown(JointStates.of(message))
+        assert shown(form.unpack(rosbags_bytes(message, little=True))) == shown(JointStates.of(message))
 
 
 @pytest.mark.parametrize("little", [True, False])
 def test_both_orders_of_bytes_are_read(little: bool) -> None:
     validator, message = new_border(), any_numbers(random.Random(1), "beam", ["a", "関節"], [2, 0, 2])
     for _ in range(2):
-        assert shown(validator.unpack(rosbags_bytes(message, little=little))) == shown(Joints.of(message))
+        assert shown(validator.unpack(rosbags_bytes(message, little=little))) == shown(JointStates.of(message))
 
 
 def test_a_border_knows_several_forms_and_forgets() -> None:
     validator, draw = new_border(), random.Random(2)
     messages = [any_message(draw) for _ in range(3 * FORMS)]
     for message in [*messages, *reversed(messages), *messages[:2] * 3]:
-        assert shown(validator.unpack(serialize_message(message))) == shown(Joints.of(message))
+        assert shown(validator.unpack(serialize_message(message))) == shown(JointStates.of(message))
 
 
 def damaged(draw: random.Random, good: bytes) -> bytes:
@@ -139,7 +139,7 @@ def test_damaged_messages_are_what_the_middleware_says_they_are(seed: int) -> No
 
 
 def test_what_is_written_can_be_read_by_name() -> None:
-    slots = Slots([Place("a", "position"), Place("b", "effort"), Place("a", "effort")])
+    slots = Slots([SignalPlace("a", "position"), SignalPlace("b", "effort"), SignalPlace("a", "effort")])
     writer, validator = JointWriter(slots, "someone"), new_border()
     for stamp in range(1, 4):
         values = [stamp, 2.0, -3.5]
@@ -170,7 +170,7 @@ def test_trajectories_are_read_as_the_middleware_reads_them(seed: int) -> None:
     validator = MessageValidator(JointTrajectory, steady=lambda: 0)
     for _ in range(3):
         message = any_trajectory(draw, names, shape, points)
-        said, data = Trajectory.of(message), serialize_message(message)
+        said, data = TrajectoryMessage.of(message), serialize_message(message)
         assert shown(validator.unpack(data)) == shown(said)
         for k, point in enumerate(message.points):
             for rows, values in zip(said.lists, (point.positions, point.velocities, point.effort), strict=True):
@@ -194,7 +194,7 @@ def test_points_may_have_different_lists() -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_a_written_trajectory_is_what_the_middleware_reads(count: int) -> None:
-    slots = Slots([Place(f"joint {k}", field) for k in range(count) for field in ("position", "effort")])
+    slots = Slots([SignalPlace(f"joint {k}", field) for k in range(count) for field in ("position", "effort")])
     offsets = [0, 5_000_000, 2 * SECOND + 1]
     rows = np.random.default_rng(count).normal(size=(3, 2 * count))
     message = JointTrajectory(joint_names=slots.names)

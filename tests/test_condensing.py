@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from hybrid_sysid_ros.identification.condensing import Condensed
+from hybrid_sysid_ros.identification.condensing import CondensedResiduals
 
 ROWS, COLUMNS = 400, 7
 
@@ -26,7 +26,7 @@ def problem(seed=0):
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_what_steps_depend_on_is_that_of_all_rows(seed):
     residuals, jacobian = problem(seed)
-    few, x = Condensed(residuals, jacobian), np.random.default_rng(seed).normal(size=COLUMNS)
+    few, x = CondensedResiduals(residuals, jacobian), np.random.default_rng(seed).normal(size=COLUMNS)
     f, slopes, short, small = residuals(x), jacobian(x), few.residuals(x), few.jacobian(x)
     assert small.shape == (COLUMNS + 1, COLUMNS)
     assert short @ short == pytest.approx(f @ f)
@@ -36,7 +36,7 @@ def test_what_steps_depend_on_is_that_of_all_rows(seed):
 
 def test_the_optimiser_goes_the_same_way_within_bounds():
     residuals, jacobian = problem()
-    few, begin = Condensed(residuals, jacobian), np.full(COLUMNS, 0.1)
+    few, begin = CondensedResiduals(residuals, jacobian), np.full(COLUMNS, 0.1)
     options = {"bounds": (-0.02, 0.5), "method": "trf", "ftol": 1e-10, "xtol": 1e-10}
     whole = least_squares(residuals, begin, jacobian, **options)
     short = least_squares(few.residuals, begin, few.jacobian, **options)

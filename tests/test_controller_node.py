@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.control.controller import Plan, Status, held
+from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.policy import Correction
 from hybrid_sysid_ros.control.safety.certificate import Certificate, bounds
@@ -132,7 +132,7 @@ def test_what_stands_in_for_a_plan_becomes_zero(bench: Bench, model_folder: Path
     wheel.refer([VOLT] * 5)
     assert wheel.command(0.0) == pytest.approx(4.0)
 
-    def none(state: Any, disturbance: Any, previous: Any, preview: Any) -> Plan:
+    def none(state: Any, disturbance: Any, previous: Any, preview: Any) -> MpcSolution:
         return held(previous, wheel.controller.adapter.problem, Status.FAILED)
 
     parts = {"prepare": lambda elapsed: None, "horizon": wheel.controller.adapter.controller.horizon, "period": 0.02}

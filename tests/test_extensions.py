@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import yaml
 
-from hybrid_sysid_ros.runtime.companion import Companion, Loop, Values, join
+from hybrid_sysid_ros.runtime.companion import Companion, NodeValues, RequestedLoop, join
 from hybrid_sysid_ros.runtime.session import has_ros
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
@@ -232,23 +232,23 @@ class Pushing(Companion):
     def __init__(self, name: str, bias: float) -> None:
         self.name, self.bias = name, bias  # type: ignore[misc]
 
-    def parameters(self, loop: Loop) -> Values:
+    def parameters(self, loop: RequestedLoop) -> NodeValues:
         return {"plant": {"bias": self.bias}, "recorder": {"further": "push"}, self.name: {}}
 
 
 def test_companions_that_agree_join_and_others_are_refused() -> None:
-    values: Values = {"plant": {"rate": 200.0, "bias": 0.0}}
-    join(Loop(rig=""), values, [Pushing("a", 1.0), Pushing("b", 1.0)])
+    values: NodeValues = {"plant": {"rate": 200.0, "bias": 0.0}}
+    join(RequestedLoop(rig=""), values, [Pushing("a", 1.0), Pushing("b", 1.0)])
     assert values == {"plant": {"rate": 200.0, "bias": 1.0}, "a": {}, "b": {}}
     with pytest.raises(UserError, match="a and b want different values of bias of the plant"):
-        join(Loop(rig=""), {}, [Pushing("a", 1.0), Pushing("b", 2.0)])
+        join(RequestedLoop(rig=""), {}, [Pushing("a", 1.0), Pushing("b", 2.0)])
 
 
 def test_a_companion_tells_a_recorder_only_where_there_is_one() -> None:
-    values: Values = {"recorder": {}}
-    join(Loop(rig="", recorded=True), values, [Pushing("a", 1.0)])
+    values: NodeValues = {"recorder": {}}
+    join(RequestedLoop(rig="", recorded=True), values, [Pushing("a", 1.0)])
     assert values["recorder"] == {"further": "push"}
-    assert Pushing("a", 1.0).nodes(Loop(rig="")) == {"a"}
+    assert Pushing("a", 1.0).nodes(RequestedLoop(rig="")) == {"a"}
 
 
 # The trunk alone
@@ -275,7 +275,7 @@ assert not extensions.registry().problems
 
 def trunk_modules() -> list[str]:
     """Those of the trunk that need nothing but what any install has; its nodes, too, where there is ROS."""
-    late = re.compile(r"(control/mpc/interior_point|control/policy/(network|training)|report/(charts|\w*figures))\.py")
+    late = re.compile(r"(control/mpc/interior_point|report/(charts|\w*figures))\.py")
     files = [path.relative_to(PACKAGE) for path in PACKAGE.glob("*/**/*.py")]
     files += [Path("nodes") / path.name for path in (ROOT / "nodes").glob("*.py")] if has_ros() else []
     kept = [path for path in files if path.parts[0] != "extensions" and not late.fullmatch(str(path))]

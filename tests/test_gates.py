@@ -26,7 +26,7 @@ from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.sampling import LONGEST, MOST_STEPS
 from hybrid_sysid_ros.rigs.actuator import Actuator
-from hybrid_sysid_ros.runtime.parameters import Parameter, check_rules
+from hybrid_sysid_ros.runtime.parameters import NodeParameter, check_rules
 from hybrid_sysid_ros.support.errors import UserError
 from tests.one_joint import Linear
 
@@ -144,14 +144,14 @@ def test_a_part_has_a_length_within_the_record(text, opened):
     ("value", "opened"), [(0.0, True), (2, True), (-HAIR, False), (2.0 + HAIR, False), (math.nan, False), (True, False)]
 )
 def test_a_parameter_is_in_its_range(value, opened):
-    parameter = Parameter(name="one", default=1.0, description="", low=0.0, high=2.0)
+    parameter = NodeParameter(name="one", default=1.0, description="", low=0.0, high=2.0)
     assert opens(lambda: parameter.checked(value)) is opened
 
 
 def test_a_parameter_that_must_be_above_another_is_no_equal():
     known = {
-        "low": Parameter(name="low", default=1.0, description=""),
-        "high": Parameter(name="high", default=2.0, description="", above="low"),
+        "low": NodeParameter(name="low", default=1.0, description=""),
+        "high": NodeParameter(name="high", default=2.0, description="", above="low"),
     }
     assert opens(lambda: check_rules(known, {"low": 1.0, "high": 1.0 + HAIR}))
     for high in (1.0, 1.0 - HAIR, math.nan):

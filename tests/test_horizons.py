@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.identification import Experiment, score
+from hybrid_sysid_ros.identification import PreparedRecord, score
 from hybrid_sysid_ros.identification.validation.horizons import k_step_errors
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.errors import UserError
@@ -16,7 +16,7 @@ SAMPLING = Sampling(step=0.01, period=0.05)
 
 
 def experiment(outputs, states, inputs):
-    return Experiment(name="block", sampling=SAMPLING, inputs=inputs, outputs=outputs, states=states)
+    return PreparedRecord(name="block", sampling=SAMPLING, inputs=inputs, outputs=outputs, states=states)
 
 
 def block(slider):

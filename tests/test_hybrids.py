@@ -11,7 +11,7 @@ from scipy.spatial.distance import mahalanobis
 from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded, rollouts, simulate
 from hybrid_sysid_ros.core.mathematics import sin
 from hybrid_sysid_ros.core.symbolic import symbolic_rates
-from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.starting import initialised
 from hybrid_sysid_ros.models import Sampling, build
@@ -66,12 +66,12 @@ class Stiffening(Swing):
         return self.weight * sin(x[0]) + 0.4 * x[0] ** 3, 0.2 + 0.1 * x[0] ** 2
 
 
-def record(system: System, seed: int) -> Experiment:
+def record(system: System, seed: int) -> PreparedRecord:
     random = np.random.default_rng(seed)
     inputs = np.repeat(random.uniform(-2.5, 2.5, 60), 25)[:, None]
     states = simulate(system, np.zeros(2), inputs, step=STEP)
     sampling = Sampling(step=STEP, period=STEP)
-    return Experiment(name="swung", sampling=sampling, inputs=inputs, outputs=states, states=states)
+    return PreparedRecord(name="swung", sampling=sampling, inputs=inputs, outputs=states, states=states)
 
 
 def begun(kind: str) -> Hybrid:

@@ -33,7 +33,7 @@ from std_srvs.srv import Trigger
 
 from hybrid_sysid_ros.nodes import managed, middleware
 from hybrid_sysid_ros.nodes.composed import compose
-from hybrid_sysid_ros.nodes.controller import ControllerNode, Mode
+from hybrid_sysid_ros.nodes.controller import ControllerMode, ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.plant import PlantNode
@@ -162,7 +162,7 @@ def test_a_controller_that_is_deactivated_leaves_the_input_at_rest(wheel: Wheel)
     assert wheel.command(0.0) == pytest.approx(4.0)
     assert change(wheel.bench, "controller", DEACTIVATE)
     assert wheel.bench.until(lambda: wheel.commands[-1].effort[0] == 0.0)
-    assert wheel.controller.mode is Mode.STOP
+    assert wheel.controller.mode is ControllerMode.STOP
     assert topics(wheel.controller) == set()
 
 

@@ -13,9 +13,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from hybrid_sysid_ros.nodes.layout import Place, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints
-from hybrid_sysid_ros.nodes.validation import FORMS, LARGEST, MessageValidator, Order, Reason
+from hybrid_sysid_ros.nodes.messages import SECOND, JointStates
+from hybrid_sysid_ros.nodes.signal_layout import SignalPlace, Slots
+from hybrid_sysid_ros.nodes.validation import FORMS, LARGEST, MessageValidator, Reason, StampOrder
 from tests.node_bench import joint
 
 MS = SECOND // 1000
@@ -31,8 +31,8 @@ class Gate:
             JointState, clock=(lambda: self.now) if timed else None, steady=lambda: self.steady, **given
         )
 
-    def say(self, stamp: int, source: str = "") -> Order | None:
-        return self.validator.admit(Joints(source, stamp, ["beam"], ([], [], [])))
+    def say(self, stamp: int, source: str = "") -> StampOrder | None:
+        return self.validator.admit(JointStates(source, stamp, ["beam"], ([], [], [])))
 
     def wait(self, time: int) -> None:
         self.now += time
@@ -41,11 +41,11 @@ class Gate:
 
 def test_stamps_are_believed_near_the_clock_only() -> None:
     gate = Gate()
-    assert gate.say(gate.now - 5 * MS) is Order.NEW
+    assert gate.say(gate.now - 5 * MS) is StampOrder.NEW
     for _ in range(20):  # .9 s ahead, again and again
         assert gate.say(gate.now + 900 * MS) is None
         gate.wait(5 * MS)
-        assert gate.say(gate.now - 5 * MS) is Order.NEW
+        assert gate.say(gate.now - 5 * MS) is StampOrder.NEW
     assert gate.say(gate.now - 2 * SECOND) is None  # nor does an old one begin anything anew
     assert gate.say(0) is None
     assert gate.validator.dropped == {Reason.AHEAD: 20, Reason.LONG_PAST: 2}
@@ -54,38 +54,38 @@ def test_stamps_are_believed_near_the_clock_only() -> None:
 def test_a_stamp_comes_again_or_late() -> None:
     gate = Gate()
     gate.say(gate.now)
-    assert gate.say(gate.now) is Order.DUPLICATE
-    assert gate.say(gate.now - 10 * MS) is Order.LATE
-    assert gate.say(gate.now + MS) is Order.NEW
+    assert gate.say(gate.now) is StampOrder.DUPLICATE
+    assert gate.say(gate.now - 10 * MS) is StampOrder.LATE
+    assert gate.say(gate.now + MS) is StampOrder.NEW
 
 
 def test_time_begins_anew_where_the_clock_went_back() -> None:
     gate = Gate()
     gate.say(gate.now)
     gate.now -= 60 * SECOND
-    assert gate.say(gate.now) is Order.RESTART
-    assert gate.say(gate.now + 5 * MS) is Order.NEW
+    assert gate.say(gate.now) is StampOrder.RESTART
+    assert gate.say(gate.now + 5 * MS) is StampOrder.NEW
 
 
 def test_without_a_clock_two_stamps_in_a_row_begin_anew() -> None:
     gate = Gate(timed=False, ahead=math.inf, behind=math.inf)
     for k in range(3):
-        assert gate.say(100 * SECOND + k * MS) is Order.NEW
+        assert gate.say(100 * SECOND + k * MS) is StampOrder.NEW
     assert gate.say(SECOND) is None  # one alone
-    assert gate.say(100 * SECOND + 3 * MS) is Order.NEW
+    assert gate.say(100 * SECOND + 3 * MS) is StampOrder.NEW
     assert gate.say(SECOND) is None
-    assert gate.say(SECOND + 5 * MS) is Order.RESTART
+    assert gate.say(SECOND + 5 * MS) is StampOrder.RESTART
     assert gate.validator.dropped == {Reason.BACKWARDS: 2}
 
 
 def test_one_publisher_is_heard_until_it_is_silent() -> None:
     gate = Gate()
-    assert gate.say(gate.now, "first") is Order.NEW
+    assert gate.say(gate.now, "first") is StampOrder.NEW
     gate.wait(300 * MS)
     assert gate.say(gate.now, "second") is None
-    assert gate.say(gate.now, "first") is Order.NEW
+    assert gate.say(gate.now, "first") is StampOrder.NEW
     gate.wait(600 * MS)
-    assert gate.say(gate.now, "second") is Order.NEW
+    assert gate.say(gate.now, "second") is StampOrder.NEW
     assert gate.say(gate.now + MS, "first") is None
     assert gate.validator.dropped == {Reason.OTHER: 2}
 
@@ -109,7 +109,7 @@ def test_a_message_that_does_not_fit_is_dropped(message: Any, reason: Reason) ->
 def test_bytes_that_are_no_message_are_dropped() -> None:
     validator = MessageValidator(JointState, steady=lambda: 0)
     good = serialize_message(joint(SECOND, position=[1.0]))
-    assert validator.unpack(good) == Joints.of(joint(SECOND, position=[1.0]))
+    assert validator.unpack(good) == JointStates.of(joint(SECOND, position=[1.0]))
     for data in (b"", b"\x00", good[: len(good) // 2], b"\xff" * len(good)):
         assert validator.unpack(data) is None
     assert validator.dropped == {Reason.UNREADABLE: 4}
@@ -122,10 +122,10 @@ def test_bytes_that_are_no_message_are_dropped() -> None:
 def test_numbers_that_no_rig_has_become_none(value: float, reason: Reason) -> None:
     validator, slots = (
         MessageValidator(JointState, steady=lambda: 0),
-        Slots([Place("a", "position"), Place("b", "effort")]),
+        Slots([SignalPlace("a", "position"), SignalPlace("b", "effort")]),
     )
     message = JointState(name=["b", "a"], position=[math.nan, value], effort=[2.0, math.nan])
-    found = validator.read(Joints.of(message), slots)
+    found = validator.read(JointStates.of(message), slots)
     assert found is not None
     assert math.isnan(found[0])
     assert found[1] == 2.0
@@ -135,12 +135,12 @@ def test_numbers_that_no_rig_has_become_none(value: float, reason: Reason) -> No
 def test_names_that_are_missing_are_counted() -> None:
     validator, slots = (
         MessageValidator(JointState, steady=lambda: 0),
-        Slots([Place("a", "position"), Place("b", "effort")]),
+        Slots([SignalPlace("a", "position"), SignalPlace("b", "effort")]),
     )
-    assert validator.read(Joints.of(joint(0, name=["a"], position=[1.0])), slots) == pytest.approx(
+    assert validator.read(JointStates.of(joint(0, name=["a"], position=[1.0])), slots) == pytest.approx(
         [1.0, math.nan], nan_ok=True
     )
-    assert validator.read(Joints.of(joint(0, name=["c"], position=[1.0])), slots) is None
+    assert validator.read(JointStates.of(joint(0, name=["c"], position=[1.0])), slots) is None
     assert validator.dropped == {Reason.UNNAMED: 1, Reason.UNRELATED: 1}
 
 
@@ -148,30 +148,36 @@ def test_a_stamp_is_near_up_to_its_bounds_and_no_further() -> None:
     gate = Gate()
     for stamp, near in ((20 * MS, True), (20 * MS + 1, False), (-500 * MS, True), (-500 * MS - 1, False)):
         assert gate.validator.is_near(gate.now + stamp) is near
-        assert (Gate().say(gate.now + stamp) is Order.NEW) is near
+        assert (Gate().say(gate.now + stamp) is StampOrder.NEW) is near
     assert Gate(timed=False).validator.is_near(0)
 
 
 def test_without_a_clock_time_begins_anew_where_two_go_on_from_one_another() -> None:
-    for second, order in ((0, None), (1, Order.RESTART), (SECOND - 1, Order.RESTART), (SECOND, None), (-1, None)):
+    for second, order in (
+        (0, None),
+        (1, StampOrder.RESTART),
+        (SECOND - 1, StampOrder.RESTART),
+        (SECOND, None),
+        (-1, None),
+    ):
         gate = Gate(timed=False)
-        assert gate.say(10 * SECOND) is Order.NEW
+        assert gate.say(10 * SECOND) is StampOrder.NEW
         assert gate.say(5 * SECOND) is None
         assert gate.say(5 * SECOND + second) is order
     gate = Gate(timed=False)
-    assert gate.say(10 * SECOND) is Order.NEW
+    assert gate.say(10 * SECOND) is StampOrder.NEW
     assert gate.say(SECOND // 2) is None  # there was none before that it could go on from
-    assert gate.say(9 * SECOND) is Order.LATE  # by no more than a restart
+    assert gate.say(9 * SECOND) is StampOrder.LATE  # by no more than a restart
     assert gate.say(9 * SECOND - 1) is None
 
 
 def test_a_publisher_is_silent_from_its_bound_on() -> None:
     gate = Gate()
-    assert gate.say(gate.now, "first") is Order.NEW
+    assert gate.say(gate.now, "first") is StampOrder.NEW
     gate.wait(500 * MS - 1)
     assert gate.say(gate.now, "second") is None
     gate.wait(1)
-    assert gate.say(gate.now, "second") is Order.NEW
+    assert gate.say(gate.now, "second") is StampOrder.NEW
     assert gate.validator.source == "second"
 
 
@@ -197,11 +203,11 @@ def test_no_more_forms_are_known_than_there_is_room_for(monkeypatch: pytest.Monk
 def test_what_is_not_known_yet_is_told_from_what_is_wrong() -> None:
     validator, slots = (
         MessageValidator(JointState, steady=lambda: 0),
-        Slots([Place("a", "position"), Place("b", "effort")]),
+        Slots([SignalPlace("a", "position"), SignalPlace("b", "effort")]),
     )
     slots.low[:], slots.high[:] = [-1.0, -1.0], [1.0, 1.0]
     for value, inside in ((1.0, True), (-1.0, True), (1.001, False), (-1.001, False)):
         for other in (0.0, math.nan):  # what is wrong beside it changes nothing
-            read = validator.read(Joints("", 1, ["a", "b"], ([value, 0.0], [], [0.0, other])), slots)
+            read = validator.read(JointStates("", 1, ["a", "b"], ([value, 0.0], [], [0.0, other])), slots)
             assert read is not None
             assert (read[0] == value) is inside

@@ -18,13 +18,13 @@ from trajectory_msgs.msg import JointTrajectory
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.core import Recurrence
 from hybrid_sysid_ros.identification import Part, identify
-from hybrid_sysid_ros.models import Sampling
+from hybrid_sysid_ros.models import Sampling, structure_names
 from hybrid_sysid_ros.nodes.cdr import JointWriter
 from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
-from hybrid_sysid_ros.nodes.layout import Place, Slots
 from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
+from hybrid_sysid_ros.nodes.signal_layout import SignalPlace, Slots
 from hybrid_sysid_ros.rigs import rig as rigs
 from tests import two_carts
 from tests.compiling import compiled_functions
@@ -142,6 +142,8 @@ def test_ipopt_commands_what_the_compiled_solver_does(domain: int, carts: Path, 
 def test_a_structure_with_states_of_its_own_drives_the_beam(
     domain: int, tmp_path: Path, structure: str, own: str
 ) -> None:
+    if structure not in structure_names():
+        pytest.skip("needs the extension narx")
     rig = rigs.load("cam_beam")
     record = bags.read(Path(__file__).parents[1] / "bags" / "beam_multisine", rig.signals)
     model = identify([record], rig, structure, sampling=Sampling(), part=Part(stop=0.3))
@@ -194,7 +196,7 @@ def test_a_command_that_lacks_an_input_is_rejected(domain: int, carts: Path) -> 
 
 
 def test_numbers_stand_where_their_names_say() -> None:
-    slots = Slots([Place("a", "position"), Place("b", "effort"), Place("a", "effort")])
+    slots = Slots([SignalPlace("a", "position"), SignalPlace("b", "effort"), SignalPlace("a", "effort")])
     message = deserialize_message(JointWriter(slots).pack(0, [1.0, 2.0, 3.0]), JointState)
     assert (list(message.name), len(message.velocity)) == (["a", "b"], 0)
     assert list(message.effort) == [3.0, 2.0]

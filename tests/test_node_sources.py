@@ -11,7 +11,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from hybrid_sysid_ros.nodes.base import Source
+from hybrid_sysid_ros.nodes.base import ModelSource
 from hybrid_sysid_ros.nodes.controller import ControllerNode
 from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from tests.node_bench import Bench
@@ -21,7 +21,7 @@ def test_a_folder_is_the_same_until_a_file_in_it_is_another_one(tmp_path: Path) 
     folder = tmp_path / "model"
     folder.mkdir()
     (folder / "model.yaml").write_text("gain: 1")
-    source = Source(folder)
+    source = ModelSource(folder)
     assert source.changed() == ""
     (tmp_path / "new").write_text("gain: 1")
     (tmp_path / "new").replace(folder / "model.yaml")

@@ -18,7 +18,7 @@ import pytest
 
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.rigs.rig import load as load_rig
-from hybrid_sysid_ros.runtime.run import Outcome, Run
+from hybrid_sysid_ros.runtime.run import Run, RunResult
 from hybrid_sysid_ros.support.errors import UserError
 
 pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
@@ -60,7 +60,7 @@ def wait_until_ready(process: subprocess.Popen[str]) -> None:
 class Seen:
     """What came of a session, what it told, and the seconds of its progress."""
 
-    outcome: Outcome
+    outcome: RunResult
     lines: list[str]
     seconds: list[float]
 

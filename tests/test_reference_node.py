@@ -9,10 +9,10 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 
 from trajectory_msgs.msg import JointTrajectory
 
-from hybrid_sysid_ros.nodes.layout import Place, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, Trajectory
+from hybrid_sysid_ros.nodes.messages import SECOND, TrajectoryMessage
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
+from hybrid_sysid_ros.nodes.signal_layout import SignalPlace, Slots
 from hybrid_sysid_ros.nodes.validation import MessageValidator
 from tests.node_bench import VOLT, Bench, joint
 
@@ -28,8 +28,8 @@ def test_previews_agree_where_they_overlap(bench: Bench, kind: str) -> None:
         bench.executor.spin_once(timeout_sec=0.1)
     bench.until(lambda: len(previews) == 4)  # every 50 ms of 195 ms
     validator = MessageValidator(JointTrajectory, steady=lambda: 0)
-    beam, tracked = Slots([Place("beam", "position")]), np.array([True])
-    first, second = (Preview.of(Trajectory.of(message), validator, beam, tracked, 0) for message in previews[:2])
+    beam, tracked = Slots([SignalPlace("beam", "position")]), np.array([True])
+    first, second = (Preview.of(TrajectoryMessage.of(message), validator, beam, tracked, 0) for message in previews[:2])
     assert first is not None
     assert second is not None
     times = 3 * SECOND + np.arange(60, 480, 3) * SECOND // 1000

@@ -11,7 +11,7 @@ import pytest
 from hybrid_sysid_ros.core import RungeKutta, Sensitivities, System, bounded, one_step, rollouts, simulate
 from hybrid_sysid_ros.core.mathematics import sin
 from hybrid_sysid_ros.core.wrappers import feedback_of
-from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.grouping import groups
 from hybrid_sysid_ros.identification.shooting import MultipleShootingProblem, UnstableFitSettings, fastest_growth
@@ -52,7 +52,7 @@ SETTINGS = UnstableFitSettings(noise=NOISE, stabiliser=GAINS)
 SAMPLING = Sampling(step=STEP, period=STEP)
 
 
-def flown(seed: int, *, seconds: float = 40.0, system: System = PLANT, noise: float = 1.0) -> Experiment:
+def flown(seed: int, *, seconds: float = 40.0, system: System = PLANT, noise: float = 1.0) -> PreparedRecord:
     """The pendulum under its loop, moved by a random torque."""
     random = np.random.default_rng(seed)
     count = round(seconds / STEP)
@@ -67,11 +67,11 @@ def flown(seed: int, *, seconds: float = 40.0, system: System = PLANT, noise: fl
         inputs.append(u)
     outputs = np.array(states)[:, :2] + disturbed
     known = np.pad(outputs, ((0, 0), (0, len(x) - 2)))
-    return Experiment(name="flown", sampling=SAMPLING, inputs=np.array(inputs), outputs=outputs, states=known)
+    return PreparedRecord(name="flown", sampling=SAMPLING, inputs=np.array(inputs), outputs=outputs, states=known)
 
 
 @pytest.fixture(scope="module")
-def record() -> Experiment:
+def record() -> PreparedRecord:
     return flown(1)
 
 
@@ -134,7 +134,7 @@ def test_what_no_record_shows_is_carried_through_windows_by_a_run_that_is_held()
     states, outputs = rollouts(Warming(), starts, np.zeros((1, 3)), pushed, step=STEP, feedback=feedback)
     seen = np.pad(outputs, ((0, 0), (0, 1)))
     inputs = pushed - states[:-1] @ feedback.T
-    record = Experiment(name="warm", sampling=SAMPLING, inputs=inputs, outputs=outputs, states=seen)
+    record = PreparedRecord(name="warm", sampling=SAMPLING, inputs=inputs, outputs=outputs, states=seen)
     problem = MultipleShootingProblem(Warming(), [record], SETTINGS)
     problem.carry(problem.start, problem.stages[0])
     begins, first, _, _ = problem.windows(problem.stages[0])
@@ -221,7 +221,7 @@ def test_what_grows_into_a_bounded_motion_that_follows_the_record_is_not_refused
 
     system, inputs = Oscillator(), np.sin(0.3 * np.arange(2000))[:, None]
     states = simulate(system, np.array([1.0, 0.0]), inputs, step=STEP)
-    record = Experiment(name="o", sampling=SAMPLING, inputs=inputs, outputs=states, states=states.copy())
+    record = PreparedRecord(name="o", sampling=SAMPLING, inputs=inputs, outputs=states, states=states.copy())
     assert fastest_growth(system) * 40.0 > np.log(1e6)
     check_free_run(system, record)
 

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from hybrid_sysid_ros.extensions.vision.camera.film import pictures, write_film
-from hybrid_sysid_ros.extensions.vision.camera.filming import Motion, experiment
+from hybrid_sysid_ros.extensions.vision.camera.filming import SceneMotion, experiment
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager, Picture
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
@@ -52,7 +52,7 @@ class Shots:
     film: Film
     times: Array
     imager: Imager
-    motion: Motion
+    motion: SceneMotion
 
     def at_rest(self) -> Film:
         """Pictures of the second before the motion, when the joint is known to stand where it begins."""
@@ -70,13 +70,13 @@ class Shots:
         )
 
 
-def motion_of(rig: Rig, *, seed: int, kind: str = "multisine", seconds: float = SECONDS) -> Motion:
+def motion_of(rig: Rig, *, seed: int, kind: str = "multisine", seconds: float = SECONDS) -> SceneMotion:
     """A simulated experiment's motion."""
     with TemporaryDirectory() as folder:
         return experiment(rig, kind, Path(folder) / "bag", seed=seed, duration=seconds, rate=200.0)
 
 
-def shots(rig: Rig, motion: Motion, case: Case, *, seed: int) -> Shots:
+def shots(rig: Rig, motion: SceneMotion, case: Case, *, seed: int) -> Shots:
     """Pictures of a motion as a case has them."""
     imager = Imager(scene_of(rig), case.camera, seed=seed)
     begin, end = motion.times[0] + imager.lead, motion.times[-1] - imager.lead

@@ -17,15 +17,15 @@ from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.camera_loop import frame_noise
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import (
     AHEAD,
-    Look,
     PictureModel,
+    PredictedFrame,
     Watched,
     judged,
     looks,
 )
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.footage import LEARNED_FROM
-from hybrid_sysid_ros.extensions.vision.reading.layers import Layers, Plane
+from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers, Plane
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
 from hybrid_sysid_ros.extensions.vision.reading.likeness import structural_similarity
 from hybrid_sysid_ros.extensions.vision.reading.regression import Film
@@ -79,7 +79,7 @@ def binned(picture: Picture) -> Picture:
     return found
 
 
-def small(layers: Layers) -> Layers:
+def small(layers: PictureLayers) -> PictureLayers:
     """Layers of binned pictures, by which these are read."""
     sprite = [(0, -size % BIN) for size in layers.alpha.shape]
 
@@ -93,7 +93,7 @@ def small(layers: Layers) -> Layers:
         first_u=(given.first_u + off) / BIN, first_v=(given.first_v + off) / BIN, noise=given.noise / BIN,
     )  # fmt: skip
     alpha, texture = (planes(np.pad(plane, sprite)) for plane in (layers.alpha, layers.texture))
-    return Layers(geometry=geometry, background=planes(layers.background), alpha=alpha, texture=texture)
+    return PictureLayers(geometry=geometry, background=planes(layers.background), alpha=alpha, texture=texture)
 
 
 def learned(rig: Rig, seed: int) -> Learned:
@@ -179,7 +179,7 @@ def scored(rig: Rig, found: Learned, kind: str, seed: int) -> tuple[dict[str, di
     return {f"{seconds:g} s": _together(each) for seconds, each in rows.items()}, speed
 
 
-def by_black_box(black_box: BlackBox, film: Film, inputs: Array, look: Look) -> Picture:
+def by_black_box(black_box: BlackBox, film: Film, inputs: Array, look: PredictedFrame) -> Picture:
     """What the black box says that a frame looks like."""
     first = look.newest - KNOWN + 1
     picture: Picture = black_box.predict(film[: look.newest + 1], inputs[first : look.frame + 1])[-1]

@@ -19,7 +19,7 @@ from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, StateEstimate
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.footage import LEARNED_FROM
-from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
+from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.models import load as load_model
@@ -77,7 +77,7 @@ class Watcher:
     """An estimator that is told what frames show, when they come."""
 
     def __init__(
-        self, estimator: ExtendedKalmanFilter, plant: SeenPlant, layers: Layers, sight: Sight, seed: int
+        self, estimator: ExtendedKalmanFilter, plant: SeenPlant, layers: PictureLayers, sight: Sight, seed: int
     ) -> None:
         self.estimator, self.plant, self.sight = estimator, plant, sight
         self.camera = Camera()
@@ -121,14 +121,14 @@ class Watcher:
         self.seen += 1
 
 
-def learned(rig: Rig) -> Layers:
+def learned(rig: Rig) -> PictureLayers:
     """Layers of another film than any that is measured."""
     case = Case(name="", camera=Camera())
     seen = shots(rig, motion_of(rig, seed=LEARNED_SEED), case, seed=LEARNED_SEED)
     return learn(steady(seen.film, LEARNED_FROM), rig, readout=case.camera.readout)[0]
 
 
-def run(rig: Rig, layers: Layers, sight: Sight, seed: int) -> tuple[ClosedLoop, Watcher]:
+def run(rig: Rig, layers: PictureLayers, sight: Sight, seed: int) -> tuple[ClosedLoop, Watcher]:
     """The hardware reference under the shipped policy and its supervisor."""
     model = load_model(configuration.shipped(rig.name, "model"))
     values = {**configuration.defaults(rig.name, "estimator"), "camera_noise": NOISE}

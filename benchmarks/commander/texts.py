@@ -7,7 +7,7 @@ from random import Random
 import numpy as np
 
 from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
-from hybrid_sysid_ros.extensions.commander.language.plan import LONGEST, POINTS, Ability, Plan
+from hybrid_sysid_ros.extensions.commander.language.plan import LONGEST, POINTS, Ability, ReferencePlan
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -76,7 +76,7 @@ def _sentence(random: Random, vocabulary: Vocabulary) -> str:
     )
 
 
-def planned(interpreter: Interpreter, said: str, start: Array) -> Plan | None:
+def planned(interpreter: Interpreter, said: str, start: Array) -> ReferencePlan | None:
     """The plan of a text from references ``start`` (outputs,); None where it is refused, or a stop. Raises whatever is
     no UserError of one line.
     """
@@ -89,7 +89,7 @@ def planned(interpreter: Interpreter, said: str, start: Array) -> Plan | None:
         return None
 
 
-def broken(plan: Plan, vocabulary: Vocabulary, ability: Ability) -> list[str]:
+def broken(plan: ReferencePlan, vocabulary: Vocabulary, ability: Ability) -> list[str]:
     """Limits that a plan does not keep."""
     found = [] if np.isfinite(plan.values).all() and np.isfinite(plan.times).all() else ["not a number"]
     found += [] if plan.duration <= LONGEST and len(plan.times) <= POINTS else ["too long"]

@@ -22,7 +22,7 @@ from rich.table import Table
 from scipy.optimize import differential_evolution
 
 from benchmarks import picture, result, step_response
-from hybrid_sysid_ros.control import Controller, ExactMpc, Plan
+from hybrid_sysid_ros.control import Controller, ExactMpc, MpcSolution
 from hybrid_sysid_ros.control.closed_loop import simulate_loop
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
@@ -69,7 +69,7 @@ class Watched:
         """When the input is out."""
         self.controller.prepare(elapsed)
 
-    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """One answer."""
         plan = self.controller.control(state, disturbance, previous_input, preview)
         if isinstance(self.controller, ExactMpc):

@@ -12,12 +12,12 @@ from benchmarks import result
 from benchmarks.fuzzy.data import SEEDS, STEP
 from benchmarks.fuzzy.identification import model
 from hybrid_sysid_ros.control import ExactMpc
-from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System, one_step
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 
-PROBLEM = Problem(
+PROBLEM = ControlProblem(
     horizon=5,
     period=STEP,
     substeps=1,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hybrid_sysid_ros.core import System, Variable, simulate
-from hybrid_sysid_ros.identification import Experiment
+from hybrid_sysid_ros.identification import PreparedRecord
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -19,13 +19,13 @@ SAMPLES, TESTED = 1000, 400
 LEVEL, DRIVE = Variable(name="level", unit="1"), Variable(name="drive", unit="1")
 
 
-def experiment(inputs: Array, outputs: Array, name: str) -> Experiment:
+def experiment(inputs: Array, outputs: Array, name: str) -> PreparedRecord:
     """Of inputs (samples, m) and outputs (samples + 1, 1)."""
     sampling = Sampling(step=STEP, period=STEP)
-    return Experiment(name=name, sampling=sampling, inputs=inputs, outputs=outputs, states=outputs)
+    return PreparedRecord(name=name, sampling=sampling, inputs=inputs, outputs=outputs, states=outputs)
 
 
-def training(plant: System, seed: int, *, noise: float = 0.0) -> Experiment:
+def training(plant: System, seed: int, *, noise: float = 0.0) -> PreparedRecord:
     """The plant under uniform inputs within +-2, measured with noise."""
     random = np.random.default_rng(seed)
     inputs = random.uniform(-2.0, 2.0, (SAMPLES, 1))
@@ -69,7 +69,7 @@ def sines(u: Array) -> Array:
     return np.asarray(sum(a * np.sin(n * np.pi * u) for a, n in terms))
 
 
-def of_inputs(inputs: Array, values: Array, name: str) -> Experiment:
+def of_inputs(inputs: Array, values: Array, name: str) -> PreparedRecord:
     """A function of inputs (samples, m) with values (samples,) as a record, each value a sample later."""
     return experiment(inputs, np.concatenate([values[:1], values])[:, None], name)
 

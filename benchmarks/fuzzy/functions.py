@@ -17,13 +17,13 @@ from hybrid_sysid_ros.core.mathematics import Scalar, tanh
 from hybrid_sysid_ros.extensions.fuzzy.link_selection import select_links
 from hybrid_sysid_ros.extensions.fuzzy.rule_selection import select_rules
 from hybrid_sysid_ros.extensions.fuzzy.tuning import tuned
-from hybrid_sysid_ros.identification import Experiment
+from hybrid_sysid_ros.identification import PreparedRecord
 from hybrid_sysid_ros.identification.selection.regression import Regression
 from hybrid_sysid_ros.models.lagged import Lagged
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 
-Chosen = Callable[[Experiment, int], Lagged]
+Chosen = Callable[[PreparedRecord, int], Lagged]
 
 AHEAD, LAGS, FIRST, COUNT = 6, (18, 12, 6, 0), 118, 1000
 """x(t + 6) of x(t - 18), x(t - 12), x(t - 6), x(t), for t = 118 ... 1117; the first half teaches."""
@@ -73,7 +73,7 @@ class Network(Lagged):
 def network(units: int) -> Chosen:
     """Of so many units, spread over the inputs as Nguyen and Widrow (1990), IJCNN, have it."""
 
-    def chosen(record: Experiment, seed: int) -> Lagged:
+    def chosen(record: PreparedRecord, seed: int) -> Lagged:
         regression, random = Regression.of([record], output_lags=0, input_lags=1, kind=Network.KIND), rng(seed)
         width, reach = regression.lagged.shape[1], np.abs(regression.lagged).max()
         slopes = random.normal(size=(units, width))
@@ -89,7 +89,7 @@ def network(units: int) -> Chosen:
 def takagi_sugeno(rules: int) -> Chosen:
     """Of so many rules by all inputs."""
 
-    def chosen(record: Experiment, seed: int) -> Lagged:
+    def chosen(record: PreparedRecord, seed: int) -> Lagged:
         count = record.inputs.shape[1]
         return select_rules(
             [record], outputs=[LEVEL], inputs=named(count), output_lags=0, input_lags=1, rules=rules,
@@ -102,7 +102,7 @@ def takagi_sugeno(rules: int) -> Chosen:
 def difnn(terms: int) -> Chosen:
     """Of so many terms of each input and of the output."""
 
-    def chosen(record: Experiment, seed: int) -> Lagged:
+    def chosen(record: PreparedRecord, seed: int) -> Lagged:
         inputs = named(record.inputs.shape[1])
         return select_links(
             [record], outputs=[LEVEL], inputs=inputs, output_lags=0, input_lags=1, terms=terms, seed=seed

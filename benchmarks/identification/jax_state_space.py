@@ -21,7 +21,7 @@ import numpy as np
 from jax_sysid.models import Model
 
 from benchmarks.identification.peer import Fitted, Peer, Simulation
-from hybrid_sysid_ros.identification import Experiment
+from hybrid_sysid_ros.identification import PreparedRecord
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -58,7 +58,7 @@ def physical_state(x: Any, u: Any, parameters: Any) -> Any:
     return jnp.array([(q + STEP * v) / POSITION, v / RATE])
 
 
-def fit_network(experiments: Sequence[Experiment], *, states: int, seed: int) -> Fitted:
+def fit_network(experiments: Sequence[PreparedRecord], *, states: int, seed: int) -> Fitted:
     """A network of ``states`` states, from a stable straight part."""
     random = np.random.default_rng(seed)
     straight = -0.2 * np.eye(states)
@@ -71,7 +71,7 @@ def fit_network(experiments: Sequence[Experiment], *, states: int, seed: int) ->
     return _fit(experiments, network_state, start, states=states, adam=500, lbfgs=500, rates=False)
 
 
-def fit_physics(experiments: Sequence[Experiment], *, seed: int) -> Fitted:
+def fit_physics(experiments: Sequence[PreparedRecord], *, seed: int) -> Fitted:
     """Physics and a network that begins near zero.
 
     L-BFGS without Adam validated better (.878 against .849) and diverged on the test: left out in the peer's favour.
@@ -83,7 +83,7 @@ def fit_physics(experiments: Sequence[Experiment], *, seed: int) -> Fitted:
 
 
 def _fit(
-    experiments: Sequence[Experiment],
+    experiments: Sequence[PreparedRecord],
     state: StateFunction,
     start: Parameters,
     *,
@@ -122,13 +122,13 @@ def _fit(
     return Fitted(seconds=seconds, compile_seconds=compiling.seconds, snapshots=simulations)
 
 
-def _initial(experiment: Experiment, states: int, rates: bool) -> Array:
+def _initial(experiment: PreparedRecord, states: int, rates: bool) -> Array:
     known = [experiment.outputs[0, 0] / POSITION, experiment.states[0, 1] / RATE if rates else 0.0]
     return np.array(known + [0.0] * (states - 2))
 
 
 def _simulation(state: StateFunction, parameters: Parameters, states: int, rates: bool) -> Simulation:
-    def simulation(experiment: Experiment) -> Array:
+    def simulation(experiment: PreparedRecord) -> Array:
         inputs = np.concatenate([experiment.inputs, experiment.inputs[-1:]]) / DRIVE
         return np.asarray(_outputs(state, parameters, _initial(experiment, states, rates), inputs)) * POSITION
 

@@ -21,7 +21,7 @@ from sysidentpy.model_structure_selection import FROLS
 from sysidentpy.parameter_estimation import LeastSquares
 
 from benchmarks.identification.peer import Fitted, Peer
-from hybrid_sysid_ros.identification import Experiment
+from hybrid_sysid_ros.identification import PreparedRecord
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -29,7 +29,7 @@ POSITION, DRIVE = 0.04, 4.0
 """Units of output [rad] and input [V] in the regressors."""
 
 
-def fit(experiments: Sequence[Experiment], *, degree: int, output_lags: int, input_lags: int, terms: int) -> Fitted:
+def fit(experiments: Sequence[PreparedRecord], *, degree: int, output_lags: int, input_lags: int, terms: int) -> Fitted:
     """One FROLS fit with a given number of terms, by least squares."""
     model = FROLS(
         order_selection=False,
@@ -47,14 +47,14 @@ def fit(experiments: Sequence[Experiment], *, degree: int, output_lags: int, inp
         model.fit(X=inputs, y=outputs)
     seconds = time.perf_counter() - began
 
-    def simulation(experiment: Experiment) -> Array:
+    def simulation(experiment: PreparedRecord) -> Array:
         known = experiment.outputs[: model.max_lag] / POSITION
         return np.asarray(model.predict(X=_inputs(experiment), y=known)[:, 0] * POSITION)
 
     return Fitted(seconds=seconds, snapshots=[(seconds, simulation)])
 
 
-def _inputs(experiment: Experiment) -> Array:
+def _inputs(experiment: PreparedRecord) -> Array:
     """(samples, 1): row k acts between outputs k and k + 1; the last one on none."""
     return np.concatenate([experiment.inputs, experiment.inputs[-1:]]) / DRIVE
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.identification import Experiment, score
+from hybrid_sysid_ros.identification import PreparedRecord, score
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.arrays import Array
 
-Simulation = Callable[[Experiment], Array]
+Simulation = Callable[[PreparedRecord], Array]
 """Strict free run: outputs (samples,) [rad] of an experiment, from its first samples and its inputs alone."""
 
 SCORED_SECONDS = 0.05
@@ -48,7 +48,7 @@ class Peer:
     candidates: Sequence[Mapping[str, Any]] = field(default_factory=lambda: ({},))
     folds: int = 2
 
-    def choose(self, experiments: Sequence[Experiment]) -> tuple[Mapping[str, Any], float]:
+    def choose(self, experiments: Sequence[PreparedRecord]) -> tuple[Mapping[str, Any], float]:
         """The candidate of the best mean free-run R2 on whole records that were left out, and the seconds it took."""
         if len(self.candidates) == 1:
             return self.candidates[0], 0.0
@@ -67,7 +67,7 @@ class Peer:
         return best, time.perf_counter() - began
 
 
-def r2(simulation: Simulation, experiment: Experiment) -> float:
+def r2(simulation: Simulation, experiment: PreparedRecord) -> float:
     """Free-run R2 on the raw output every 50 ms; minus infinity where the simulation diverges."""
     every = round(SCORED_SECONDS / experiment.sampling.period)
     with np.errstate(all="ignore"):

@@ -17,7 +17,7 @@ import torch
 from torch import nn
 
 from benchmarks.identification.peer import Fitted, Peer, Simulation
-from hybrid_sysid_ros.identification import Experiment
+from hybrid_sysid_ros.identification import PreparedRecord
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -58,7 +58,7 @@ class Beam(nn.Module):
         return torch.stack(positions, dim=1)
 
 
-def fit(experiments: Sequence[Experiment]) -> Fitted:
+def fit(experiments: Sequence[PreparedRecord]) -> Fitted:
     """One training run, all rollouts of all experiments in shuffled minibatches."""
     torch.set_num_threads(1)
     torch.manual_seed(0)
@@ -85,7 +85,7 @@ def fit(experiments: Sequence[Experiment]) -> Fitted:
     return Fitted(seconds=snapshots[-1][0], snapshots=snapshots)
 
 
-def _rollouts(experiments: Sequence[Experiment]) -> tuple[torch.Tensor, ...]:
+def _rollouts(experiments: Sequence[PreparedRecord]) -> tuple[torch.Tensor, ...]:
     """Initial positions and rates (rollouts,), inputs (rollouts, HORIZON * every) and positions (rollouts, HORIZON)."""
     q, v, u, measured = [], [], [], []
     for item in experiments:
@@ -100,7 +100,7 @@ def _rollouts(experiments: Sequence[Experiment]) -> tuple[torch.Tensor, ...]:
 
 
 def _simulation(model: Beam) -> Simulation:
-    def simulation(experiment: Experiment) -> Array:
+    def simulation(experiment: PreparedRecord) -> Array:
         q, v, u = (
             torch.tensor(np.array(values), dtype=torch.float32)
             for values in (experiment.outputs[:1, 0], experiment.states[:1, 1], experiment.inputs[:, 0][None])

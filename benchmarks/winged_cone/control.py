@@ -21,7 +21,7 @@ from benchmarks.timed import Timed
 from benchmarks.winged_cone import flights
 from benchmarks.winged_cone.autopilot import ANGLE_OF_ATTACK, STATES, STEPS, judged
 from benchmarks.winged_cone.flights import RIG
-from hybrid_sysid_ros.control import Controller, ExactMpc, Problem, Status
+from hybrid_sysid_ros.control import Controller, ControlProblem, ExactMpc, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.core import System
@@ -97,7 +97,7 @@ def flown(rig: Rig, model: Model, controller: Controller, seed: int) -> ClosedLo
     )
 
 
-def problem_of(rig: Rig, system: System) -> Problem:
+def problem_of(rig: Rig, system: System) -> ControlProblem:
     """Of the rig's file."""
     return configuration.mpc_problem(configuration.defaults(rig, "controller"), rig, system)
 

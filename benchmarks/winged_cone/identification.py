@@ -15,7 +15,7 @@ from benchmarks.winged_cone.flights import Flight
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.core.wrappers import feedback_of
 from hybrid_sysid_ros.identification import identify
-from hybrid_sysid_ros.identification.grouping import Group
+from hybrid_sysid_ros.identification.grouping import ParameterGroup
 from hybrid_sysid_ros.models import Model, Options, Sampling
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
@@ -162,7 +162,7 @@ def _in_class(rig: Rig) -> dict[str, Any]:
         model, _ = fitted(replace(rig), plant, "known_air", 300 + seed)
         for name, row in told(model, plant).items():
             away[name].append(row["error"] / row["standard_error"])
-        found.append("; ".join(str(Group(**group)) for group in model.fit["groups"]))
+        found.append("; ".join(str(ParameterGroup(**group)) for group in model.fit["groups"]))
     within = np.mean([abs(value) <= 3.0 for values in away.values() for value in values])
     return {"records": REPEATED, "within_3": float(within), "standard_errors": away, "groups": found}
 

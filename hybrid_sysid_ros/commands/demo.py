@@ -24,11 +24,11 @@ from hybrid_sysid_ros.rigs.rig import Rig, default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, session
 from hybrid_sysid_ros.runtime.configuration import controller_model, wrap_for_rig
-from hybrid_sysid_ros.runtime.plan import Plan, Records
-from hybrid_sysid_ros.runtime.policies import train_policy
+from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe, DemoRecords
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import beside, check_file, check_folder, make_folder, written_file
 from hybrid_sysid_ros.support.progress import progress_bars
@@ -53,7 +53,7 @@ def command(rig: RigName = "", out: Out = None, train: Train = False, demos: Seq
     demo(place, rig=chosen.source, train=train)
 
 
-def demo(out: Path, records: Records | None = None, *, rig: str = "", train: bool = False) -> dict[str, Any]:
+def demo(out: Path, records: DemoRecords | None = None, *, rig: str = "", train: bool = False) -> dict[str, Any]:
     """Identify a rig from bags, run it under the approximate MPC as ROS 2 processes, and report.
 
     Leaves report.html, summary.json, the model and the bag of the loop in ``out``. records: by default those that the
@@ -63,7 +63,7 @@ def demo(out: Path, records: Records | None = None, *, rig: str = "", train: boo
     Raises UserError for missing records or extras, and where a node fails.
     """
     described = load_rig(rig or default())
-    plan = Plan.of(described)
+    plan = DemoRecipe.of(described)
     report.check_available()
     session.check_ros()
     make_folder(out)
@@ -112,7 +112,7 @@ def demo(out: Path, records: Records | None = None, *, rig: str = "", train: boo
     return summary
 
 
-def _identified(model: Model, records: Records, rig: Rig) -> dict[str, Any]:
+def _identified(model: Model, records: DemoRecords, rig: Rig) -> dict[str, Any]:
     """What the summary says of the model, which runs under the stabiliser where its rig has one; of several outputs
     R2 is the mean.
     """
@@ -142,7 +142,7 @@ def timing_of(plant: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def tracked(section: report.ClosedLoopSection, plan: Plan) -> dict[str, Any]:
+def tracked(section: report.ClosedLoopSection, plan: DemoRecipe) -> dict[str, Any]:
     """What it says of the loop; the unit is one where all parts have the same, else one for each."""
     rmse, units = section.rmse, section.units
     scored = [name for name in plan.scored if name in rmse]
@@ -155,7 +155,7 @@ def tracked(section: report.ClosedLoopSection, plan: Plan) -> dict[str, Any]:
 
 def _train(model: Model, folder: Path) -> None:
     with progress_bars(console) as update:
-        train_policy(model, samples=beside(folder, ".samples"), progress=update).save(folder)
+        extensions.one("policies", "train")(model, samples=beside(folder, ".samples"), progress=update).save(folder)
 
 
 def run_loop(bag: Path, rig: Rig, reference: str, **options: Any) -> tuple[Path, Mapping[str, Mapping[str, Any]]]:

@@ -22,7 +22,7 @@ from hybrid_sysid_ros.identification.shooting import unstable_settings
 from hybrid_sysid_ros.identification.validation.input_bias import adapt
 from hybrid_sysid_ros.identification.validation.refollowing import follow_again
 from hybrid_sysid_ros.identification.validation.resimulation import resimulations
-from hybrid_sysid_ros.identification.validation.unstable import Prediction, UnstableError, predictions
+from hybrid_sysid_ros.identification.validation.unstable import PredictionErrors, UnstableError, predictions
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -105,10 +105,10 @@ def command(
 
 def _scored(
     model: Model, records: Sequence[Record], part: Part, rig: Rig
-) -> tuple[dict[str, dict[str, Any]], dict[str, list[Prediction]]]:
+) -> tuple[dict[str, dict[str, Any]], dict[str, list[PredictionErrors]]]:
     """By record the scores of the free run, or where that says nothing the errors some seconds ahead."""
     scores: dict[str, dict[str, Any]] = {}
-    ahead: dict[str, list[Prediction]] = {}
+    ahead: dict[str, list[PredictionErrors]] = {}
     windows = unstable_settings(rig)
     for record in records:
         try:
@@ -139,11 +139,11 @@ def _loops(
     return found, skipped
 
 
-def _row(item: Prediction) -> dict[str, Any]:
+def _row(item: PredictionErrors) -> dict[str, Any]:
     return {"seconds": item.seconds, "closed": item.closed, "beginnings": item.count, **item.scores.content}
 
 
-def _ahead_table(ahead: Mapping[str, Sequence[Prediction]], rig: Rig) -> Table:
+def _ahead_table(ahead: Mapping[str, Sequence[PredictionErrors]], rig: Rig) -> Table:
     """Errors some seconds ahead, of each output in the unit in which it is shown."""
     headings = (f"{item.name} [{display.unit}]" for item, display in zip(rig.system.outputs, rig.display, strict=True))
     table = Table("record", "ahead", "", *headings, title="RMSE ahead, from states that the two seconds before tell")

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.identification.grouping import Group
+from hybrid_sysid_ros.identification.grouping import ParameterGroup
 from hybrid_sysid_ros.identification.validation.friction_curve import FrictionCurve, friction_curve, speeds_of
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
 from hybrid_sysid_ros.identification.validation.stages import StageResiduals
@@ -41,8 +41,8 @@ def command(
     option: Annotated[
         list[str] | None, typer.Option("--option", help="NAME=VALUE of the structure, such as units=8 or creep=1.")
     ] = None,
-    input_handling: terminal.InputHandling = "averaged",
-    step: terminal.Step = 0.005,
+    input_handling: terminal.InputHandlingOption = "averaged",
+    step: terminal.StepOption = 0.005,
     period: terminal.Period = 0.05,
     part: terminal.PartText = "0:1",
     seed: terminal.Seed = 0,
@@ -90,7 +90,7 @@ def command(
     for doubt in doubts(model):
         console.print(f"doubt: {doubt}")
     for group in model.fit.get("groups", ()):
-        console.print(f"known together: {Group(**group)}")
+        console.print(f"known together: {ParameterGroup(**group)}")
     for name, scores in model.scores.items():
         for output, own in scores.get("outputs", {described.system.outputs[0].name: scores}).items():
             if not own["r2"] > EXPLAINED:

@@ -101,9 +101,9 @@ def _of_extension(target: str, rig: Rig) -> None:
 
 
 def _demo(rig: Rig) -> None:
-    from hybrid_sysid_ros.runtime.plan import Plan  # takes a second
+    from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe  # takes a second
 
-    Plan.of(rig).places(rig)
+    DemoRecipe.of(rig).places(rig)
 
 
 def _responses(rig: Rig, seconds: float) -> Table:

@@ -50,10 +50,10 @@ ReadPeriod = Annotated[
 PartText = Annotated[str, typer.Option("--part", help="START:STOP, the part of each bag that is used, as fractions.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
 Seed = Annotated[int, typer.Option("--seed", help="Of everything random.", min=0)]
-InputHandling = Annotated[
+InputHandlingOption = Annotated[
     str, typer.Option("--input", help="averaged: the input's mean over each step; sampled: read once a period.")
 ]
-Step = Annotated[float, typer.Option(help="Integration step [s].")]
+StepOption = Annotated[float, typer.Option(help="Integration step [s].")]
 Period = Annotated[float, typer.Option(help="Distance of the fitted samples [s].")]
 
 

@@ -1,7 +1,7 @@
 """Exact MPC, its imitation by a network, and what they share."""
 
-from hybrid_sysid_ros.control.controller import Controller, Plan, Status
+from hybrid_sysid_ros.control.controller import Controller, MpcSolution, Status
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
-from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.problem import ControlProblem
 
-__all__ = ["Controller", "ExactMpc", "Plan", "Problem", "Status"]
+__all__ = ["ControlProblem", "Controller", "ExactMpc", "MpcSolution", "Status"]

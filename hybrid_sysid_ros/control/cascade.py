@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hybrid_sysid_ros.control.controller import Controller, Plan
+from hybrid_sysid_ros.control.controller import Controller, MpcSolution
 from hybrid_sysid_ros.core.wrappers import Stabilised
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -32,10 +32,10 @@ class Cascade:
     def reset(self) -> None:
         """Forget the past."""
         self.controller.reset()
-        self._plan: Plan | None = None
+        self._plan: MpcSolution | None = None
         self._age, self._fresh = 0.0, False
 
-    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`. The plan says what the stabiliser will make of
         it along the predicted states.
         """

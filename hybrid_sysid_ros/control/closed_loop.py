@@ -10,15 +10,15 @@ from typing import Protocol
 import numpy as np
 
 from hybrid_sysid_ros.control.controller import Controller, Status
-from hybrid_sysid_ros.control.problem import Problem, stage_costs
+from hybrid_sysid_ros.control.problem import ControlProblem, stage_costs
 from hybrid_sysid_ros.estimation import StateEstimate
 from hybrid_sysid_ros.support.arrays import Array
 
-Reference = Callable[[Array], Array]
+OutputReference = Callable[[Array], Array]
 """q(t): times (samples,) [s] in, outputs (samples, p) [SI] out."""
 
 
-class Plant(Protocol):
+class ControlledPlant(Protocol):
     """What a loop is closed around."""
 
     step: float
@@ -44,7 +44,7 @@ class Plant(Protocol):
         ...
 
 
-class Observer(Protocol):
+class StateObserver(Protocol):
     """What tells the state: an estimator."""
 
     def update(self, time: float, outputs: Array, applied: Array) -> StateEstimate:
@@ -77,7 +77,7 @@ class ClosedLoop:
         found: Array = np.sqrt(np.mean((self.outputs - self.references)[inside] ** 2, axis=0))
         return found
 
-    def cost(self, problem: Problem) -> float:
+    def cost(self, problem: ControlProblem) -> float:
         """The loop by the stage cost of a problem that is sized, from inputs 0 on."""
         costs = stage_costs(
             problem,
@@ -91,10 +91,10 @@ class ClosedLoop:
 
 
 def simulate_loop(
-    plant: Plant,
-    estimator: Observer,
+    plant: ControlledPlant,
+    estimator: StateObserver,
     controller: Controller,
-    reference: Reference,
+    reference: OutputReference,
     *,
     inputs: int,
     duration: float,

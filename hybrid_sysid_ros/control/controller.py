@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.support.arrays import Array
 
 
@@ -32,7 +32,7 @@ class Status(Enum):
     """Nothing to go on: the last input."""
 
 
-class Plan(NamedTuple):
+class MpcSolution(NamedTuple):
     """A tuple, for a data class takes as long to make as a network to answer. n states, m inputs."""
 
     input: Array
@@ -44,10 +44,10 @@ class Plan(NamedTuple):
     status: Status
 
 
-def held(previous: Array, problem: Problem, status: Status) -> Plan:
+def held(previous: Array, problem: ControlProblem, status: Status) -> MpcSolution:
     """The previous inputs (m,) within their bounds over the whole horizon, 0 or the nearest for what is no number."""
     last = np.clip(np.where(np.isfinite(previous), previous, 0.0), problem.input_low, problem.input_high)
-    return Plan(last, np.tile(last, (problem.horizon, 1)), np.zeros((0, len(problem.state_low))), status)
+    return MpcSolution(last, np.tile(last, (problem.horizon, 1)), np.zeros((0, len(problem.state_low))), status)
 
 
 class Controller(Protocol):
@@ -59,7 +59,7 @@ class Controller(Protocol):
     @property
     def period(self) -> float: ...
 
-    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """The input for a state.
 
         state (n,): the one that the input will meet, a delay ahead. disturbance (m,): estimated offset of the inputs.

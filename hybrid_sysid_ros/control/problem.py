@@ -16,7 +16,7 @@ import numpy as np
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.shared import Shared
-from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers
 
@@ -75,7 +75,7 @@ def _stage_costs(
 
 
 def stage_costs(
-    problem: Problem, *, outputs: Array, references: Array, inputs: Array, previous: Array, states: Array
+    problem: ControlProblem, *, outputs: Array, references: Array, inputs: Array, previous: Array, states: Array
 ) -> Array:
     """Cost (samples,) of each stage of a loop as it went.
 
@@ -88,8 +88,6 @@ def stage_costs(
     return costs
 
 
-Values = tuple[float, ...]
-
 _PER_OUTPUT = ("output_weights", "output_scales")
 _PER_INPUT = ("rate_weights", "input_weights", "input_low", "input_high", "rate_limits")
 _PER_STATE = ("state_low", "state_high", "soft_linear", "soft_quadratic")
@@ -99,7 +97,7 @@ _NOT_NEGATIVE = ("output_weights", "rate_weights", "input_weights", "soft_linear
 
 
 @dataclass(frozen=True, kw_only=True)
-class Problem:
+class ControlProblem:
     """The problem of a system with n states, m inputs and p outputs, over the inputs u_0..u_{N-1}.
 
     Minimise
@@ -119,27 +117,27 @@ class Problem:
     """Length of one interval [s]."""
     substeps: int
     """Integration steps in an interval."""
-    output_weights: Values
+    output_weights: Numbers
     """(p,); an output of weight 0 is not tracked."""
-    input_low: Values
+    input_low: Numbers
     """(m,) [unit of each input]."""
-    input_high: Values
+    input_high: Numbers
     """(m,)."""
-    output_scales: Values = (1.0,)
+    output_scales: Numbers = (1.0,)
     """(p,), the unit that each output is weighed in [SI]."""
-    rate_weights: Values = (0.0,)
+    rate_weights: Numbers = (0.0,)
     """(m,) of changes [1/unit^2]."""
-    input_weights: Values = (0.0,)
+    input_weights: Numbers = (0.0,)
     """(m,) [1/unit^2]."""
-    rate_limits: Values = (math.inf,)
+    rate_limits: Numbers = (math.inf,)
     """(m,), largest change from one interval to the next."""
-    state_low: Values = (-math.inf,)
+    state_low: Numbers = (-math.inf,)
     """(n,), soft bounds."""
-    state_high: Values = (math.inf,)
+    state_high: Numbers = (math.inf,)
     """(n,)."""
-    soft_linear: Values = (0.0,)
+    soft_linear: Numbers = (0.0,)
     """(n,), price of a state outside of its bounds, by the distance [1/unit]."""
-    soft_quadratic: Values = (1e4,)
+    soft_quadratic: Numbers = (1e4,)
     """(n,), and by its square [1/unit^2]."""
     smoothing: float = 0.0
     """Of stick-slip [unit of the velocity]."""
@@ -166,7 +164,7 @@ class Problem:
             if not alike or not np.all(np.array(low) < np.array(high)):
                 raise UserError(f"mpc: {kind}_low {low} is not below {kind}_high {high} everywhere")
 
-    def sized(self, system: System) -> Problem:
+    def sized(self, system: System) -> ControlProblem:
         """The problem with a value for each output, input and state of a system.
 
         Raises UserError where it has another number of values, or steps that are not the problem's.
@@ -208,7 +206,7 @@ class Problem:
         )
 
 
-def _numbers(name: str, values: Any) -> Values:
+def _numbers(name: str, values: Any) -> Numbers:
     """A tuple of numbers from what a file or a caller gives."""
     try:
         found = tuple(float(value) for value in (values if isinstance(values, Sequence | np.ndarray) else (values,)))

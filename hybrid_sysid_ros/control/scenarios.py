@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from hybrid_sysid_ros.control.mpc.horizon import Instance, prediction
 from hybrid_sysid_ros.control.mpc.shooting import rollout
-from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System, step_with_jacobian
 from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps, swept_sine
-from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers
 
@@ -44,7 +44,7 @@ class SteadyMotion:
         return moved
 
 
-def steady_motion(system: System, problem: Problem, outputs: Array) -> SteadyMotion:
+def steady_motion(system: System, problem: ControlProblem, outputs: Array) -> SteadyMotion:
     """The steady motion of a system at outputs (p,), by Newton's method from rest; a problem that is sized.
 
     The equations x + d = step(x, u), d = step(x + d, u) - step(x, u) linearised, y_t = output(x, u) and C d = 0 of
@@ -98,7 +98,9 @@ def _equations(a: Array, b: Array, c: Array, by_u: Array) -> Array:
     )
 
 
-def jacobian_at(system: System, problem: Problem, x: Array, u: Array, *, output: bool) -> tuple[Array, Array, Array]:
+def jacobian_at(
+    system: System, problem: ControlProblem, x: Array, u: Array, *, output: bool
+) -> tuple[Array, Array, Array]:
     """A step of the prediction, or the outputs, and the derivatives by states x (n,) and by inputs u (m,), stick-slip
     rounded.
     """
@@ -107,7 +109,6 @@ def jacobian_at(system: System, problem: Problem, x: Array, u: Array, *, output:
     return value, jacobian[:, :n], jacobian[:, n:]
 
 
-Values = tuple[float, ...]
 Controls = Callable[[int, Instance], Array]
 """control(k, instance) -> inputs (m,) for period k: what a loop is driven by."""
 
@@ -122,18 +123,18 @@ LENGTH = 20
 class Spread:
     """What scenarios are drawn from, in SI units. A value for each output, input or state; one value stands for all."""
 
-    amplitude: Values
+    amplitude: Numbers
     """(p,) of the references about their centre."""
-    disturbance: Values
+    disturbance: Numbers
     """(m,), deviation of the input disturbance, which jumps now and then."""
-    push: Values
+    push: Numbers
     """(n,), deviation of each state's occasional push."""
-    input_jitter: Values = (0.0,)
+    input_jitter: Numbers = (0.0,)
     """(m,), deviation by which the previous input is moved before the MPC is asked in the training, so that the policy
     learns its effect apart from the state's."""
     parameters: float = 0.0
     """Relative deviation of each free physical parameter of the plant from the model that the MPC has."""
-    centre: Values = (0.0,)
+    centre: Numbers = (0.0,)
     """(p,) of the references."""
 
     def __post_init__(self) -> None:
@@ -189,7 +190,7 @@ class LoopRun(NamedTuple):
     """By how much a state was outside of its bounds at most; infinite where one is no number."""
 
 
-def run(scenario: Scenario, problem: Problem, control: Controls) -> LoopRun:
+def run(scenario: Scenario, problem: ControlProblem, control: Controls) -> LoopRun:
     """Let a loop go: the plant in the exact form, by the steps of the MPC's own prediction, under ``control``."""
     plant, weights = prediction(scenario.plant, problem), problem.stage_weights
     periods, horizon = len(scenario.begins), problem.horizon
@@ -222,7 +223,7 @@ def run(scenario: Scenario, problem: Problem, control: Controls) -> LoopRun:
 def drawn(
     random: np.random.Generator,
     system: System,
-    problem: Problem,
+    problem: ControlProblem,
     spread: Spread,
     motion: SteadyMotion,
     wanted: Array,
@@ -257,7 +258,7 @@ def drawn(
     )
 
 
-def references(random: np.random.Generator, spread: Spread, problem: Problem) -> Callable[[ArrayLike], Array]:
+def references(random: np.random.Generator, spread: Spread, problem: ControlProblem) -> Callable[[ArrayLike], Array]:
     """References (times, p) of random kinds over the times [s], each output by itself."""
     found = [
         _reference(random, amplitude, problem.horizon * problem.period) if weight > 0 else _zero
@@ -309,7 +310,7 @@ def plant_near(system: System, deviation: float, random: np.random.Generator) ->
 
 def beginnings(
     random: np.random.Generator,
-    problem: Problem,
+    problem: ControlProblem,
     spread: Spread,
     motion: SteadyMotion,
     wanted: Array,

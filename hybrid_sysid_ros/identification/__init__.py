@@ -1,14 +1,14 @@
 """Records out of bags, fitting, scores, judgement."""
 
-from hybrid_sysid_ros.identification.experiment import Experiment, prepare
+from hybrid_sysid_ros.identification.experiment import PreparedRecord, prepare
 from hybrid_sysid_ros.identification.identify import evaluate, identify
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.selection.cross_validation import Validation, cross_validate
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, score
 
 __all__ = [
-    "Experiment",
     "Part",
+    "PreparedRecord",
     "Scores",
     "Validation",
     "cross_validate",

@@ -16,7 +16,7 @@ SHIFTS = (0.0, 1e-14, 1e-12, 1e-10, 1e-8)
 """Of the largest diagonal entry of the normal equations, added to all, until rounding leaves them positive definite."""
 
 
-class Condensed:
+class CondensedResiduals:
     """Residuals f (rows,) and Jacobian J (rows, n) in a basis whose first vector is f / |f|.
 
         f~ = (|f|, 0, ..., 0),   J~ = [f'J / |f|; R],   R'R = J'J - J'f f'J / f'f       n + 1 rows

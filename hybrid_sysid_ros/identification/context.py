@@ -13,11 +13,11 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.biased import Biased
 from hybrid_sysid_ros.identification.experiment import ResampledRecord, resample
-from hybrid_sysid_ros.identification.fitting import Progress, fit
+from hybrid_sysid_ros.identification.fitting import FitProgress, fit
 from hybrid_sysid_ros.identification.shooting import UnstableFitSettings, unstable_settings
 from hybrid_sysid_ros.identification.starting import magnitudes
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.models.fit import Experiment, Fit
+from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.models.structure import Magnitudes, Structure
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
@@ -31,7 +31,7 @@ class Context:
     sampling: Sampling
     options: Mapping[str, float | int]
     seed: int
-    progress: Progress | None = None
+    progress: FitProgress | None = None
     records: Sequence[Record]
     resampled: Sequence[ResampledRecord] = field(default=())
     """The same at the sampling; by default they are resampled here."""
@@ -44,14 +44,14 @@ class Context:
     def magnitudes(self) -> Magnitudes:
         return magnitudes(self.rig.system, self.experiments(self.rig.system))
 
-    def experiments(self, system: System) -> list[Experiment]:
+    def experiments(self, system: System) -> list[PreparedRecord]:
         return [item.experiment(system) for item in self.resampled]
 
     def of(self, structure: Structure) -> Context:
         known = structure.options
         return replace(self, options={name: value for name, value in self.options.items() if name in known})
 
-    def fit(self, system: System, *, experiments: Sequence[Experiment] | None = None, **settings: Any) -> Fit:
+    def fit(self, system: System, *, experiments: Sequence[PreparedRecord] | None = None, **settings: Any) -> Fit:
         used = self.experiments(system) if experiments is None else experiments
         return fit(system, used, progress=self.progress, **settings)
 

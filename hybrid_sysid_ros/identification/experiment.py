@@ -9,12 +9,12 @@ from scipy.signal import savgol_filter
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.models.fit import Experiment
+from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-__all__ = ["Experiment", "ResampledRecord", "check_range", "prepare", "rates", "resample"]
+__all__ = ["PreparedRecord", "ResampledRecord", "check_range", "prepare", "rates", "resample"]
 SMOOTHING_SECONDS = 0.051
 """Window of the Savitzky-Golay velocity (order 3): 51 samples at 1 kHz."""
 
@@ -34,16 +34,16 @@ class ResampledRecord:
     means: Array
     """Mean inputs from each sample to the next, the last one twice, (samples, inputs)."""
 
-    def experiment(self, system: System) -> Experiment:
+    def experiment(self, system: System) -> PreparedRecord:
         """With the states of a system. Raises UserError where the record's channels are not those of the system."""
         _check_channels(self.name, self.inputs, self.outputs, system)
         states = system.record_map().states_from_record(self.outputs, self.rates, self.means)
-        return Experiment(
+        return PreparedRecord(
             name=self.name, sampling=self.sampling, inputs=self.inputs, outputs=self.outputs, states=states
         )
 
 
-def prepare(record: Record, system: System, sampling: Sampling) -> Experiment:
+def prepare(record: Record, system: System, sampling: Sampling) -> PreparedRecord:
     """Resample a record for a system.
 
     Raises UserError where its channels are not those of the system, it is too short, or its rate does not fit the
@@ -92,7 +92,7 @@ def _check_channels(name: str, inputs: Array, outputs: Array, system: System) ->
         )
 
 
-def check_range(experiment: Experiment, system: System) -> None:
+def check_range(experiment: PreparedRecord, system: System) -> None:
     """Raise UserError for an experiment that leaves the range in which a system may be used, with what left it."""
     states = experiment.states
     for item, value in system.trained_on(states.min(axis=0), states.max(axis=0)).outside:

@@ -12,17 +12,17 @@ from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.identification.condensing import Condensed
+from hybrid_sysid_ros.identification.condensing import CondensedResiduals
 from hybrid_sysid_ros.identification.covariance import covariances
 from hybrid_sysid_ros.identification.experiment import check_range
-from hybrid_sysid_ros.identification.problem import Map, Problem
+from hybrid_sysid_ros.identification.problem import FitProblem, Map
 from hybrid_sysid_ros.identification.shooting import MultipleShootingProblem, UnstableFitSettings
-from hybrid_sysid_ros.models.fit import Experiment, Fit
+from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.support import threads
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Progress = Callable[[str, int, float], None]
+FitProgress = Callable[[str, int, float], None]
 """progress(stage, evaluations, root mean square error relative to the output's deviation)"""
 
 STAGES: tuple[int | None, ...] = (20, 60, 200, None)
@@ -41,7 +41,7 @@ MANY = 100
 
 def fit(
     system: System,
-    experiments: Sequence[Experiment],
+    experiments: Sequence[PreparedRecord],
     *,
     stages: Sequence[int | None] = STAGES,
     anchor: Fit | None = None,
@@ -52,15 +52,15 @@ def fit(
     tolerance: float | None = None,
     iterations: int = ITERATIONS,
     unstable: UnstableFitSettings | None = None,
-    progress: Progress | None = None,
+    progress: FitProgress | None = None,
 ) -> Fit:
     """Fit the free parameters and weights of a system to several experiments at once.
 
     anchor: an earlier fit of the same physics, about which its parameters then stay (within a few deviations): what the
     physics can't explain is left to a network. ridge, hold: see
-    :class:`~hybrid_sysid_ros.identification.problem.Problem`. starts: points where the first stage begins, all but the
-    first random by ``seed``; the best one goes on. tolerance, iterations: of each stage, by default FINE in the last
-    one of a physical structure and COARSE elsewhere, and ITERATIONS. unstable: of an unstable rig, instead of
+    :class:`~hybrid_sysid_ros.identification.problem.FitProblem`. starts: points where the first stage begins, all but
+    the first random by ``seed``; the best one goes on. tolerance, iterations: of each stage, by default FINE in the
+    last one of a physical structure and COARSE elsewhere, and ITERATIONS. unstable: of an unstable rig, instead of
     stages, see :class:`~.shooting.MultipleShootingProblem`. Trust-region least squares with bounds; the
     Jacobian is exact and simulated in parallel threads.
 
@@ -70,7 +70,7 @@ def fit(
     system = _ranged(system, experiments)
     centres, spreads = (None, None) if anchor is None else _anchors(system, anchor)
     options: dict[str, Any] = {"centres": centres, "spreads": spreads, "ridge": ridge, "hold": hold}
-    problem = Problem(system, experiments, **options)
+    problem = FitProblem(system, experiments, **options)
     if unstable is not None:
         problem = MultipleShootingProblem(system, experiments, unstable, **options)
         stages = problem.stages
@@ -110,7 +110,7 @@ def fit(
     )
 
 
-def _ranged(system: System, experiments: Sequence[Experiment]) -> System:
+def _ranged(system: System, experiments: Sequence[PreparedRecord]) -> System:
     """The system told the range of its training data."""
     for experiment in experiments:
         check_range(experiment, system)
@@ -126,13 +126,13 @@ def _anchors(system: System, fitted: Fit) -> tuple[Array, Array]:
     return fitted.system.values[free], ANCHOR * fitted.spreads[: len(free)]
 
 
-def _solve(problem: Problem, horizon: int | None, point: Array, limits: tuple[float, int], run: Map) -> Any:
+def _solve(problem: FitProblem, horizon: int | None, point: Array, limits: tuple[float, int], run: Map) -> Any:
     """limits: tolerance and iterations."""
     tolerance, iterations = limits
     lower, upper = problem.bounds
     residuals, jacobian = problem.residuals(horizon), problem.jacobian(horizon, run)
     many = len(problem.system.weights) >= MANY
-    asked = Condensed(residuals, jacobian) if many else None
+    asked = CondensedResiduals(residuals, jacobian) if many else None
     found = least_squares(
         asked.residuals if asked else residuals,
         np.clip(point, lower, upper),

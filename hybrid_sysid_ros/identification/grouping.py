@@ -18,7 +18,7 @@ LEAST_PIVOT, NEAR_WHOLE = 0.2, 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Group:
+class ParameterGroup:
     """A product of powers of parameters that the data determine, where they don't determine these apart."""
 
     exponents: Mapping[str, float]
@@ -40,7 +40,7 @@ class Group:
         return f"{told} = {self.value:.5g} (standard error {100.0 * self.relative_error:.2g} %)"
 
 
-def groups(fit: Fit) -> list[Group]:
+def groups(fit: Fit) -> list[ParameterGroup]:
     """Of the parameters with a prior, those products of powers that the data determine; none where these determine each
     parameter, or no prior is the better known for them.
 
@@ -68,7 +68,7 @@ def groups(fit: Fit) -> list[Group]:
         exponents = np.where(whole, np.round(row), row)
         exponents = -exponents if np.sum(exponents) < 0.0 else exponents
         found.append(
-            Group(
+            ParameterGroup(
                 exponents={name: float(power) for name, power in zip(names, exponents, strict=True) if power},
                 value=float(np.prod(values**exponents)),
                 relative_error=float(np.sqrt(max(exponents @ relative @ exponents, 0.0))),

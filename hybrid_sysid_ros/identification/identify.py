@@ -12,14 +12,14 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.identification.context import Context
 from hybrid_sysid_ros.identification.experiment import ResampledRecord, check_range, prepare, resample
-from hybrid_sysid_ros.identification.fitting import Progress
+from hybrid_sysid_ros.identification.fitting import FitProgress
 from hybrid_sysid_ros.identification.grouping import groups
 from hybrid_sysid_ros.identification.part import Part, parts_of
 from hybrid_sysid_ros.identification.shooting import check_sampling
 from hybrid_sysid_ros.identification.validation.scores import Scores, score_free_run
 from hybrid_sysid_ros.identification.validation.unstable import check_free_run, stabilised_run
 from hybrid_sysid_ros.models import Model, Sampling
-from hybrid_sysid_ros.models.fit import Experiment, Fit
+from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.models.options import Options, complete
 from hybrid_sysid_ros.models.structure import structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -36,7 +36,7 @@ def identify(
     part: Part | Sequence[Part] = Part(),
     options: Options | None = None,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: FitProgress | None = None,
 ) -> Model:
     """Fit a structure to parts of records.
 
@@ -90,7 +90,7 @@ def identify(
     )
 
 
-def scores_of(system: System, experiment: Experiment, rig: Rig) -> Scores:
+def scores_of(system: System, experiment: PreparedRecord, rig: Rig) -> Scores:
     """Of the strict free run; of an unstable rig of one run that its stabiliser closes.
 
     Raises UserError for a stabiliser that does not fit the sampling.
@@ -138,6 +138,6 @@ def evaluate(model: Model, record: Record, *, part: Part = Part()) -> Scores:
     return score_free_run(model.system, experiment)
 
 
-def experiment_of(model: Model, record: Record, *, part: Part = Part()) -> Experiment:
+def experiment_of(model: Model, record: Record, *, part: Part = Part()) -> PreparedRecord:
     """A record made ready for a model, at the sampling that the model was identified at."""
     return prepare(part.of(record, model.sampling), model.system, model.sampling)

@@ -30,7 +30,7 @@ FARTHER = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Channel:
+class RecordChannel:
     """An input or output of a record, and what it was read from."""
 
     what: str
@@ -117,15 +117,17 @@ def _farthest(values: Array, among: NDArray[np.intp]) -> int:
     return int(among[np.argmax(np.abs(values[among]))])
 
 
-def _inputs(record: Record, rig: Rig, signals: Signals | None) -> list[Channel]:
+def _inputs(record: Record, rig: Rig, signals: Signals | None) -> list[RecordChannel]:
     return _channels(record, record.input, rig.system.inputs, signals)
 
 
-def _outputs(record: Record, rig: Rig, signals: Signals | None) -> list[Channel]:
+def _outputs(record: Record, rig: Rig, signals: Signals | None) -> list[RecordChannel]:
     return _channels(record, record.output, rig.system.outputs, signals)
 
 
-def _channels(record: Record, values: Array, variables: Sequence[Variable], signals: Signals | None) -> list[Channel]:
+def _channels(
+    record: Record, values: Array, variables: Sequence[Variable], signals: Signals | None
+) -> list[RecordChannel]:
     def what(name: str) -> str:
         if signals is None:
             return f"record {record.name}"
@@ -133,6 +135,6 @@ def _channels(record: Record, values: Array, variables: Sequence[Variable], sign
         return f"{record.source or record.name}: topic {signals.topic(signal)}: {signal.field}"
 
     return [
-        Channel(what=what(variable.name), variable=variable, period=record.sampling_time, values=column)
+        RecordChannel(what=what(variable.name), variable=variable, period=record.sampling_time, values=column)
         for variable, column in zip(variables, values.T, strict=True)
     ]

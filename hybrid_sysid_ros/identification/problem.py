@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import Sensitivities, System, rollouts
-from hybrid_sysid_ros.models.fit import Experiment
+from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -33,7 +33,7 @@ WIDEST = 10.0
 """Hidden states that a simulation gives to the next one's start, in their deviations: it may still diverge."""
 
 
-class Problem:
+class FitProblem:
     """The residuals of one system on several experiments, as a function of one scaled vector, the point.
 
         free parameters, weights (both shared by all records) | initial states (of each record)
@@ -45,7 +45,7 @@ class Problem:
     def __init__(
         self,
         system: System,
-        experiments: Sequence[Experiment],
+        experiments: Sequence[PreparedRecord],
         *,
         centres: Array | None = None,
         spreads: Array | None = None,

@@ -13,9 +13,9 @@ from hybrid_sysid_ros.core import Sensitivities, System, rollouts
 from hybrid_sysid_ros.core.rollout import Starts
 from hybrid_sysid_ros.core.symbolic import linearised
 from hybrid_sysid_ros.core.wrappers import feedback_of
-from hybrid_sysid_ros.identification.problem import Map, Problem, Residuals
+from hybrid_sysid_ros.identification.problem import FitProblem, Map, Residuals
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.models.fit import Experiment
+from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -66,7 +66,7 @@ def check_sampling(sampling: Sampling, name: str) -> None:
         )
 
 
-def held_inputs(experiment: Experiment, stabiliser: Array) -> Array:
+def held_inputs(experiment: PreparedRecord, stabiliser: Array) -> Array:
     """V = u + K y of a record, (steps, inputs), with which u = v - K y of a simulation is closed by the stabiliser.
 
     Raises UserError where outputs are not there at each step.
@@ -118,7 +118,7 @@ def settled(
     return best
 
 
-class MultipleShootingProblem(Problem):
+class MultipleShootingProblem(FitProblem):
     """The residuals of one system on several experiments, over windows whose initial states are free.
 
         free parameters, weights
@@ -130,9 +130,9 @@ class MultipleShootingProblem(Problem):
     """
 
     def __init__(
-        self, system: System, experiments: Sequence[Experiment], settings: UnstableFitSettings, **options: Any
+        self, system: System, experiments: Sequence[PreparedRecord], settings: UnstableFitSettings, **options: Any
     ) -> None:
-        """options: of :class:`~.problem.Problem`."""
+        """options: of :class:`~.problem.FitProblem`."""
         self._stabiliser = settings.stabiliser
         super().__init__(system, experiments, **options)
         self.moved_states, self.nuisance_units = [], np.zeros(0)

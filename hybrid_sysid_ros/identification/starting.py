@@ -10,7 +10,7 @@ import numpy as np
 from hybrid_sysid_ros.core import System, simulate
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.core.symbolic import symbolic_closures, symbolic_features
-from hybrid_sysid_ros.models.fit import Experiment
+from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.models.hybrid import CLIP, Hybrid, kind_of
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.region import Region
@@ -24,7 +24,7 @@ REGRESSED_SHARE = 0.3
 """Share of a rate's variance that a regression must explain to be believed."""
 
 
-def magnitudes(system: System, experiments: Sequence[Experiment]) -> Magnitudes:
+def magnitudes(system: System, experiments: Sequence[PreparedRecord]) -> Magnitudes:
     """Of experiments prepared for a rig's own system: FEATURE_SCALE root mean squares, since single large values must
     not set the scale of a network. The numbers of states that no record shows are those of a simulation where a fit
     begins.
@@ -47,7 +47,7 @@ def _unshown(system: System) -> list[int]:
     return [i for i in range(len(system.declared_states)) if i not in known]
 
 
-def _samples(system: System, experiments: Sequence[Experiment]) -> tuple[Array, Array]:
+def _samples(system: System, experiments: Sequence[PreparedRecord]) -> tuple[Array, Array]:
     """Declared states (samples, states), those that no record shows from a simulation where a fit begins, and inputs
     over the samples (samples, inputs).
     """
@@ -65,13 +65,13 @@ def _samples(system: System, experiments: Sequence[Experiment]) -> tuple[Array, 
     return states, np.concatenate([_over_samples(item) for item in experiments])
 
 
-def _over_samples(experiment: Experiment) -> Array:
+def _over_samples(experiment: PreparedRecord) -> Array:
     """The mean input from each sample to the next, (samples, inputs), the last one twice."""
     means = experiment.inputs.reshape(experiment.samples - 1, experiment.sampling.every, -1).mean(axis=1)
     return np.concatenate([means, means[-1:]])
 
 
-def initialised(system: Hybrid, experiments: Sequence[Experiment], *, seed: int) -> Hybrid:
+def initialised(system: Hybrid, experiments: Sequence[PreparedRecord], *, seed: int) -> Hybrid:
     """A hybrid that is told where its training data are.
 
     Of one on closures the scales of features and closures (their root mean squares; what it has as scales of
@@ -96,7 +96,7 @@ def initialised(system: Hybrid, experiments: Sequence[Experiment], *, seed: int)
     return replace(system, network_weights=kind.placed(system.block, points, seed)) if kind.from_data else system
 
 
-def regression(system: Linear, experiments: Sequence[Experiment]) -> dict[str, float]:
+def regression(system: Linear, experiments: Sequence[PreparedRecord]) -> dict[str, float]:
     """Entries of a linear system by least squares over one sample, by the trapezoidal rule.
 
         (x(k + 1) - x(k)) / T = A (x(k) + x(k + 1)) / 2 + B u(k) + c - F sgn v

@@ -11,8 +11,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hybrid_sysid_ros.control import Controller, Problem, Status
-from hybrid_sysid_ros.control.closed_loop import ClosedLoop, Reference
+from hybrid_sysid_ros.control import Controller, ControlProblem, Status
+from hybrid_sysid_ros.control.closed_loop import ClosedLoop, OutputReference
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.library.arguments import (
     RigLike,
@@ -71,7 +71,7 @@ class Loop:
     """(samples, states of the model), as the controller was told them."""
     statuses: Mapping[Status, int]
     """How often each stood behind an input."""
-    problem: Problem
+    problem: ControlProblem
     """By whose stage cost the loop is judged."""
 
     @cached_property
@@ -209,7 +209,7 @@ def _parameters(rig: Rig, given: Mapping[str, Any] | None) -> dict[str, dict[str
 
 def _controller(
     rig: Rig, model: Model, controller: str | Policy | Controller, policy: Policy | None, settings: Mapping[str, Any]
-) -> tuple[Problem, Controller]:
+) -> tuple[ControlProblem, Controller]:
     """The controller, and the problem by which its loop is judged."""
     if not isinstance(controller, str | Policy):
         missing = [name for name in METHODS if not hasattr(controller, name)]
@@ -219,7 +219,7 @@ def _controller(
                 f"has {', '.join(METHODS)}"
             )
         problem = getattr(controller, "problem", None)
-        return problem if isinstance(problem, Problem) else mpc_problem(settings, rig, model.system), controller
+        return problem if isinstance(problem, ControlProblem) else mpc_problem(settings, rig, model.system), controller
     if isinstance(controller, Policy):
         policy, controller = controller, "network"
     name = choice_of(controller, "controller", CONTROLLERS)
@@ -237,7 +237,7 @@ def _controller(
     return made.problem, made.controller
 
 
-def _reference(rig: Rig, reference: ReferenceLike, settings: Mapping[str, Any]) -> tuple[Reference, float]:
+def _reference(rig: Rig, reference: ReferenceLike, settings: Mapping[str, Any]) -> tuple[OutputReference, float]:
     """The reference as outputs are shown, and how long a loop along it lasts where nobody says so [s]."""
     outputs = len(rig.system.outputs)
     if callable(reference):

@@ -13,7 +13,7 @@ import numpy as np
 from hybrid_sysid_ros import models
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification import identify as identified
-from hybrid_sysid_ros.identification.fitting import Progress
+from hybrid_sysid_ros.identification.fitting import FitProgress
 from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states
@@ -157,7 +157,7 @@ def identify(
     part: PartLike | Sequence[PartLike] = (0.0, 1.0),
     options: Mapping[str, float] | None = None,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: FitProgress | None = None,
 ) -> Model:
     """Fit a structure to parts of records.
 

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from hybrid_sysid_ros.control.controller import Plan
-from hybrid_sysid_ros.control.export.folder import MANIFEST, identifier
-from hybrid_sysid_ros.control.export.folder import write as export_policy
+from hybrid_sysid_ros.control.controller import MpcSolution
 from hybrid_sysid_ros.control.mpc.horizon import PARTS
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.safety.certificate import Certificate
-from hybrid_sysid_ros.control.safety.certification import Progress
-from hybrid_sysid_ros.control.safety.certification import certify as certified
 from hybrid_sysid_ros.library.arguments import (
     RigLike,
     callable_of,
@@ -34,15 +30,15 @@ from hybrid_sysid_ros.library.arguments import (
 from hybrid_sysid_ros.library.models import Model, load_model, sealed
 from hybrid_sysid_ros.models import Model as AnyModel
 from hybrid_sysid_ros.models import storage
-from hybrid_sysid_ros.models.export import STEP, export_casadi
-from hybrid_sysid_ros.runtime import policies as configured
 from hybrid_sysid_ros.runtime.configuration import shipped
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import check_folder
 from hybrid_sysid_ros.support.text_table import text_table
 
 DEFAULT = Settings()
+StageProgress = Callable[[str, int, int], None]
+"""progress(stage, done, of)"""
 LOOPS = 26_500
 """Of a certificate, for a margin of .01 at a confidence of 99 %."""
 MOST = 10**9
@@ -67,7 +63,7 @@ class Policy(policies.Policy):
         given = {item.name: getattr(policy, item.name) for item in fields(policies.Policy) if item.init}
         return cls(**given, imitates=model)
 
-    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """Answer one instance: state (n,), disturbance (m,) and previous_input (m,), preview (horizon, p).
 
         See :class:`hybrid_sysid_ros.control.Controller`. Raises UserError for a part of another shape.
@@ -104,7 +100,7 @@ def train_policy(
     seed: int = 0,
     workers: int = 0,
     samples: str | Path | None = None,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
 ) -> Policy:
     """Train a network that imitates the exact MPC of a rig on a model (extra ``train``).
 
@@ -125,7 +121,7 @@ def train_policy(
         sequence=bool(plan),
         followed=options_of(follow, "follow"),
     )
-    trained = configured.train_policy(
+    trained: policies.Policy = extensions.one("policies", "train")(
         used,
         settings,
         seed=seed_of(seed),
@@ -159,7 +155,7 @@ def certify(
     seed: int = 0,
     workers: int = 0,
     store: str | Path | None = None,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
 ) -> Certificate:
     """Run random closed loops of a policy beside the exact MPC, and state how often it keeps what, and how surely.
 
@@ -179,14 +175,19 @@ def certify(
         raise UserError(f"model is another one than the policy's of {policy.rig}; give the one that it was trained for")
     low, high = SECONDS
     length = None if seconds is None else number_of(seconds, "seconds", low=low, high=high, unit="s")
-    return certified(
-        configured.certification(policy, _seal(policy), used, seed=seed_of(seed), seconds=length),
+    found: Certificate = extensions.one("policies", "certify")(
+        policy,
+        _seal(policy),
+        used,
+        seed=seed_of(seed),
+        seconds=length,
         loops=whole_of(loops, "loops", low=1, high=MOST),
         delta=number_of(delta, "delta", low=0.0, high=1.0, above=True),
         workers=whole_of(workers, "workers", low=0, high=MOST),
         store=None if store is None else path_of(store, "store"),
         progress=callable_of(progress, "progress", "stage, done, of"),
     )
+    return found
 
 
 def export(
@@ -207,18 +208,15 @@ def export(
     folder = path_of(out, "out")
     if isinstance(model, policies.Policy):
         form = choice_of(format, "format", FORMATS)
-        check_folder(folder, marker=MANIFEST, replace=bool(overwrite))
-        name, seal = identifier(folder.resolve().name), _seal(model)
-        export_policy(model, folder, name=name, seal=seal, form=form)  # type: ignore[arg-type]
+        extensions.one("exporters", "policy")(model, folder, seal=_seal(model), form=form, overwrite=bool(overwrite))
         return folder
     if not isinstance(model, AnyModel):
         raise UserError(f"model is {shown(model)}; give a model or a policy")
-    check_folder(folder, marker=STEP, replace=bool(overwrite))
     given = {
         "step": number_of(step, "step", low=0.0, unit="s"),
         "smoothing": number_of(smoothing, "smoothing", low=0.0),
     }
-    export_casadi(sealed(model_of(model)), folder, **given, overwrite=bool(overwrite))
+    extensions.one("exporters", "model")(sealed(model_of(model)), folder, **given, overwrite=bool(overwrite))
     return folder
 
 

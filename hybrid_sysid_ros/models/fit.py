@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Experiment:
+class PreparedRecord:
     """A record on the grid of a simulation."""
 
     name: str
@@ -92,7 +92,7 @@ class FitContext(Protocol):
     def magnitudes(self) -> Magnitudes:
         """Of the states and inputs of the rig in the records."""
 
-    def experiments(self, system: System) -> list[Experiment]:
+    def experiments(self, system: System) -> list[PreparedRecord]:
         """The records with the states that a system would have in them."""
 
     def fit(self, system: System, **settings: Any) -> Fit:

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.core.record_map import RecordMap
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Kind = TypeVar("Kind", bound="Lagged")
+_Kind = TypeVar("_Kind", bound="Lagged")
 
 REACH = 1.1
 """Outputs and inputs are held within a band about the training data that is so many times as wide as they are: beyond
@@ -98,7 +98,7 @@ class Lagged(Recurrence):
     # ------------------------------------------------------------------ what it is made of
 
     @classmethod
-    def of(cls: type[Kind], design: Mapping[str, Any], weights: Array) -> Kind:
+    def of(cls: type[_Kind], design: Mapping[str, Any], weights: Array) -> _Kind:
         """The system of a :attr:`design`, with what is learned (size,). Raises UserError where they don't fit."""
         variables = {name: tuple(Variable(**item) for item in design[name]) for name in ("outputs", "inputs")}
         plain = {name: _frozen(value) for name, value in design.items() if name not in variables}
@@ -139,7 +139,7 @@ class Lagged(Recurrence):
     def weights(self) -> Array:
         return np.array(getattr(self, self.LEARNED))
 
-    def with_weights(self: Kind, weights: Array) -> Kind:
+    def with_weights(self: _Kind, weights: Array) -> _Kind:
         learned: dict[str, Any] = {self.LEARNED: tuple(float(value) for value in weights)}
         return dataclasses.replace(self, **learned)
 

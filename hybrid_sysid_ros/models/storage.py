@@ -16,6 +16,7 @@ from safetensors.numpy import load_file
 from safetensors.numpy import save as serialised
 
 from hybrid_sysid_ros.support import yaml_text
+from hybrid_sysid_ros.support.arrays import NamedArrays
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256, written_file, written_folder
 from hybrid_sysid_ros.support.structured import read_mapping
@@ -24,10 +25,8 @@ ARRAYS = "weights.safetensors"
 MADE_BY = {"model": "identify", "policy": "policy train", "certificate": "policy certify", "layers": "video --layers"}
 """The commands that write each kind."""
 
-Arrays = dict[str, NDArray[np.float64]]
 
-
-def save(folder: Path | str, *, kind: str, version: int, content: dict[str, Any], arrays: Arrays) -> None:
+def save(folder: Path | str, *, kind: str, version: int, content: dict[str, Any], arrays: NamedArrays) -> None:
     """Write ``KIND.yaml`` and the arrays beside the folder, then rename; an older folder of this kind is replaced.
 
     Raises UserError where the place can't be written or holds something else.
@@ -51,7 +50,7 @@ def save_sheet(path: Path | str, *, version: int, content: dict[str, Any]) -> No
         partial.write_text(_text(version, content), encoding="utf-8")
 
 
-def load(folder: Path | str, *, kind: str, version: int) -> tuple[dict[str, Any], Arrays]:
+def load(folder: Path | str, *, kind: str, version: int) -> tuple[dict[str, Any], NamedArrays]:
     """Read what :func:`save` wrote.
 
     Raises UserError, naming the file, where one is missing, unreadable, altered since it was saved, or of a newer

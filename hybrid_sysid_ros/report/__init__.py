@@ -4,7 +4,7 @@ from hybrid_sysid_ros.report.further import FurtherSection
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection, closed_loop_section
 from hybrid_sysid_ros.report.rendering import check_available, write
 from hybrid_sysid_ros.report.sections import (
-    FreeRun,
+    FreeRunSection,
     IdentificationSection,
     Provenance,
     identification_section,
@@ -13,7 +13,7 @@ from hybrid_sysid_ros.report.sections import (
 
 __all__ = [
     "ClosedLoopSection",
-    "FreeRun",
+    "FreeRunSection",
     "FurtherSection",
     "IdentificationSection",
     "Provenance",

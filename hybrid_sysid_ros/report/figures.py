@@ -24,7 +24,7 @@ from hybrid_sysid_ros.report.charts import (
     stems,
     timed,
 )
-from hybrid_sysid_ros.report.sections import FreeRun, IdentificationSection
+from hybrid_sysid_ros.report.sections import FreeRunSection, IdentificationSection
 from hybrid_sysid_ros.rigs.sensor import Display
 
 LABEL = 20
@@ -37,7 +37,7 @@ NARROW = 4.0
 """Times that a logarithmic axis may span and still have all digits as its ticks: of 1, 2 and 5 there would be one."""
 
 
-def free_run(run: FreeRun) -> go.Figure:
+def free_run(run: FreeRunSection) -> go.Figure:
     """Measured and simulated output above, their difference below."""
     figure, display = panels(heights=[0.67, 0.33], height=330), run.display
     measured, simulated = display.shown(run.measured), display.shown(run.simulated)
@@ -76,7 +76,7 @@ def residual_tests(section: IdentificationSection) -> go.Figure:
     return figure
 
 
-def _beside(run: FreeRun, rig: str) -> str:
+def _beside(run: FreeRunSection, rig: str) -> str:
     """What a run is called beside a low panel, where a long name would run into the next one: record over output."""
     record, _, output = run.name.removeprefix(f"{rig}_").partition(", ")
     parts = (part if len(part) <= LABEL else f"{part[: LABEL - 1]}…" for part in (record, output) if part)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hybrid_sysid_ros.control import Problem
+from hybrid_sysid_ros.control import ControlProblem
 from hybrid_sysid_ros.rigs.excitation import ReferenceSchedule
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import defaults, mpc_problem
@@ -100,7 +100,7 @@ def closed_loop_section(loop: LoopRecord, rig: Rig | None = None) -> ClosedLoopS
     return ClosedLoopSection(loop=loop, windows=windows, zooms=zooms, bounds=_bounds(loop, rig, problem))
 
 
-def _bounds(loop: LoopRecord, rig: Rig, problem: Problem) -> dict[int, tuple[float, float]]:
+def _bounds(loop: LoopRecord, rig: Rig, problem: ControlProblem) -> dict[int, tuple[float, float]]:
     """Bounds of the outputs that are states, as the rig's file tells them."""
     names = [item.name for item in rig.system.states]
     limits = dict(zip(names, zip(problem.state_low, problem.state_high, strict=True), strict=True))

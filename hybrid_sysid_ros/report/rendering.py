@@ -13,7 +13,7 @@ from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.identification.validation.identifiability import at_bound
 from hybrid_sysid_ros.report.further import further_sections
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
-from hybrid_sysid_ros.report.sections import FREE, FreeRun, IdentificationSection, Provenance
+from hybrid_sysid_ros.report.sections import FREE, FreeRunSection, IdentificationSection, Provenance
 from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.files import written_file
 
@@ -105,7 +105,7 @@ def identification_content(section: IdentificationSection, prefix: str = "") -> 
     from hybrid_sysid_ros.report import figures
 
     runs, kind, system = section.runs, section.model.kind, section.model.system
-    curves: dict[str, list[FreeRun]] = {}  # of each output, for each has its own unit
+    curves: dict[str, list[FreeRunSection]] = {}  # of each output, for each has its own unit
     for run in runs:
         if np.isfinite(run.horizons.rmse).any():
             curves.setdefault(run.output.name, []).append(run)
@@ -176,7 +176,7 @@ def amount(value: float, unit: str) -> str:
     return f"{text}{'' if unit.startswith('°') else ' '}{unit}".replace("-", "\N{MINUS SIGN}")
 
 
-def _run(run: FreeRun, section: IdentificationSection) -> dict[str, Any]:
+def _run(run: FreeRunSection, section: IdentificationSection) -> dict[str, Any]:
     """A row of the tables of free runs."""
     from hybrid_sysid_ros.report.charts import second_scale
 

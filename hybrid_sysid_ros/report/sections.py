@@ -47,7 +47,7 @@ FREE, HELD = "free run", "run under the stabiliser"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FreeRun:
+class FreeRunSection:
     """One output of a model's free run over a record, or a part of it; SI units."""
 
     name: str
@@ -90,7 +90,7 @@ class IdentificationSection:
     """A model and its free runs, a run for each output of each record."""
 
     model: Model
-    runs: Sequence[FreeRun]
+    runs: Sequence[FreeRunSection]
     stages: Sequence[StageResiduals] = ()
     """Of a hybrid by residual: what its gray box leaves, and what is left with its residual's model."""
     adapted: Mapping[str, Adapted] = field(default_factory=dict)
@@ -150,7 +150,7 @@ def stages_of(model: Model, records: Iterable[tuple[Record, Part]]) -> tuple[Sta
     return tuple(row for item in parts for row in compare_stages(stages, item))
 
 
-def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRun]:
+def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRunSection]:
     """The outputs of a model's free run over a part of a record, scored and tested; of an unstable rig's model of a run
     that its stabiliser closes.
 
@@ -178,7 +178,7 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRun]:
         name = record.name if len(system.outputs) == 1 else f"{record.name}, {output.name}"
         reference = used.channels.get(rig.channel("reference", output.name))
         found.append(
-            FreeRun(
+            FreeRunSection(
                 name=name,
                 record=record.name,
                 output=output,

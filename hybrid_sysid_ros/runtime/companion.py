@@ -11,12 +11,12 @@ from hybrid_sysid_ros.support.errors import UserError
 LOOP = ("plant", "estimator", "controller", "reference")
 RECORDER = "recorder"
 
-Values = dict[str, dict[str, Any]]
+NodeValues = dict[str, dict[str, Any]]
 """Of parameters, by node and name."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Loop:
+class RequestedLoop:
     """The loop that companions join, as it is asked for."""
 
     rig: str
@@ -42,14 +42,14 @@ class Companion:
     beside: ClassVar[bool] = False
     """Whether the loop goes on when one of its nodes ends; they are then stopped last, with the recorder."""
 
-    def check(self, loop: Loop) -> None:
+    def check(self, loop: RequestedLoop) -> None:
         """Raise UserError where it can't join; before anything is started."""
 
-    def parameters(self, loop: Loop) -> Values:
+    def parameters(self, loop: RequestedLoop) -> NodeValues:
         """Its nodes, and the values that it changes in those of the loop. Raises UserError where it has none."""
         return {}
 
-    def nodes(self, loop: Loop) -> set[str]:
+    def nodes(self, loop: RequestedLoop) -> set[str]:
         """Names of those nodes that run for its sake alone."""
         return {*self.parameters(loop)} - {*LOOP, RECORDER}
 
@@ -58,7 +58,7 @@ class Companion:
         return ""
 
 
-def join(loop: Loop, values: Values, companions: Sequence[Companion]) -> None:
+def join(loop: RequestedLoop, values: NodeValues, companions: Sequence[Companion]) -> None:
     """Add the nodes of companions to the values of a loop's parameters, and change those that they change.
 
     Raises UserError where two want different values of one parameter. What is for a recorder is left where none runs.

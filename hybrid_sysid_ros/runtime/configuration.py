@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control import Controller, Problem
+from hybrid_sysid_ros.control import Controller, ControlProblem
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.safety.supervisor import Tolerances
 from hybrid_sysid_ros.control.scenarios import Spread
@@ -19,13 +19,13 @@ from hybrid_sysid_ros.core.wrappers import RateDisturbanceModel, Stabilised, fee
 from hybrid_sysid_ros.estimation import SensorChannel, Tuning
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.parameters import TRAINED, Parameter, check_rules, defaults, parameters, shipped
+from hybrid_sysid_ros.runtime.parameters import TRAINED, NodeParameter, check_rules, defaults, parameters, shipped
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers
 
 __all__ = [
-    "CAMERA", "TRAINED", "Parameter", "SetPointRange", "check_rules", "check_tolerances", "controller_model",
+    "CAMERA", "TRAINED", "NodeParameter", "SetPointRange", "check_rules", "check_tolerances", "controller_model",
     "defaults", "estimator_model", "estimator_tuning", "mpc_problem", "parameters", "set_point_ranges", "shipped",
     "spread_of", "wrap_for_rig",
 ]  # fmt: skip
@@ -120,7 +120,7 @@ def _drifts(text: str, known: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> Problem:
+def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = None) -> ControlProblem:
     """Problem of the exact MPC from the parameters of the node `controller`; outputs are weighed as they are shown.
 
     system: the model that the MPC predicts with, by default the rig's own. States that it has alone have no bounds, and
@@ -139,7 +139,7 @@ def mpc_problem(values: Mapping[str, Any], rig: Rig, system: System | None = Non
         return tuple(known.get(item.name, other) for item in system.states)
 
     low, high = rig.limits
-    return Problem(
+    return ControlProblem(
         horizon=values["horizon"],
         period=values["period"],
         substeps=_substeps(values, system),
@@ -165,7 +165,7 @@ def _substeps(values: Mapping[str, Any], system: System) -> int:
     return int(values["substeps"]) if own is None else max(1, round(values["period"] / own))
 
 
-def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: Problem) -> Tolerances:
+def check_tolerances(values: Mapping[str, Any], rig: Rig, problem: ControlProblem) -> Tolerances:
     """Tolerances of the online check from the parameters of the node `controller`.
 
     What the sensors' noise costs can't be told from nothing: a plan may be costlier by an error of that size at every
@@ -193,7 +193,7 @@ def _noise(rig: Rig) -> Array:
     return np.array([sensor.scale * sensor.noise for sensor in rig.sensors])
 
 
-def noise_cost(rig: Rig, problem: Problem) -> float:
+def noise_cost(rig: Rig, problem: ControlProblem) -> float:
     """Cost of an error as large as the sensors' noise, at one sample."""
     return float(np.sum(problem.stage_weights.outputs[0] * _noise(rig) ** 2))
 

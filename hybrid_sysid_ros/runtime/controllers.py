@@ -9,7 +9,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from hybrid_sysid_ros.control import Controller, ExactMpc, Problem
+from hybrid_sysid_ros.control import Controller, ControlProblem, ExactMpc
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.supervisor import Supervisor
@@ -35,7 +35,7 @@ class ConfiguredController:
     """A controller, and what it was made of."""
 
     controller: Controller
-    problem: Problem
+    problem: ControlProblem
     network: Policy | None = None
     supervisor: Supervisor | None = None
 
@@ -94,7 +94,7 @@ def controller_of(
     )
 
 
-def _exact(system: System, problem: Problem, settings: Mapping[str, Any]) -> ExactMpc:
+def _exact(system: System, problem: ControlProblem, settings: Mapping[str, Any]) -> ExactMpc:
     return ExactMpc(system, problem, **pace(settings))
 
 
@@ -105,7 +105,7 @@ def pace(settings: Mapping[str, Any]) -> dict[str, Any]:
     return {"real_time": settings["real_time"], "time_limit": limit, "clock": clock}
 
 
-def _interior_point(system: System, problem: Problem, settings: Mapping[str, Any], warn: Warn) -> Controller:
+def _interior_point(system: System, problem: ControlProblem, settings: Mapping[str, Any], warn: Warn) -> Controller:
     """IPOPT on the exact MPC's problem: slow, so it is for lockstep, and loaded only where it is asked for."""
     from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 
@@ -114,7 +114,7 @@ def _interior_point(system: System, problem: Problem, settings: Mapping[str, Any
     return InteriorPointMpc(system, problem)
 
 
-def _look_at(network: Policy, path: Path, asked: Problem, settings: Mapping[str, Any], warn: Warn) -> None:
+def _look_at(network: Policy, path: Path, asked: ControlProblem, settings: Mapping[str, Any], warn: Warn) -> None:
     """Say what a user should know about a network; refuse one that is not certified where that is required."""
     doubt = ""
     if network.certificate is None:
@@ -129,6 +129,6 @@ def _look_at(network: Policy, path: Path, asked: Problem, settings: Mapping[str,
     if doubt:
         warn(doubt)
     made = network.problem
-    names = [item.name for item in fields(Problem) if getattr(asked, item.name) != getattr(made, item.name)]
+    names = [item.name for item in fields(ControlProblem) if getattr(asked, item.name) != getattr(made, item.name)]
     if names:
         warn(f"{path}: was trained with other values of {', '.join(names)} than the parameters say, and keeps them")

@@ -42,7 +42,7 @@ def shipped(rig: str, kind: str) -> Path:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Parameter:
+class NodeParameter:
     """A parameter of a node: its default, in its range or among its choices, and whether it may change while it runs.
 
     Raises UserError when the default is not allowed.
@@ -116,7 +116,7 @@ class Parameter:
         return value
 
 
-def parameters(rig: Rig | str, node: str) -> dict[str, Parameter]:
+def parameters(rig: Rig | str, node: str) -> dict[str, NodeParameter]:
     """Parameters of a node of a rig, by name; their defaults are the rig's values. Raises UserError where there is no
     such rig or node, or one of the rig's values is not allowed.
     """
@@ -150,7 +150,7 @@ def parameters(rig: Rig | str, node: str) -> dict[str, Parameter]:
     return found
 
 
-def check_rules(known: Mapping[str, Parameter], values: Mapping[str, Any]) -> None:
+def check_rules(known: Mapping[str, NodeParameter], values: Mapping[str, Any]) -> None:
     """Raise UserError where values (by name) are against a rule that two parameters share."""
     for name, item in known.items():
         if item.above and not values[name] > values[item.above]:
@@ -160,7 +160,7 @@ def check_rules(known: Mapping[str, Parameter], values: Mapping[str, Any]) -> No
             )
 
 
-def _with_unit(item: Parameter, values: Mapping[str, Any]) -> str:
+def _with_unit(item: NodeParameter, values: Mapping[str, Any]) -> str:
     return f"{values[item.name]:g} {item.unit}".rstrip()
 
 
@@ -244,8 +244,8 @@ def _unit(entry: Mapping[str, Any], rig: Rig) -> str:
     return unit
 
 
-def _parameter(name: str, entry: Mapping[str, Any], where: str) -> Parameter:
+def _parameter(name: str, entry: Mapping[str, Any], where: str) -> NodeParameter:
     content = {"name": name, **entry}
     if "range" in content:
         content["low"], content["high"] = numbers(content.pop("range"), f"{where}.range", count=2)
-    return built(Parameter, {**content, "choices": tuple(content.get("choices", ()))}, where)
+    return built(NodeParameter, {**content, "choices": tuple(content.get("choices", ()))}, where)

@@ -16,19 +16,20 @@ from hybrid_sysid_ros.bags import markers
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration, processes
-from hybrid_sysid_ros.runtime.companion import LOOP, RECORDER, Companion, Loop, Values, join
+from hybrid_sysid_ros.runtime.companion import LOOP, RECORDER, Companion, NodeValues, RequestedLoop, join
 from hybrid_sysid_ros.runtime.processes import COMPOSED
-from hybrid_sysid_ros.runtime.session import READY_TIMEOUT, START_TIMEOUT, Session, Tell
+from hybrid_sysid_ros.runtime.session import READY_TIMEOUT, START_TIMEOUT, Session
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
+from hybrid_sysid_ros.support.progress import Report
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a run
 
-Progress = Callable[[float, float], None]
+RunProgress = Callable[[float, float], None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
+class RunResult:
     """How a run went.
 
     diagnostics: the last values of each node by key (see /diagnostics), numbers as numbers.
@@ -70,12 +71,12 @@ class Run:
     """Those of the loop in one process."""
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """More of them, by node and name."""
-    tell: Tell = print
+    tell: Report = print
     """Gets lines for the user."""
-    progress: Progress = lambda seconds, duration: None
+    progress: RunProgress = lambda seconds, duration: None
     """Gets the seconds since the start, and how many there will be (0: unknown)."""
 
-    def go(self) -> Outcome:
+    def go(self) -> RunResult:
         """Start the nodes, wait for their end, and stop them.
 
         Raises UserError without ROS, and where a parameter is wrong, a companion can't join, the bag can't be written,
@@ -110,10 +111,10 @@ class Run:
             diagnostics = session.stop()
             session.check_end()
         bag = None if self.bag is None else Path(self.bag)
-        return Outcome(diagnostics=diagnostics, interrupted=interrupted, bag=bag)
+        return RunResult(diagnostics=diagnostics, interrupted=interrupted, bag=bag)
 
     @property
-    def values(self) -> Values:
+    def values(self) -> NodeValues:
         """Parameters of the nodes that run. Raises UserError for those of a node that does not."""
         values = self._of_the_loop()
         if self.bag is not None:
@@ -135,8 +136,8 @@ class Run:
         return rigs.load(self.rig or rigs.default())
 
     @property
-    def _loop(self) -> Loop:
-        return Loop(
+    def _loop(self) -> RequestedLoop:
+        return RequestedLoop(
             rig=self._described.source,
             reference=self.reference,
             duration=self.duration,
@@ -150,7 +151,7 @@ class Run:
     def _lock(self) -> dict[str, Any]:
         return {"lockstep": self.lockstep}
 
-    def _of_the_loop(self) -> Values:
+    def _of_the_loop(self) -> NodeValues:
         latency = {"latency": 0.0} if self.lockstep else {}
         rate = configuration.defaults(self._described, "plant")["rate"] if self.rate is None else self.rate
         model = {"model": str(self.model)}
@@ -162,7 +163,7 @@ class Run:
             "plant": {"rate": rate, **self._lock, "wait_for_readers": 2 if self.bag is None else 3},
         }
 
-    def _expected(self, values: Values) -> float:
+    def _expected(self, values: NodeValues) -> float:
         """How long it takes [s]; 0 where nobody knows."""
         schedule = self._described.references.get(values["reference"]["kind"] or self._described.reference)
         own = schedule.duration if schedule else 0.0

@@ -22,6 +22,7 @@ from hybrid_sysid_ros.runtime import processes
 from hybrid_sysid_ros.runtime.processes import COMPOSED
 from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.progress import Report
 
 READY_TIMEOUT = 300.0  # s, until a node has imported and compiled everything
 START_TIMEOUT = 30.0  # s, until the loop is complete
@@ -30,8 +31,6 @@ STOPPED_FIRST = ("plant", "reference", COMPOSED)
 STOPPED_LAST = ("recorder",)
 """And what is not needed, as it may want to see the end; all others between them."""
 TICK = 0.25  # s, between two calls of progress
-
-Tell = Callable[[str], None]
 
 
 @dataclass(kw_only=True)
@@ -61,7 +60,7 @@ def check_ros() -> None:
 class Session:
     """Processes of nodes, as a context that leaves none behind. `tell` gets what they log, line by line."""
 
-    def __init__(self, rig: str, *, domain: int | None = None, tell: Tell = print) -> None:
+    def __init__(self, rig: str, *, domain: int | None = None, tell: Report = print) -> None:
         """rig: name or path. domain: ROS_DOMAIN_ID; by default the environment's.
 
         Raises UserError without ROS for this Python.

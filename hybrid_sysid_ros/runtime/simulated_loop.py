@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from hybrid_sysid_ros.control import Controller
 from hybrid_sysid_ros.control.cascade import Cascade
-from hybrid_sysid_ros.control.closed_loop import ClosedLoop, Reference, simulate_loop
+from hybrid_sysid_ros.control.closed_loop import ClosedLoop, OutputReference, simulate_loop
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.estimation import METHODS
 from hybrid_sysid_ros.models import Model
@@ -25,7 +25,7 @@ def simulated_loop(
     rig: Rig,
     model: Model,
     controller: Controller,
-    reference: Reference,
+    reference: OutputReference,
     *,
     duration: float,
     seed: int = 0,

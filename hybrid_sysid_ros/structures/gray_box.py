@@ -35,7 +35,7 @@ STRAIGHT = "straight"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Linearisation:
+class LinearisedLaw:
     """The rig's own law about the mean of training data, where a fit begins."""
 
     states: Array
@@ -46,7 +46,7 @@ class Linearisation:
     """What the inputs do to each rate in the magnitude of the data, (states,)."""
 
     @classmethod
-    def of(cls, physics: System, sizes: Magnitudes) -> Linearisation:
+    def of(cls, physics: System, sizes: Magnitudes) -> LinearisedLaw:
         """Of a rig's own system."""
         own = physics.with_values([item.start for item in physics.parameters])
         n, at = len(own.declared_states), sizes.centre
@@ -112,7 +112,7 @@ class GrayBox(Structure):
     def build(self, sizes: Magnitudes, options: Options, seed: int) -> tuple[System, tuple[str, ...]]:
         system = self.own
         if system is None:
-            law = Linearisation.of(self.physics, sizes)
+            law = LinearisedLaw.of(self.physics, sizes)
             linear = self._linear({"scales": [*map(scale_of, sizes.scales), *law.efforts], "unshown": sizes.unshown})
             system = linear.initialised(law.entries(linear))
         system = system.with_values([item.start for item in system.parameters])

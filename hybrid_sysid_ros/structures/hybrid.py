@@ -15,7 +15,7 @@ from hybrid_sysid_ros.models.hybrid import Hybrid, averaged, block_kinds, block_
 from hybrid_sysid_ros.models.options import Option, Options
 from hybrid_sysid_ros.models.region import Region
 from hybrid_sysid_ros.models.structure import Magnitudes, Structure
-from hybrid_sysid_ros.structures.gray_box import FIT_OPTIONS, STRAIGHT, GrayBox, Linearisation
+from hybrid_sysid_ros.structures.gray_box import FIT_OPTIONS, STRAIGHT, GrayBox, LinearisedLaw
 from hybrid_sysid_ros.support.arrays import Array
 
 RIDGE = Option(default=1.0, low=0.01, high=100.0, kind="log", description="pull of a network's weights to zero")
@@ -64,7 +64,7 @@ class JointHybrid(Structure):
         on, outputs = closures_of(system, options), [share] * len(system.closures)
         region = Region.everywhere(len(features_of(system))) if on else None
         if not on:
-            efforts = Linearisation.of(own, sizes).efforts
+            efforts = LinearisedLaw.of(own, sizes).efforts
             having = {item.name for item in system.declared_states}
             rates = rates_of(own, everywhere=self.everywhere or bool(options.get("everywhere")))
             on = tuple(name for name in rates if name in having)

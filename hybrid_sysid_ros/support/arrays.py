@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,3 +11,7 @@ Array: TypeAlias = NDArray[np.float64]
 """Of numbers."""
 Records: TypeAlias = NDArray[np.void]
 """Of records with named fields."""
+NamedArrays: TypeAlias = dict[str, NDArray[Any]]
+"""Of any numbers, by name."""
+Numbers: TypeAlias = tuple[float, ...]
+"""A number for each of some variables."""

@@ -23,17 +23,16 @@ from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256, written_folder
+from hybrid_sysid_ros.support.progress import Report
 from hybrid_sysid_ros.support.threads import ONE_THREAD, alone
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-Tell = Callable[[str], object]
 
 POLL = 1.0
 """Seconds between two looks at the workers."""
@@ -44,7 +43,6 @@ LOSSES = 3
 IDLE = 60.0
 """Seconds after which an idle process ends, also one whose parent was killed."""
 
-Arrays = dict[str, NDArray[Any]]
 ARRAYS = "arrays.safetensors"
 FINISHED = "finished.json"
 """The file that shows that a result was written whole, with its key and its SHA-256."""
@@ -61,7 +59,7 @@ class Workers(ABC, Generic[Item, Result]):
     """Workers for one kind of work, as a context. tell: gets a line when one is lost; name: of an item in that line."""
 
     def __init__(
-        self, work: Callable[[Item], Result], *, tell: Tell = print, name: Callable[[Item], str] = str
+        self, work: Callable[[Item], Result], *, tell: Report = print, name: Callable[[Item], str] = str
     ) -> None:
         self.work = work
         self.tell = tell

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import TaskID
 
-Update = Callable[[str, int, int], None]
-"""update(stage, done, of)"""
+Report = Callable[[str], object]
+"""Takes a line of text."""
+StageProgress = Callable[[str, int, int], None]
+"""progress(stage, done, of)"""
 
 
 @contextmanager
-def progress_bars(console: Console) -> Iterator[Update]:
+def progress_bars(console: Console) -> Iterator[StageProgress]:
     """Yield update(stage, done, of): a bar for each stage, or a line for each quarter of it where nobody watches."""
     if not console.is_terminal:
         quarters: dict[str, int] = {}
@@ -26,6 +30,8 @@ def progress_bars(console: Console) -> Iterator[Update]:
 
         yield write
         return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
     columns = (TextColumn("  {task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console) as bars:
         tasks: dict[str, TaskID] = {}

@@ -13,7 +13,15 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import report
-from hybrid_sysid_ros.commands.terminal import InputHandling, Period, Step, console, print_table, sampling_of, status
+from hybrid_sysid_ros.commands.terminal import (
+    InputHandlingOption,
+    Period,
+    StepOption,
+    console,
+    print_table,
+    sampling_of,
+    status,
+)
 from hybrid_sysid_ros.models import structure_names
 from hybrid_sysid_ros.models.options import complete, parse
 from hybrid_sysid_ros.models.structure import options_of
@@ -39,7 +47,7 @@ def command(
         typer.Argument(help="1: train on multisines; 2: on first halves; 3: and the slow ramp (docs/results)."),
     ],
     folder: Annotated[Path, typer.Argument(help="Folder with the author's .mat files, or with bags of them.")],
-    input_handling: InputHandling = "averaged",
+    input_handling: InputHandlingOption = "averaged",
     structure: Annotated[
         list[str] | None, typer.Option("--structure", help="Only these structures; several may be given.")
     ] = None,
@@ -51,7 +59,7 @@ def command(
     page: Annotated[Path | None, typer.Option("--report", help="Write an HTML page with the plots.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for the model that is chosen.")] = None,
     jobs: Annotated[int, typer.Option(help="Processes; 0 is one on each processor.", min=0)] = 0,
-    step: Step = 0.005,
+    step: StepOption = 0.005,
     period: Period = 0.05,
 ) -> None:
     """Reproduce the lecture's table of free runs with every structure, and choose one by its training data.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.control import ExactMpc, Plan, Problem, Status
+from hybrid_sysid_ros.control import ControlProblem, ExactMpc, MpcSolution, Status
 from hybrid_sysid_ros.control.cascade import Cascade
 from hybrid_sysid_ros.control.scenarios import steady_motion
 from hybrid_sysid_ros.core import RungeKutta, System, simulate
@@ -33,7 +33,7 @@ class Asked:
         self.times.append(self.now)
         self.before.append(float(previous_input[0]))
         value = np.array([float(len(self.times))])
-        return Plan(value, np.tile(value, (HORIZON, 1)), np.ones((HORIZON, 2)), Status.SOLVED)
+        return MpcSolution(value, np.tile(value, (HORIZON, 1)), np.ones((HORIZON, 2)), Status.SOLVED)
 
     def prepare(self, elapsed):
         self.prepared.append(elapsed)
@@ -47,7 +47,7 @@ def stabilised() -> Stabilised:
     return Stabilised(physics=Upright(), gains=GAINS)
 
 
-def asked(cascade: Cascade, state: np.ndarray, previous: float = 0.0) -> Plan:
+def asked(cascade: Cascade, state: np.ndarray, previous: float = 0.0) -> MpcSolution:
     return cascade.control(state, np.zeros(1), np.array([previous]), np.zeros((HORIZON, 1)))
 
 
@@ -86,8 +86,8 @@ def test_a_state_that_is_no_number_gives_a_finite_input(stabilised):
     assert np.isfinite(asked(cascade, np.array([np.nan, 0.0])).input).all()
 
 
-def problem(**values) -> Problem:
-    return Problem(
+def problem(**values) -> ControlProblem:
+    return ControlProblem(
         horizon=HORIZON, period=PERIOD, substeps=10, output_weights=(1.0,), rate_weights=(1e-3,),
         input_low=(-3.0,), input_high=(3.0,), **values,
     )  # fmt: skip

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from benchmarks.linear_quadratic_regulator import LinearQuadraticRegulator
-from hybrid_sysid_ros.control import ExactMpc, Problem, Status
+from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.support.errors import UserError
 from tests.control import two_inputs
 from tests.one_joint import Linear, narx
 
 LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
-PROBLEM = Problem(
+PROBLEM = ControlProblem(
     horizon=10,
     period=0.02,
     substeps=4,
@@ -43,7 +43,7 @@ def scalar(slope, gain, constant=0.0):
 def scalar_problem(**changes):
     plain = {"horizon": 3, "period": 1.0, "substeps": 1, "smoothing": 0.0, "max_iterations": 50}
     weights = {"output_weights": (2.0,), "input_weights": (0.7,), "input_low": (-10.0,), "input_high": (10.0,)}
-    return Problem(**{**plain, **weights, **changes})
+    return ControlProblem(**{**plain, **weights, **changes})
 
 
 @pytest.mark.parametrize(("slope", "gain"), [(0.9, 0.3), (1.4, -2.0), (0.0, 1.0), (1.0, 0.1)])

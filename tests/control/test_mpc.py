@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from hybrid_sysid_ros.control import ExactMpc, Problem, Status
+from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
 from hybrid_sysid_ros.control.closed_loop import simulate_loop
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.core import simulate
@@ -19,7 +19,7 @@ from tests.one_joint import Linear
 from tests.straight_beam import straight
 
 LINEAR = Linear(gain=5.0, centre=0.8, stiffness=15.0, damping=25.0, input_delay=0.0)
-PROBLEM = Problem(
+PROBLEM = ControlProblem(
     horizon=10,
     period=0.02,
     substeps=4,

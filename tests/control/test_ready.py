@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.control import ExactMpc, Problem, Status
+from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
 from tests.compiling import compiled_functions
 
-PROBLEM = Problem(
+PROBLEM = ControlProblem(
     horizon=10,
     period=0.02,
     substeps=2,

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 
 from benchmarks.mpc_speed import cases, loop
-from hybrid_sysid_ros.control import ExactMpc, Problem, Status
+from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
 from hybrid_sysid_ros.core import simulate
 
-PROBLEM = Problem(
+PROBLEM = ControlProblem(
     horizon=10,
     period=0.02,
     substeps=4,

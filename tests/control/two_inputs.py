@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hybrid_sysid_ros.control import Problem
+from hybrid_sysid_ros.control import ControlProblem
 from hybrid_sysid_ros.core import Dry, System, bounded
 from hybrid_sysid_ros.core.mathematics import Scalar, sin
 
@@ -49,7 +49,7 @@ class Arms(System):
         return sin(x[1]), 5.0 * (x[1] - x[0]) + 0.1 * u[0]
 
 
-PROBLEM = Problem(
+PROBLEM = ControlProblem(
     horizon=12,
     period=0.05,
     substeps=3,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.control.problem import Problem, StageWeights
+from hybrid_sysid_ros.control.problem import ControlProblem, StageWeights
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.core.shared import Shared
@@ -54,7 +54,7 @@ def instance_of(flat: Array, n: int, m: int, p: int) -> Instance:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Prediction(Shared):
+class PredictionModel(Shared):
     """The model as compiled loops take it."""
 
     step: int
@@ -76,7 +76,7 @@ class Prediction(Shared):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Trajectory(Shared):
+class HorizonTrajectory(Shared):
     """A trajectory, and the input disturbance that it is of."""
 
     states: Array
@@ -104,7 +104,7 @@ class InputLimits(Shared):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Linearisation(Shared):
+class HorizonLinearisation(Shared):
     """The model along a trajectory: x_{i+1} = reached_i + A_i dx + B_i du, y_i = outputs_i + C_i dx + D_i du."""
 
     reached: Array
@@ -122,7 +122,7 @@ class Linearisation(Shared):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Condensed(Shared):
+class CondensedHorizon(Shared):
     """The intervals in a row: the states at the end of interval i deviate from the trajectory by
     state_transition_i e + input_response_i v + defect_i for an initial state e off and inputs v off.
     """
@@ -138,7 +138,7 @@ class Condensed(Shared):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Step(Shared):
+class SolutionStep(Shared):
     """The last step of a solution."""
 
     inputs: Array
@@ -193,7 +193,7 @@ class Horizon(Shared):
     """(N, m)."""
     disturbance: Array
     """(m,) that it is linearised with."""
-    last: Trajectory
+    last: HorizonTrajectory
     """The trajectory before a solution, for where there is none."""
     planned: Array
     """(N, m), the inputs of the plan, within all limits."""
@@ -201,19 +201,19 @@ class Horizon(Shared):
     """(N + 1, n), where a plan leads in the exact form."""
     weights: StageWeights
     limits: InputLimits
-    linear: Linearisation
-    condensed: Condensed
-    step: Step
+    linear: HorizonLinearisation
+    condensed: CondensedHorizon
+    step: SolutionStep
     lagrangian: Lagrangian
     progress: NDArray[np.void]
     """(1,) of :data:`PROGRESS`."""
     work: Work
 
 
-def prediction(system: System, problem: Problem) -> Prediction:
+def prediction(system: System, problem: ControlProblem) -> PredictionModel:
     """The model of a problem, compiled once for each form of system (some seconds) and kept on disk."""
     functions = compiled(system)
-    return Prediction(
+    return PredictionModel(
         step=functions.step,
         step_jacobian=functions.jacobian(smooth=problem.smoothing > 0.0)[0],
         output=functions.output,
@@ -226,21 +226,21 @@ def prediction(system: System, problem: Problem) -> Prediction:
     )
 
 
-def new_instance(system: System, problem: Problem) -> tuple[Array, Instance]:
+def new_instance(system: System, problem: ControlProblem) -> tuple[Array, Instance]:
     """An instance of zeros: one array, and its views."""
     n, m, p = len(system.states), len(system.inputs), len(system.outputs)
     flat = np.zeros(n + 2 * m + problem.horizon * p)
     return flat, instance_of(flat, n, m, p)
 
 
-def new_horizon(system: System, problem: Problem) -> Horizon:
+def new_horizon(system: System, problem: ControlProblem) -> Horizon:
     """The memory of a problem that is sized."""
     n, m, p, count = len(system.states), len(system.inputs), len(system.outputs), problem.horizon
     weights, rate, v = problem.weights, np.array(problem.rate_limits), problem.horizon * len(system.inputs)
     path = {"states": (count + 1, n), "inputs": (count, m)}
     return Horizon(
         **_zeros(**path, disturbance=(m,), planned=(count, m), simulated=(count + 1, n)),
-        last=Trajectory(**_zeros(**path, disturbance=(m,))),
+        last=HorizonTrajectory(**_zeros(**path, disturbance=(m,))),
         weights=weights,
         limits=InputLimits(
             low=np.array(problem.input_low),
@@ -249,15 +249,15 @@ def new_horizon(system: System, problem: Problem) -> Horizon:
             rated=np.flatnonzero(np.isfinite(rate)),
             bounded=np.flatnonzero(np.isfinite(weights.low) | np.isfinite(weights.high)),
         ),
-        linear=Linearisation(
+        linear=HorizonLinearisation(
             **_zeros(reached=(count, n), outputs=(count, p)),
             **_zeros(A=(count, n, n), B=(count, n, m), C=(count, p, n), D=(count, p, m)),
         ),
-        condensed=Condensed(
+        condensed=CondensedHorizon(
             **_zeros(state_transition=(count, n, n), input_response=(count, n, v)),
             **_zeros(defect=(count, n), output_sensitivity=(count, p, v)),
         ),
-        step=Step(**_zeros(**path)),
+        step=SolutionStep(**_zeros(**path)),
         lagrangian=Lagrangian(
             **_zeros(adjoint=(count + 1, n), curvature=(count, n + m, n + m)),
             **_zeros(jacobian=(count, n, n + m), point=(count, n + m)),

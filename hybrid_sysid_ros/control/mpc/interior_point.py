@@ -7,10 +7,10 @@ from typing import Any
 import casadi
 import numpy as np
 
-from hybrid_sysid_ros.control.controller import Plan, Status, held
+from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
 from hybrid_sysid_ros.control.mpc.horizon import new_horizon, new_instance
 from hybrid_sysid_ros.control.mpc.shooting import bounded, one_delay
-from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.support.arrays import Array
@@ -22,7 +22,7 @@ class InteriorPointMpc:
     Waechter & Biegler (2006), Mathematical Programming 106(1).
     """
 
-    def __init__(self, system: System, problem: Problem, *, tolerance: float = 1e-6) -> None:
+    def __init__(self, system: System, problem: ControlProblem, *, tolerance: float = 1e-6) -> None:
         """tolerance: IPOPT's own. Raises UserError for a problem that is not the system's."""
         one_delay(system, problem)
         self.system = system
@@ -45,7 +45,7 @@ class InteriorPointMpc:
         self._inputs = np.concatenate([self._inputs[1:], self._inputs[-1:]])
         self._states = np.concatenate([self._states[1:], self._states[-1:]])
 
-    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`."""
         instance = self._instance
         if self._cold:
@@ -65,16 +65,16 @@ class InteriorPointMpc:
         self._states[:] = found[self._inputs.size :][: self._states.size].reshape(self._states.shape)
         return self._planned(Status.SOLVED if self._solver.stats()["success"] else Status.NOT_CONVERGED)
 
-    def _planned(self, status: Status) -> Plan:
+    def _planned(self, status: Status) -> MpcSolution:
         """The last solution, or where there is none the input before, within the bounds."""
         if self._cold:
             return held(self._instance.previous, self.problem, status)
         inputs = self._inputs.copy()
         bounded(self._limits, self._instance.previous, inputs)
-        return Plan(input=inputs[0].copy(), inputs=inputs, states=self._states[1:].copy(), status=status)
+        return MpcSolution(input=inputs[0].copy(), inputs=inputs, states=self._states[1:].copy(), status=status)
 
 
-def _statement(system: System, problem: Problem, tolerance: float) -> tuple[Any, dict[str, Array]]:
+def _statement(system: System, problem: ControlProblem, tolerance: float) -> tuple[Any, dict[str, Array]]:
     """IPOPT for [inputs, states, excesses] of a sized problem, given [x, d, u_previous, q_1, ...], and its bounds."""
     n, m, p, count = len(system.states), len(system.inputs), len(system.outputs), problem.horizon
     weights = problem.weights

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from hybrid_sysid_ros.control.mpc.horizon import Horizon, Prediction
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, PredictionModel
 from hybrid_sysid_ros.control.mpc.quadratic_program import Program
 from hybrid_sysid_ros.core.call import call_jacobian, call_value, pointer
 from hybrid_sysid_ros.core.compilation import inner
@@ -27,7 +27,7 @@ def assign(target: Array, values: Array) -> None:
 
 
 @inner
-def advance(prediction: Prediction, x: Array, drive: Array, following: Array) -> None:
+def advance(prediction: PredictionModel, x: Array, drive: Array, following: Array) -> None:
     """Move x (n,) one interval on, in the exact form."""
     p, w = prediction.parameters, prediction.network
     for _ in range(prediction.substeps):
@@ -36,7 +36,7 @@ def advance(prediction: Prediction, x: Array, drive: Array, following: Array) ->
 
 
 @inner
-def linearise(prediction: Prediction, horizon: Horizon, smoothing: float, single: bool) -> None:
+def linearise(prediction: PredictionModel, horizon: Horizon, smoothing: float, single: bool) -> None:
     """All intervals about the trajectory: reached, outputs, A, B, C, D.
 
     single: shooting once, each state being moved to where the interval before it ends.
@@ -66,7 +66,7 @@ def _set_out(horizon: Horizon, i: int) -> None:
 
 
 @inner
-def _interval(prediction: Prediction, horizon: Horizon, smoothing: float, following: Array) -> Array:
+def _interval(prediction: PredictionModel, horizon: Horizon, smoothing: float, following: Array) -> Array:
     """Where an interval leads, into ``following`` (n,), and its [A, B] (n, n + m)."""
     n, m = horizon.linear.B.shape[1:]
     work = horizon.work
@@ -96,7 +96,7 @@ def _chain(jacobian: Array, total: Array, moved: Array, n: int, m: int) -> None:
 
 
 @inner
-def _observe(prediction: Prediction, horizon: Horizon, i: int) -> None:
+def _observe(prediction: PredictionModel, horizon: Horizon, i: int) -> None:
     """The outputs at the end of interval i, and C and D."""
     n, m = horizon.linear.B.shape[1:]
     jacobian, drive = horizon.work.derivatives, horizon.work.drive
@@ -112,7 +112,7 @@ def _observe(prediction: Prediction, horizon: Horizon, i: int) -> None:
 
 
 @inner
-def find_curvature(prediction: Prediction, horizon: Horizon) -> None:
+def find_curvature(prediction: PredictionModel, horizon: Horizon) -> None:
     """Second derivatives of each interval's end, weighed by its adjoint, by differences of [A, B]."""
     n, m = horizon.linear.B.shape[1:]
     x, drive, following = horizon.work.state, horizon.work.drive, horizon.work.following

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from hybrid_sysid_ros.control.controller import Plan, Status, held
+from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
 from hybrid_sysid_ros.control.mpc.horizon import new_instance
 from hybrid_sysid_ros.control.mpc.quadratic_program import factorise
 from hybrid_sysid_ros.control.mpc.shooting import (
-    Shooting,
+    HorizonMemory,
     forget,
     plan,
     prepare,
@@ -18,7 +18,7 @@ from hybrid_sysid_ros.control.mpc.shooting import (
     shooting,
     solve_call,
 )
-from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -39,7 +39,7 @@ class ExactMpc:
     def __init__(
         self,
         system: System,
-        problem: Problem,
+        problem: ControlProblem,
         *,
         real_time: bool = False,
         tolerance: float = 1e-6,
@@ -78,7 +78,7 @@ class ExactMpc:
         return self._cold
 
     @property
-    def shooting(self) -> Shooting:
+    def shooting(self) -> HorizonMemory:
         """Its memory; the inputs of its horizon are the last plan, as far as :meth:`prepare` moved it on."""
         return self._shooting
 
@@ -100,7 +100,7 @@ class ExactMpc:
             prepare(mpc.prediction, mpc.horizon, mpc.program)
             self._prepared = factorise(mpc.program)
 
-    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`.
 
         Where something is not a number, the problem has no solution, or the time is over, the plan is what is left of
@@ -145,14 +145,14 @@ class ExactMpc:
             status = Status.SOLVED if found.solved else Status.NOT_CONVERGED if found.iterations else Status.FAILED
         return status
 
-    def _rest(self, status: Status) -> Plan:
+    def _rest(self, status: Status) -> MpcSolution:
         """What is left of the last plan, or the previous input."""
         if self._cold:
             return held(self._instance.previous, self.problem, status)
         plan(self._shooting.horizon, self._instance)
         return self._planned(status)
 
-    def _planned(self, status: Status) -> Plan:
+    def _planned(self, status: Status) -> MpcSolution:
         horizon = self._shooting.horizon
         inputs = horizon.planned.copy()
-        return Plan(input=inputs[0].copy(), inputs=inputs, states=horizon.states[1:].copy(), status=status)
+        return MpcSolution(input=inputs[0].copy(), inputs=inputs, states=horizon.states[1:].copy(), status=status)

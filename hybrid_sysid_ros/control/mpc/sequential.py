@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
 from hybrid_sysid_ros.control.mpc.condensing import clamp_inputs, condense, cost_of, evaluate, find_adjoint, residual
-from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.linearisation import (
     add_curvature,
     assign,
@@ -53,7 +53,7 @@ class SolverResult(NamedTuple):
 
 @inner
 def solve(
-    prediction: Prediction,
+    prediction: PredictionModel,
     horizon: Horizon,
     program: Program,
     instance: Instance,
@@ -93,7 +93,7 @@ def solve(
 
 @inner
 def _find_hessian(
-    prediction: Prediction, horizon: Horizon, program: Program, instance: Instance, error: float, last: float
+    prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, error: float, last: float
 ) -> None:
     """Add the curvature of the dynamics to the Hessian where Gauss-Newton is slow: as the steps tell it, and where that
     is slow too, by differences.
@@ -118,7 +118,7 @@ def _find_hessian(
 
 @inner
 def _search(
-    prediction: Prediction, horizon: Horizon, program: Program, instance: Instance, cost: float, first: bool
+    prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, cost: float, first: bool
 ) -> float:
     """Make the step of a solution, halved until the cost is no higher; the new cost. The model is linearised there."""
     length = 1.0
@@ -138,7 +138,7 @@ def _search(
 
 
 @inner
-def _coarse_step(prediction: Prediction, horizon: Horizon, program: Program, instance: Instance) -> float:
+def _coarse_step(prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance) -> float:
     """Make the step that rounder stick-slip proposes; its length, 0 where there is none."""
     linearise(prediction, horizon, COARSE * prediction.smoothing, True)
     condense(horizon, program)

@@ -20,11 +20,11 @@ from hybrid_sysid_ros.control.mpc.condensing import (
     evaluate,
     expand,
 )
-from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction, new_horizon, prediction
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, new_horizon, prediction
 from hybrid_sysid_ros.control.mpc.linearisation import advance, assign, linearise
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, STATES, Program
 from hybrid_sysid_ros.control.mpc.sequential import SolverResult, solve
-from hybrid_sysid_ros.control.problem import Problem, StageWeights, excess, stage_cost
+from hybrid_sysid_ros.control.problem import ControlProblem, StageWeights, excess, stage_cost
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel
@@ -36,17 +36,17 @@ DOUBT = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Shooting:
+class HorizonMemory:
     """The memory of one horizon: what the compiled functions here take."""
 
-    prediction: Prediction
+    prediction: PredictionModel
     horizon: Horizon
     program: Program
     memory: tuple[Any, ...]
     """Of the program."""
 
 
-def shooting(system: System, problem: Problem) -> Shooting:
+def shooting(system: System, problem: ControlProblem) -> HorizonMemory:
     """Make the memory.
 
     Raises UserError for a problem of other numbers of inputs, outputs or states, and for inputs of different delays.
@@ -69,10 +69,10 @@ def shooting(system: System, problem: Problem) -> Shooting:
             program.rows[r * count + i, i * m + j] = 1.0
             if i > 0:
                 program.rows[r * count + i, (i - 1) * m + j] = -1.0
-    return Shooting(prediction=prediction(system, problem), horizon=horizon, program=program, memory=memory)
+    return HorizonMemory(prediction=prediction(system, problem), horizon=horizon, program=program, memory=memory)
 
 
-def one_delay(system: System, problem: Problem) -> None:
+def one_delay(system: System, problem: ControlProblem) -> None:
     """Raise UserError for inputs whose delays differ by more than half an integration step: a controller is given the
     state that all its inputs will meet.
     """
@@ -88,7 +88,7 @@ def one_delay(system: System, problem: Problem) -> None:
 
 
 @inner
-def cold_start(prediction: Prediction, horizon: Horizon, instance: Instance) -> None:
+def cold_start(prediction: PredictionModel, horizon: Horizon, instance: Instance) -> None:
     """The trajectory of the inputs before, held."""
     count, m = horizon.inputs.shape
     drive, x, following = np.empty(m), np.empty(instance.state.shape[0]), np.empty(instance.state.shape[0])
@@ -104,7 +104,7 @@ def cold_start(prediction: Prediction, horizon: Horizon, instance: Instance) -> 
 
 
 @kernel
-def shift(prediction: Prediction, horizon: Horizon, fraction: float) -> None:
+def shift(prediction: PredictionModel, horizon: Horizon, fraction: float) -> None:
     """The trajectory that much of an interval later."""
     count, n = horizon.linear.reached.shape
     m = horizon.inputs.shape[1]
@@ -124,7 +124,7 @@ def shift(prediction: Prediction, horizon: Horizon, fraction: float) -> None:
 
 @kernel
 def rollout(
-    prediction: Prediction, weights: StageWeights, instance: Instance, inputs: Array, states: Array
+    prediction: PredictionModel, weights: StageWeights, instance: Instance, inputs: Array, states: Array
 ) -> tuple[float, float]:
     """:func:`follow` for Python."""
     return follow(prediction, weights, instance, inputs, states)  # type: ignore[no-any-return]
@@ -132,7 +132,7 @@ def rollout(
 
 @inner
 def follow(
-    prediction: Prediction, weights: StageWeights, instance: Instance, inputs: Array, states: Array
+    prediction: PredictionModel, weights: StageWeights, instance: Instance, inputs: Array, states: Array
 ) -> tuple[float, float]:
     """Simulate inputs (N, m) in the exact form into ``states`` (N + 1, n); their cost, and by how much a state is
     outside of its bounds at most.
@@ -172,7 +172,7 @@ def forget(program: Program) -> None:
 
 
 @kernel
-def prepare(prediction: Prediction, horizon: Horizon, program: Program) -> None:
+def prepare(prediction: PredictionModel, horizon: Horizon, program: Program) -> None:
     """The preparation phase: linearise and condense about the trajectory."""
     linearise(prediction, horizon, prediction.smoothing, False)
     condense(horizon, program)
@@ -180,7 +180,7 @@ def prepare(prediction: Prediction, horizon: Horizon, program: Program) -> None:
 
 @inner
 def feedback(
-    prediction: Prediction, horizon: Horizon, program: Program, instance: Instance, tolerance: float
+    prediction: PredictionModel, horizon: Horizon, program: Program, instance: Instance, tolerance: float
 ) -> SolverResult:
     """The feedback phase: the step from what was prepared, its matrices factorised.
 
@@ -206,7 +206,7 @@ def feedback(
 
 @kernel
 def solve_call(
-    prediction: Prediction,
+    prediction: PredictionModel,
     horizon: Horizon,
     program: Program,
     instance: Instance,
@@ -238,7 +238,7 @@ def solve_call(
 
 
 @inner
-def _begin(prediction: Prediction, horizon: Horizon, instance: Instance, cold: bool) -> bool:
+def _begin(prediction: PredictionModel, horizon: Horizon, instance: Instance, cold: bool) -> bool:
     """Where a call begins, which is kept; False where something that was given is no number."""
     if not (_finite(instance.state) and _finite(instance.disturbance) and _finite(instance.previous)):
         return False

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core.compilation import OPTIONS, inner, kernel
-from hybrid_sysid_ros.core.networks import Layers
+from hybrid_sysid_ros.core.networks import NetworkLayers
 from hybrid_sysid_ros.core.networks.tanh_layers import WIDEST, forward, packed_columns, widths_of
 from hybrid_sysid_ros.core.registers import scratch
 from hybrid_sysid_ros.support.arrays import Array
@@ -112,8 +112,8 @@ def packed(
     horizon: int,
     standard: tuple[Array, Array],
     training_range: Array,
-    layers: Layers,
-    correction: Layers = (),
+    layers: NetworkLayers,
+    correction: NetworkLayers = (),
     followed: int = 0,
 ) -> Packed:
     """Pack a policy.

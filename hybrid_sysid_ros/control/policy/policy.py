@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control.controller import Plan, Status, held
+from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
 from hybrid_sysid_ros.control.policy import kernels
 from hybrid_sysid_ros.control.policy.kernels import Packed, TrainingRange, widths_of
-from hybrid_sysid_ros.control.problem import Problem
+from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.safety import certificate as certificates
 from hybrid_sysid_ros.control.safety.certificate import Certificate
-from hybrid_sysid_ros.core.networks import Layers
+from hybrid_sysid_ros.core.networks import NetworkLayers
 from hybrid_sysid_ros.models import Model, storage
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.arrays import Array
@@ -66,7 +66,7 @@ class Policy:
     33(6)).
     """
 
-    problem: Problem
+    problem: ControlProblem
     """The MPC it imitates, sized: n states, m inputs, p outputs."""
     model: str
     """Seal of that MPC's model."""
@@ -181,7 +181,7 @@ class Policy:
             deviation = numbers[len(numbers) - len(self.correction.names) :]
             deviation[:] = self.correction.deviation(parameters, deviation)
 
-    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`. What is not a number gives HELD: the previous
         input within its bounds, or the nearest to zero. Raises ValueError for a part of another size.
         """
@@ -192,7 +192,7 @@ class Policy:
             parts = (np.asarray(part, dtype=float) for part in (state, disturbance, previous_input, preview))
             found = kernels.answer_in_parts()(*parts, sizes, numbers, plan)
         if found:
-            return Plan(plan[0], plan, self._no_states, Status.POLICY)
+            return MpcSolution(plan[0], plan, self._no_states, Status.POLICY)
         kept = held(np.asarray(previous_input, dtype=float), self.problem, Status.HELD)
         return kept._replace(inputs=kept.inputs[: self.stages])
 
@@ -264,7 +264,7 @@ def load(folder: Path | str, *, model: Model | None = None, certified: bool = Tr
         certificate = certificates.find(folder, policy=content["seal"], model=content["model"])
     try:
         policy = Policy(
-            problem=Problem(**content["problem"]),
+            problem=ControlProblem(**content["problem"]),
             model=content["model"],
             rig=rigs.name_in(content),
             output_map=arrays["output_map"],
@@ -297,7 +297,7 @@ def load(folder: Path | str, *, model: Model | None = None, certified: bool = Tr
     return policy
 
 
-def _answers(layers: Layers, features: int) -> int:
+def _answers(layers: NetworkLayers, features: int) -> int:
     """How many numbers a network answers with."""
     widths = widths_of(layers)
     if widths[0] != features:
@@ -305,7 +305,7 @@ def _answers(layers: Layers, features: int) -> int:
     return widths[-1]
 
 
-def named_layers(prefix: str, layers: Layers) -> dict[str, Array]:
+def named_layers(prefix: str, layers: NetworkLayers) -> dict[str, Array]:
     """W0, b0, W1, ... with a prefix."""
     return {f"{prefix}{kind}{i}": part for i, pair in enumerate(layers) for kind, part in zip("Wb", pair, strict=True)}
 

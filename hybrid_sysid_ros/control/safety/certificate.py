@@ -12,7 +12,7 @@ from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.text_table import text_table
 
-Rates = Mapping[str, Mapping[str, float]]
+FailureRates = Mapping[str, Mapping[str, float]]
 
 FORMAT = 1
 FILE = "certificate.yaml"
@@ -41,7 +41,7 @@ def binomial_bound(kept: int, loops: int, delta: float) -> float:
     return float(betaincinv(kept, loops - kept + 1, delta)) if kept else 0.0
 
 
-def bounds(rates: Rates, loops: int, delta: float) -> dict[str, Rates]:
+def bounds(rates: FailureRates, loops: int, delta: float) -> dict[str, FailureRates]:
     """Rates that the true ones are at least, each but with probability delta, by hoeffding and by binomial."""
     return {
         "hoeffding": {
@@ -74,8 +74,8 @@ class Certificate:
     delta: float
     distribution: Mapping[str, Any]
     criteria: Mapping[str, Any]
-    rates: Rates
-    bounds: Mapping[str, Rates]
+    rates: FailureRates
+    bounds: Mapping[str, FailureRates]
     check: Mapping[str, float]
     exact: Mapping[str, float]
     worst: Sequence[Mapping[str, Any]]

@@ -13,17 +13,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hybrid_sysid_ros.control.controller import Plan, Status, held
-from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, Prediction, new_instance
+from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
+from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, new_instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.shooting import follow
 from hybrid_sysid_ros.control.policy.kernels import Packed, answer, inside
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.core.compilation import inner, kernel
-from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError
-
-Values = tuple[float, ...]
 
 ACCEPTED, OUT_OF_RANGE, DISTURBED, INFEASIBLE, COSTLIER, WAITING = range(6)
 REASONS = (
@@ -49,7 +47,7 @@ class Tolerances(NamedTuple):
     """And by how much at any rate, in the unit of the cost."""
     violation: float
     """By how much a state may be outside of its bounds [its unit]."""
-    disturbance: Values
+    disturbance: Numbers
     """(m,), largest input disturbance, or one for all inputs."""
     patience: int
     """Instances in a row that the network must answer well after a rejection, before it drives again."""
@@ -58,7 +56,7 @@ class Tolerances(NamedTuple):
 @kernel
 def check(
     policy: Packed,
-    prediction: Prediction,
+    prediction: PredictionModel,
     horizon: Horizon,
     instance: Instance,
     flat: Array,
@@ -175,14 +173,14 @@ class Supervisor:
         self._age += elapsed
         self.mpc.prepare(elapsed)
 
-    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """See :class:`~hybrid_sysid_ros.control.controller.Controller`."""
         reason = self.reason = self.check(state, disturbance, previous_input, preview)
         if reason == ACCEPTED:
             self._age = 0.0
             inputs, states = self._inputs.copy(), self._states
             self.mpc.adopt(disturbance, inputs, states)
-            plan = Plan(input=inputs[0], inputs=inputs, states=states[1:].copy(), status=Status.POLICY)
+            plan = MpcSolution(input=inputs[0], inputs=inputs, states=states[1:].copy(), status=Status.POLICY)
         else:
             plan = self._fallback(state, disturbance, previous_input, preview)
         self.layers[LAYERS[plan.status]] += 1
@@ -212,7 +210,7 @@ class Supervisor:
             return WAITING
         return reason
 
-    def _fallback(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+    def _fallback(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         """The exact MPC's plan, or what is left of the last one, or the inputs applied last."""
         plan = self.mpc.control(state, disturbance, previous_input, preview)
         if plan.status not in (Status.LATE, Status.FAILED):

@@ -13,14 +13,14 @@ from hybrid_sysid_ros.core.registers import added, load, plus_scaled, scratch, s
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-Layers = Sequence[tuple[Array, Array]]
+NetworkLayers = Sequence[tuple[Array, Array]]
 """(W (out, in), b (out,)) of each layer."""
 
 WIDEST = 4096
 """Features, and units of a layer: far above what answers in time, and room for it fits on a stack."""
 
 
-def widths_of(layers: Layers) -> tuple[int, ...]:
+def widths_of(layers: NetworkLayers) -> tuple[int, ...]:
     """Features, units of each layer, and answers. Raises UserError where they don't fit each other, or are too many."""
     for (first, _), (second, _) in pairwise(layers):
         if second.shape[1] != len(first):
@@ -36,7 +36,7 @@ def widths_of(layers: Layers) -> tuple[int, ...]:
     return widths
 
 
-def packed_columns(layers: Layers) -> Array:
+def packed_columns(layers: NetworkLayers) -> Array:
     """Each layer by its columns and then its biases, filled up with idle units to multiples of eight."""
     parts: list[Array] = [np.zeros(0)]
     before = layers[0][0].shape[1] if layers else 0

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.safety.certificate import binomial_bound
 from hybrid_sysid_ros.control.scenarios import plant_near
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import Fired, Range
+from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import MonteCarloRuns, Range
 from hybrid_sysid_ros.extensions.accuracy.statistics import Accuracy, Discrepancy, assess, fewest
 from hybrid_sysid_ros.identification import Part, identify
 from hybrid_sysid_ros.identification.identify import experiment_of
@@ -29,8 +29,9 @@ from hybrid_sysid_ros.models.structure import structure_of
 from hybrid_sysid_ros.rigs.experiments import simulate
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.plan import Plan
+from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.progress import Report
 from hybrid_sysid_ros.support.structured import named_numbers, numbers, refuse_unknown, section
 
 KEYS = ("learn", "part", "test", "seconds", "rate", "structure", "options", "tolerance")
@@ -44,9 +45,8 @@ SECONDS = 1.0, 86_400.0
 SLOWEST = 1.0
 """Samples of an experiment a second."""
 
-Fire = Callable[[Range, int, str], Fired]
+Fire = Callable[[Range, int, str], MonteCarloRuns]
 """fire(where, count, name)"""
-Tell = Callable[[str], object]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +56,7 @@ class Setup:
     rig: Rig
     reality: System
     """What the rig is, and nobody in the mock-up knows."""
-    plan: Plan
+    plan: DemoRecipe
     """How the rig's demo identifies, and which reference it follows."""
     learn: tuple[str, ...]
     """Experiments to learn from."""
@@ -78,7 +78,7 @@ class Setup:
         from. What the rig really is, is drawn by the seed: its system with each free physical parameter moved by the
         deviation of policy_training. Raises UserError for what is not there.
         """
-        plan, where = Plan.of(rig), f"{rig.file}: mockup"
+        plan, where = DemoRecipe.of(rig), f"{rig.file}: mockup"
         told = section(rig.content, "mockup", str(rig.file))
         refuse_unknown(told, KEYS, where)
         if "options" in told and "structure" not in told:
@@ -154,7 +154,7 @@ class Found:
     """By model, record and output: errors over unseen experiments, as the output is shown."""
     ahead: str
     """What these errors are of."""
-    fired: Mapping[str, Fired]
+    fired: Mapping[str, MonteCarloRuns]
     """prior, simulated, live and uncertain shots."""
     loop: ClosedLoop
     """The first of the live ones."""
@@ -163,7 +163,7 @@ class Found:
 
 
 def mockup(
-    setup: Setup, out: Path, fire: Fire, counts: Mapping[str, int], discrepancy: Discrepancy, tell: Tell = print
+    setup: Setup, out: Path, fire: Fire, counts: Mapping[str, int], discrepancy: Discrepancy, tell: Report = print
 ) -> Found:
     """The workflow; models that an earlier run left in the folder ``out`` are not made again.
 
@@ -179,7 +179,7 @@ def mockup(
             raise UserError(f"--{name} {counts[name]}: the parts of {schedule.name} need {least} shots at least")
     prior = prior_of(setup, box)
     given: dict[str, Any] = {"rig": rig, "schedule": schedule}
-    fired: dict[str, Fired] = {}
+    fired: dict[str, MonteCarloRuns] = {}
     tell(f"1 simulating {schedule.name} with what is known of {rig.name} beforehand")
     before = Range(model=prior, seed=setup.seed, predicted=True, **given)
     fired["prior"] = fire(before, counts["simulated"], "shots of the prior")
@@ -327,7 +327,7 @@ def _predicts(found: Found) -> Criterion:
     )
 
 
-def _holds(fired: Fired, who: str) -> Criterion:
+def _holds(fired: MonteCarloRuns, who: str) -> Criterion:
     kept, count = int(fired.sound.all(axis=1).sum()), len(fired.sound)
     bound = binomial_bound(kept, count, 1.0 - CONFIDENCE)
     return Criterion(
@@ -337,7 +337,7 @@ def _holds(fired: Fired, who: str) -> Criterion:
     )
 
 
-def _ends(fired: Fired, window: str, most: float, who: str) -> Criterion:
+def _ends(fired: MonteCarloRuns, window: str, most: float, who: str) -> Criterion:
     names = list(fired.windows)
     unit, misses = fired.windows[window], np.abs(fired.miss[:, names.index(window)])
     miss = float(np.quantile(misses, CLOSE))

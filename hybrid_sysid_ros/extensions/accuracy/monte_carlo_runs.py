@@ -19,9 +19,8 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.controllers import ConfiguredController, controller_of
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
-from hybrid_sysid_ros.support.arrays import Array
+from hybrid_sysid_ros.support.arrays import Array, NamedArrays
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.parallel import Arrays
 
 END = 1.0
 """Horizons of the controller before the end of a window over which a miss is averaged."""
@@ -47,8 +46,8 @@ class Range:
     doubted: bool = False
     """Whether it does so with parameters drawn from the covariance of its identification."""
 
-    def __call__(self, numbers: Sequence[int]) -> Arrays:
-        """Fire shots by their numbers: arrays with a row for each; see :class:`Fired`."""
+    def __call__(self, numbers: Sequence[int]) -> NamedArrays:
+        """Fire shots by their numbers: arrays with a row for each; see :class:`MonteCarloRuns`."""
         controller = self.controller()
         rows = [self._row(self.fire(number, controller)) for number in numbers]
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
@@ -132,7 +131,7 @@ class Range:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Fired:
+class MonteCarloRuns:
     """Shots of a range."""
 
     where: Range

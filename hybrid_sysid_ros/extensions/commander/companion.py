@@ -8,9 +8,9 @@ from typing import Annotated, ClassVar
 
 import typer
 
-from hybrid_sysid_ros.runtime.companion import Companion, Loop, Values
+from hybrid_sysid_ros.runtime.companion import Companion, NodeValues, RequestedLoop
 
-Layers = Annotated[Path | None, typer.Option(help="Layers that read pictures; the shipped ones by default.")]
+LayersOption = Annotated[Path | None, typer.Option(help="Layers that read pictures; the shipped ones by default.")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +24,7 @@ class Commander(Companion):
     layers: Path | str = ""
     """By which pictures are read, the shipped ones by default."""
 
-    def parameters(self, loop: Loop) -> Values:
+    def parameters(self, loop: RequestedLoop) -> NodeValues:
         rest = {} if loop.reference else {"kind": "constant", "amplitude": 0.0}
         own = {"armed": loop.simulated, "folder": loop.folder, "layers": str(self.layers)}
         return {"commander": own, "reference": {**rest, "stay": not loop.duration}}
@@ -34,7 +34,7 @@ def companion(
     commander: Annotated[
         bool, typer.Option("--commander", help="Take commands in plain language: see say. At rest until then.")
     ] = False,
-    layers: Layers = None,
+    layers: LayersOption = None,
 ) -> Commander | None:
     """The commander, where it is asked for."""
     return Commander(layers=layers or "") if commander else None

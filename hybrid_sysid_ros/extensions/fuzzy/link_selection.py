@@ -10,7 +10,7 @@ from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.extensions.fuzzy.clustering import HALF, k_means
 from hybrid_sysid_ros.extensions.fuzzy.difnn import Difnn
 from hybrid_sysid_ros.extensions.fuzzy.memberships import packed
-from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.selection.regression import Regression, least_squares
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -20,7 +20,7 @@ RIDGE = 1e-6
 
 
 def select_links(
-    experiments: Sequence[Experiment],
+    experiments: Sequence[PreparedRecord],
     *,
     outputs: Sequence[Variable],
     inputs: Sequence[Variable],

@@ -11,7 +11,7 @@ from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.extensions.fuzzy.clustering import fuzzy_c_means, gustafson_kessel
 from hybrid_sysid_ros.extensions.fuzzy.memberships import memberships, packed
 from hybrid_sysid_ros.extensions.fuzzy.takagi_sugeno import TakagiSugeno
-from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.selection.regression import Regression, least_squares
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -46,7 +46,7 @@ class _Rules:
 
 
 def select_rules(
-    experiments: Sequence[Experiment],
+    experiments: Sequence[PreparedRecord],
     *,
     outputs: Sequence[Variable],
     inputs: Sequence[Variable],

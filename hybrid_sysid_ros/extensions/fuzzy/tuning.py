@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hybrid_sysid_ros.identification.fitting import STAGES, Progress, fit
-from hybrid_sysid_ros.models.fit import Experiment, Fit
+from hybrid_sysid_ros.identification.fitting import STAGES, FitProgress, fit
+from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.models.lagged import Lagged
 
 RIDGE = 1e-12
@@ -15,7 +15,7 @@ TOLERANCE, ITERATIONS = 1e-6, 100
 """Of each stage."""
 
 
-def tuned(system: Lagged, experiments: Sequence[Experiment], *, progress: Progress | None = None) -> Fit:
+def tuned(system: Lagged, experiments: Sequence[PreparedRecord], *, progress: FitProgress | None = None) -> Fit:
     """Centres, widths and consequents by the error of the free run, from where clusters and least squares put them.
 
     A model of inputs alone has no run that errors would grow in, so that whole records are its only stage. Raises

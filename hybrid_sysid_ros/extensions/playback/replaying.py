@@ -41,7 +41,7 @@ class Changes:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class ReplayPlan:
     """What is replayed: parameters of estimator and controller, and where they come from."""
 
     rig: Rig
@@ -61,7 +61,7 @@ class Plan:
         return [*changed, *BY_TIME]
 
 
-def plan_of(bag: Path, changes: Changes, scratch: Path, *, recover: bool = False) -> Plan:
+def replay_plan_of(bag: Path, changes: Changes, scratch: Path, *, recover: bool = False) -> ReplayPlan:
     """What to replay of a bag, by what it says of itself; of a bag that says nothing, by the rig's defaults.
 
     Another model without another policy is driven by the exact MPC: a network is of the model that it was trained for.
@@ -92,7 +92,7 @@ def plan_of(bag: Path, changes: Changes, scratch: Path, *, recover: bool = False
     if not lockstep:
         values["controller"]["time_limit"] = 0.0
     source = "as the bag says" if told["estimator"] else "the rig's defaults: the bag does not say what they were"
-    return Plan(rig=rig, lockstep=lockstep, **values, source=source, changes=changes)
+    return ReplayPlan(rig=rig, lockstep=lockstep, **values, source=source, changes=changes)
 
 
 def _known(rig: Rig, node: str, told: Mapping[str, Any]) -> dict[str, Any]:
@@ -129,14 +129,14 @@ def replay(
     recover: bool = False,
     tell: Callable[[str], None] = print,
     progress: Callable[[float], None] = lambda seconds: None,
-) -> Plan:
+) -> ReplayPlan:
     """Replay a bag into another, `out`, in a process of its own; return what was replayed.
 
     progress: gets the seconds that it has taken so far. Raises UserError without ROS, where the bag lacks something, or
     where a node can't be made with these parameters.
     """
     with TemporaryDirectory() as scratch:
-        plan = plan_of(bag, changes, Path(scratch), recover=recover)
+        plan = replay_plan_of(bag, changes, Path(scratch), recover=recover)
         order = {
             "bag": str(bag),
             "out": str(out),

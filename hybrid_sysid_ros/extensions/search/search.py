@@ -31,7 +31,7 @@ FAILURES = 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
+class TrialResult:
     """What an evaluation of options brought."""
 
     score: float = -math.inf
@@ -61,7 +61,7 @@ class Evaluate:
 
     objective: Callable[[Options], Scored]
 
-    def __call__(self, item: tuple[int, Options]) -> Outcome:
+    def __call__(self, item: tuple[int, Options]) -> TrialResult:
         """The outcome of numbered options. A UserError is one too; any other exception is a mistake of the program."""
         began = time.perf_counter()
         try:
@@ -69,9 +69,9 @@ class Evaluate:
             if math.isnan(found.value):
                 raise UserError("the score is not a number")
         except UserError as error:
-            return Outcome(error=" ".join(str(error).split()), seconds=round(time.perf_counter() - began, 3))
+            return TrialResult(error=" ".join(str(error).split()), seconds=round(time.perf_counter() - began, 3))
         seconds = round(time.perf_counter() - began, 3)
-        return Outcome(score=found.value, parts=dict(found.scores), seconds=seconds)
+        return TrialResult(score=found.value, parts=dict(found.scores), seconds=seconds)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,7 +124,7 @@ class Objective:
 
 def search(
     study: Study,
-    workers: Workers[tuple[int, Options], Outcome],
+    workers: Workers[tuple[int, Options], TrialResult],
     *,
     trials: int,
     timeout: float | None = None,
@@ -147,7 +147,7 @@ def search(
                 told(study.tell(number, known))
 
     for (number, _), found in workers.run(asked()):
-        outcome = Outcome(error=found.reason) if isinstance(found, Lost) else found
+        outcome = TrialResult(error=found.reason) if isinstance(found, Lost) else found
         told(study.tell(number, outcome))
         finished = study.finished
         if len(finished) >= FAILURES and all(item.outcome.error for item in finished):

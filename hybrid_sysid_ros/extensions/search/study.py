@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hybrid_sysid_ros.extensions.search.database import database
-from hybrid_sysid_ros.extensions.search.search import Outcome
+from hybrid_sysid_ros.extensions.search.search import TrialResult
 from hybrid_sysid_ros.models import Option, Options
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
@@ -31,7 +31,7 @@ class Evaluation:
 
     number: int
     options: Options
-    outcome: Outcome
+    outcome: TrialResult
 
 
 class Study:
@@ -61,7 +61,7 @@ class Study:
 
         found = self._trials(optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.FAIL)
         return [
-            Evaluation(number=trial.number, options=trial.params, outcome=Outcome(**trial.user_attrs["outcome"]))
+            Evaluation(number=trial.number, options=trial.params, outcome=TrialResult(**trial.user_attrs["outcome"]))
             for trial in found
             if not _abandoned(trial)
         ]
@@ -86,7 +86,7 @@ class Study:
         self._asked[trial.number] = trial
         return trial.number, trial.params
 
-    def tell(self, number: int, outcome: Outcome) -> Evaluation:
+    def tell(self, number: int, outcome: TrialResult) -> Evaluation:
         """Keep the outcome of a trial that was asked for."""
         import optuna
 
@@ -96,7 +96,7 @@ class Study:
         self._study.tell(trial, None if outcome.error else outcome.score, state)
         return Evaluation(number=number, options=trial.params, outcome=outcome)
 
-    def outcome_at(self, options: Options) -> Outcome | None:
+    def outcome_at(self, options: Options) -> TrialResult | None:
         """What is known of options that were drawn before, as whole numbers may be."""
         same = (trial.outcome for trial in self.finished if trial.options == options)
         return next((replace(outcome, seconds=0.0) for outcome in same), None)

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 import typer
 
-from hybrid_sysid_ros.runtime.companion import Companion, Loop, Values
+from hybrid_sysid_ros.runtime.companion import Companion, NodeValues, RequestedLoop
 
 PORT = 8400
 Port = Annotated[int, typer.Option(help="Of the page of the live view; 0: any that is free.", min=0, max=65535)]
@@ -23,7 +23,7 @@ class View(Companion):
     port: int = PORT
     """0: any that is free."""
 
-    def parameters(self, loop: Loop) -> Values:
+    def parameters(self, loop: RequestedLoop) -> NodeValues:
         return {"view": {"port": self.port}, "reference": {"stay": not loop.duration}}
 
     def ready(self, said: Callable[[str], set[str]]) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import SetPointRange, set_point_ranges
-from hybrid_sysid_ros.runtime.parameters import Parameter, parameters
+from hybrid_sysid_ros.runtime.parameters import NodeParameter, parameters
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import built, refuse_endless, section
 
@@ -42,7 +42,7 @@ class Next(Request):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SetPoint(Request):
+class SetPointRequest(Request):
     """What the tracked outputs are to be from now on: straight between the points, then as the last one says."""
 
     do: ClassVar[str] = "set_point"
@@ -53,7 +53,7 @@ class SetPoint(Request):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Experiment(Request):
+class ReferenceRequest(Request):
     """A reference by its name or kind, from its beginning."""
 
     do: ClassVar[str] = "experiment"
@@ -70,7 +70,7 @@ class Fault(Request):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Policy(Request):
+class PolicyChoice(Request):
     """Who drives."""
 
     do: ClassVar[str] = "policy"
@@ -78,24 +78,24 @@ class Policy(Request):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Call(Request):
+class ServiceCall(Request):
     """A service of the controller."""
 
     do: ClassVar[str] = "call"
     service: str
 
 
-REQUESTS = {kind.do: kind for kind in (Next, SetPoint, Experiment, Fault, Policy, Call)}
+REQUESTS = {kind.do: kind for kind in (Next, SetPointRequest, ReferenceRequest, Fault, PolicyChoice, ServiceCall)}
 SERVICES = ("stop", "enable")
 
 
 def check_faults(rig: Rig) -> None:
     """Raise UserError where the section faults of a rig's file is not as it should be."""
-    Offer.of(rig, ())
+    RequestMenu.of(rig, ())
 
 
 @dataclass(frozen=True, kw_only=True)
-class Offer:
+class RequestMenu:
     """What there is to ask for at a rig."""
 
     outputs: tuple[SetPointRange, ...]
@@ -108,7 +108,7 @@ class Offer:
     """The same parameters without a fault."""
 
     @classmethod
-    def of(cls, rig: Rig, kinds: tuple[str, ...]) -> Offer:
+    def of(cls, rig: Rig, kinds: tuple[str, ...]) -> RequestMenu:
         """That of a rig. kinds: the general ones. Raises UserError where its faults are not parameters of the plant
         that may change.
         """
@@ -132,18 +132,18 @@ class Offer:
         """Raise UserError for what is not offered."""
         if not 0 <= request.id < 1 << 53:
             raise UserError("id must be within 0 and 2^53")
-        if isinstance(request, SetPoint):
+        if isinstance(request, SetPointRequest):
             self._check_set_point(request)
-        elif isinstance(request, Experiment):
+        elif isinstance(request, ReferenceRequest):
             _check_choice("experiment", request.kind, self.kinds)
         elif isinstance(request, Fault):
             _check_choice("fault", request.name, tuple(self.faults))
-        elif isinstance(request, Policy):
+        elif isinstance(request, PolicyChoice):
             _check_choice("policy", request.policy, self.policies)
-        elif isinstance(request, Call):
+        elif isinstance(request, ServiceCall):
             _check_choice("call", request.service, SERVICES)
 
-    def _check_set_point(self, request: SetPoint) -> None:
+    def _check_set_point(self, request: SetPointRequest) -> None:
         times, tracked = request.times, self.tracked
         if not 1 <= len(times) <= POINTS or len(request.values) != len(times):
             raise UserError(
@@ -163,7 +163,7 @@ class Offer:
                     )
 
 
-def read(text: str | bytes, offer: Offer) -> Request:
+def read_request(text: str | bytes, offer: RequestMenu) -> Request:
     """A request from what a page sent. Raises UserError for anything that is none, in a line."""
     if isinstance(text, bytes):
         raise UserError("a request is text, not bytes")
@@ -192,7 +192,7 @@ def _check_choice(what: str, value: str, choices: tuple[str, ...]) -> None:
         raise UserError(f"{what}: {value[:40]!r}: choose one of {', '.join(choices)}")
 
 
-def _fault(content: object, plant: Mapping[str, Parameter], where: str) -> dict[str, Any]:
+def _fault(content: object, plant: Mapping[str, NodeParameter], where: str) -> dict[str, Any]:
     """Values of the plant's parameters, checked."""
     if not isinstance(content, dict) or not content:
         raise UserError(f"{where}: needs parameters of the plant with their values")

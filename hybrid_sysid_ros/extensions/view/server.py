@@ -15,7 +15,7 @@ from threading import Event, Thread
 from typing import Any, Protocol
 from urllib.parse import parse_qs
 
-from hybrid_sysid_ros.extensions.view.requests import LARGEST, Next, Offer, Request, read
+from hybrid_sysid_ros.extensions.view.requests import LARGEST, Next, Request, RequestMenu, read_request
 from hybrid_sysid_ros.extensions.view.tables import Cursor
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.extras import extra
@@ -51,10 +51,10 @@ ALONE = 0.2
 """Seconds between two looks at the rig while no page is open."""
 
 
-class Desk(Protocol):
+class ViewService(Protocol):
     """What a server serves. All but ``collect`` is called in the server's thread."""
 
-    offered: Offer
+    offered: RequestMenu
 
     def greeting(self) -> Mapping[str, Any]:
         """What a page must know once, as plain data."""
@@ -84,7 +84,7 @@ class Page:
 class Server:
     """One rig on a port of this computer, for pages that know its token."""
 
-    def __init__(self, desk: Desk, *, port: int, pictures: float) -> None:
+    def __init__(self, desk: ViewService, *, port: int, pictures: float) -> None:
         """port: 0 for any that is free. pictures: a second, at most."""
         self.token = secrets.token_urlsafe(16)
         self.port = port
@@ -215,7 +215,7 @@ class Server:
     async def _hear(self, page: Page, text: str | bytes) -> None:
         number = 0
         try:
-            request = read(text, self._desk.offered)
+            request = read_request(text, self._desk.offered)
             if isinstance(request, Next):
                 page.wants.set()
                 return

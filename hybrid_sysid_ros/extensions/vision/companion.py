@@ -10,7 +10,7 @@ import typer
 
 from hybrid_sysid_ros.extensions.vision import camera_loop
 from hybrid_sysid_ros.rigs import rig as rigs
-from hybrid_sysid_ros.runtime.companion import Companion, Loop, Values
+from hybrid_sysid_ros.runtime.companion import Companion, NodeValues, RequestedLoop
 from hybrid_sysid_ros.support.errors import UserError
 
 
@@ -25,7 +25,7 @@ class Vision(Companion):
     """By which pictures are read, the shipped ones by default."""
     picture: Path | str = ""
 
-    def check(self, loop: Loop) -> None:
+    def check(self, loop: RequestedLoop) -> None:
         if not self.picture:
             return
         if "commander" in loop.companions:
@@ -34,8 +34,8 @@ class Vision(Companion):
 
         shown_in(Path(self.picture), reader_of(rigs.load(loop.rig), self.layers))
 
-    def parameters(self, loop: Loop) -> Values:
-        found: Values = {}
+    def parameters(self, loop: RequestedLoop) -> NodeValues:
+        found: NodeValues = {}
         if self.picture:
             picture = str(Path(self.picture).absolute())
             found["controller"] = {"picture": picture, "layers": str(self.layers), "policy": "exact"}

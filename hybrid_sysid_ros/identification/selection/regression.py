@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.core.parameters import scale_of
-from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -38,7 +38,7 @@ class Regression:
     input_lags: int
 
     @classmethod
-    def of(cls, experiments: Sequence[Experiment], *, output_lags: int, input_lags: int, kind: str) -> Regression:
+    def of(cls, experiments: Sequence[PreparedRecord], *, output_lags: int, input_lags: int, kind: str) -> Regression:
         """Of several experiments. Raises UserError, which calls the structure ``kind``, for a record that is too short
         for the lags, and for a step that is not the period.
         """
@@ -85,7 +85,7 @@ def least_squares(design: Array, targets: Array, *, ridge: float) -> Array:
     return np.asarray(np.linalg.lstsq(known, wanted, rcond=None)[0])
 
 
-def _check(experiments: Sequence[Experiment], lags: int, kind: str) -> None:
+def _check(experiments: Sequence[PreparedRecord], lags: int, kind: str) -> None:
     for item in experiments:
         if item.sampling.every != 1:
             raise UserError(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System, rollouts
-from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states, score
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -39,7 +39,7 @@ class HorizonErrors:
 
 def k_step_errors(
     system: System,
-    experiment: Experiment,
+    experiment: PreparedRecord,
     horizons: Sequence[int] | None = None,
     *,
     output: int = 0,

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.rollout import Dynamics, dynamics
-from hybrid_sysid_ros.identification.experiment import Experiment, prepare
+from hybrid_sysid_ros.identification.experiment import PreparedRecord, prepare
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.validation.scores import Scores, initial_state, score
 from hybrid_sysid_ros.models import Sampling
@@ -270,7 +270,7 @@ def _over_a_step(
     return total / ticks, first
 
 
-def _compared(name: str, experiment: Experiment, simulated: Array, applied: Array) -> Resimulation:
+def _compared(name: str, experiment: PreparedRecord, simulated: Array, applied: Array) -> Resimulation:
     measured, every = experiment.outputs[:, 0], experiment.sampling.every
     inputs = experiment.inputs[:, 0].reshape(-1, every).mean(axis=1)
     again = applied.reshape(-1, every).mean(axis=1)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.core import Sensitivities, System, rollouts
-from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -75,7 +75,7 @@ def score(measured: Array, simulated: Array) -> Scores:
     return Scores(r2=1 - ratio, rmse=float(np.sqrt(squares / len(error))), fit_percent=100 * (1 - ratio**0.5))
 
 
-def score_free_run(system: System, experiment: Experiment) -> Scores:
+def score_free_run(system: System, experiment: PreparedRecord) -> Scores:
     """Scores of the strict free run on raw outputs. Raises UserError for a constant output, naming the record."""
     try:
         return Scores.of([item.name for item in system.outputs], experiment.outputs, free_run(system, experiment))
@@ -83,12 +83,12 @@ def score_free_run(system: System, experiment: Experiment) -> Scores:
         raise UserError(f"{experiment.name}: {error}; leave the record out") from None
 
 
-def free_run(system: System, experiment: Experiment) -> Array:
+def free_run(system: System, experiment: PreparedRecord) -> Array:
     """Strict free run: simulated outputs (samples, outputs) from one initial state, never re-initialised."""
     return free_run_states(system, experiment)[1]
 
 
-def free_run_states(system: System, experiment: Experiment) -> tuple[Array, Array]:
+def free_run_states(system: System, experiment: PreparedRecord) -> tuple[Array, Array]:
     """States (samples, states) and outputs (samples, outputs) of the strict free run."""
     sampling = experiment.sampling
     starts = np.array([[0, 0, experiment.samples, 0]])
@@ -96,7 +96,7 @@ def free_run_states(system: System, experiment: Experiment) -> tuple[Array, Arra
     return rollouts(system, starts, first, experiment.inputs, step=sampling.step, every=sampling.every)
 
 
-def initial_state(system: System, experiment: Experiment) -> Array:
+def initial_state(system: System, experiment: PreparedRecord) -> Array:
     """Where a free run begins, (states,): as the record's first sample shows it. Declared states that it does not show
     are those that meet the outputs of the first FIRST_SAMPLES samples best (Gauss-Newton, of least norm).
     """

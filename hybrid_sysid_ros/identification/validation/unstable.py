@@ -10,7 +10,7 @@ import numpy as np
 
 from hybrid_sysid_ros.core import System, rollouts
 from hybrid_sysid_ros.core.wrappers import feedback_of
-from hybrid_sysid_ros.identification.experiment import Experiment
+from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.shooting import UnstableFitSettings, fastest_growth, held_inputs, settled
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run, initial_state
 from hybrid_sysid_ros.support.arrays import Array
@@ -28,7 +28,7 @@ class UnstableError(UserError):
     """A free run that says nothing."""
 
 
-def check_free_run(system: System, experiment: Experiment) -> None:
+def check_free_run(system: System, experiment: PreparedRecord) -> None:
     """Raise UnstableError for a system whose free run over an experiment says nothing: one that is linearly unstable at
     rest, so that an error of the beginning grows a million times, and whose run has left the record.
     """
@@ -46,7 +46,7 @@ def check_free_run(system: System, experiment: Experiment) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Prediction:
+class PredictionErrors:
     """Errors some time ahead."""
 
     seconds: float
@@ -59,8 +59,12 @@ class Prediction:
 
 
 def predictions(
-    system: System, experiment: Experiment, windows: UnstableFitSettings, *, ahead: Sequence[tuple[float, bool]] = AHEAD
-) -> list[Prediction]:
+    system: System,
+    experiment: PreparedRecord,
+    windows: UnstableFitSettings,
+    *,
+    ahead: Sequence[tuple[float, bool]] = AHEAD,
+) -> list[PredictionErrors]:
     """Errors of simulations so many seconds ahead, open or closed by the stabiliser, where the record is long enough.
 
     Each begins in the state that meets the PAST seconds before best (states that no output shows are those of the run
@@ -100,7 +104,7 @@ def predictions(
         _, outputs = rollouts(system, then, from_here, inputs, **options)
         simulated, measured = outputs[then[:, 3] + length], experiment.outputs[begins + past + length]
         found.append(
-            Prediction(
+            PredictionErrors(
                 seconds=seconds,
                 closed=closed,
                 count=len(begins),
@@ -110,7 +114,7 @@ def predictions(
     return found
 
 
-def _scores(system: System, experiment: Experiment, measured: Array, simulated: Array) -> Scores:
+def _scores(system: System, experiment: PreparedRecord, measured: Array, simulated: Array) -> Scores:
     """By the deviations of the whole record."""
     deviation = np.std(experiment.outputs, axis=0)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -126,7 +130,7 @@ def _scores(system: System, experiment: Experiment, measured: Array, simulated: 
     return Scores(r2=r2, rmse=float("nan"), fit_percent=fit, outputs=each)
 
 
-def stabilised_run(system: System, experiment: Experiment, stabiliser: Array) -> tuple[Array, Array]:
+def stabilised_run(system: System, experiment: PreparedRecord, stabiliser: Array) -> tuple[Array, Array]:
     """States (samples, states) and outputs (samples, outputs) of one run from one initial state over the whole record,
     closed by the stabiliser.
     """

@@ -19,9 +19,9 @@ from hybrid_sysid_ros.commands.terminal import Seed, console, print_table, statu
 from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows, write_accuracy
 from hybrid_sysid_ros.extensions.accuracy.statistics import (
     Accuracy,
+    AccuracyEstimate,
     Bounded,
     Discrepancy,
-    Estimate,
     Shots,
     Strata,
     assess,
@@ -153,7 +153,7 @@ def _content(found: Accuracy, wanted: list[dict[str, Any]], strata: Strata | Non
     return content
 
 
-def _estimate(estimate: Estimate, names: tuple[str, ...]) -> dict[str, Any]:
+def _estimate(estimate: AccuracyEstimate, names: tuple[str, ...]) -> dict[str, Any]:
     return {
         "mean": {name: asdict(item) for name, item in zip(names, estimate.mean, strict=True)},
         "spread": {name: asdict(item) for name, item in zip(names, estimate.spread, strict=True)},

@@ -17,16 +17,17 @@ from rich.table import Table
 from hybrid_sysid_ros import report
 from hybrid_sysid_ros.commands.terminal import Seed, console, print_table, status
 from hybrid_sysid_ros.extensions.accuracy.mockup import Found, Setup, mockup
-from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import Fired, Range, batches
+from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import MonteCarloRuns, Range, batches
 from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows
 from hybrid_sysid_ros.extensions.accuracy.report.mockup_page import parameter_rows, write_mockup
 from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy
 from hybrid_sysid_ros.rigs.rig import default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
+from hybrid_sysid_ros.support.arrays import NamedArrays
 from hybrid_sysid_ros.support.cluster import Cluster
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
 from hybrid_sysid_ros.support.files import check_file, make_folder, written_file
-from hybrid_sysid_ros.support.parallel import Arrays, Lost, Store, Workers, resumed, workers_for
+from hybrid_sysid_ros.support.parallel import Lost, Store, Workers, resumed, workers_for
 from hybrid_sysid_ros.support.progress import progress_bars
 
 BATCH = 5
@@ -95,9 +96,9 @@ class Fleet:
     jobs: int
     cluster: str
 
-    def fire(self, where: Range, count: int, name: str) -> Fired:
+    def fire(self, where: Range, count: int, name: str) -> MonteCarloRuns:
         """So many shots. Raises UserError where processes are lost again and again."""
-        store: Store[Arrays] = Store(self.folder, json.dumps(where.content(), sort_keys=True, default=repr))
+        store: Store[NamedArrays] = Store(self.folder, json.dumps(where.content(), sort_keys=True, default=repr))
         items, found = list(batches(count, BATCH)), {}
         with self._workers(where) as crew, progress_bars(status) as update:
             for numbers_of, result, _ in resumed(crew, items, store=store, finish=True):
@@ -106,9 +107,9 @@ class Fleet:
                 found[numbers_of] = result
                 update(name, min(BATCH * len(found), count), count)
         rows = {key: np.concatenate([found[item][key] for item in items]) for key in found[items[0]]}
-        return Fired(where=where, miss=rows["miss"], rmse=rows["rmse"], sound=rows["sound"])
+        return MonteCarloRuns(where=where, miss=rows["miss"], rmse=rows["rmse"], sound=rows["sound"])
 
-    def _workers(self, work: Callable[[tuple[int, ...]], Arrays]) -> Workers[tuple[int, ...], Arrays]:
+    def _workers(self, work: Callable[[tuple[int, ...]], NamedArrays]) -> Workers[tuple[int, ...], NamedArrays]:
         if self.cluster:
             return Cluster(work, self.cluster, jobs=self.jobs, tell=status.print)
         return workers_for(work, jobs=self.jobs, tell=status.print)

@@ -3,8 +3,8 @@
 from hybrid_sysid_ros.extensions.accuracy.statistics.discrepancy import Conflict, Discrepancy, conflict
 from hybrid_sysid_ros.extensions.accuracy.statistics.estimate import (
     Accuracy,
+    AccuracyEstimate,
     Bounded,
-    Estimate,
     assess,
     estimate,
     fewest,
@@ -16,10 +16,10 @@ from hybrid_sysid_ros.extensions.accuracy.statistics.strata import Strata
 
 __all__ = [
     "Accuracy",
+    "AccuracyEstimate",
     "Bounded",
     "Conflict",
     "Discrepancy",
-    "Estimate",
     "NormalInverseWishart",
     "Shots",
     "Strata",

@@ -42,7 +42,7 @@ class Bounded:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Estimate:
+class AccuracyEstimate:
     """What is known of the accuracy."""
 
     posterior: NormalInverseWishart
@@ -58,7 +58,7 @@ class Estimate:
 
 def estimate(
     posterior: NormalInverseWishart, level: float, generator: np.random.Generator, *, circle: bool
-) -> Estimate:
+) -> AccuracyEstimate:
     """Medians and central intervals of probability ``level``; the last two from DRAWS draws of the covariance.
 
     circle: whether to tell the circular error probable, which needs two coordinates of one unit.
@@ -72,7 +72,7 @@ def estimate(
     means, spreads = posterior.mean_interval(level), posterior.spread_interval(level)
     drawn = posterior.covariances(DRAWS, generator) if d > 1 else np.empty((0, 1, 1))
     pairs = {(i, j): drawn[:, i, j] / np.sqrt(drawn[:, i, i] * drawn[:, j, j]) for i, j in combinations(range(d), 2)}
-    return Estimate(
+    return AccuracyEstimate(
         posterior=posterior,
         mean=tuple(map(bounded, means[0], posterior.centre, means[1])),
         spread=tuple(map(bounded, spreads[0], posterior.spread(), spreads[1])),
@@ -90,9 +90,9 @@ class Accuracy:
     discrepancy: Discrepancy
     level: float
     prior: NormalInverseWishart
-    joint: Estimate
-    live_only: Estimate
-    simulated_only: Estimate
+    joint: AccuracyEstimate
+    live_only: AccuracyEstimate
+    simulated_only: AccuracyEstimate
     conflict: Conflict
 
     @property
@@ -154,7 +154,7 @@ def assess(simulated: Shots, live: Shots, discrepancy: Discrepancy, *, level: fl
     generator = np.random.default_rng(seed)
     circle = d == 2 and len({*live.units}) == 1
 
-    def told(posterior: NormalInverseWishart) -> Estimate:
+    def told(posterior: NormalInverseWishart) -> AccuracyEstimate:
         return estimate(posterior, level, generator, circle=circle)
 
     return Accuracy(

@@ -12,7 +12,7 @@ import pytest
 
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.accuracy.mockup import Setup
-from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import Fired, Range, drawn
+from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import MonteCarloRuns, Range, drawn
 from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy, assess
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.rigs import rig as rigs
@@ -54,9 +54,9 @@ def exact(sled: Rig) -> Model:
     )
 
 
-def fired(where: Range, count: int) -> Fired:
+def fired(where: Range, count: int) -> MonteCarloRuns:
     rows = where(range(count))
-    return Fired(where=where, miss=rows["miss"], rmse=rows["rmse"], sound=rows["sound"])
+    return MonteCarloRuns(where=where, miss=rows["miss"], rmse=rows["rmse"], sound=rows["sound"])
 
 
 def test_a_shot_repeats_by_its_number_whatever_was_fired_before(sled, exact):
@@ -92,7 +92,7 @@ def test_shots_of_a_loop_that_ran_away_are_told_in_a_line(sled, exact):
     where = Range(rig=sled, model=exact, schedule=sled.schedule(), seed=1)
     miss = np.array([[0.1, 0.2], [np.nan, 0.1], [np.inf, 0.3]])
     with pytest.raises(UserError, match=r"live: 2 of 3 shots ended in no numbers.* of moves.* \S*rig\.yaml"):
-        Fired(where=where, miss=miss, rmse=miss, sound=np.isfinite(miss)).shots("live")
+        MonteCarloRuns(where=where, miss=miss, rmse=miss, sound=np.isfinite(miss)).shots("live")
 
 
 def test_parameters_are_drawn_by_their_covariance_and_kept_in_their_bounds(exact):

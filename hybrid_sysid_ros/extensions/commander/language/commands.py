@@ -58,7 +58,7 @@ class Move(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Look(Command):
+class PictureTarget(Command):
     """Where a picture shows the rig; a :class:`Move` once somebody has looked at it."""
 
     name: str

@@ -7,13 +7,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
-from hybrid_sysid_ros.extensions.commander.language.commands import Goal, Look, Move
+from hybrid_sysid_ros.extensions.commander.language.commands import Goal, Move, PictureTarget
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 
 
-class PictureReader(Protocol):
+class ReadsPictures(Protocol):
     """What an extension provides that reads pictures."""
 
     @property
@@ -35,11 +35,11 @@ class Eyes:
     """Of the layers, those that are shipped by default."""
 
     @cached_property
-    def reader(self) -> PictureReader:
+    def reader(self) -> ReadsPictures:
         """Raises UserError where there are no layers of the rig, or nothing that reads pictures is installed."""
         if not (targets := list(extensions.targets("pictures").values())):
             raise UserError("no extension that reads pictures is installed: name a value instead")
-        made: PictureReader = extensions.loaded(targets[0])(self.vocabulary.rig, self.folder)
+        made: ReadsPictures = extensions.loaded(targets[0])(self.vocabulary.rig, self.folder)
         return made
 
     @cached_property
@@ -52,7 +52,7 @@ class Eyes:
                 return k
         raise UserError(f"pictures show the position of {joint}, and the controller does not steer that")
 
-    def move(self, command: Look) -> Move:
+    def move(self, command: PictureTarget) -> Move:
         """What a picture asks for. Raises UserError where it does not show the rig as the layers know it."""
         position = self.reader.position(command.path, command.name)
         goal = Goal(output=self.output, value=float(position / self.vocabulary.outputs[self.output].scale))

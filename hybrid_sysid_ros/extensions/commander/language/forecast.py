@@ -11,7 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
 from hybrid_sysid_ros.control.controller import Status
-from hybrid_sysid_ros.extensions.commander.language.plan import JUMP, Ability, Plan
+from hybrid_sysid_ros.extensions.commander.language.plan import JUMP, Ability, ReferencePlan
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.validity import check_valid
@@ -88,7 +88,7 @@ class Simulator:
         rest = np.array([actuator.rest for actuator in self.rig.actuators])
         return Start(state=np.zeros(states), inputs=rest, disturbance=np.zeros(inputs))
 
-    def simulate(self, plan: Plan, start: Start, *, duration: float) -> ClosedLoop:
+    def simulate(self, plan: ReferencePlan, start: Start, *, duration: float) -> ClosedLoop:
         """The loop along a plan."""
         plant = predicted_plant(self.rig, self.model.system, disturbance=start.disturbance)
         plant.reset(start.state, inputs=start.inputs)
@@ -117,18 +117,18 @@ class Simulator:
         times = np.array([0.0, seconds, seconds + JUMP, 2.0 * seconds])
         values = np.zeros((4, len(self.rig.sensors)))
         values[:, k] = high, high, low, low
-        loop = self.simulate(Plan(times=times, values=values, jumps=True), self.rest, duration=2.0 * seconds)
+        loop = self.simulate(ReferencePlan(times=times, values=values, jumps=True), self.rest, duration=2.0 * seconds)
         shown = self.rig.display[k].shown(loop.outputs[:, k])
         period = float(loop.time[1] - loop.time[0])
         return np.array([np.abs(np.diff(shown, n)).max() / period**n for n in (1, 2)])
 
-    def forecast(self, plan: Plan, start: Start) -> Forecast:
+    def forecast(self, plan: ReferencePlan, start: Start) -> Forecast:
         """What the plan comes to from a start."""
         loop = self.simulate(plan, start, duration=max(plan.duration + SETTLING * self.horizon, 2.0 * self.horizon))
         values = self._values(plan, loop)
         return Forecast(loop=loop, refusal=self._refusal(plan, loop), values=values)
 
-    def _values(self, plan: Plan, loop: ClosedLoop) -> dict[str, float]:
+    def _values(self, plan: ReferencePlan, loop: ClosedLoop) -> dict[str, float]:
         found = {"seconds": plan.duration}
         for k, (item, actuator) in enumerate(zip(self.rig.system.inputs, self.rig.actuators, strict=True)):
             applied = loop.inputs[:, k]
@@ -146,7 +146,7 @@ class Simulator:
             found["answers without a sound plan [%]"] = 100.0 * unsound / len(loop.time)
         return found
 
-    def _refusal(self, plan: Plan, loop: ClosedLoop) -> str:
+    def _refusal(self, plan: ReferencePlan, loop: ClosedLoop) -> str:
         if not (np.isfinite(loop.outputs).all() and np.isfinite(loop.inputs).all()):
             return "its simulation ends in no numbers: say something gentler"
         outputs = set_point_ranges(self.rig)

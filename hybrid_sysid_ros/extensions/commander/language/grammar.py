@@ -11,8 +11,8 @@ from hybrid_sysid_ros.extensions.commander.language.commands import (
     Follow,
     Goal,
     Home,
-    Look,
     Move,
+    PictureTarget,
     Repeat,
     Sentence,
     Swing,
@@ -124,7 +124,7 @@ class _Reader:
         if self.pace and seconds:
             raise UserError(f"{self.pace} and a time contradict one another: leave one out")
         name = names.pop()
-        return Look(name=name, path=self.files.find(name), pace=self.pace, seconds=seconds, hold=hold or 0.0)
+        return PictureTarget(name=name, path=self.files.find(name), pace=self.pace, seconds=seconds, hold=hold or 0.0)
 
     def hold(self) -> Command:
         seconds = self.seconds(words.FOR)

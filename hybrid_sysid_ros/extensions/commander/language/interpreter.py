@@ -8,11 +8,11 @@ import numpy as np
 
 from hybrid_sysid_ros.extensions.commander.language import grammar
 from hybrid_sysid_ros.extensions.commander.language.command_interface import Reply
-from hybrid_sysid_ros.extensions.commander.language.commands import Command, Look, Repeat, Sentence
+from hybrid_sysid_ros.extensions.commander.language.commands import Command, PictureTarget, Repeat, Sentence
 from hybrid_sysid_ros.extensions.commander.language.eyes import Eyes
 from hybrid_sysid_ros.extensions.commander.language.files import Files
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast, Simulator, Start
-from hybrid_sysid_ros.extensions.commander.language.plan import Plan, plan_of
+from hybrid_sysid_ros.extensions.commander.language.plan import ReferencePlan, plan_of
 from hybrid_sysid_ros.extensions.commander.language.sentence import MOST
 from hybrid_sysid_ros.extensions.commander.language.telling import told
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
@@ -43,7 +43,7 @@ class Interpreter:
     def read(self, text: str) -> Sentence:
         """The commands of a text. Raises UserError for one that is not understood."""
         sentence = grammar.read(text, self.vocabulary, self.files)
-        if not any(isinstance(command, Repeat | Look) for command in sentence.commands):
+        if not any(isinstance(command, Repeat | PictureTarget) for command in sentence.commands):
             return sentence
         parts = tuple(part for item in sentence.commands for part in self._unfolded(item))
         if len(parts) > MOST:
@@ -52,7 +52,7 @@ class Interpreter:
 
     def _unfolded(self, command: Command) -> tuple[Command, ...]:
         """What a command stands for."""
-        if isinstance(command, Look):
+        if isinstance(command, PictureTarget):
             return (self.eyes.move(command),)
         if not isinstance(command, Repeat):
             return (command,)
@@ -60,14 +60,14 @@ class Interpreter:
             raise UserError("nothing was carried out yet that could be repeated: say what to do")
         return self.last.commands
 
-    def plan(self, sentence: Sentence, reference: Array) -> Plan:
+    def plan(self, sentence: Sentence, reference: Array) -> ReferencePlan:
         """The plan of commands from references (outputs,), as they are shown. Raises UserError for what the rig can't
         reach.
         """
         ability = self.simulator.ability
         return plan_of(sentence.commands, reference, self.vocabulary, ability, stops=sentence.stops)
 
-    def forecast(self, plan: Plan, start: Start) -> Forecast:
+    def forecast(self, plan: ReferencePlan, start: Start) -> Forecast:
         """What a plan comes to. Raises UserError where it is refused."""
         found = self.simulator.forecast(plan, start)
         if found.refusal:

@@ -46,7 +46,7 @@ class Ability:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Plan:
+class ReferencePlan:
     """References between points, straight lines between them, the last one held; outputs as they are shown."""
 
     times: Array
@@ -70,7 +70,7 @@ class Plan:
 
 def plan_of(
     commands: Sequence[Command], start: Array, vocabulary: Vocabulary, ability: Ability, *, stops: bool = False
-) -> Plan:
+) -> ReferencePlan:
     """The plan of commands that begins at references ``start`` (outputs,), as they are shown.
 
     Raises UserError for values, speeds and accelerations that the rig can't reach, and for plans that are too long.
@@ -102,8 +102,8 @@ class _Draft:
         if len(self.times) > POINTS:
             raise UserError(f"the plan needs {len(self.times)} points: {POINTS} at most, say less or in parts")
 
-    def plan(self, *, stops: bool) -> Plan:
-        return Plan(times=np.array(self.times), values=np.stack(self.values), jumps=self.jumps, stops=stops)
+    def plan(self, *, stops: bool) -> ReferencePlan:
+        return ReferencePlan(times=np.array(self.times), values=np.stack(self.values), jumps=self.jumps, stops=stops)
 
     def point(self, seconds: float) -> None:
         """Be at ``here`` so long after the last point."""

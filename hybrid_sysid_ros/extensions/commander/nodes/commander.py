@@ -21,7 +21,7 @@ from std_srvs.srv import SetBool, Trigger
 from hybrid_sysid_ros.extensions.commander.language.commands import Sentence
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast, Start
 from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpreter
-from hybrid_sysid_ros.extensions.commander.language.plan import Plan
+from hybrid_sysid_ros.extensions.commander.language.plan import ReferencePlan
 from hybrid_sysid_ros.extensions.commander.language.sentence import says_stop
 from hybrid_sysid_ros.extensions.commander.nodes.configured_interpreter import ConfiguredInterpreter, give_way
 from hybrid_sysid_ros.extensions.commander.nodes.loop_monitor import HEARS, LoopMonitor
@@ -41,11 +41,11 @@ JUST = 0.5  # s, that the beginning of a plan may take
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Ready:
+class ReadyCommand:
     """A command that has passed."""
 
     sentence: Sentence
-    plan: Plan
+    plan: ReferencePlan
     forecast: Forecast
     since: float
     """When it passed, in steady time [s]."""
@@ -68,8 +68,8 @@ class CommanderNode(RigNode):
     HEARS = ("command_text", *HEARS)
 
     def __init__(self, **options: Any) -> None:
-        self.ready: Ready | None = None
-        self.running: Ready | None = None
+        self.ready: ReadyCommand | None = None
+        self.running: ReadyCommand | None = None
         self.checking = ""
         self.stops = self.refused = self.carried_out = 0
         self.stopped = self.armed = False
@@ -168,7 +168,7 @@ class CommanderNode(RigNode):
         """Where a plan begins (outputs,): at the reference, or, after a stop, where the outputs are."""
         return self.monitor.shown_outputs() if self.stopped else self.monitor.reference()
 
-    def check(self, interpreter: Interpreter, sentence: Sentence, plan: Plan, start: Start, turn: int) -> None:
+    def check(self, interpreter: Interpreter, sentence: Sentence, plan: ReferencePlan, start: Start, turn: int) -> None:
         """Simulate a plan; runs in a thread of its own."""
         give_way()
         try:
@@ -184,13 +184,15 @@ class CommanderNode(RigNode):
             self.checking = ""
             self.refuse(sentence.text, error)
 
-    def passed(self, interpreter: Interpreter, sentence: Sentence, plan: Plan, forecast: Forecast, turn: int) -> None:
+    def passed(
+        self, interpreter: Interpreter, sentence: Sentence, plan: ReferencePlan, forecast: Forecast, turn: int
+    ) -> None:
         """The simulation says yes: carry it out, or wait for somebody to confirm it."""
         with self._lock:
             if turn != self.turn:
                 return  # stopped meanwhile
             self.checking = ""
-            self.ready = Ready(sentence=sentence, plan=plan, forecast=forecast, since=monotonic())
+            self.ready = ReadyCommand(sentence=sentence, plan=plan, forecast=forecast, since=monotonic())
             self.planned.publish(self.writer.forecast(forecast))
             words = f"{interpreter.told(sentence)}: {forecast.line}"
             if not self.armed:
@@ -222,7 +224,7 @@ class CommanderNode(RigNode):
         self.set_points.publish(self.writer.set_point(plan))
         self.stopped = self.staying = False
         self.ready, interpreter.last = None, ready.sentence
-        self.running = Ready(sentence=ready.sentence, plan=plan, forecast=ready.forecast, since=monotonic())
+        self.running = ReadyCommand(sentence=ready.sentence, plan=plan, forecast=ready.forecast, since=monotonic())
         self.begun = self.monitor.stamp
         self.carried_out += 1
         words = f"{interpreter.told(ready.sentence)}: {ready.forecast.line}"
@@ -275,7 +277,7 @@ class CommanderNode(RigNode):
         """Let the reference stay where the outputs are."""
         with suppress(UserError):  # without estimates nothing says where that is
             here = self.monitor.shown_outputs()
-            self.set_points.publish(self.writer.set_point(Plan(times=np.zeros(1), values=here[None])))
+            self.set_points.publish(self.writer.set_point(ReferencePlan(times=np.zeros(1), values=here[None])))
 
     def call(self, client: Client) -> None:
         """Call a service of the controller and wait for its answer, where another thread hears it. Raises UserError

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.commander.language.forecast import Start
-from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.managed import ManagedNode
-from hybrid_sysid_ros.nodes.messages import Joints, Trajectory
+from hybrid_sysid_ros.nodes.messages import JointStates, TrajectoryMessage
 from hybrid_sysid_ros.nodes.preview import Preview
+from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, Slots
 from hybrid_sysid_ros.nodes.subscriptions import Collector
 from hybrid_sysid_ros.nodes.topics import TYPES
 from hybrid_sysid_ros.nodes.validation import MessageValidator
@@ -34,7 +34,7 @@ class LoopMonitor:
         self.validators = {
             topic: MessageValidator(TYPES[topic], steady=monotonic_ns, silence=silence) for topic in HEARS
         }
-        layout = Layout(rig, rig.system)
+        layout = SignalLayout(rig, rig.system)
         self.outputs, self.inputs = Slots(layout.outputs), Slots(layout.inputs)
         self.scales = np.array([display.scale for display in rig.display])
         self.newest: dict[str, Any] = {}
@@ -60,11 +60,11 @@ class LoopMonitor:
         estimate = self.newest.get("state_estimate")
         return 0 if estimate is None else int(estimate.stamp)
 
-    def _estimate(self) -> Joints:
+    def _estimate(self) -> JointStates:
         found = self.newest.get("state_estimate")
         if found is None:
             raise UserError("no estimate has come yet: is the loop running?")
-        return Joints(*found)
+        return JointStates(*found)
 
     def shown_outputs(self) -> Array:
         """The estimated outputs (outputs,), as they are shown. Raises UserError where there is no estimate."""
@@ -79,7 +79,9 @@ class LoopMonitor:
         message = self.newest.get("reference")
         if message is None:
             raise UserError("no reference is published yet: is the loop running, and its reference node?")
-        preview = Preview.of(Trajectory(*message), self.validators["reference"], self.outputs, self.tracked, self.stamp)
+        preview = Preview.of(
+            TrajectoryMessage(*message), self.validators["reference"], self.outputs, self.tracked, self.stamp
+        )
         if preview is None:
             raise UserError("the reference makes no sense: see the controller's diagnostics")
         found: Array = preview.at(np.array([self.stamp]))[0] / self.scales
@@ -87,7 +89,7 @@ class LoopMonitor:
 
     def start(self, system: System) -> Start:
         """The state of a model (n,), the inputs, and their offsets. Raises UserError where they are no numbers."""
-        estimate, layout = self._estimate(), Layout(self.rig, system)
+        estimate, layout = self._estimate(), SignalLayout(self.rig, system)
         states, offsets = Slots(layout.states), Slots(layout.inputs)
         state, offset = (np.array(slots.read(estimate.names, estimate.lists)) for slots in (states, offsets))
         command = self.newest.get("joint_command")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast
-from hybrid_sysid_ros.extensions.commander.language.plan import Plan
+from hybrid_sysid_ros.extensions.commander.language.plan import ReferencePlan
 from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
-from hybrid_sysid_ros.nodes.layout import Layout, Slots
 from hybrid_sysid_ros.nodes.messages import SECOND
+from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, Slots
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import defaults
 from hybrid_sysid_ros.support.arrays import Array
@@ -21,7 +21,7 @@ class PlanWriter:
 
     def __init__(self, rig: Rig, signature: str) -> None:
         """signature: frame_id of the messages."""
-        layout = Layout(rig, rig.system)
+        layout = SignalLayout(rig, rig.system)
         self.tracked = np.array(defaults(rig, "controller")["output_weight"]) > 0.0
         """Which outputs have references (outputs,)."""
         self._signature = signature
@@ -29,7 +29,7 @@ class PlanWriter:
         self._referred = Slots([place for place, one in zip(layout.outputs, self.tracked, strict=True) if one])
         self._predicted = Slots([*layout.outputs, *layout.inputs])
 
-    def set_point(self, plan: Plan) -> bytes:
+    def set_point(self, plan: ReferencePlan) -> bytes:
         """References of the tracked outputs, in SI."""
         rows = (plan.values * self._scales)[:, self.tracked]
         return TrajectoryWriter(self._referred, _offsets(plan.times), self._signature).pack(0, rows.tolist())

@@ -10,7 +10,7 @@ import pytest
 
 from hybrid_sysid_ros.extensions.commander.language import grammar, units
 from hybrid_sysid_ros.extensions.commander.language.files import Files
-from hybrid_sysid_ros.extensions.commander.language.plan import Ability, Plan, needed, plan_of
+from hybrid_sysid_ros.extensions.commander.language.plan import Ability, ReferencePlan, needed, plan_of
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary, slips
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
@@ -19,7 +19,7 @@ BEAM = Vocabulary.of(rigs.load("cam_beam"))
 FAST = Ability(speed=np.array([1e3]), acceleration=np.array([1e5]))
 
 
-def plan(text: str, ability: Ability = FAST, folder: str = "", start: float = 0.0) -> Plan:
+def plan(text: str, ability: Ability = FAST, folder: str = "", start: float = 0.0) -> ReferencePlan:
     sentence = grammar.read(text, BEAM, Files(folder=folder))
     return plan_of(sentence.commands, np.array([start]), BEAM, ability, stops=sentence.stops)
 

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.commander import texts
 from hybrid_sysid_ros.extensions.commander.language.commands import Repeat
-from hybrid_sysid_ros.extensions.commander.language.plan import Ability, Plan, plan_of
+from hybrid_sysid_ros.extensions.commander.language.plan import Ability, ReferencePlan, plan_of
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.support.errors import UserError
@@ -25,7 +25,7 @@ class Reading:
         highest = np.array([output.high for output in self.vocabulary.outputs])
         self.ability = Ability(speed=3.0 * highest, acceleration=30.0 * highest)
 
-    def plan(self, text: str) -> Plan | None:
+    def plan(self, text: str) -> ReferencePlan | None:
         try:
             sentence = self.grammar.read(text, self.vocabulary)
             if sentence.is_stop or any(isinstance(item, Repeat) for item in sentence.commands):

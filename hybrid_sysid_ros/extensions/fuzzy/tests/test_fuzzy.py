@@ -18,7 +18,7 @@ from hybrid_sysid_ros.extensions.fuzzy.memberships import memberships
 from hybrid_sysid_ros.extensions.fuzzy.rule_selection import select_rules
 from hybrid_sysid_ros.extensions.fuzzy.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.extensions.fuzzy.tuning import tuned
-from hybrid_sysid_ros.identification import Experiment
+from hybrid_sysid_ros.identification import PreparedRecord
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.support.errors import UserError
@@ -40,7 +40,7 @@ def short(rows):
     """The first rows of a record."""
     inputs, outputs = np.random.default_rng(0).uniform(-1, 1, (rows, 1)), np.zeros((rows + 1, 1))
     outputs[1:] = inputs
-    return Experiment(
+    return PreparedRecord(
         name="short", sampling=Sampling(step=0.05, period=0.05), inputs=inputs, outputs=outputs, states=outputs
     )
 
@@ -111,7 +111,7 @@ def test_rules_that_made_the_data_are_found_again():
     )  # fmt: skip
     inputs = np.random.default_rng(1).uniform(-1, 1, (500, 1))
     outputs = simulate(truth, np.zeros(1), inputs, step=0.05)
-    item = Experiment(
+    item = PreparedRecord(
         name="own", sampling=Sampling(step=0.05, period=0.05), inputs=inputs, outputs=outputs, states=outputs
     )
     found = tuned(select_rules([item], rules=2, premises=(0,), **SIGNALS), [item]).system
@@ -125,7 +125,7 @@ def test_growth_ends_where_a_line_is_enough():
     y = np.zeros((601, 1))
     for k in range(600):
         y[k + 1] = 0.5 * y[k] + inputs[k] + 0.1 * random.normal()
-    item = Experiment(name="line", sampling=Sampling(step=0.05, period=0.05), inputs=inputs, outputs=y, states=y)
+    item = PreparedRecord(name="line", sampling=Sampling(step=0.05, period=0.05), inputs=inputs, outputs=y, states=y)
     assert select_rules([item], **SIGNALS).rules == 1
 
 

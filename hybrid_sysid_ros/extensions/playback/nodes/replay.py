@@ -32,14 +32,14 @@ from hybrid_sysid_ros.nodes.estimator import EstimatorNode
 from hybrid_sysid_ros.nodes.validation import MessageValidator
 from hybrid_sysid_ros.support.errors import UserError
 
-Kind = TypeVar("Kind", bound=RigNode)
+_Kind = TypeVar("_Kind", bound=RigNode)
 HEARD = ("joint_states", "reference", "state_estimate")
 CHANGES = "/parameter_events"
 Change = tuple[int, list[Parameter]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Order:
+class ReplayTask:
     """What is to be replayed."""
 
     bag: str
@@ -75,7 +75,7 @@ class Replay:
     An estimate reaches the controller when the recorded one did, so that references come between as they did.
     """
 
-    def __init__(self, context: Context, order: Order) -> None:
+    def __init__(self, context: Context, order: ReplayTask) -> None:
         """Raises UserError when a parameter is not as nodes.yaml says, or a folder cannot be loaded."""
         self.estimator = _made(EstimatorNode, context, order.namespace, order.estimator)
         self.controller = _made(ControllerNode, context, order.namespace, order.controller)
@@ -110,7 +110,7 @@ class Replay:
             self._tell(self.controller, self.controller.entry, self.controller.on_estimate, logged, estimate)
         yield from (("joint_command", command) for command in self.commands.taken())
 
-    def foresee(self, bag: Bag, order: Order) -> None:
+    def foresee(self, bag: Bag, order: ReplayTask) -> None:
         """Learn what was changed while the bag was recorded. By the new values a node gave the first answer that lies
         behind the change, whenever what it answers had come.
         """
@@ -149,12 +149,12 @@ class Replay:
             callback(message)
 
 
-def _made(kind: Callable[..., Kind], context: Context, namespace: str, values: Mapping[str, Any]) -> Kind:
+def _made(kind: Callable[..., _Kind], context: Context, namespace: str, values: Mapping[str, Any]) -> _Kind:
     overrides = [Parameter(name, value=value) for name, value in values.items()]
     return kind(context=context, namespace=namespace, parameter_overrides=overrides)
 
 
-def replay(order: Order) -> None:
+def replay(order: ReplayTask) -> None:
     """Replay a bag into another. Raises UserError where it is damaged or lacks a topic, or a node can't be made."""
     topics = {f"{order.namespace}/{topic}": topic for topic in HEARD}
     with opened(order.bag, recover=order.recover) as bag, BagWriter(order.out, replace=True) as out:
@@ -178,11 +178,11 @@ def replay(order: Order) -> None:
 
 
 def main() -> int:
-    """Replay what the argument says, an :class:`Order` in JSON; return the exit status, 2 for what is wrong in it."""
+    """Replay what the argument says, a :class:`ReplayTask` in JSON; return the exit status, 2 where it is wrong."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that nothing half-written is left
     middleware.prepare()
     try:
-        replay(Order(**json.loads(sys.argv[1])))
+        replay(ReplayTask(**json.loads(sys.argv[1])))
     except UserError as error:
         print(f"error: {error}", file=sys.stderr, flush=True)
         return 2

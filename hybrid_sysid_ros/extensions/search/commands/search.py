@@ -12,7 +12,7 @@ from rich.table import Table
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
-from hybrid_sysid_ros.extensions.search.search import Evaluate, Objective, Outcome, named, search
+from hybrid_sysid_ros.extensions.search.search import Evaluate, Objective, TrialResult, named, search
 from hybrid_sysid_ros.extensions.search.study import Evaluation, Study, opened
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.models import Options
@@ -43,8 +43,8 @@ def command(
     folds: Annotated[int, typer.Option(help="Groups in which parts of the bags are held out in turn.", min=2)] = 3,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for a model with the best options.")] = None,
     rig: terminal.RigName = "",
-    input_handling: terminal.InputHandling = "averaged",
-    step: terminal.Step = 0.005,
+    input_handling: terminal.InputHandlingOption = "averaged",
+    step: terminal.StepOption = 0.005,
     period: terminal.Period = 0.05,
     part: terminal.PartText = "0:1",
     seed: terminal.Seed = 0,
@@ -87,7 +87,7 @@ def command(
         console.print(f"{out}: {structure} with the options of trial {best.number}, from {len(bag)} records")
 
 
-def workers(objective: Objective, cluster: str, jobs: int) -> Workers[tuple[int, Options], Outcome]:
+def workers(objective: Objective, cluster: str, jobs: int) -> Workers[tuple[int, Options], TrialResult]:
     """Those that the command line asks for."""
     work = Evaluate(objective=objective)
     if cluster:
@@ -95,7 +95,7 @@ def workers(objective: Objective, cluster: str, jobs: int) -> Workers[tuple[int,
     return Processes(work, jobs=jobs, tell=status.print, name=named)
 
 
-def run(study: Study, found: Workers[tuple[int, Options], Outcome], trials: int, timeout: float | None) -> None:
+def run(study: Study, found: Workers[tuple[int, Options], TrialResult], trials: int, timeout: float | None) -> None:
     """Search with a progress bar, and a line for each trial that is better than all before it or fails."""
     with progress_bars(status) as update:
         best = max((trial.outcome.score for trial in study.ranking), default=-math.inf)

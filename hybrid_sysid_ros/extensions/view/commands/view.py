@@ -16,7 +16,8 @@ from hybrid_sysid_ros.extensions.view.companion import PORT, Port, address
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import processes
 from hybrid_sysid_ros.runtime.run import interruptible
-from hybrid_sysid_ros.runtime.session import READY_TIMEOUT, Session, Tell
+from hybrid_sysid_ros.runtime.session import READY_TIMEOUT, Session
+from hybrid_sysid_ros.support.progress import Report
 
 
 def command(
@@ -34,7 +35,7 @@ def command(
     view(rig=rig or rigs.default(), port=port, tell=status.print, show=show)
 
 
-def view(*, rig: str, port: int, show: Callable[[str], None], domain: int | None = None, tell: Tell = print) -> None:
+def view(*, rig: str, port: int, show: Callable[[str], None], domain: int | None = None, tell: Report = print) -> None:
     """Show a rig that others run on a page, until an interrupt. show: gets the page's address. Raises UserError without
     ROS, where the port is taken, and where the view ended early.
     """

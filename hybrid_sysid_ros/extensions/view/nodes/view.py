@@ -23,21 +23,21 @@ from hybrid_sysid_ros.extensions.view.requests import (
     CURVE,
     POINTS,
     SERVICES,
-    Call,
-    Experiment,
     Fault,
-    Offer,
-    Policy,
+    PolicyChoice,
+    ReferenceRequest,
     Request,
-    SetPoint,
+    RequestMenu,
+    ServiceCall,
+    SetPointRequest,
 )
 from hybrid_sysid_ros.extensions.view.tables import Cursor, Tables
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
 from hybrid_sysid_ros.nodes.diagnostics import Task
-from hybrid_sysid_ros.nodes.layout import Layout, Place, Slots
-from hybrid_sysid_ros.nodes.messages import SECOND, Joints, Trajectory
+from hybrid_sysid_ros.nodes.messages import SECOND, JointStates, TrajectoryMessage
 from hybrid_sysid_ros.nodes.process import announce, run
+from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, SignalPlace, Slots
 from hybrid_sysid_ros.nodes.subscriptions import Collector
 from hybrid_sysid_ros.nodes.topics import TYPES
 from hybrid_sysid_ros.nodes.validation import MessageValidator
@@ -66,8 +66,8 @@ class ViewNode(RigNode):
 
     def configure(self) -> None:
         rig, settings = self.rig, self.settings
-        self.drawing, self.offered = Drawing(rig), Offer.of(rig, KINDS)
-        layout = Layout(rig, rig.system)
+        self.drawing, self.offered = Drawing(rig), RequestMenu.of(rig, KINDS)
+        layout = SignalLayout(rig, rig.system)
         outputs, inputs = len(layout.outputs), len(layout.inputs)
         self.scales = np.array([output.scale for output in self.offered.outputs])
         self.tracked = [k for k, output in enumerate(self.offered.outputs) if output.tracked]
@@ -75,7 +75,7 @@ class ViewNode(RigNode):
         self.integrated = np.array([not rig.joints.joints[name].position for name in self.drawing.joints], dtype=bool)
         """Whether a joint has no position in messages, so that its velocity is added up."""
         joints = [
-            Place(name, "velocity" if integrated else "position")
+            SignalPlace(name, "velocity" if integrated else "position")
             for name, integrated in zip(self.drawing.joints, self.integrated, strict=True)
         ]
         self.estimated = Slots([*layout.outputs, *layout.inputs, *joints])
@@ -175,7 +175,7 @@ class ViewNode(RigNode):
             if said is not None:
                 self._diagnose(said)
 
-    def _joints(self, topic: str) -> Sequence[tuple[Joints, int]]:
+    def _joints(self, topic: str) -> Sequence[tuple[JointStates, int]]:
         """What has come of joints, of the one publisher that is heard, and when it was published."""
         validator, found = self.validators[topic], []
         for data, published in self.collectors[topic].fetch():
@@ -185,7 +185,7 @@ class ViewNode(RigNode):
                 found.append((joints, published))
         return found
 
-    def _measure(self, joints: Joints, published: int) -> None:
+    def _measure(self, joints: JointStates, published: int) -> None:
         values = self.validators["joint_states"].read(joints, self.measured)
         if values is None:
             return
@@ -196,7 +196,7 @@ class ViewNode(RigNode):
         shown = np.divide(values[:outputs], self.scales)
         self.tables.tables["measured"].add([time, *shown.tolist(), *values[outputs:]])
 
-    def _estimate(self, joints: Joints) -> None:
+    def _estimate(self, joints: JointStates) -> None:
         values = self.validators["state_estimate"].read(joints, self.estimated)
         if values is None:
             return
@@ -210,7 +210,7 @@ class ViewNode(RigNode):
         row = [time, *shown.tolist(), *values[outputs : len(self.measured)], *self.positions.tolist()]
         self.tables.tables["estimate"].add(row)
 
-    def _command(self, joints: Joints, published: int) -> None:
+    def _command(self, joints: JointStates, published: int) -> None:
         values = self.validators["joint_command"].read(joints, self.commanded)
         if values is None:
             return
@@ -219,7 +219,7 @@ class ViewNode(RigNode):
         if joints.stamp:
             self.tables.tables["command"].add([self.tables.time(joints.stamp), *values, delay])
 
-    def _trajectories(self, topic: str) -> Sequence[Trajectory]:
+    def _trajectories(self, topic: str) -> Sequence[TrajectoryMessage]:
         """What has come of trajectories, of the one publisher that is heard."""
         validator, found = self.validators[topic], []
         for data, _ in self.collectors[topic].fetch():
@@ -237,7 +237,7 @@ class ViewNode(RigNode):
         self.preview, self.epoch = rows, self.tables.epoch
         self.tables.replace("reference", rows)
 
-    def _rows(self, message: Trajectory, slots: Slots, scales: Array) -> Array:
+    def _rows(self, message: TrajectoryMessage, slots: Slots, scales: Array) -> Array:
         """Of each point its time and its numbers, as they are shown (points, 1 + slots)."""
         begin = self.tables.time(message.stamp or self.now())
         columns = [np.broadcast_to(row, message.times.shape) for row in slots.read(message.names, message.lists)]
@@ -262,24 +262,24 @@ class ViewNode(RigNode):
 
     async def act(self, request: Request) -> str:
         """Do what a page asks for; a line about it. Raises UserError where it can't be, or is refused."""
-        if isinstance(request, SetPoint):
+        if isinstance(request, SetPointRequest):
             return self._set_point(request)
-        if isinstance(request, Experiment):
+        if isinstance(request, ReferenceRequest):
             return await self._set("reference", {"kind": request.kind}, f"{request.kind} begins")
-        if isinstance(request, Policy):
+        if isinstance(request, PolicyChoice):
             return await self._set("controller", {"policy": request.policy}, f"{request.policy} drives")
         if isinstance(request, Fault):
             values = self.offered.faults[request.name]
             given = values if request.on else {key: self.offered.sound[key] for key in values}
             return await self._set("plant", given, f"{request.name}: {'on' if request.on else 'off'}")
-        if isinstance(request, Call):
+        if isinstance(request, ServiceCall):
             answer = await self._ask(self.calls[request.service], Trigger.Request(), "controller")
             if not answer.success:
                 raise UserError(f"controller: {answer.message}")
             return answer.message or f"controller: {request.service}"
         raise UserError(f"{request.do}: nobody does that")
 
-    def _set_point(self, request: SetPoint) -> str:
+    def _set_point(self, request: SetPointRequest) -> str:
         if not self.set_points.get_subscription_count():
             raise UserError("no reference node is there to follow a set-point: start one")
         offsets = [round(time * SECOND) for time in request.times]

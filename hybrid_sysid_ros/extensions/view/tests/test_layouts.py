@@ -12,7 +12,7 @@ import pytest
 
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.view import layouts
-from hybrid_sysid_ros.nodes.layout import Layout, Slots
+from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, Slots
 from hybrid_sysid_ros.rigs.folder import names
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime.parameters import defaults
@@ -23,7 +23,7 @@ NAMES = tuple(names())
 def names_of(name: str) -> dict[str, list[str]]:
     """Names of the entries of messages, as the nodes write them."""
     rig = load(name)
-    layout = Layout(rig, rig.system)
+    layout = SignalLayout(rig, rig.system)
     tracked = [k for k, weight in enumerate(defaults(rig, "controller")["output_weight"]) if weight > 0.0]
     return {
         "joint_states": Slots([*layout.outputs, *layout.inputs]).names,

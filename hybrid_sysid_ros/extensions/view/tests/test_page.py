@@ -17,7 +17,7 @@ pytest.importorskip("PIL", reason="needs Pillow: install hybrid_sysid_ros[dev]")
 
 from benchmarks import browser
 from hybrid_sysid_ros.extensions.view.drawing import Drawing
-from hybrid_sysid_ros.extensions.view.requests import CURVE, POINTS, Fault, Offer, Request, SetPoint
+from hybrid_sysid_ros.extensions.view.requests import CURVE, POINTS, Fault, Request, RequestMenu, SetPointRequest
 from hybrid_sysid_ros.extensions.view.server import Server
 from hybrid_sysid_ros.extensions.view.tables import Cursor, Tables
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -37,7 +37,7 @@ class Desk:
     acted: list[Request] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.offered = Offer.of(self.rig, ("constant", "sine"))
+        self.offered = RequestMenu.of(self.rig, ("constant", "sine"))
         self.drawing = Drawing(self.rig)
         self.tables = Tables({"measured": 3, "estimate": 4, "command": 3, "asked": 2}, capacity=4000)
         self.began, self.k = time.monotonic() - 10.0, 0
@@ -174,7 +174,7 @@ def test_a_curve_is_asked_for_as_it_was_drawn(desk: Desk, shown: Any) -> None:
     page.drag([(now + step * (0.5 + 0.05 * k), top + height * (0.3 + 0.01 * k)) for k in range(31)])
     page.until("line.textContent == 'done as asked'")
     (asked,) = desk.acted
-    assert isinstance(asked, SetPoint)
+    assert isinstance(asked, SetPointRequest)
     assert asked.times[0] == 0.0
     assert asked.values[0][0] == pytest.approx(5.0, abs=0.1)  # until then as it was
     assert asked.times[-1] == pytest.approx(2.0, abs=0.05)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hybrid_sysid_ros.extensions.view.requests import POINTS, Fault, Offer, SetPoint, read
+from hybrid_sysid_ros.extensions.view.requests import POINTS, Fault, RequestMenu, SetPointRequest, read_request
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -62,40 +62,40 @@ NONSENSE = [
 
 
 @pytest.fixture(scope="module")
-def offer(rig: Rig) -> Offer:
-    return Offer.of(rig, ("constant", "sine"))
+def offer(rig: Rig) -> RequestMenu:
+    return RequestMenu.of(rig, ("constant", "sine"))
 
 
 @pytest.mark.parametrize("text", NONSENSE, ids=lambda text: text[:40])
-def test_nonsense_is_refused_in_a_line(text: str, offer: Offer) -> None:
+def test_nonsense_is_refused_in_a_line(text: str, offer: RequestMenu) -> None:
     with pytest.raises(UserError) as refused:
-        read(text, offer)
+        read_request(text, offer)
     assert "\n" not in str(refused.value)
 
 
-def test_bytes_are_refused(offer: Offer) -> None:
+def test_bytes_are_refused(offer: RequestMenu) -> None:
     with pytest.raises(UserError, match="text"):
-        read(b'{"do": "next"}', offer)
+        read_request(b'{"do": "next"}', offer)
 
 
-def test_a_set_point_is_read_as_it_is(offer: Offer) -> None:
-    asked = read('{"do": "set_point", "id": 4, "times": [0, 0.5], "values": [[1], [-2.5]]}', offer)
-    assert asked == SetPoint(id=4, times=(0.0, 0.5), values=((1.0,), (-2.5,)))
+def test_a_set_point_is_read_as_it_is(offer: RequestMenu) -> None:
+    asked = read_request('{"do": "set_point", "id": 4, "times": [0, 0.5], "values": [[1], [-2.5]]}', offer)
+    assert asked == SetPointRequest(id=4, times=(0.0, 0.5), values=((1.0,), (-2.5,)))
 
 
-def test_set_points_are_held_within_the_travel_and_twice_the_amplitude(rig: Rig, offer: Offer) -> None:
+def test_set_points_are_held_within_the_travel_and_twice_the_amplitude(rig: Rig, offer: RequestMenu) -> None:
     (output,) = offer.tracked
     assert (output.low, output.high) == (-8.0, 8.0)  # of 4 V; the travel ends at +-10 V
     wide = replace(rig, content={**rig.content, "nodes": {**rig.content["nodes"], "reference": {"amplitude": [40.0]}}})
-    (output,) = Offer.of(wide, ()).tracked
+    (output,) = RequestMenu.of(wide, ()).tracked
     assert (output.low, output.high) == pytest.approx((-9.6, 9.6))  # 2 % of 20 V before its ends
 
 
 def test_the_faults_of_every_rig_are_parameters_of_its_plant() -> None:
     for name in ("cam_beam", "flexible_joint", "drill_string", "wheel_motor"):
-        offer = Offer.of(load(name), ())
+        offer = RequestMenu.of(load(name), ())
         assert offer.faults
-        assert read(json.dumps({"do": "fault", "name": next(iter(offer.faults)), "on": True}), offer) == Fault(
+        assert read_request(json.dumps({"do": "fault", "name": next(iter(offer.faults)), "on": True}), offer) == Fault(
             name=next(iter(offer.faults)), on=True
         )
 
@@ -112,4 +112,4 @@ def test_the_faults_of_every_rig_are_parameters_of_its_plant() -> None:
 )
 def test_a_fault_that_is_none_is_told_by_file_and_key(faults: dict[str, Any], words: str, rig: Rig) -> None:
     with pytest.raises(UserError, match=words):
-        Offer.of(replace(rig, content={**rig.content, "faults": faults}), ())
+        RequestMenu.of(replace(rig, content={**rig.content, "faults": faults}), ())

@@ -18,7 +18,7 @@ pytest.importorskip("websockets", reason="needs websockets: install hybrid_sysid
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from hybrid_sysid_ros.extensions.view.requests import Offer, Request
+from hybrid_sysid_ros.extensions.view.requests import Request, RequestMenu
 from hybrid_sysid_ros.extensions.view.server import FILES, PAGES, REFUSALS, Server
 from hybrid_sysid_ros.extensions.view.tables import Cursor, Tables, unpacked
 from hybrid_sysid_ros.extensions.view.tests.test_requests import NONSENSE
@@ -32,7 +32,7 @@ PATIENCE = 10.0  # s
 class Desk:
     """A rig that says its numbers in order, and notes what it is asked for."""
 
-    offered: Offer
+    offered: RequestMenu
     tables: Tables = field(default_factory=lambda: Tables({"a": 1}, capacity=1000))
     acted: list[Request] = field(default_factory=list)
 
@@ -52,7 +52,7 @@ class Desk:
 
 @pytest.fixture
 def desk(rig: Rig) -> Desk:
-    return Desk(Offer.of(rig, ("constant",)))
+    return Desk(RequestMenu.of(rig, ("constant",)))
 
 
 @pytest.fixture

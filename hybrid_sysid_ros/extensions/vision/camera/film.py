@@ -23,7 +23,7 @@ MISSING = 3.0  # of the longest times between its pictures, before the end that 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Format:
+class FilmFormat:
     """What a film's head says of it; the rate [Hz] need not be true, its pictures' times are."""
 
     width: int
@@ -31,7 +31,7 @@ class Format:
     rate: float
 
 
-def format_of(path: Path) -> Format:
+def format_of(path: Path) -> FilmFormat:
     """What a film's head says. Raises UserError where it is no film."""
     with extra("video"):
         import av
@@ -39,7 +39,7 @@ def format_of(path: Path) -> Format:
         with av.open(str(path)) as container:
             stream = _stream(container, path)
             context = stream.codec_context
-            return Format(width=context.width, height=context.height, rate=float(stream.average_rate or 0))
+            return FilmFormat(width=context.width, height=context.height, rate=float(stream.average_rate or 0))
     except (av.FFmpegError, OSError) as error:
         raise _unreadable(path, error) from error
 

@@ -21,7 +21,7 @@ BEFORE = 1.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
+class SceneMotion:
     """Where a scene's joint was, in the time of an experiment."""
 
     times: Array
@@ -32,7 +32,7 @@ class Motion:
 
 def experiment(
     rig: Rig, kind: str, bag: Path, *, seed: int, duration: float, rate: float, overwrite: bool = False
-) -> Motion:
+) -> SceneMotion:
     """Simulate an experiment into a bag, as :func:`~hybrid_sysid_ros.rigs.experiments.simulate` does, and tell the
     motion of its scene's joint; that of one without a position is its velocity summed up.
 
@@ -43,7 +43,9 @@ def experiment(
         rig, kind, bag, seed=seed, duration=duration, rate=rate, overwrite=overwrite,
         watch=lambda plant: seen.append(plant.state.copy()),
     )  # fmt: skip
-    return Motion(times=np.arange(len(seen), dtype=np.float64) * rig.step, angles=angle_of(rig, scene, np.array(seen)))
+    return SceneMotion(
+        times=np.arange(len(seen), dtype=np.float64) * rig.step, angles=angle_of(rig, scene, np.array(seen))
+    )
 
 
 def angle_of(rig: Rig, scene: Scene, states: Array) -> Array:
@@ -56,7 +58,7 @@ def angle_of(rig: Rig, scene: Scene, states: Array) -> Array:
     return np.cumsum(states[:, names.index(joint.velocity)]) * rig.step
 
 
-def film(imager: Imager, motion: Motion, *, before: float = BEFORE) -> Iterator[tuple[float, Picture]]:
+def film(imager: Imager, motion: SceneMotion, *, before: float = BEFORE) -> Iterator[tuple[float, Picture]]:
     """Times of the film [s] and pictures of a motion, and of the rig at rest ``before`` it [s], the lamp dark."""
     times = np.concatenate([[-before - 1.0, motion.times[0] - 1e-9], motion.times])
     angles = np.concatenate([np.full(2, motion.angles[0]), motion.angles])

@@ -34,7 +34,7 @@ from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import default
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, session
-from hybrid_sysid_ros.runtime.plan import Plan
+from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_file, check_folder, make_folder, sha256
@@ -78,7 +78,7 @@ def camera_demo(out: Path, rig: str = "") -> dict[str, Any]:
     Raises UserError where the rig has no picture of its first output, for missing extras, and where a node fails.
     """
     described = load_rig(rig or default())
-    scene, plan = scene_of(described), Plan.of(described)
+    scene, plan = scene_of(described), DemoRecipe.of(described)
     camera_loop.frame_noise(described, CAMERA.width)
     report.check_available()
     session.check_ros()

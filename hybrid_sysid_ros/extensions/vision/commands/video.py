@@ -20,7 +20,7 @@ from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD
 from hybrid_sysid_ros.extensions.vision.reading import video_record
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed, picked
-from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, Layers
+from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.learning import learn
 from hybrid_sysid_ros.extensions.vision.report.video_page import write_video
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
@@ -77,7 +77,7 @@ def command(
     with status.status("looking at the film") as spinner, _told_of(video, bag, layers):
         known = layers is not None and (layers / f"{KIND}.yaml").exists() and not again
         if known and layers is not None:
-            found = Layers.load(layers)
+            found = PictureLayers.load(layers)
         else:
             film = picked(video)
             found, _ = learn(

@@ -11,9 +11,9 @@ from typing import Any
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.vision.camera import jpeg
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
-from hybrid_sysid_ros.extensions.vision.goal.picture_mpc import Pictured, PictureMpc, pictured
+from hybrid_sysid_ros.extensions.vision.goal.picture_mpc import ImageErrorModel, PictureMpc, pictured
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import STANDS, AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
+from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.renderer import LayerRenderer
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -32,7 +32,7 @@ def reader_of(rig: Rig, folder: Path | str = "") -> AngleReader:
     are none, or what opens pictures is not installed.
     """
     jpeg.check_available()
-    layers = Layers.load(folder or shipped(rig.name, "layers"))
+    layers = PictureLayers.load(folder or shipped(rig.name, "layers"))
     if layers.geometry.rig != rig.name:
         raise UserError(f"the layers are of the rig {layers.geometry.rig}, not of {rig.name}")
     return AngleReader(layers)
@@ -97,7 +97,7 @@ def controller(rig: Rig, model: Model, settings: Mapping[str, Any]) -> Configure
     return ConfiguredController(controller=PictureMpc(system, problem, **pace(settings)), problem=problem)
 
 
-def goal_of(rig: Rig, system: System, settings: Mapping[str, Any]) -> Pictured:
+def goal_of(rig: Rig, system: System, settings: Mapping[str, Any]) -> ImageErrorModel:
     """The system of a controller that is to make the rig look like the picture that its settings name. Raises UserError
     where the picture shows no goal: see shown_in(); or one that is out of reach, or the rig has other outputs.
     """

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from hybrid_sysid_ros.control.controller import Plan
+from hybrid_sysid_ros.control.controller import MpcSolution
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.core import Parameter, System, Variable
 from hybrid_sysid_ros.core.mathematics import Scalar, clip
@@ -31,7 +31,7 @@ OUTPUT = "picture"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pictured(Wrapper):
+class ImageErrorModel(Wrapper):
     """A system whose output r(q) is the root of how far its picture at a position q is from a goal.
 
         r(q)^2 = c sum over pixels (I(q) - goal)^2 + what no position takes away,   r < 0 below the best position,
@@ -72,7 +72,7 @@ class Pictured(Wrapper):
     def values(self) -> Array:
         return np.concatenate([self.physics.values, [self.best, *self.roots]])
 
-    def bound(self, values: Sequence[Scalar]) -> Pictured:
+    def bound(self, values: Sequence[Scalar]) -> ImageErrorModel:
         physical = len(self.physics.parameters)
         best, *roots = values[physical:]
         return replace(self, physics=self.physics.bound(values[:physical]), best=best, roots=tuple(roots))
@@ -88,16 +88,16 @@ class Pictured(Wrapper):
 
 
 class PictureMpc(ExactMpc):
-    """The exact MPC of a :class:`Pictured`: whatever the reference is, the goal is the picture."""
+    """The exact MPC of a :class:`ImageErrorModel`: whatever the reference is, the goal is the picture."""
 
-    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> Plan:
+    def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:
         return super().control(state, disturbance, previous_input, np.zeros_like(preview))
 
 
 def pictured(
     system: System, position: str, renderer: Renderer, goal: Picture, band: NDArray[np.bool_], *,
     low: float, high: float,
-) -> Pictured:  # fmt: skip
+) -> ImageErrorModel:  # fmt: skip
     """A system before a goal (rows, columns). band: the pixels that count. low, high: positions that are looked at.
 
     r is scaled so that over the table it is as large as the distance from the best position, in the mean: weights of a
@@ -118,4 +118,4 @@ def pictured(
     root = np.sign(offsets) * np.sqrt(np.maximum(table, 0.0))
     scale = float(np.mean(np.abs(offsets)) / max(np.mean(np.abs(root)), 1e-9))
     roots = tuple(float(value) for value in scale * root)
-    return Pictured(physics=system, position=position, span=high - low, best=best, roots=roots)
+    return ImageErrorModel(physics=system, position=position, span=high - low, best=best, roots=roots)

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.diagnostics import OK, Task
-from hybrid_sysid_ros.nodes.messages import SECOND, Trajectory, set_nanoseconds
+from hybrid_sysid_ros.nodes.messages import SECOND, TrajectoryMessage, set_nanoseconds
 from hybrid_sysid_ros.nodes.process import run
 from hybrid_sysid_ros.nodes.timing import Timing
 
@@ -62,7 +62,7 @@ class CameraNode(RigNode):
         self.images = self.open("camera/image_raw/compressed")  # who sees it knows that the motion is heard
         self.infos = self.open("camera/camera_info")
 
-    def on_motion(self, motion: Trajectory) -> None:
+    def on_motion(self, motion: TrajectoryMessage) -> None:
         """Take the pictures whose exposure has ended by now."""
         if self.joint not in motion.names or not motion.lists[0]:
             return

@@ -17,13 +17,13 @@ from hybrid_sysid_ros.extensions.vision.camera import jpeg
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import STANDS, AngleReader, Reading
 from hybrid_sysid_ros.extensions.vision.reading.footage import FROZEN
-from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
-from hybrid_sysid_ros.nodes.base import RigNode, Source
+from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
+from hybrid_sysid_ros.nodes.base import ModelSource, RigNode
 from hybrid_sysid_ros.nodes.cdr import JointWriter
 from hybrid_sysid_ros.nodes.diagnostics import OK, Task
-from hybrid_sysid_ros.nodes.layout import Place, Slots
 from hybrid_sysid_ros.nodes.messages import nanoseconds
 from hybrid_sysid_ros.nodes.process import run
+from hybrid_sysid_ros.nodes.signal_layout import SignalPlace, Slots
 from hybrid_sysid_ros.nodes.timing import Timing
 from hybrid_sysid_ros.runtime.configuration import CAMERA, shipped
 from hybrid_sysid_ros.support.arrays import Array
@@ -50,15 +50,15 @@ class VisionNode(RigNode):
     def configure(self) -> None:
         jpeg.check_available()
         folder = self.settings["layers"] or shipped(self.rig.name, "layers")
-        layers = Layers.load(folder)
+        layers = PictureLayers.load(folder)
         if layers.geometry.rig != self.rig.name:
             raise UserError(f"{folder}: the layers are of the rig {layers.geometry.rig}, not of {self.rig.name}")
-        self.sources = {"loop": Source(folder)}
+        self.sources = {"loop": ModelSource(folder)}
         self.reader = AngleReader(layers)
         drawn = layers.drawn(layers.geometry.low).astype(np.uint8)
         self.reader.read(jpeg.decoded(jpeg.encoded(drawn, 80)))  # loads the codec, and compiles for what it gives
         entry = f"{layers.geometry.joint}_{CAMERA}"
-        slots = Slots([Place(entry, "position"), Place(f"{entry}_{DEVIATION}", "position")])
+        slots = Slots([SignalPlace(entry, "position"), SignalPlace(f"{entry}_{DEVIATION}", "position")])
         self.writer = JointWriter(slots, self.signature)
 
     def activate(self) -> None:

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.extensions.vision.camera.film import pictures
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.prediction.motion_prediction import DRIFTS, MotionAhead
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, Layers
+from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.likeness import structural_similarity
 from hybrid_sysid_ros.extensions.vision.reading.renderer import LayerRenderer, Renderer
 from hybrid_sysid_ros.extensions.vision.reading.video_record import VideoRecord, calibrated
@@ -46,7 +46,7 @@ class PictureModel:
         """Read the folder; exposure: of a row of the camera [s]. Raises UserError where model or layers are missing,
         or are of two rigs.
         """
-        model, layers = load_model(folder, rig=rig), Layers.load(Path(folder) / KIND)
+        model, layers = load_model(folder, rig=rig), PictureLayers.load(Path(folder) / KIND)
         if layers.geometry.rig != model.rig:
             raise UserError(f"{folder}: the model is of {model.rig}, its layers are of {layers.geometry.rig}")
         return cls(model=model, renderer=LayerRenderer(layers, exposure=exposure))
@@ -65,7 +65,7 @@ class Watched:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Look:
+class PredictedFrame:
     """A frame that was predicted."""
 
     frame: int
@@ -86,7 +86,7 @@ class Look:
 class Judged:
     """A predicted frame beside what came."""
 
-    look: Look
+    look: PredictedFrame
     came: Picture
     likeness: float
     """Structural similarity in the band that the sprite comes over; see :func:`.structural_similarity`."""
@@ -103,7 +103,7 @@ class Judged:
 def looks(
     model: PictureModel, rig: Rig, record: Record, watched: Watched, *, noise: float, ahead: Sequence[float] = AHEAD,
     drifts: Sequence[float] = DRIFTS, seed: int = 0,
-) -> Iterator[Look]:  # fmt: skip
+) -> Iterator[PredictedFrame]:  # fmt: skip
     """Frames that a model predicts ``ahead`` [s] from what the camera had shown before, and the inputs on the way.
 
     Filters with the rig's own tuning, one for each of ``drifts``, follow the frames alone; the record's outputs are not
@@ -148,7 +148,7 @@ def looks(
                 if wanted == max(shown):
                     motion.expect(frame, position, deviation)
                 if motion is believed:
-                    yield Look(
+                    yield PredictedFrame(
                         frame=frame,
                         newest=used - 1,
                         ahead=wanted,
@@ -159,7 +159,9 @@ def looks(
                     )
 
 
-def judged(found: Look, film: Mapping[int, Picture], mean: Picture, reader: AngleReader, watched: Watched) -> Judged:
+def judged(
+    found: PredictedFrame, film: Mapping[int, Picture], mean: Picture, reader: AngleReader, watched: Watched
+) -> Judged:
     """A predicted frame beside what came. film: its pictures by number; mean: of them; reader: of the film's layers."""
     came, band = film[found.frame], reader.swept
     reading, true = reader.read(found.picture), float(watched.positions[found.frame])
@@ -196,7 +198,7 @@ def foreseen(
 
 
 def of_video(
-    video: Path, model: Model, rig: Rig, bag: Path, film: VideoRecord, layers: Layers, *, exposure: float
+    video: Path, model: Model, rig: Rig, bag: Path, film: VideoRecord, layers: PictureLayers, *, exposure: float
 ) -> list[Judged]:
     """Frames of a film that a model and the film's layers predict from the inputs in its bag; see :func:`foreseen`.
 

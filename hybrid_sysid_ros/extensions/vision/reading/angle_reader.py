@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.vision.reading.alignment import align_from, read_angle
-from hybrid_sysid_ros.extensions.vision.reading.layers import Layers, interpolated
+from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers, interpolated
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -51,7 +51,7 @@ class Reading:
 class AngleReader:
     """Aligns layers with pictures; no picture knows of another one, so that none is lost for the sake of the last."""
 
-    def __init__(self, layers: Layers) -> None:
+    def __init__(self, layers: PictureLayers) -> None:
         """Chooses the texels that tell most of the angle."""
         self.layers = layers
         self._planes = (layers.background, layers.alpha, layers.texture, layers.first, layers.pivot)

@@ -45,7 +45,7 @@ class Geometry:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Layers:
+class PictureLayers:
     """I = gain [B (1 - a) + T] + noise in counts; a and T at u = dx c + dy s, v = -dx s + dy c about the pivot, where
     (c, s) = (cos angle, -sin angle): counter-clockwise angles, y down.
     """
@@ -109,7 +109,7 @@ class Layers:
         storage.save(path, kind=KIND, version=VERSION, content={"geometry": vars(self.geometry)}, arrays=planes)
 
     @classmethod
-    def load(cls, path: Path | str) -> Layers:
+    def load(cls, path: Path | str) -> PictureLayers:
         """Read a folder. Raises UserError where it holds no layers."""
         content, planes = storage.load(path, kind=KIND, version=VERSION)
         geometry = built(Geometry, content.get("geometry"), f"{path}: geometry")

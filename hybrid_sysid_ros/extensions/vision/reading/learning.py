@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.vision.camera.painting import grid_around, painted
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import EXPLAINED, AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.layers import Geometry, Layers
+from hybrid_sysid_ros.extensions.vision.reading.layers import Geometry, PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.regression import (
     Film,
     median_picture,
@@ -47,7 +47,7 @@ NO_AXIS = 0.1  # of a sprite's second moments: it is as long as broad
 
 def learn(
     film: Film, rig: Rig, *, readout: float, progress: Callable[[str], object] = lambda stage: None
-) -> tuple[Layers, Array]:
+) -> tuple[PictureLayers, Array]:
     """The layers of pictures (pictures, rows, columns) of a rig's scene, and their angles (pictures,) [rad].
 
     The first angles are those by which what differs from the median is turned about the scene's pivot; then background,
@@ -176,7 +176,7 @@ def _peak(likeness: Array, most: int) -> float:
 
 def _outlined(
     film: Film, lights: Array, angles: Array, still: NDArray[np.float32], geometry: Geometry, reach: float
-) -> Layers:
+) -> PictureLayers:
     """Layers whose texels are those about the sprite; none of them is regressed yet."""
     size = 2 * math.ceil(reach) + 1
     first = (-float(math.ceil(reach)), -float(math.ceil(reach)))
@@ -197,7 +197,7 @@ def _outlined(
     top, left = max(int(v.min()) - 1, 0) * COARSE, max(int(u.min()) - 1, 0) * COARSE
     bottom, right = (int(v.max()) + 2) * COARSE, (int(u.max()) + 2) * COARSE
     outline = np.kron(coarse, np.ones((COARSE, COARSE), dtype=bool))[top:bottom, left:right]
-    return Layers(
+    return PictureLayers(
         geometry=replace(geometry, first_u=first[0] + left, first_v=first[1] + top),
         background=still.copy(),
         alpha=np.where(outline, 1.0, 0.0).astype(np.float32),
@@ -205,7 +205,7 @@ def _outlined(
     )
 
 
-def _regressed(film: Film, gains: Array, angles: Array, layers: Layers) -> Layers:
+def _regressed(film: Film, gains: Array, angles: Array, layers: PictureLayers) -> PictureLayers:
     """Sprite and background anew, from angles (pictures,) and gains (pictures, rows)."""
     background, alpha, texture = (np.array(plane) for plane in (layers.background, layers.alpha, layers.texture))
     noise = layers.geometry.noise
@@ -220,10 +220,10 @@ def _regressed(film: Film, gains: Array, angles: Array, layers: Layers) -> Layer
     for axis in (0, 1):
         near |= np.roll(near, 1, axis) | np.roll(near, -1, axis)
     sharpen(film, gains, angles, background, layers.pivot, layers.first, near, noise, PASSES, alpha, texture)
-    return Layers(geometry=layers.geometry, background=background, alpha=alpha, texture=texture)
+    return PictureLayers(geometry=layers.geometry, background=background, alpha=alpha, texture=texture)
 
 
-def _pivoted(film: Film, gains: Array, angles: Array, layers: Layers, reader: AngleReader) -> Layers:
+def _pivoted(film: Film, gains: Array, angles: Array, layers: PictureLayers, reader: AngleReader) -> PictureLayers:
     """The pivot moved to where the sprite turns about: with a pivot p + e and texels u + d it lies e + R(angle) d
     beside its place, and least squares over all pictures tells e, as far as the angles do.
     """
@@ -243,7 +243,7 @@ def _pivoted(film: Film, gains: Array, angles: Array, layers: Layers, reader: An
     return replace(layers, geometry=replace(layers.geometry, pivot_x=x, pivot_y=y, first_u=u, first_v=v))
 
 
-def _zero(layers: Layers, rig: Rig) -> float:
+def _zero(layers: PictureLayers, rig: Rig) -> float:
     """The angle of the sprite where the joint is at 0, by the long axis of the sprite against that of the scene's."""
     scene = scene_of(rig)
     grid = grid_around(scene.sprite, 1.0 / layers.background.shape[1])
@@ -253,7 +253,7 @@ def _zero(layers: Layers, rig: Rig) -> float:
     return found - wanted + scene.roll if min(sure, clear) > NO_AXIS else 0.0
 
 
-def _coordinates(layers: Layers) -> tuple[Array, Array]:
+def _coordinates(layers: PictureLayers) -> tuple[Array, Array]:
     """U (1, columns) and v (rows, 1) of the texels."""
     rows, columns = layers.alpha.shape
     u: Array = np.arange(columns, dtype=np.float64)[None] + layers.first[0]

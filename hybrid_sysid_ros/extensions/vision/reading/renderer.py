@@ -8,7 +8,7 @@ import numpy as np
 
 from hybrid_sysid_ros.extensions.vision.camera.exposure import expose, instants_of
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
-from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
+from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.support.arrays import Array
 
 
@@ -25,7 +25,7 @@ class Renderer(Protocol):
 class LayerRenderer(Renderer):
     """Draws learned layers as the camera that they were learned from would see them move, without its noise."""
 
-    def __init__(self, layers: Layers, *, exposure: float) -> None:
+    def __init__(self, layers: PictureLayers, *, exposure: float) -> None:
         """exposure: of a row [s]."""
         self.layers, self.exposure = layers, exposure
         rows, columns = layers.background.shape

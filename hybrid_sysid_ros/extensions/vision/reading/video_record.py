@@ -16,7 +16,7 @@ from hybrid_sysid_ros.bags.bag import opened
 from hybrid_sysid_ros.bags.columns import MissingInMessageError, TopicColumns
 from hybrid_sysid_ros.extensions.vision.reading.footage import Footage
 from hybrid_sysid_ros.extensions.vision.reading.lamp import Onset, onset
-from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
+from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.synchronisation import Synchronisation, synchronise
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.rigs.joints import MEASUREMENTS
@@ -50,7 +50,7 @@ class VideoRecord:
     """Which those are."""
 
 
-def joined(footage: Footage, layers: Layers, rig: Rig, bag: Path | None, *, exposure: float) -> VideoRecord:
+def joined(footage: Footage, layers: PictureLayers, rig: Rig, bag: Path | None, *, exposure: float) -> VideoRecord:
     """The positions that a film shows; with a bag in its time, and by its sensor's zero and scale.
 
     Raises UserError where the bag has no position of the joint, or film and bag do not go together.
@@ -85,7 +85,7 @@ def joined(footage: Footage, layers: Layers, rig: Rig, bag: Path | None, *, expo
     )
 
 
-def calibrated(layers: Layers, record: VideoRecord) -> Layers:
+def calibrated(layers: PictureLayers, record: VideoRecord) -> PictureLayers:
     """Layers that tell positions by the zero and the scale of the bag's sensor; the same without a bag."""
     found = record.synchronisation
     if found is None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import Judged
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import Reading
-from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
+from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.synchronisation import low_passed
 from hybrid_sysid_ros.extensions.vision.reading.video_record import VideoRecord
 from hybrid_sysid_ros.report.charts import BOUND, ERROR, MEASURED, MODEL, REFERENCE, line, panels, timed
@@ -56,23 +56,23 @@ def lamp(record: VideoRecord) -> go.Figure:
     return timed(figure, 1)
 
 
-def overlaid(picture: Picture, reading: Reading, layers: Layers) -> str:
+def overlaid(picture: Picture, reading: Reading, layers: PictureLayers) -> str:
     """A picture with the outline of the sprite where it was found, as a PNG for a page."""
     return _outlined(picture, layers, [reading.angle] if reading.found else [])
 
 
-def expected(picture: Picture, row: Judged, layers: Layers) -> str:
+def expected(picture: Picture, row: Judged, layers: PictureLayers) -> str:
     """A picture with the outline of the sprite where it was predicted, as a PNG for a page."""
     return _outlined(picture, layers, [float(layers.angle(np.float64(row.look.position)))])
 
 
-def banded(picture: Picture, row: Judged, layers: Layers) -> str:
+def banded(picture: Picture, row: Judged, layers: PictureLayers) -> str:
     """A picture with the outlines of the sprite two deviations off, as a PNG for a page."""
     ends = row.look.position + 2.0 * row.look.deviation * np.array([-1.0, 1.0])
     return _outlined(picture, layers, layers.angle(ends).tolist())
 
 
-def _outlined(picture: Picture, layers: Layers, angles: Sequence[float]) -> str:
+def _outlined(picture: Picture, layers: PictureLayers, angles: Sequence[float]) -> str:
     colours = np.repeat(picture[:, :, None], 3, axis=2)
     down, across = np.nonzero(_edge(layers.alpha))
     u, v = across + layers.first[0], down + layers.first[1]
@@ -85,7 +85,7 @@ def _outlined(picture: Picture, layers: Layers, angles: Sequence[float]) -> str:
     return png(colours)
 
 
-def left(picture: Picture, reading: Reading, layers: Layers) -> str:
+def left(picture: Picture, reading: Reading, layers: PictureLayers) -> str:
     """What the layers do not explain of a picture, STRETCHED about grey, as a PNG for a page."""
     angle = reading.angle if reading.found else layers.geometry.low
     drawn = layers.drawn(angle)

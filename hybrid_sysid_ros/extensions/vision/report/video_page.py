@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import AHEAD, Judged, Summary
-from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
+from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.video_record import VideoRecord, calibrated, contradictions
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection
 from hybrid_sysid_ros.report.rendering import check_available, closed_content, drawn, write_page
@@ -19,7 +19,7 @@ SHOWN = 4  # predicted pictures
 
 
 def write_video(
-    path: Path | str, record: VideoRecord, layers: Layers, title: str, provenance: Provenance, *,
+    path: Path | str, record: VideoRecord, layers: PictureLayers, title: str, provenance: Provenance, *,
     ahead: Sequence[Judged] = (), loop: ClosedLoopSection | None = None,
 ) -> Path:  # fmt: skip
     """Write the page. ahead: pictures of the film that a model predicted. loop: one that a camera closed.

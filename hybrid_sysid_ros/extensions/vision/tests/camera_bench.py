@@ -6,12 +6,12 @@ import numpy as np
 
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera
 from hybrid_sysid_ros.extensions.vision.camera.painting import Grid, grid_around, painted
-from hybrid_sysid_ros.extensions.vision.reading.layers import Geometry, Layers
+from hybrid_sysid_ros.extensions.vision.reading.layers import Geometry, PictureLayers
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.rigs.rig import Rig
 
 
-def painted_layers(rig: Rig, camera: Camera, *, low: float = -0.15, high: float = 0.15) -> Layers:
+def painted_layers(rig: Rig, camera: Camera, *, low: float = -0.15, high: float = 0.15) -> PictureLayers:
     scene, width, pixel = scene_of(rig), camera.width, 1.0 / camera.width
     whole = Grid(start=(pixel / 2, pixel / 2), pitch=pixel, shape=(camera.height, width))
     cover, background = painted(scene.background, whole)
@@ -30,7 +30,7 @@ def painted_layers(rig: Rig, camera: Camera, *, low: float = -0.15, high: float 
         readout=camera.readout,
         zero=scene.roll,
     )
-    return Layers(
+    return PictureLayers(
         geometry=geometry,
         background=(255 * (scene.shade * (1.0 - cover) + background)).astype(np.float32),
         alpha=alpha.astype(np.float32),

@@ -10,7 +10,7 @@ import pytest
 
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import STANDS, AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
+from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.extensions.vision.tests.camera_bench import painted_layers
 from hybrid_sysid_ros.rigs.rig import load
@@ -85,8 +85,8 @@ def test_a_picture_of_another_size_is_refused(reader: AngleReader) -> None:
 
 def test_layers_are_kept_in_a_folder(reader: AngleReader, tmp_path: Path) -> None:
     reader.layers.save(tmp_path / "layers")
-    again = Layers.load(tmp_path / "layers")
+    again = PictureLayers.load(tmp_path / "layers")
     assert again.geometry == reader.layers.geometry
     assert np.abs(again.background - reader.layers.background).max() < 0.1
     with pytest.raises(UserError):
-        Layers.load(tmp_path)
+        PictureLayers.load(tmp_path)

@@ -18,8 +18,8 @@ from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager, Pic
 from hybrid_sysid_ros.extensions.vision.camera_loop import frame_noise
 from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import (
     Judged,
-    Look,
     PictureModel,
+    PredictedFrame,
     Summary,
     Watched,
     judged,
@@ -29,7 +29,7 @@ from hybrid_sysid_ros.extensions.vision.prediction.image_prediction import (
 from hybrid_sysid_ros.extensions.vision.prediction.motion_prediction import DRIFTS
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.footage import followed
-from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, Layers
+from hybrid_sysid_ros.extensions.vision.reading.layers import KIND, PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.renderer import LayerRenderer, Renderer
 from hybrid_sysid_ros.extensions.vision.reading.video_record import joined
 from hybrid_sysid_ros.extensions.vision.report.video_figures import positions
@@ -103,18 +103,20 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Record, Watched]:
     )
 
 
-def foretold(model_folder: Path, record: Record, watched: Watched, drifts: Sequence[float] = DRIFTS) -> list[Look]:
+def foretold(
+    model_folder: Path, record: Record, watched: Watched, drifts: Sequence[float] = DRIFTS
+) -> list[PredictedFrame]:
     """2 s ahead, once predictions have come true."""
     model = PictureModel(model=load_model(model_folder), renderer=Unpainted())
     noise = frame_noise(RIG, CAMERA.width)
     return list(looks(model, RIG, record, watched, noise=noise, ahead=(2.0,), drifts=drifts))[4:]
 
 
-def rms(found: Sequence[Look], watched: Watched) -> float:
+def rms(found: Sequence[PredictedFrame], watched: Watched) -> float:
     return math.degrees(np.sqrt(np.mean([(look.position - watched.positions[look.frame]) ** 2 for look in found])))
 
 
-def inside(found: Sequence[Look], watched: Watched) -> float:
+def inside(found: Sequence[PredictedFrame], watched: Watched) -> float:
     """Share within two deviations: .954 of a normal one."""
     return float(
         np.mean([abs(look.position - watched.positions[look.frame]) <= 2.0 * look.deviation for look in found])
@@ -148,7 +150,7 @@ def test_a_picture_model_is_a_model_with_layers_in_its_folder(model_folder: Path
     layers.save(tmp_path / "model" / KIND)
     found = PictureModel.load(tmp_path / "model", exposure=0.008)
     motion = np.array([0.0, 1.0]), np.full(2, 0.05)
-    wanted = LayerRenderer(Layers.load(tmp_path / "model" / KIND), exposure=0.008).take(0.5, *motion)
+    wanted = LayerRenderer(PictureLayers.load(tmp_path / "model" / KIND), exposure=0.008).take(0.5, *motion)
     assert np.array_equal(found.renderer.take(0.5, *motion), wanted)
     other = replace(layers, geometry=replace(layers.geometry, rig="wheel_motor"))
     other.save(tmp_path / "model" / KIND)

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager, Pic
 from hybrid_sysid_ros.extensions.vision.goal.goal_picture import goal_of
 from hybrid_sysid_ros.extensions.vision.goal.picture_mpc import OFFSETS
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import AngleReader
-from hybrid_sysid_ros.extensions.vision.reading.layers import Layers
+from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.renderer import LayerRenderer
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.extensions.vision.tests.camera_bench import painted_layers
@@ -57,7 +57,7 @@ def model(model_folder: Path) -> Model:
 def test_its_square_is_the_difference_of_the_pixels(model: Model, settings: dict[str, Any]) -> None:
     system = goal_of(RIG, model.system, settings)
     assert system.best == pytest.approx(2.2 * VOLT, abs=0.03 * VOLT)
-    layers = Layers.load(settings["layers"])
+    layers = PictureLayers.load(settings["layers"])
     band, renderer = AngleReader(layers).swept, LayerRenderer(layers, exposure=0.008)
     goal = jpeg.opened(Path(settings["picture"])).astype(float)
 

@@ -19,7 +19,7 @@ from PIL import Image
 from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.extensions.vision.camera.film import CRF, write_film
-from hybrid_sysid_ros.extensions.vision.camera.filming import BEFORE, Motion, experiment, film
+from hybrid_sysid_ros.extensions.vision.camera.filming import BEFORE, SceneMotion, experiment, film
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager, Picture
 from hybrid_sysid_ros.extensions.vision.scene import scene_of
 from hybrid_sysid_ros.extensions.vision.tests.camera_bench import painted_layers
@@ -40,7 +40,7 @@ class Filmed:
     bag: Path
     layers: Path
     frames: Frames
-    motion: Motion
+    motion: SceneMotion
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,117 @@
+"""Layout: where states, inputs and outputs of a system stand in the messages of its rig's joints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, MutableSequence, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.rigs.rig import BEYOND, Rig
+from hybrid_sysid_ros.support.errors import UserError
+
+FIELDS = ("position", "velocity", "effort")
+"""The lists of a joint message."""
+Lists = Sequence[Sequence[float]]
+"""Those lists, in this order: a number for each entry, or none at all."""
+T = TypeVar("T")
+AHEAD = "_ahead"
+"""Ending of the entries of the state that the next command will meet."""
+
+
+@dataclass(frozen=True)
+class SignalPlace:
+    """Where a number stands."""
+
+    entry: str
+    """Name of a joint, or of what stands beside the joints."""
+    field: str
+    """position, velocity or effort."""
+
+    def ending(self, ending: str) -> SignalPlace:
+        """The same field of the entry whose name ends so."""
+        return SignalPlace(self.entry + ending, self.field)
+
+
+class SignalLayout:
+    """Places of a system's states (n,), inputs (m,) and outputs (p,); the system is the rig's, or a model of it.
+
+    A joint of the rig carries what ``joints`` of its file says. What no joint carries, a hidden state or an output that
+    is no motion of a joint, has an entry of its own name, and its value stands there as position.
+    """
+
+    def __init__(self, rig: Rig, system: System) -> None:
+        """Raises UserError where a state has the name of a joint that does not carry it."""
+        joints = rig.joints.joints
+        carried = {
+            getattr(joint, field): SignalPlace(name, field)
+            for name, joint in joints.items()
+            for field in ("position", "velocity")
+            if getattr(joint, field)
+        }
+        taken = {name + ending for name in joints for ending in ("", AHEAD)}
+        for item in (*system.states, *system.outputs):
+            if item.name not in carried and item.name in taken:
+                raise UserError(
+                    f"rig {rig.name}: {item.name} is a joint and a state that it does not carry: rename one"
+                )
+        self.inputs = [SignalPlace(*rig.joints.place(item.name)) for item in system.inputs]
+        self.states = [carried.get(item.name) or SignalPlace(item.name, "position") for item in system.states]
+        self.outputs = [carried.get(item.name) or SignalPlace(item.name, "position") for item in system.outputs]
+        names = [item.name for item in system.states]
+        self.further = [k for k, item in enumerate(system.outputs) if item.name not in names]
+        """The outputs that are no states."""
+
+    def estimate(self, followed: Iterable[str]) -> list[SignalPlace]:
+        """What an estimate carries: states, outputs that are no states and input disturbances at its stamp, states and
+        disturbances when the next command acts, and the followed parameters. Raises UserError where a followed
+        parameter has the name of another entry.
+        """
+        now = [*self.states, *(self.outputs[k] for k in self.further), *self.inputs]
+        later = [place.ending(AHEAD) for place in (*self.states, *self.inputs)]
+        entries = {place.entry for place in (*now, *later)}
+        for name in followed:
+            if name in entries:
+                raise UserError(f"parameter followed: {name} is also the name of a state or joint; follow another one")
+        return [*now, *later, *(SignalPlace(name, "position") for name in followed)]
+
+
+class Slots:
+    """Numbers in their places in one kind of message after another: written without a search, read by name."""
+
+    def __init__(self, places: Sequence[SignalPlace], *, bounds: Sequence[tuple[float, float]] = ()) -> None:
+        """bounds: within which the last numbers must be to be believed; all others within what any rig has."""
+        free = [(-BEYOND, BEYOND)] * (len(places) - len(bounds))
+        self.low, self.high = [low for low, _ in (*free, *bounds)], [high for _, high in (*free, *bounds)]
+        self.names = list(dict.fromkeys(place.entry for place in places))
+        """Entries of a message that carries these and no other."""
+        self.fields = [field for field in FIELDS if any(place.field == field for place in places)]
+        """Lists that such a message has."""
+        self._places = [(place.entry, FIELDS.index(place.field)) for place in places]
+        self._found = self._where(self.names)
+        self._read_names: Sequence[str] = self.names
+        self._read_found = self._found
+        self.named = len(places)
+        """How many of them had a name in the message that was read last."""
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def _where(self, names: Sequence[str]) -> list[tuple[int, int]]:
+        index = {name: k for k, name in reversed(list(enumerate(names)))}
+        return [(field, index.get(entry, -1)) for entry, field in self._places]
+
+    def write(self, lists: Sequence[MutableSequence[float]], values: Iterable[float]) -> None:
+        """Numbers into the lists of a message made for these slots."""
+        for (field, index), value in zip(self._found, values, strict=True):
+            lists[field][index] = value
+
+    def read(self, names: Sequence[str], lists: Sequence[Sequence[T]]) -> list[T | float]:
+        """Entries of a message's lists, NaN where there is none."""
+        if names != self._read_names:
+            self._read_names, self._read_found = names, self._where(names)
+            self.named = sum(index >= 0 for _, index in self._read_found)
+        return [
+            lists[field][index] if 0 <= index < len(lists[field]) else math.nan for field, index in self._read_found
+        ]
