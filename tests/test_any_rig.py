@@ -11,9 +11,8 @@ from hybrid_sysid_ros import models
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import one_step, rollouts
 from hybrid_sysid_ros.core.symbolic import symbolic_step
-from hybrid_sysid_ros.identification import evaluate, gradient_training, identify, prepare
+from hybrid_sysid_ros.identification import evaluate, identify, prepare
 from hybrid_sysid_ros.identification.fitting import fit
-from hybrid_sysid_ros.identification.gradient_training import Schedule
 from hybrid_sysid_ros.identification.validation.horizons import k_step_errors
 from hybrid_sysid_ros.identification.validation.residual_tests import independence
 from hybrid_sysid_ros.identification.validation.scores import free_run, initial_state
@@ -101,8 +100,10 @@ def test_errors_and_residuals_are_judged_for_each_output(press, records, gray):
 def test_every_structure_learns_it(press, records, structure, monkeypatch):
     """From two records; the third was never seen. A linear system lacks the friction, others may have it."""
     pytest.importorskip("sysidentpy" if structure == "narx" else "torch" if structure == "recurrent" else "numpy")
-    short = partial(gradient_training.train, schedule=Schedule(stages=((20, 150), (40, 150))))
-    monkeypatch.setattr(gradient_training, "train", short)  # a linear motion, nearly: test_recurrent trains at length
+    if structure == "recurrent":  # a linear motion, nearly: the extension's own tests train at length
+        training = pytest.importorskip("hybrid_sysid_ros.extensions.recurrent.training")
+        short = partial(training.train, schedule=training.TrainingSchedule(stages=((20, 150), (40, 150))))
+        monkeypatch.setattr(training, "train", short)
     few = {"narx": {"degree": 1, "terms": 0, "output_lags": 3}, "difnn": {"terms": 2}}
     options = few.get(structure, {})
     model = identify(records[:2], press, structure, sampling=SAMPLING, options=options)
