@@ -284,7 +284,10 @@ def trunk_modules() -> list[str]:
     )
 
 
-@pytest.mark.parametrize("away", [*([name] for name in OURS), OURS], ids=lambda away: ",".join(away))
+@pytest.mark.parametrize(
+    "away",
+    [*(pytest.param([name], id=name, marks=pytest.mark.slow) for name in OURS), pytest.param(OURS, id="all")],
+)
 def test_the_trunk_works_without(away: list[str], tmp_path: Path, call: Call) -> None:
     package = tmp_path / "site" / "hybrid_sysid_ros"
     (package / "extensions").mkdir(parents=True)
