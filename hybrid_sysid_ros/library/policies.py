@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -121,13 +122,12 @@ def train_policy(
         sequence=bool(plan),
         followed=options_of(follow, "follow"),
     )
-    trained: policies.Policy = extensions.one("policies", "train")(
-        used,
-        settings,
-        seed=seed_of(seed),
-        samples=None if samples is None else path_of(samples, "samples"),
-        progress=callable_of(progress, "progress", "stage, done, of"),
-    )
+    given: dict[str, Any] = {
+        "seed": seed_of(seed),
+        "samples": None if samples is None else path_of(samples, "samples"),
+        "progress": callable_of(progress, "progress", "stage, done, of"),
+    }
+    trained: policies.Policy = extensions.one("policies", "train")(used, settings, **given)
     return Policy.of(trained, used)
 
 
@@ -175,18 +175,16 @@ def certify(
         raise UserError(f"model is another one than the policy's of {policy.rig}; give the one that it was trained for")
     low, high = SECONDS
     length = None if seconds is None else number_of(seconds, "seconds", low=low, high=high, unit="s")
-    found: Certificate = extensions.one("policies", "certify")(
-        policy,
-        _seal(policy),
-        used,
-        seed=seed_of(seed),
-        seconds=length,
-        loops=whole_of(loops, "loops", low=1, high=MOST),
-        delta=number_of(delta, "delta", low=0.0, high=1.0, above=True),
-        workers=whole_of(workers, "workers", low=0, high=MOST),
-        store=None if store is None else path_of(store, "store"),
-        progress=callable_of(progress, "progress", "stage, done, of"),
-    )
+    given: dict[str, Any] = {
+        "seconds": length,
+        "seed": seed_of(seed),
+        "loops": whole_of(loops, "loops", low=1, high=MOST),
+        "delta": number_of(delta, "delta", low=0.0, high=1.0, above=True),
+        "workers": whole_of(workers, "workers", low=0, high=MOST),
+        "store": None if store is None else path_of(store, "store"),
+        "progress": callable_of(progress, "progress", "stage, done, of"),
+    }
+    found: Certificate = extensions.one("policies", "certify")(policy, _seal(policy), used, **given)
     return found
 
 
