@@ -137,7 +137,7 @@ def hardware_run(case: Case) -> tuple[list[tuple[Array, ...]], Array]:
     questions: list[tuple[Array, ...]] = []
     answers: list[float] = []
 
-    class Heard(ExactMpc):
+    class Recorded(ExactMpc):
         """The exact MPC, whose questions and answers are kept."""
 
         def control(self, *question: Array) -> Any:
@@ -147,7 +147,7 @@ def hardware_run(case: Case) -> tuple[list[tuple[Array, ...]], Array]:
             return plan
 
     for seed in SEEDS:
-        loop(case, seed, Heard(case.system, case.problem))
+        loop(case, seed, Recorded(case.system, case.problem))
     return questions, np.array(answers)
 
 
@@ -212,7 +212,7 @@ def beam(train: bool) -> dict[str, Any]:
         "training, sampling included [s]": shipped.training["seconds"],
     }
     if train:
-        trained = [train_policy(model, seed=seed, progress=_told()) for seed in SEEDS]
+        trained = [train_policy(model, seed=seed, progress=_reported()) for seed in SEEDS]
         totals = np.array([costs(each, each.problem, rig.system, spread).sum() for each in trained]) / exact.sum()
         found |= {
             "cost to exact, by seeds of training": result.spread(totals),
@@ -280,7 +280,7 @@ def cost(
     return float(scenarios.run(scenario, problem, control).costs.sum())
 
 
-def _told() -> Callable[[str, int, int], None]:
+def _reported() -> Callable[[str, int, int], None]:
     def tell(stage: str, done: int, of: int) -> None:
         if done == of:
             print(f"  {stage}: {of}", flush=True)

@@ -62,7 +62,7 @@ class RecorderNode(RigNode):
     """
 
     NAME = "recorder"
-    HEARS = topics.RECORDED
+    SUBSCRIBES = topics.RECORDED
 
     def configure(self) -> None:
         if not self.settings["path"]:
@@ -109,7 +109,7 @@ class RecorderNode(RigNode):
         """Record a topic from now on."""
         self.received[name] = 0
         kind = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
-        self.hear(message_type, name, quality, partial(self.keep, name, kind))
+        self.subscribe(message_type, name, quality, partial(self.keep, name, kind))
 
     def keep(self, name: str, kind: str, data: bytes, information: Mapping[str, int]) -> None:
         """Put a message of a topic into the queue, if there is room."""
@@ -125,10 +125,10 @@ class RecorderNode(RigNode):
 
     def drain(self) -> None:
         """Take all that the middleware has."""
-        begun = time.time_ns()
+        started = time.time_ns()
         for listener in list(self._listeners):
             listener.drain()
-        self.drained, self.settled = begun, self.drained
+        self.drained, self.settled = started, self.drained
 
     def learn(self, name: str, values: Mapping[str, Any]) -> None:
         """Keep what a node has read."""

@@ -193,8 +193,8 @@ def by_hand(certification, scenario, driver):
     inputs, exact, states = [], [], [x.copy()]
     for k, disturbance in enumerate(scenario.disturbances):
         x = x + scenario.pushes[k]
-        told = disturbance + scenario.disturbance_errors[k]
-        asked = (x + scenario.state_errors[k], told, u, scenario.references[k : k + problem.horizon])
+        reported = disturbance + scenario.disturbance_errors[k]
+        asked = (x + scenario.state_errors[k], reported, u, scenario.references[k : k + problem.horizon])
         answer = judge.control(*asked)
         judge.prepare(problem.period)
         given = answer if drives is judge else drives.control(*asked)

@@ -74,7 +74,7 @@ def record(system: System, seed: int) -> PreparedRecord:
     return PreparedRecord(name="swung", sampling=sampling, inputs=inputs, outputs=states, states=states)
 
 
-def begun(kind: str) -> Hybrid:
+def started(kind: str) -> Hybrid:
     """In its training data, and without a word yet."""
     system, _ = build("hybrid", Swing(), scales=np.array([1.0, 2.0, 2.0]), seed=0, options=KINDS[kind])
     assert isinstance(system, Hybrid)
@@ -83,7 +83,7 @@ def begun(kind: str) -> Hybrid:
 
 def spoken(kind: str) -> Hybrid:
     """With numbers that matter."""
-    hybrid = begun(kind)
+    hybrid = started(kind)
     return hybrid.with_weights(hybrid.weights + np.random.default_rng(1).normal(scale=0.5, size=len(hybrid.weights)))
 
 
@@ -134,9 +134,9 @@ def test_slopes_are_those_of_differences(kind, start):
     share = float(hybrid.region.share([(1.0 - np.sin(start)) / hybrid.scales[0], start / hybrid.scales[1]]))
     assert share == 1.0 if start < 1.0 else 0.02 < share < 0.98
     starts, first, inputs = np.array([[0, 0, 5, 0]]), np.array([[start, 0.4]]), np.full((4, 1), 0.7)
-    told = Sensitivities(hybrid)
-    jacobian = np.empty((5, 2, told.count))
-    told.rollouts(hybrid, starts, first, inputs, step=STEP, every=1, out=jacobian)
+    reported = Sensitivities(hybrid)
+    jacobian = np.empty((5, 2, reported.count))
+    reported.rollouts(hybrid, starts, first, inputs, step=STEP, every=1, out=jacobian)
     weights, columns = hybrid.weights, jacobian[:, :, 2 : 2 + len(hybrid.weights)]
     for column, nudge in zip(np.moveaxis(columns, 2, 0), 1e-5 * np.eye(len(weights)), strict=True):
         after, before = (
@@ -172,7 +172,7 @@ def test_a_hybrid_is_made_again_from_its_design(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_learns_what_the_physics_lacks_and_leaves_the_physics_alone(kind):
     """Free run of another record, in parts of the error of the physics."""
-    hybrid, other = begun(kind), record(Stiffening(), 1)
+    hybrid, other = started(kind), record(Stiffening(), 1)
     names = [item.name for item in hybrid.physics.parameters]
     found = fit(hybrid, [record(Stiffening(), 0)], stages=(20, 100), hold=names, ridge=0.1, tolerance=1e-5).system
     assert isinstance(found, Hybrid)

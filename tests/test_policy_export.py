@@ -106,8 +106,10 @@ def test_the_c_code_compiles_without_a_warning_and_its_test_passes(policy, tmp_p
     strict = [*compiler.FLAGS, "-Werror", "-Wconversion", "-Wshadow", "-Wmissing-prototypes", "-Wdouble-promotion"]
     command = [COMPILER, *strict, "policy.c", "policy_test.c", "-o", "policy_test", "-lm"]
     subprocess.run(command, cwd=tmp_path / "out", check=True)
-    told = subprocess.run(["./policy_test"], cwd=tmp_path / "out", check=True, capture_output=True, text=True).stdout
-    assert f"0 of {len(vectors(policy))} vectors wrong" in told
+    reported = subprocess.run(
+        ["./policy_test"], cwd=tmp_path / "out", check=True, capture_output=True, text=True
+    ).stdout
+    assert f"0 of {len(vectors(policy))} vectors wrong" in reported
 
 
 @needs_compiler
@@ -160,11 +162,11 @@ def test_the_graph_says_where_it_comes_from(tmp_path):
     onnx = pytest.importorskip("onnx", reason="needs ONNX: install hybrid_sysid_ros[export]")
     folder.write(POLICIES["a corrected plan"], tmp_path / "out", name="policy", seal=SEAL, form="onnx")
     whole = onnx.load(tmp_path / "out" / "policy.onnx")
-    told = {item.key: item.value for item in whole.metadata_props}
-    assert told["policy"] == SEAL
-    assert told["model"] == POLICIES["a corrected plan"].model
-    assert (told["rig"], told["period"], told["rate_limit"]) == ("cam_beam", "0.05 s", "0.7 a period")
-    assert told["state"] == "position [rad], velocity [rad/s]"
+    reported = {item.key: item.value for item in whole.metadata_props}
+    assert reported["policy"] == SEAL
+    assert reported["model"] == POLICIES["a corrected plan"].model
+    assert (reported["rig"], reported["period"], reported["rate_limit"]) == ("cam_beam", "0.05 s", "0.7 a period")
+    assert reported["state"] == "position [rad], velocity [rad/s]"
     assert [item.name for item in whole.graph.input] == ["x", "d", "u_previous", "preview", "parameters"]
 
 

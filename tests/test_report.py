@@ -223,19 +223,19 @@ def test_a_narrow_logarithmic_axis_has_all_digits_as_ticks(section):
     assert ticks == ["D1", "D2"]
 
 
-@pytest.mark.parametrize(("value", "told"), [(0.03, "0.03"), (0.187, "0.19"), (15.74, "15.7"), (0.0, "0")])
-def test_a_short_time_keeps_its_digits(value, told):
-    assert seconds(value) == told
+@pytest.mark.parametrize(("value", "reported"), [(0.03, "0.03"), (0.187, "0.19"), (15.74, "15.7"), (0.0, "0")])
+def test_a_short_time_keeps_its_digits(value, reported):
+    assert seconds(value) == reported
 
 
 def test_a_loop_of_a_rig_that_is_disturbed_says_so(section, model, tmp_path):
     """A hand on the drill string's brake, which would else be taken for a poor controller."""
     loop, brake = loop_of(), dataclasses.replace(RIG, disturbances={1: Excitation(kind="pulses", numbers={})})
-    for rig, told in ((RIG, 0), (brake, 1)):
+    for rig, reported in ((RIG, 0), (brake, 1)):
         closed = report.closed_loop_section(dataclasses.replace(loop, rig=rig))
         path = report.write(tmp_path / "report.html", section, closed, report.provenance(model, "run"))
         page = Page(path.read_text(encoding="utf-8")).text
-        assert page.count("disturbed, of which no model is told: velocity [rad/s]") == told
+        assert page.count("disturbed, of which no model is told: velocity [rad/s]") == reported
 
 
 def test_errors_over_the_horizon_end_in_those_of_the_free_run(section, text):

@@ -47,7 +47,7 @@ class Subject:
     sealed: bool = True
 
 
-def told(value: Any) -> tuple[int, str]:
+def reported(value: Any) -> tuple[int, str]:
     """Whatever was read in a few characters, the same for the same; and of a bag its number of samples."""
     digest = hashlib.sha256()
     _add(digest, value)

@@ -115,8 +115,8 @@ def _scored(
             scores[record.name] = evaluate(model, record, part=part).content
         except UnstableError as error:
             if windows is None:
-                told = f"for that say what holds the rig, experiments.stabiliser in {rig.file}"
-                raise UserError(f"{error}: {told}") from error
+                advice = f"for that say what holds the rig, experiments.stabiliser in {rig.file}"
+                raise UserError(f"{error}: {advice}") from error
             status.print(f"no free run: {error}")
             ahead[record.name] = predictions(model.system, experiment_of(model, record, part=part), windows)
     return scores, ahead

@@ -29,7 +29,7 @@ REACH = math.sqrt(6.0)
 """Of differences, in deviations: it sees the break-away of a joint that sticks, which sqrt(3), the best where all is
 smooth, often misses."""
 
-EMPTY, GIVEN, USED, GATED, BEGUN = 0, 1, 2, 3, 4
+EMPTY, GIVEN, USED, GATED, INITIALISED = 0, 1, 2, 3, 4
 """Fate of a reading: there is none, not looked at yet, used, an outlier, what the estimator began with."""
 
 _INTEGERS = (
@@ -310,7 +310,7 @@ def correct(core: Any, channels: Records, readings: Records, at: Array, mean: Ar
             readings[c].innovation = readings[c].value - expected[c]
     for c in range(count):
         reading, a = readings[c], sensitivity[c]
-        if reading.fate == EMPTY or reading.fate == BEGUN:
+        if reading.fate == EMPTY or reading.fate == INITIALISED:
             continue
         innovation = reading.value - expected[c]  # (1) y - h(z)
         variance = noise[c]

@@ -11,10 +11,10 @@ from typing import Any
 
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.estimation.belief import (
-    BEGUN,
     EMPTY,
     GATED,
     GIVEN,
+    INITIALISED,
     USED,
     clip,
     copy,
@@ -228,7 +228,7 @@ def replay(
         else:  # the belief that everything began with
             for c in range(core.channels):
                 if readings[row, c].fate == USED:
-                    readings[row, c].fate = BEGUN
+                    readings[row, c].fate = INITIALISED
         correct(core, channels, readings[row], mean, mean, root, True)
         clip(core, mean)
 
@@ -248,7 +248,7 @@ def begin(core: Any, channels: Records, moments: Records, readings: Records, inp
     clip(core, mean)
     for c in range(core.channels):
         if readings[row, c].fate != EMPTY:
-            readings[row, c].fate = BEGUN
+            readings[row, c].fate = INITIALISED
 
 
 @inner

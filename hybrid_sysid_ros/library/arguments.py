@@ -182,8 +182,8 @@ def parts_of(value: PartLike | Sequence[PartLike], count: int) -> Part | list[Pa
 
 def sampling_of(value: SamplingLike | None, rig: Rig) -> Sampling:
     """How records meet the simulation: by default as the rig's file says, else as the command line does."""
-    told = section(rig.content, "demo", str(rig.file))
-    own = {name: told[name] for name in ("step", "period") if name in told}
+    given = section(rig.content, "demo", str(rig.file))
+    own = {name: given[name] for name in ("step", "period") if name in given}
     if value is None:
         return Sampling(**own)
     if isinstance(value, Sampling):

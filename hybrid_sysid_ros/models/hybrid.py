@@ -127,8 +127,8 @@ class Hybrid(Wrapper):
         names = [item.name for item in self.physics.closures]
 
         def more(x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-            told = dict(zip(self.on, self._learned(x, u), strict=True))
-            return [told.get(name, 0.0) for name in names]
+            learned = dict(zip(self.on, self._learned(x, u), strict=True))
+            return [learned.get(name, 0.0) for name in names]
 
         return self.physics.corrected(more)
 
@@ -168,7 +168,7 @@ class BlockKind(ABC):
         """Weights (size,) before any data are seen."""
         return np.zeros(block.size)
 
-    def placed(self, block: Block, points: Array, seed: int) -> Array:
+    def initial_weights(self, block: Block, points: Array, seed: int) -> Array:
         """Weights (size,) where a fit begins; points (samples, features): training data in their scales."""
         raise NotImplementedError
 

@@ -125,8 +125,8 @@ class ResidualHybrid(Wrapper):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        told = "Of the residual's own memory; within [-1, 1] it dies away."
-        reflection = Parameter(name="", unit="", low=-1.0, high=1.0, start=0.0, learned=True, description=told)
+        description = "Of the residual's own memory; within [-1, 1] it dies away."
+        reflection = Parameter(name="", unit="", low=-1.0, high=1.0, start=0.0, learned=True, description=description)
         reflections = (
             replace(reflection, name=f"reflection_{j + 1}_{y.name}")
             for y in self.outputs

@@ -125,8 +125,8 @@ def simulate(
                 f"{plant.time:.3g} s; hold it by experiments.loops, or experiments.feedback, in {rig.file}"
             )
     stamps = START + np.round(np.arange(samples) / rate * 1e9).astype(np.int64)
-    told = ", ".join(f"{value:g} {item.unit}" for value, item in zip(rig.bias, rig.system.inputs, strict=True))
-    made_by = f"simulated {rig.name}, {kind}, seed {seed}, {duration:g} s at {rate:g} Hz, bias {told}"
+    bias = ", ".join(f"{value:g} {item.unit}" for value, item in zip(rig.bias, rig.system.inputs, strict=True))
+    made_by = f"simulated {rig.name}, {kind}, seed {seed}, {duration:g} s at {rate:g} Hz, bias {bias}"
     if rig.disturbances and not disturbed:
         made_by += ", undisturbed"
     series = [_measurements(rig, stamps, shown, np.array(applied))]

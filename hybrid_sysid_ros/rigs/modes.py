@@ -26,11 +26,11 @@ class NamedMode:
     """Whether it does; None: it may."""
 
 
-def modes_of(told: Mapping[str, Any], system: System, where: str) -> dict[str, NamedMode]:
+def modes_of(given: Mapping[str, Any], system: System, where: str) -> dict[str, NamedMode]:
     """From a section of rig.yaml, by their names. Raises UserError for what is wrong in it."""
     found = {}
-    for name, value in told.items():
-        here, content = f"{where}.{name}", section(told, name, where)
+    for name, value in given.items():
+        here, content = f"{where}.{name}", section(given, name, where)
         refuse_unknown(content, ("states", "oscillates"), here)
         states, oscillates = content.get("states"), content.get("oscillates")
         if not isinstance(states, list) or not isinstance(oscillates, bool | None):

@@ -67,7 +67,7 @@ class Study:
         ]
 
     @property
-    def begun(self) -> int:
+    def started(self) -> int:
         """Number of trials that are finished or asked for."""
         return len(self.finished) + len(self._asked)
 

@@ -103,8 +103,8 @@ def _added(
         answer(law, wide, outputs[k], commands[k], nothing, now.copy(), sums.copy(), free)
         for j in range(low.shape[0]):
             at_limit = not low[j] < inputs[k, j] < high[j]
-            told = min(max(free[j], low[j]), high[j]) if at_limit else free[j]
-            added[k, j] = inputs[k, j] - told
+            expected = min(max(free[j], low[j]), high[j]) if at_limit else free[j]
+            added[k, j] = inputs[k, j] - expected
         answer(law, limits, outputs[k], commands[k], added[k], now, sums, u)
     return added
 

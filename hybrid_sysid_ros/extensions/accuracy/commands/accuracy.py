@@ -79,15 +79,15 @@ def command(
         *_further("spread", spread_width, spread_until or [], found),
     ]
     conditions = _strata(strata) if strata is not None else None
-    told = _content(found, wanted, conditions, strata_shots or STRATA_SHOTS)
+    content = _content(found, wanted, conditions, strata_shots or STRATA_SHOTS)
     if page is not None:
         hashes = {"simulated shots": sha256(simulated), "live shots": sha256(live)}
         source = report.Provenance(command=shlex.join(["hybrid-sysid", *sys.argv[1:]]), hashes=hashes)
-        write_accuracy(page, found, source, [*_remarks(found, told)])
+        write_accuracy(page, found, source, [*_remarks(found, content)])
     if as_json:
-        console.print_json(json.dumps(told))
+        console.print_json(json.dumps(content))
     else:
-        _show(found, told)
+        _show(found, content)
         if page is not None:
             console.print(f"report: {page}")
     if found.contradictions:
@@ -166,7 +166,7 @@ def _known(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _show(found: Accuracy, told: dict[str, Any]) -> None:
+def _show(found: Accuracy, content: dict[str, Any]) -> None:
     live, prior = found.live, found.prior
     table = Table(
         "", "live alone", "simulated alone", "together", "narrower than live",
@@ -189,22 +189,22 @@ def _show(found: Accuracy, told: dict[str, Any]) -> None:
     values = (f"{p:.3g}" if math.isfinite(p) else "-" for p in (conflict.mean, conflict.spread))
     differs.add_row("p-value of all", *values)
     print_table(differs)
-    for remark in _remarks(found, told):
+    for remark in _remarks(found, content):
         console.print(remark)
 
 
-def _remarks(found: Accuracy, told: dict[str, Any]) -> Iterator[str]:
+def _remarks(found: Accuracy, content: dict[str, Any]) -> Iterator[str]:
     """How many more shots, and what strata save, a sentence each."""
     units = dict(zip(found.live.names, found.live.units, strict=True))
-    for item in told["further_shots"]:
+    for item in content["further_shots"]:
         unit = f" {units[item['of']]}".rstrip()
         shots = "shot" if item["shots"] == 1 else "shots"
         yield (
             f"{item['shots']} more {shots} until the interval of the {item['interval']} of {item['of']} is at most "
             f"{item['width']:g}{unit} wide, with a probability of {100.0 * ASSURANCE:g} %"
         )
-    if "strata" in told:
-        shared = told["strata"]
+    if "strata" in content:
+        shared = content["strata"]
         yield (
             f"stratified: K_a {shared['efficiency']:.3f}, {100.0 * shared['saved']:.0f} % of the live shots saved; "
             f"of {sum(shared['allocation'])} shots the strata get {', '.join(map(str, shared['allocation']))}"

@@ -79,9 +79,9 @@ def command(
         )
     except KeyboardInterrupt:
         raise Interrupted(f"what is done is in {place}; the same command goes on from there") from None
-    told = _content(found)
+    content = _content(found)
     with written_file(place / "verdict.json") as partial:
-        partial.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+        partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     source = report.provenance(found.models[setup.plan.structure], shlex.join(["hybrid-sysid", *sys.argv[1:]]))
     write_mockup(place / "verdict.html", found, source)
     print_table(_table(found))
@@ -107,7 +107,7 @@ class Fleet:
                 found[numbers_of] = result
                 update(name, min(BATCH * len(found), count), count)
         rows = {key: np.concatenate([found[item][key] for item in items]) for key in found[items[0]]}
-        return MonteCarloRuns(where=where, miss=rows["miss"], rmse=rows["rmse"], sound=rows["sound"])
+        return MonteCarloRuns(where=where, tracking_error=rows["miss"], rmse=rows["rmse"], sound=rows["sound"])
 
     def _workers(self, work: Callable[[tuple[int, ...]], NamedArrays]) -> Workers[tuple[int, ...], NamedArrays]:
         if self.cluster:
@@ -126,19 +126,19 @@ def _content(found: Found) -> dict[str, Any]:
         "errors": {"of": found.ahead, **found.errors},
         "shots": {
             name: {
-                "count": len(fired.miss),
-                "held": int(fired.sound.all(axis=1).sum()),
+                "count": len(runs.tracking_error),
+                "held": int(runs.sound.all(axis=1).sum()),
                 **{
                     window: {
                         "unit": unit,
-                        "mean": float(fired.miss[:, k].mean()),
-                        "deviation": float(fired.miss[:, k].std(ddof=1)),
-                        "rmse": float(fired.rmse[:, k].mean()),
+                        "mean": float(runs.tracking_error[:, k].mean()),
+                        "deviation": float(runs.tracking_error[:, k].std(ddof=1)),
+                        "rmse": float(runs.rmse[:, k].mean()),
                     }
-                    for k, (window, unit) in enumerate(fired.windows.items())
+                    for k, (window, unit) in enumerate(runs.windows.items())
                 },
             }
-            for name, fired in found.fired.items()
+            for name, runs in found.runs.items()
         },
         "accuracy": [
             {"of": row.name, "live": row.live.value, "together": row.together.value, "narrower_percent": row.narrower}

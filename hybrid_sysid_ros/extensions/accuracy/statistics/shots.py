@@ -100,8 +100,8 @@ def read(path: Path | str, *, unit: str = "", row: str = "shot") -> Shots:
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}): give a file with a row for each {row}") from error
     except Exception as error:  # of zip, numpy, json and unicode, each with its own
-        told = str(error).split(". ")[0]
-        raise UserError(f"{path}: cannot be read ({told}): it needs {FORMS[path.suffix]}") from error
+        message = str(error).split(". ")[0]
+        raise UserError(f"{path}: cannot be read ({message}): it needs {FORMS[path.suffix]}") from error
 
 
 def _shots(path: Path, columns: Mapping[str, Any], unit: str, row: str) -> Shots:

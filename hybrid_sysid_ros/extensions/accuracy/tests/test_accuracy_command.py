@@ -47,14 +47,14 @@ def test_json_has_every_number(accuracy, folder: Path):
         "--json",
     )  # fmt: skip
     assert (status, error) == (0, "")
-    told = json.loads(out)
+    reported = json.loads(out)
     live = read(folder / "live.csv").values
-    assert told["live_only"]["mean"]["x"]["value"] == pytest.approx(live[:, 0].mean())
-    assert told["simulation_counts_as"]["mean"] == pytest.approx(1 / (1 / 200 + 0.25))
-    assert told["joint"]["circular_error_probable"]["low"] < told["joint"]["circular_error_probable"]["high"]
-    assert [item["of"] for item in told["further_shots"]] == ["x", "y"]
-    assert told["strata"]["allocation"] == [28, 58, 14]
-    assert told["conflict"]["contradictions"] == []
+    assert reported["live_only"]["mean"]["x"]["value"] == pytest.approx(live[:, 0].mean())
+    assert reported["simulation_counts_as"]["mean"] == pytest.approx(1 / (1 / 200 + 0.25))
+    assert reported["joint"]["circular_error_probable"]["low"] < reported["joint"]["circular_error_probable"]["high"]
+    assert [item["of"] for item in reported["further_shots"]] == ["x", "y"]
+    assert reported["strata"]["allocation"] == [28, 58, 14]
+    assert reported["conflict"]["contradictions"] == []
 
 
 def test_the_page_shows_every_number_and_needs_no_network(accuracy, folder: Path):
@@ -106,10 +106,10 @@ def test_nothing_need_be_believed_of_the_simulated_mean(accuracy, folder: Path):
     for off in ("inf", "1e200"):
         status, out, _ = accuracy("simulated.csv", "live.csv", "--mean-off", off, "--spread-off", "0.1", "--json")
         assert status == 0
-        told = json.loads(out)
-        assert told["simulation_counts_as"]["mean"] == 0.0
-        assert told["joint"]["mean"]["x"]["value"] == pytest.approx(told["live_only"]["mean"]["x"]["value"])
-        assert told["conflict"]["p_mean"] is None
+        reported = json.loads(out)
+        assert reported["simulation_counts_as"]["mean"] == 0.0
+        assert reported["joint"]["mean"]["x"]["value"] == pytest.approx(reported["live_only"]["mean"]["x"]["value"])
+        assert reported["conflict"]["p_mean"] is None
 
 
 @pytest.mark.parametrize(

@@ -215,9 +215,9 @@ def test_rules_of_several_inputs_are_those_that_data_show(record):
 
 def test_a_tuned_network_learns_the_plant(plant, record):
     """From a tenth of the deviation to a hundredth."""
-    begun = _linked(record)
-    fitted = tuned(begun, [record]).system
-    assert free_run_error(plant, fitted) < 0.05 < 0.3 * free_run_error(plant, begun) + 0.05
+    initial = _linked(record)
+    fitted = tuned(initial, [record]).system
+    assert free_run_error(plant, fitted) < 0.05 < 0.3 * free_run_error(plant, initial) + 0.05
 
 
 # Bad input

@@ -51,8 +51,8 @@ def command(
         if plan.lockstep
         else "recorded in real time, so that references and ages differ a little"
     )
-    told = f"{bags.name_of(bag)}, {kind}; parameters: {plan.source}; {replaying.told_changes(plan.changes)}."
-    console.print(told)
+    summary = f"{bags.name_of(bag)}, {kind}; parameters: {plan.source}; {replaying.change_summary(plan.changes)}."
+    console.print(summary)
     for table in tables(comparison):
         print_table(table)
     if out is not None:
@@ -65,7 +65,7 @@ def command(
             versions=versions(),
         )
         title = f"{plan.rig.name}: replay of {bags.name_of(bag)}"
-        write_replay(out / PAGE, comparison, title, told, provenance)
+        write_replay(out / PAGE, comparison, title, summary, provenance)
         console.print(f"report: {out / PAGE}   numbers: {out / NUMBERS}   bag: {out / BAG}")
 
 

@@ -70,11 +70,13 @@ def largest(numbers: dict[str, Any], topic: str) -> float:
 def test_a_recorded_loop_explains_itself(loop: Path, tmp_path: Path) -> None:
     """Parameters of all nodes, and the very model and policy."""
     found = bags.attached(loop)
-    told = {node: run_provenance.parameters(found, node) for node in ("plant", "reference", "estimator", "controller")}
-    assert told["plant"]["bias"] == [0.3]
-    assert told["estimator"]["process_noise"] == [0.002] * len(RIG.system.states)
-    assert told["controller"]["lockstep"] is True
-    for node, values in told.items():
+    reported = {
+        node: run_provenance.parameters(found, node) for node in ("plant", "reference", "estimator", "controller")
+    }
+    assert reported["plant"]["bias"] == [0.3]
+    assert reported["estimator"]["process_noise"] == [0.002] * len(RIG.system.states)
+    assert reported["controller"]["lockstep"] is True
+    for node, values in reported.items():
         assert values.keys() == {"rig", *configuration.parameters(RIG, node)}
     model = load_model(bags.laid_out(found, tmp_path, below="controller/model"))
     assert model.seal == load_model(shipped(RIG.name, "model")).seal

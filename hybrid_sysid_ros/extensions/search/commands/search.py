@@ -101,7 +101,7 @@ def run(study: Study, found: Workers[tuple[int, Options], TrialResult], trials: 
         best = max((trial.outcome.score for trial in study.ranking), default=-math.inf)
         update("trials", len(study.finished), trials)
 
-        def told(trial: Evaluation) -> None:
+        def report(trial: Evaluation) -> None:
             nonlocal best
             outcome = trial.outcome
             if outcome.error:
@@ -111,7 +111,7 @@ def run(study: Study, found: Workers[tuple[int, Options], TrialResult], trials: 
                 status.print(f"  trial {trial.number}: R2 {best:.4f} with {written(trial)}")
             update("trials", len(study.finished), trials)
 
-        search(study, found, trials=trials, timeout=timeout, told=told)
+        search(study, found, trials=trials, timeout=timeout, report=report)
 
 
 def show(study: Study, objective: Objective, title: str) -> None:

@@ -122,7 +122,7 @@ def test_a_file_of_something_else_is_not_a_study(tmp_path: Path, content: str) -
         assert file.read_text() == content * 1000
     else:
         with study_of(str(file)) as study:  # SQLite takes an empty file for an empty database
-            assert study.begun == 0
+            assert study.started == 0
 
 
 def test_a_place_that_is_none_is_refused(tmp_path: Path) -> None:
@@ -184,7 +184,7 @@ def test_options_that_were_drawn_before_are_not_evaluated_again(place: str) -> N
 def test_no_trial_begins_after_the_timeout(place: str) -> None:
     with study_of(place) as study:
         search(study, here(branin), trials=5, timeout=0.0)
-        assert study.begun == 0
+        assert study.started == 0
 
 
 def test_options_are_of_their_kind(place: str) -> None:

@@ -74,7 +74,7 @@ def command(
     if page is not None:
         report.check_available()
         check_file(page, suffix=".html")
-    with status.status("looking at the film") as spinner, _told_of(video, bag, layers):
+    with status.status("looking at the film") as spinner, _named_in_errors(video, bag, layers):
         known = layers is not None and (layers / f"{KIND}.yaml").exists() and not again
         if known and layers is not None:
             found = PictureLayers.load(layers)
@@ -94,9 +94,9 @@ def command(
         if dynamics is not None and bag is not None:
             spinner.update("predicting")
             ahead = image_prediction.of_video(video, dynamics, described, bag, record, found, exposure=exposure)
-    told = shlex.join(["hybrid-sysid", *sys.argv[1:]])
+    command_line = shlex.join(["hybrid-sysid", *sys.argv[1:]])
     written = video_record.at_rate(record, rate) if rate else record
-    video_record.write(written, described, scene.joint, bag, out, replace=overwrite, made_by=told)
+    video_record.write(written, described, scene.joint, bag, out, replace=overwrite, made_by=command_line)
     for remark in [*footage.remarks(), *video_record.contradictions(record)]:
         console.print(f"note: {remark}")
     print_table(table_of(record))
@@ -106,13 +106,13 @@ def command(
     if page is not None:
         sources = {"film": video} | ({"bag": bag} if bag is not None else {})
         hashes = {f"{kind}, {path.name}": sha256(path) for kind, path in sources.items()}
-        provenance = report.Provenance(command=told, hashes=hashes, versions=versions())
+        provenance = report.Provenance(command=command_line, hashes=hashes, versions=versions())
         write_video(page, record, found, f"{described.name}: {video.name}", provenance, ahead=ahead)
         console.print(f"report: {page}")
 
 
 @contextmanager
-def _told_of(video: Path, *others: Path | None) -> Iterator[None]:
+def _named_in_errors(video: Path, *others: Path | None) -> Iterator[None]:
     """A refusal names the film, where it does not name a file already."""
     try:
         yield
