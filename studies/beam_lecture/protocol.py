@@ -92,7 +92,7 @@ def command(
         with progress_bars(status) as update:
             update("structures", 0, len(structures))
 
-            def advance(candidate: Candidate) -> None:
+            def tell_candidate(candidate: Candidate) -> None:
                 done.append(candidate)
                 status.print(f"  {candidate.structure}: {described(candidate)}")
                 update("structures", len(done), len(structures))
@@ -109,7 +109,7 @@ def command(
                 seeds=range(seeds),
                 jobs=jobs,
                 store=store,
-                report=advance,
+                report=tell_candidate,
             )
     except KeyboardInterrupt:
         comparison = finished(done, structures)
@@ -139,7 +139,7 @@ def command(
         store.remove()
 
 
-def advance(candidates: Sequence[Candidate], structures: Sequence[str]) -> Comparison:
+def finished(candidates: Sequence[Candidate], structures: Sequence[str]) -> Comparison:
     """What there is of an interrupted comparison. Nothing is chosen: a structure that is missing may be better."""
     found = {candidate.structure: candidate for candidate in candidates}
     return Comparison(

@@ -21,7 +21,7 @@ def write_replay(path: Path | str, comparison: Comparison, title: str, summary: 
     shown = [number for number in comparison.numbers if f"{AHEAD}]" not in number.field]
     content = {
         "title": title,
-        "told": summary,
+        "summary": summary,
         "settled": f"{SETTLED:g}",
         "comparison": comparison,
         "figures": [
