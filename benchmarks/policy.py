@@ -33,7 +33,7 @@ from hybrid_sysid_ros.control import Controller, ControlProblem, ExactMpc, scena
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.control.policy import policy
-from hybrid_sysid_ros.control.policy.kernels import answer
+from hybrid_sysid_ros.control.policy.kernels import network_answer
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.scenarios import Scenario, Spread, steady_motion
@@ -43,7 +43,7 @@ from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.policies import train_policy
+from hybrid_sysid_ros.runtime.policies import train_configured_policy
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.extras import extra
 
@@ -177,7 +177,7 @@ def call_times(imitation: Policy, questions: list[tuple[Array, ...]]) -> list[fl
 def network_times(imitation: Policy, questions: list[tuple[Array, ...]]) -> list[float]:
     """Seconds of each call of the network alone, bounds included: its question stands in memory."""
     rows = [np.concatenate([np.ravel(part) for part in question]) for question in questions]
-    alone = numba.njit("b1(i8[::1], f8[::1], f8[::1], f8[:, ::1])", **OPTIONS)(answer)
+    alone = numba.njit("b1(i8[::1], f8[::1], f8[::1], f8[:, ::1])", **OPTIONS)(network_answer)
     plan = np.empty((imitation.stages, imitation.inputs))
     times = []
     for index in range(CALLS):
@@ -212,7 +212,7 @@ def beam(train: bool) -> dict[str, Any]:
         "training, sampling included [s]": shipped.training["seconds"],
     }
     if train:
-        trained = [train_policy(model, seed=seed, progress=_reported()) for seed in SEEDS]
+        trained = [train_configured_policy(model, seed=seed, progress=_reported()) for seed in SEEDS]
         totals = np.array([costs(each, each.problem, rig.system, spread).sum() for each in trained]) / exact.sum()
         found |= {
             "cost to exact, by seeds of training": result.spread(totals),

@@ -66,7 +66,7 @@ class Listener:
         self._context = Context()
 
     def __enter__(self) -> Listener:
-        middleware.prepare()  # as any node of the rig
+        middleware.prepare_middleware()  # as any node of the rig
         rclpy.init(context=self._context, domain_id=DOMAIN)
         node = Node("listener", context=self._context, namespace=self._namespace)
         for topic in self.heard:

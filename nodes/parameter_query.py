@@ -17,7 +17,7 @@ from hybrid_sysid_ros.runtime.parameters import parameters
 PERIOD = 0.25  # s, between two looks who is there
 PATIENCE = 8  # looks, with an answer: one that is lost, as where a service does not know its client yet, never comes
 
-Deliver = Callable[[str, dict[str, Any]], None]
+OnParameters = Callable[[str, dict[str, Any]], None]
 
 
 class ParameterQuery:
@@ -25,7 +25,7 @@ class ParameterQuery:
     has answered once.
     """
 
-    def __init__(self, node: RigNode, names: Iterable[str], deliver: Deliver) -> None:
+    def __init__(self, node: RigNode, names: Iterable[str], deliver: OnParameters) -> None:
         """names: of nodes in the namespace of `node`. heard: gets the name and parameters of each that answers."""
         self._node, self._deliver = node, deliver
         self._wanted = {name: ["rig", *parameters(node.rig, name)] for name in names}

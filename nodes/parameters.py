@@ -17,7 +17,7 @@ from hybrid_sysid_ros.runtime.parameters import NodeParameter, check_rules, decl
 from hybrid_sysid_ros.support import errors
 from hybrid_sysid_ros.support.errors import UserError
 
-RIG = NodeParameter(name="rig", default="", description="the rig, by its name or by the path of its folder")
+RIG = NodeParameter(name="rig", default="", description="Rig, by its name or by the path of its folder")
 OF_ROS = ("use_sim_time", "start_type_description_service")
 OF_QUALITY = "qos_overrides."
 TakeParameters = Callable[[Mapping[str, Any], Sequence[str]], None]

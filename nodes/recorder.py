@@ -22,7 +22,7 @@ from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
 from hybrid_sysid_ros.nodes.parameter_query import ParameterQuery
 from hybrid_sysid_ros.nodes.process import run
-from hybrid_sysid_ros.runtime.run_provenance import folders, parameter_file
+from hybrid_sysid_ros.runtime.run_provenance import folders, parameter_attachment
 from hybrid_sysid_ros.support.errors import UserError
 
 DEPTH = 10_000  # messages that wait for the recorder: it comes after the loop
@@ -132,7 +132,7 @@ class RecorderNode(RigNode):
 
     def learn(self, name: str, values: Mapping[str, Any]) -> None:
         """Keep what a node has read."""
-        self.attachments.extend(parameter_file(name, values).items())
+        self.attachments.extend(parameter_attachment(name, values).items())
         try:
             self.attachments.extend(collected(folders(name, values)).items())
         except UserError as error:

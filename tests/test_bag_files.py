@@ -44,7 +44,7 @@ def in_the_file(file: Path) -> list[int]:
 
 def test_the_library_reads_the_same_messages(tmp_path: Path) -> None:
     series = [states(), references()]
-    file = bags.write(tmp_path / "run", series) / "run_0.mcap"
+    file = bags.write_bag(tmp_path / "run", series) / "run_0.mcap"
     with library(file) as reader:
         assert reader.get_header().profile == "ros2"
         summary = reader.get_summary()
@@ -153,7 +153,7 @@ def test_what_belongs_to_a_bag_is_kept_in_it(tmp_path: Path) -> None:
         bags.laid_out(found, tmp_path / "out", below="controller/policy")
     with pytest.raises(UserError, match="leads out of its folder"):
         bags.laid_out({"model/../../escaped": b""}, tmp_path / "out", below="model")
-    assert bags.attached(bags.write(tmp_path / "bare", [states(10)])) == {}
+    assert bags.attached(bags.write_bag(tmp_path / "bare", [states(10)])) == {}
     with pytest.raises(UserError, match="no such file"):
         bags.attached(tmp_path / "nowhere")
 

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.starting import initialised
 from hybrid_sysid_ros.models import Sampling, build
-from hybrid_sysid_ros.models.hybrid import Hybrid, averaged, block_kinds
+from hybrid_sysid_ros.models.hybrid import Hybrid, averaged_hybrid, block_kinds
 from hybrid_sysid_ros.models.region import FADED, Region
 from hybrid_sysid_ros.models.structure import assemble
 from hybrid_sysid_ros.support.errors import UserError
@@ -204,7 +204,7 @@ def test_what_cannot_be_is_refused():
         build("hybrid", Swing(), scales=np.ones(3), seed=0, options={"affine_rules": 2, "linked_rules": 2})
     rules = spoken("affine rules")
     with pytest.raises(UserError, match="only networks can be averaged"):
-        averaged([rules, rules])
+        averaged_hybrid([rules, rules])
     with pytest.raises(UserError, match="its network is on lift, which is no closure"):
         replace(rules, on=("pull", "lift"))
     with pytest.raises(UserError, match="angle is a state and a closure"):

@@ -387,7 +387,7 @@ def test_a_hundred_nodes_one_after_the_other_leave_nothing_behind(domain: int) -
     """Each goes through its states twice. No other node is there: beside one, the middleware keeps some 100 kB of every
     node, also of one that rclpy alone makes.
     """
-    middleware.prepare()
+    middleware.prepare_middleware()
     context = Context()
     rclpy.init(context=context, domain_id=domain)
     executor = SingleThreadedExecutor(context=context)

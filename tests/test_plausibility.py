@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.bags import joint_states, read, write
+from hybrid_sysid_ros.bags import joint_states, read, write_bag
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.identification.plausibility import check_limits, spikes, strangeness
 from hybrid_sysid_ros.models import load as load_model
@@ -119,7 +119,7 @@ def written(path, record):
     """A bag of a record of the wheel's motor."""
     stamps = np.round(1e9 * (1.0 + record.time)).astype(np.int64)
     effort = np.concatenate([[[np.nan]], record.input[:-1]])  # of the interval before
-    return write(
+    return write_bag(
         path, [joint_states("/wheel_motor/joint_states", stamps, ["wheel"], velocity=record.output, effort=effort)]
     )
 

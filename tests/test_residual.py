@@ -22,7 +22,7 @@ from hybrid_sysid_ros.identification.residual import ResidualSequence, check_for
 from hybrid_sysid_ros.identification.validation.stages import compare_stages
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models.hybrid import CLIP
-from hybrid_sysid_ros.models.residual import RADIUS, ResidualHybrid, averaged, coefficients
+from hybrid_sysid_ros.models.residual import RADIUS, ResidualHybrid, averaged_residual, coefficients
 from hybrid_sysid_ros.models.structure import options_of, structure_of
 from hybrid_sysid_ros.support.errors import UserError
 from tests.structures import residual
@@ -133,7 +133,7 @@ def test_the_mean_of_models_runs_in_their_mean() -> None:
 
     inputs, members = drive(400), [deaf(first), deaf(second)]
     runs = [along(member, inputs)[1] for member in members]
-    mean = averaged(members)
+    mean = averaged_residual(members)
     assert mean.units == 2 * first.units
     np.testing.assert_allclose(along(mean, inputs)[1], np.mean(runs, axis=0), rtol=1e-9, atol=1e-12)
     assert np.std(runs[0] - runs[1]) > 1e-3

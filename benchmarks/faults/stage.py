@@ -148,7 +148,7 @@ class Stage:
         os.environ[TROUBLE] = str(self.disk)
         self.session = Session(self.rig.source, domain=self.domain, tell=self.lines.append)
         self.context = Context()
-        middleware.prepare()
+        middleware.prepare_middleware()
         rclpy.init(context=self.context, domain_id=self.domain)
         options = {"start_parameter_services": False, "enable_rosout": False}  # each would cost the relay time
         self.node = Node("saboteur", context=self.context, namespace=self.rig.namespace, **options)

@@ -25,7 +25,7 @@ from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, session
 from hybrid_sysid_ros.runtime.configuration import controller_model, wrap_for_rig
 from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe, DemoRecords
-from hybrid_sysid_ros.runtime.policies import train_policy
+from hybrid_sysid_ros.runtime.policies import train_configured_policy
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
@@ -34,9 +34,10 @@ from hybrid_sysid_ros.support.files import beside, check_file, check_folder, mak
 from hybrid_sysid_ros.support.progress import progress_bars
 
 Out = Annotated[
-    Path | None, typer.Option("--out", help="Folder for the results; out/demo, out/demo_RIG or out/demo_camera.")
+    Path | None,
+    typer.Option("--out", help="Folder for the results; by default out/demo, out/demo_RIG or out/demo_camera."),
 ]
-Train = Annotated[bool, typer.Option("--train", help="Train model and policy afresh.")]
+Train = Annotated[bool, typer.Option("--train", help="Train a new model and policy instead of using the shipped ones.")]
 OUT = Path("out/demo")
 EXTENDED_BY = "demos"
 
@@ -106,7 +107,7 @@ def demo(out: Path, records: DemoRecords | None = None, *, rig: str = "", train:
     write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
     called = f"make demo{'' if described.name == default() else f' RIG={rig}'}{' TRAIN=1' if train else ''}"
     sections = report.identification_section(model, records.tests), section
-    report.write(out / "report.html", *sections, report.provenance(model, called))
+    report.write_report(out / "report.html", *sections, report.provenance(model, called))
     print_table(_table(summary))
     console.print(f"report: {out / 'report.html'}   numbers: {out / 'summary.json'}   bag: {bag}")
     return summary
@@ -155,7 +156,7 @@ def tracked(section: report.ClosedLoopSection, plan: DemoRecipe) -> dict[str, An
 
 def _train(model: Model, folder: Path) -> None:
     with progress_bars(console) as update:
-        train_policy(model, samples=beside(folder, ".samples"), progress=update).save(folder)
+        train_configured_policy(model, samples=beside(folder, ".samples"), progress=update).save(folder)
 
 
 def run_loop(bag: Path, rig: Rig, reference: str, **options: Any) -> tuple[Path, Mapping[str, Mapping[str, Any]]]:

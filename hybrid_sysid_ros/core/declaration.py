@@ -68,7 +68,7 @@ def rate_of(unit: str) -> str:
     return f"{unit}/s" if " " not in unit else f"({unit})/s"
 
 
-def check(kind: Any) -> None:
+def check_declaration(kind: Any) -> None:
     """Raise UserError for contacts, delays and outputs of a class that its states, inputs and parameters don't fit."""
     called = kind.__name__
     states, inputs = ([item.name for item in group] for group in (kind.states, kind.inputs))

@@ -11,7 +11,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control.controller import MpcSolution
 from hybrid_sysid_ros.control.export.folder import MANIFEST, identifier
-from hybrid_sysid_ros.control.export.folder import write as export_policy
+from hybrid_sysid_ros.control.export.folder import write_export as export_policy
 from hybrid_sysid_ros.control.mpc.horizon import PARTS
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.training_settings import Settings
@@ -21,9 +21,9 @@ from hybrid_sysid_ros.library.arguments import (
     RigLike,
     callable_of,
     choice_of,
-    model_of,
+    given_model,
+    given_options,
     number_of,
-    options_of,
     path_of,
     rig_of,
     seed_of,
@@ -123,9 +123,9 @@ def train_policy(
         hidden=_widths(hidden),
         workers=whole_of(workers, "workers", low=0, high=MOST),
         sequence=bool(plan),
-        followed=options_of(follow, "follow"),
+        followed=given_options(follow, "follow"),
     )
-    trained = configured.train_policy(
+    trained = configured.train_configured_policy(
         used,
         settings,
         seed=seed_of(seed),
@@ -218,7 +218,7 @@ def export(
         "step": number_of(step, "step", low=0.0, unit="s"),
         "smoothing": number_of(smoothing, "smoothing", low=0.0),
     }
-    export_casadi(sealed(model_of(model)), folder, **given, overwrite=bool(overwrite))
+    export_casadi(sealed(given_model(model)), folder, **given, overwrite=bool(overwrite))
     return folder
 
 

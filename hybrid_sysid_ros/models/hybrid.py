@@ -222,7 +222,7 @@ def size_of(block: Block) -> dict[str, int]:
     return {name: int(getattr(block, kind.size_field))}
 
 
-def averaged(members: Sequence[Hybrid]) -> Hybrid:
+def averaged_hybrid(members: Sequence[Hybrid]) -> Hybrid:
     """The mean of hybrids of one shape: of their parameters, and one network that is the mean of their networks.
 
     Raises UserError for several members whose learned part is no network: the mean of rules has more rules.

@@ -264,7 +264,7 @@ class ResidualHybrid(Wrapper):
         return replace(own, delay_line=memory, unobserved=rest, states_from_record=states_from_record)
 
 
-def averaged(members: Sequence[ResidualHybrid]) -> ResidualHybrid:
+def averaged_residual(members: Sequence[ResidualHybrid]) -> ResidualHybrid:
     """The mean of models beside one gray box: of their reflection coefficients, which is stable as they are, and of
     what drives their residuals: one polynomial, and one network that holds all of theirs.
     """

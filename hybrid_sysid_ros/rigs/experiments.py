@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.bags import Series, joint_states, joint_trajectories, markers, write
+from hybrid_sysid_ros.bags import Series, joint_states, joint_trajectories, markers, write_bag
 from hybrid_sysid_ros.rigs.feedback import Follower
 from hybrid_sysid_ros.rigs.plant import Measurement, Plant
 from hybrid_sysid_ros.rigs.rig import BEYOND, Rig
@@ -87,7 +87,7 @@ def _followed(plant: Plant, wanted: Array) -> Iterator[Array]:
         yield inputs
 
 
-def simulate(
+def simulate_experiment(
     rig: Rig,
     kind: str,
     out: Path,
@@ -132,7 +132,7 @@ def simulate(
     series = [_measurements(rig, stamps, shown, np.array(applied))]
     if rig.experiments.loops or rig.experiments.feedback:
         series.append(_references(rig, stamps, wanted[::every]))
-    return write(out, series, replace=overwrite, notes={"made_by": made_by})
+    return write_bag(out, series, replace=overwrite, notes={"made_by": made_by})
 
 
 def _watched(steps: Iterator[Array], watch: Callable[[], object]) -> Iterator[Array]:

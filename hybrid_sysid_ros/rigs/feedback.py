@@ -113,7 +113,9 @@ def law_of(feedback: Feedback) -> Law:
 
 
 @inner
-def answer(law: Any, limits: Any, y: Any, commands: Any, added: Any, model: Any, integrals: Any, u: Any) -> None:
+def feedback_inputs(
+    law: Any, limits: Any, y: Any, commands: Any, added: Any, model: Any, integrals: Any, u: Any
+) -> None:
     """The inputs u (inputs,) that answer outputs y (outputs,), commands (followed,) and what is added (inputs,).
 
     model (followed, 2), value and rate of each reference model, and integrals (inputs,) go on by a period.
@@ -151,7 +153,7 @@ def answer(law: Any, limits: Any, y: Any, commands: Any, added: Any, model: Any,
 def _answer(
     law: Law, limits: Limits, y: Array, commands: Array, added: Array, model: Array, integrals: Array, u: Array
 ) -> None:
-    answer(law, limits, y, commands, added, model, integrals, u)
+    feedback_inputs(law, limits, y, commands, added, model, integrals, u)
 
 
 class Follower:

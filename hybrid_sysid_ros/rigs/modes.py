@@ -41,7 +41,7 @@ def modes_of(given: Mapping[str, Any], system: System, where: str) -> dict[str, 
     return found
 
 
-def name_of(mode: Eigenmode, system: System, known: Mapping[str, NamedMode]) -> str:
+def mode_name(mode: Eigenmode, system: System, known: Mapping[str, NamedMode]) -> str:
     """The name of which the states have the largest share in a mode of a system, "" where none fits."""
     names = [item.name for item in system.declared_states]
     shares = dict(zip(names, mode.shares.tolist(), strict=True))

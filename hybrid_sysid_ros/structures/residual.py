@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models.fit import Fit, FitContext
 from hybrid_sysid_ros.models.options import Option
-from hybrid_sysid_ros.models.residual import ResidualHybrid, averaged
+from hybrid_sysid_ros.models.residual import ResidualHybrid, averaged_residual
 from hybrid_sysid_ros.models.structure import Structure
 from hybrid_sysid_ros.structures.gray_box import FIT_OPTIONS
 from hybrid_sysid_ros.structures.hybrid import MEMBERS, RIDGE
@@ -64,7 +64,7 @@ class ResidualStructure(Structure):
                     iterations=ITERATIONS,
                 )
             )
-        system = averaged([item.system for item in fits if isinstance(item.system, ResidualHybrid)])
+        system = averaged_residual([item.system for item in fits if isinstance(item.system, ResidualHybrid)])
         check_forgets(system, residuals)
         return replace(
             gray,

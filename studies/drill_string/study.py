@@ -32,7 +32,7 @@ SPEEDS = (0.2, 1.0, 2.0, 4.0, 8.0, 12.0, 16.0, 21.0)
 STRUCTURES = ("gray", "hybrid")
 STARTS = 8
 
-Out = Annotated[Path, typer.Option(help="Where the numbers go, as JSON.")]
+Out = Annotated[Path, typer.Option(help="JSON file for the results.")]
 
 
 def command(folder: Folder, out: Out = Path("out/drill_string_record.json")) -> None:

@@ -18,8 +18,8 @@ from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.experiments import driven, excitation
-from hybrid_sysid_ros.rigs.experiments import simulate as record_of
-from hybrid_sysid_ros.rigs.modes import name_of
+from hybrid_sysid_ros.rigs.experiments import simulate_experiment as record_of
+from hybrid_sysid_ros.rigs.modes import mode_name
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.winged_cone.system import engine, sound
 from hybrid_sysid_ros.runtime import configuration
@@ -65,7 +65,7 @@ def test_it_flies_level_where_published_and_its_modes_are_those(rig, row):
     assert np.degrees(found.inputs[1] + point["elevator"]) == pytest.approx(elevator, abs=5.1e-5)
     named: dict[str, list[complex]] = {}
     for mode in found.modes:
-        named.setdefault(name_of(mode, system, rig.modes), []).append(mode.pole)
+        named.setdefault(mode_name(mode, system, rig.modes), []).append(mode.pole)
     assert sorted(pole.real for pole in named["short_period"]) == pytest.approx([stable, unstable], abs=2e-5)
     assert named["engine"] == [pytest.approx(20.0 * complex(-0.7, np.sqrt(1.0 - 0.7**2)))]
     assert named["height"] == [pytest.approx(real, abs=1e-5)]

@@ -54,10 +54,10 @@ def export(folder: Path | str, out: Path | str, *, form: ExportFormat = "both", 
     check_folder(out, marker=MANIFEST, replace=overwrite)
     loaded = policies.load(folder)
     name = identifier(Path(folder).resolve().name)
-    return write(loaded, out, name=name, seal=storage.digest(folder, kind="policy"), form=form)
+    return write_export(loaded, out, name=name, seal=storage.digest(folder, kind="policy"), form=form)
 
 
-def write(policy: Policy, out: Path | str, *, name: str, seal: str, form: ExportFormat = "both") -> list[Check]:
+def write_export(policy: Policy, out: Path | str, *, name: str, seal: str, form: ExportFormat = "both") -> list[Check]:
     """:func:`export` of a policy in memory. name: of the C function and the files. seal: of the policy's folder."""
     properties, known = about(policy, seal), vectors(policy)
     with written_folder(out, marker=MANIFEST) as partial:

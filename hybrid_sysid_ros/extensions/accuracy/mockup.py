@@ -26,7 +26,7 @@ from hybrid_sysid_ros.identification.validation.unstable import UnstableError, c
 from hybrid_sysid_ros.models import Model, build
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.structure import structure_of
-from hybrid_sysid_ros.rigs.experiments import simulate
+from hybrid_sysid_ros.rigs.experiments import simulate_experiment
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe
@@ -242,7 +242,7 @@ def records_of(setup: Setup, names: Sequence[str], folder: Path) -> list[Record]
     real = replace(setup.rig, system=setup.reality)
     for name in names:
         place, seed = folder / name, setup.seed + known.index(name)
-        simulate(real, name, place, seed=seed, duration=setup.seconds, rate=setup.rate, overwrite=True)
+        simulate_experiment(real, name, place, seed=seed, duration=setup.seconds, rate=setup.rate, overwrite=True)
         found.append(bags.read(place, setup.rig.signals))
     return found
 

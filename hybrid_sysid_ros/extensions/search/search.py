@@ -154,6 +154,6 @@ def search(
             raise UserError(f"all {len(finished)} trials failed, the last one with: {outcome.error}")
 
 
-def named(item: tuple[int, Options]) -> str:
+def trial_name(item: tuple[int, Options]) -> str:
     """An item, as lines about it call it."""
     return f"trial {item[0]}"

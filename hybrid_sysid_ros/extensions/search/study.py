@@ -117,7 +117,7 @@ class Study:
 
 
 @contextmanager
-def opened(
+def opened_study(
     place: str, name: str, *, problem: Mapping[str, Any], space: Mapping[str, Option], seed: int = 0
 ) -> Iterator[Study]:
     """The study of a name in a file, begun where there is none.

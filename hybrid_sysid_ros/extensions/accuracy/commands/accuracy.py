@@ -26,7 +26,7 @@ from hybrid_sysid_ros.extensions.accuracy.statistics import (
     Strata,
     assess,
     mean_width,
-    read,
+    read_shots,
     shots_until,
     spread_width,
 )
@@ -49,19 +49,30 @@ def command(
     ],
     level: Annotated[float, typer.Option(help="Probability of the intervals.")] = 0.9,
     until: Annotated[
-        list[str] | None, typer.Option(help="NAME=WIDTH: how many more shots until a mean's interval is so short.")
+        list[str] | None,
+        typer.Option(
+            help="Predict the number of further shots until the interval of a mean has a width, as NAME=WIDTH."
+        ),
     ] = None,
     spread_until: Annotated[
-        list[str] | None, typer.Option(help="NAME=WIDTH: likewise for the interval of a spread.")
+        list[str] | None,
+        typer.Option(
+            help="Predict the number of further shots until the interval of a spread has a width, as NAME=WIDTH."
+        ),
     ] = None,
     strata: Annotated[
-        Path | None, typer.Option(help="CSV with the columns share and success: conditions, and guesses of success.")
+        Path | None,
+        typer.Option(
+            help="CSV with the columns share and success: the share of each condition, and the expected success in it."
+        ),
     ] = None,
     strata_shots: Annotated[
         int | None,
-        typer.Option(help=f"Live shots to share out among them ({STRATA_SHOTS} otherwise).", min=1, max=10**6),
+        typer.Option(
+            help=f"Number of live shots to distribute over the conditions; {STRATA_SHOTS} by default.", min=1, max=10**6
+        ),
     ] = None,
-    unit: Annotated[str, typer.Option(help="Of coordinates whose heading states none.")] = "",
+    unit: Annotated[str, typer.Option(help="Unit of coordinates whose heading states none.")] = "",
     page: Annotated[Path | None, typer.Option("--report", help="Write a page with plots (.html).")] = None,
     seed: Seed = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
@@ -73,7 +84,7 @@ def command(
         report.check_available()
     if strata is None and strata_shots is not None:
         raise UserError("--strata-shots shares shots out among strata: name their file by --strata, or leave it out")
-    found = assess(read(simulated, unit=unit), read(live, unit=unit), discrepancy, level=level, seed=seed)
+    found = assess(read_shots(simulated, unit=unit), read_shots(live, unit=unit), discrepancy, level=level, seed=seed)
     wanted = [
         *_further("mean", mean_width, until or [], found),
         *_further("spread", spread_width, spread_until or [], found),
@@ -117,7 +128,7 @@ def _wanted(text: str, shots: Shots) -> tuple[str, int, float]:
 
 
 def _strata(path: Path) -> Strata:
-    table = read(path, row="stratum")
+    table = read_shots(path, row="stratum")
     if sorted(table.names) != COLUMNS:
         raise UserError(f"{path}: has the columns {', '.join(table.names)}: it needs {' and '.join(COLUMNS)}")
     shares, successes = (table.values[:, table.names.index(name)] for name in COLUMNS)

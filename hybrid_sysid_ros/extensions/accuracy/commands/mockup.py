@@ -36,10 +36,14 @@ BATCH = 5
 
 def command(
     rig: Annotated[str, typer.Argument(help="Rig, by its name or by the path of its folder.")] = "",
-    out: Annotated[Path | None, typer.Option("--out", help="Folder for all of it; out/mockup_RIG.")] = None,
-    live: Annotated[int, typer.Option(help="Shots of the rig.", min=3, max=10_000)] = 10,
-    simulated: Annotated[int, typer.Option(help="Shots of the model, and of what was known before.", min=10)] = 100,
-    plants: Annotated[int, typer.Option(help="Plants over the uncertainties.", min=10)] = 200,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for the results; out/mockup_RIG by default.")
+    ] = None,
+    live: Annotated[int, typer.Option(help="Number of shots of the rig.", min=3, max=10_000)] = 10,
+    simulated: Annotated[
+        int, typer.Option(help="Number of simulated shots of the model, and of the prior.", min=10)
+    ] = 100,
+    plants: Annotated[int, typer.Option(help="Number of plants drawn from the uncertainties.", min=10)] = 200,
     mean_off: Annotated[
         float, typer.Option(help="Declared: the simulated mean is off by so many standard deviations (one sigma).")
     ] = 0.5,
@@ -47,7 +51,7 @@ def command(
         float, typer.Option(help="Declared: the simulated spread is off by a factor of e to this (one sigma).")
     ] = 0.3,
     seed: Seed = 0,
-    jobs: Annotated[int, typer.Option(help="Processes; 0 is one on each processor.", min=0)] = 0,
+    jobs: Annotated[int, typer.Option(help="Number of processes; 0: one on each processor.", min=0)] = 0,
     cluster: Annotated[
         str, typer.Option(help="Address of a Dask scheduler, such as tcp://host:8786; local starts one.")
     ] = "",

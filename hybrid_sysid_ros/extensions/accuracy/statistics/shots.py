@@ -77,7 +77,7 @@ class Shots:
             )
 
 
-def read(path: Path | str, *, unit: str = "", row: str = "shot") -> Shots:
+def read_shots(path: Path | str, *, unit: str = "", row: str = "shot") -> Shots:
     """Shots of a file: a column (CSV), an array (NPZ) or a list (JSON) for each coordinate, named ``name [unit]``.
 
     Rows of numbers alone are coordinates 1, 2, ... unit: of coordinates whose heading states none. row: what a row is

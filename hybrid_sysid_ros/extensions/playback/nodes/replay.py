@@ -180,7 +180,7 @@ def replay(order: ReplayTask) -> None:
 def main() -> int:
     """Replay what the argument says, a :class:`ReplayTask` in JSON; return the exit status, 2 where it is wrong."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that nothing half-written is left
-    middleware.prepare()
+    middleware.prepare_middleware()
     try:
         replay(ReplayTask(**json.loads(sys.argv[1])))
     except UserError as error:

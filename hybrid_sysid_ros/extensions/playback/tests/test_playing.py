@@ -27,7 +27,7 @@ STEP = SECOND // 200
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
     """Twenty measurements and twenty references, five milliseconds apart."""
-    return bags.write(tmp_path / "run", [states(20), references(20)])
+    return bags.write_bag(tmp_path / "run", [states(20), references(20)])
 
 
 @pytest.fixture(autouse=True)

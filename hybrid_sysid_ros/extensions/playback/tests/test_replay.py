@@ -155,7 +155,7 @@ def test_another_model_is_driven_by_the_exact_mpc(command: Any, loop: Path, mode
 
 
 def test_what_a_replay_needs_is_named(command: Any, loop: Path, tmp_path: Path) -> None:
-    bag = bags.write(tmp_path / "run", [states(20)])
+    bag = bags.write_bag(tmp_path / "run", [states(20)])
     for arguments, words in (
         ((bag,), ["no messages of /cam_beam/reference", "/cam_beam/joint_states"]),
         ((tmp_path / "nowhere",), ["nowhere: no such file"]),
@@ -179,7 +179,7 @@ def test_the_comparison_finds_what_differs(tmp_path: Path) -> None:
         at, numbers = stamps(50)[skipped:], values[skipped:]
         names = ["beam", "spare"]
         series = [bags.joint_states(NAMES[t], at, names, position=numbers, effort=numbers) for t in TOPICS[2:]]
-        bags.write(tmp_path / name, [*series, references(10)])
+        bags.write_bag(tmp_path / name, [*series, references(10)])
     found = compare(tmp_path / "a", tmp_path / "b", RIG)
     assert (found.recorded["joint_command"], found.replayed["joint_command"]) == (50, 45)
     assert found.common["joint_command"] == 45

@@ -29,7 +29,7 @@ PERIOD = 0.005  # s
 
 
 @dataclass
-class Desk:
+class Service:
     """A rig whose output is a sine of 3 V, its estimate 1 V above and its reference at 5 V; its joint swings."""
 
     rig: Rig
@@ -85,12 +85,12 @@ class Desk:
 
 
 @pytest.fixture
-def service(rig: Rig) -> Desk:
-    return Desk(rig)
+def service(rig: Rig) -> Service:
+    return Service(rig)
 
 
 @pytest.fixture
-def shown(service: Desk) -> Iterator[Callable[..., browser.Browser]]:
+def shown(service: Service) -> Iterator[Callable[..., browser.Browser]]:
     """Open the page of the desk; nothing is left behind, and the page had nothing to complain about."""
     server, opened = Server(service, port=0, pictures=30.0), []
     server.start()
@@ -146,7 +146,7 @@ def test_the_page_fits_a_laptop_without_scrolling(shown: Any) -> None:
     assert page.evaluate(outside) == 0
 
 
-def test_the_rig_moves_as_its_joint_does(service: Desk, shown: Any) -> None:
+def test_the_rig_moves_as_its_joint_does(service: Service, shown: Any) -> None:
     page = shown()
     slopes = []
     for angle in (0.0, 0.2):
@@ -165,7 +165,7 @@ def test_pictures_go_on_and_show_all_data(shown: Any) -> None:
     assert page.evaluate("+rate.textContent") == pytest.approx(200, abs=2)
 
 
-def test_a_curve_is_asked_for_as_it_was_drawn(service: Desk, shown: Any) -> None:
+def test_a_curve_is_asked_for_as_it_was_drawn(service: Service, shown: Any) -> None:
     page = shown()
     left, top, right, bottom = page.rectangle(".chart.output .u-over")
     width, height = right - left, bottom - top
@@ -182,7 +182,7 @@ def test_a_curve_is_asked_for_as_it_was_drawn(service: Desk, shown: Any) -> None
     assert (np.diff(drawn) < 0.0).all()  # it was drawn downwards
 
 
-def test_what_is_pressed_is_asked_for(service: Desk, shown: Any) -> None:
+def test_what_is_pressed_is_asked_for(service: Service, shown: Any) -> None:
     page = shown()
     page.click("#faults button[data-name=brake]")
     page.until("line.textContent == 'done as asked'")

@@ -32,21 +32,26 @@ from hybrid_sysid_ros.support.files import check_file, check_folder, sha256
 
 
 def command(
-    video: Annotated[Path, typer.Argument(help="Film of the rig: mp4, MOV or what FFmpeg reads.")],
+    video: Annotated[Path, typer.Argument(help="Film of the rig, in a format that FFmpeg reads, such as mp4 or mov.")],
     out: Annotated[Path, typer.Option("--out", help="Bag to write.")],
     rig: RigName = "",
-    bag: Annotated[Path | None, typer.Option(help="Bag recorded meanwhile, to synchronise with.")] = None,
-    layers: Annotated[
-        Path | None, typer.Option(help="Folder of learned layers: used where it is there, else written.")
+    bag: Annotated[
+        Path | None, typer.Option(help="Bag that was recorded during the film, to synchronise with.")
     ] = None,
-    again: Annotated[bool, typer.Option("--learn", help="Learn the layers anew.")] = False,
-    exposure: Annotated[float, typer.Option(help="Of a row [s].", min=0.0, max=1.0)] = 0.008,
+    layers: Annotated[
+        Path | None, typer.Option(help="Folder of learned layers; it is used if it exists, and written otherwise.")
+    ] = None,
+    again: Annotated[
+        bool, typer.Option("--learn", help="Learn the layers again, and replace those in the folder.")
+    ] = False,
+    exposure: Annotated[float, typer.Option(help="Exposure time of a row [s].", min=0.0, max=1.0)] = 0.008,
     readout: Annotated[
-        float, typer.Option(help="Of the rolling shutter, first row to last [s].", min=0.0, max=1.0)
+        float,
+        typer.Option(help="Readout time of the rolling shutter, from the first row to the last [s].", min=0.0, max=1.0),
     ] = 0.016,
     rate: Annotated[
         float,
-        typer.Option(help="Positions per second in the bag, by a spline between frames; 0: the frames.", min=0),
+        typer.Option(help="Positions per second in the bag, interpolated by a spline; 0: one for each frame.", min=0),
     ] = 0.0,
     model: Annotated[
         Path | None,
