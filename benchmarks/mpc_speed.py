@@ -24,8 +24,8 @@ from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
 from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.control.problem import stage_costs
 from hybrid_sysid_ros.core import System, Variable, simulate
+from hybrid_sysid_ros.extensions.narx.narx import Narx
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.models.narx import Narx
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.arrays import Array

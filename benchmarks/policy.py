@@ -39,11 +39,11 @@ from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.scenarios import Scenario, Spread, steady_motion
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import OPTIONS
+from hybrid_sysid_ros.extensions.policies.by_rig import train_configured_policy
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.policies import train_configured_policy
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.extras import extra
 
@@ -103,7 +103,7 @@ def lecture() -> dict[str, Any]:
         seal="lecture",
     )
     with extra("train"):
-        from hybrid_sysid_ros.control.policy.training import train
+        from hybrid_sysid_ros.extensions.policies.training import train
     amplitude = LECTURE_AMPLITUDE * case.problem.output_scales[0]
     spread = Spread(amplitude=(amplitude,), disturbance=(0.0,), input_jitter=(1.0,), push=LECTURE_PUSH)
     policies = [train(model, case.problem, spread, LECTURE_SETTINGS, seed=seed) for seed in SEEDS]

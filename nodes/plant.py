@@ -146,20 +146,19 @@ class PlantNode(RigNode):
             self.publish()
 
     def tick(self) -> None:
-        """In real time: integrate up to now and publish the measurement that is due. Those that were missed are left
-        out: a burst of old ones would keep the loop from answering the new one.
+        """In real time: integrate up to now and publish the measurement that is due, and those that were missed, as a
+        record is read only where it has no gaps.
         """
         elapsed = self.timeline.follow() / SECOND
         self.answers.start = self.timeline.start
         period = self.answers.period / SECOND
         number = int(elapsed / period + EARLY)
-        due = number - self.answers.latest
-        self.overruns += max(due - 1, 0)
+        self.overruns += max(number - self.answers.latest - 1, 0)
         self.lateness.add(max(elapsed - number * period, 0.0))
         self.disturb()
         self.drive.timeout = self.settings["command_timeout"]
-        if due > 0 and not self.finished.done():
-            self.measure(number, self.integrate(due * self.steps))
+        while self.answers.latest < number and not self.finished.done():
+            self.measure(self.answers.latest + 1, self.integrate(self.steps))
 
     def disturb(self) -> None:
         """Let those faults be in force that the parameters say."""

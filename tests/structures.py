@@ -1,28 +1,32 @@
 """Systems of every structure with numbers that matter, for tests of what holds for all of them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 
 import numpy as np
 
-from hybrid_sysid_ros.core import Dry, RungeKutta, System, Variable, bounded
+from hybrid_sysid_ros.core import Dry, RungeKutta, System, bounded
+from hybrid_sysid_ros.core.blocks import Block
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.models import build
-from hybrid_sysid_ros.models.narx import Narx
-from hybrid_sysid_ros.models.recurrent import Recurrent
-from hybrid_sysid_ros.models.residual import ResidualHybrid
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.trunk import TRUNK
 
-try:  # systems of an extension take part where it is there
-    from hybrid_sysid_ros.extensions.fuzzy.tests.systems import SYSTEMS as FUZZY
-except ModuleNotFoundError:
-    FUZZY = {}
+FURTHER: dict[str, Callable[[], System]] = {}
+"""Systems of the structures of extensions, of those that are there."""
+BLOCKS: dict[str, tuple[Block, Block]] = {}
+"""Blocks of extensions, each in two shapes."""
+for path in sorted(extensions.HOME.glob("*/tests/systems.py")):
+    told = import_module(f"hybrid_sysid_ros.extensions.{path.parts[-3]}.tests.systems")
+    FURTHER |= told.SYSTEMS
+    BLOCKS |= getattr(told, "BLOCKS", {})
 
 RANGE = np.array([0.15, 0.5, 10.0])  # position [rad], velocity [rad/s], drive [V] of the beam's records
 DEFLECTION = 0.005  # of bristles, as far as they bend [rad]
-MOTIONS = [name for name in TRUNK.provides["structures"] if name not in ("narx", "recurrent", "residual")]
+MOTIONS = [*TRUNK.provides["structures"]]
 
 
 def structure(name: str, seed: int = 0) -> System:
@@ -36,50 +40,6 @@ def structure(name: str, seed: int = 0) -> System:
     ]
     system = system.with_values(values)
     return system.with_weights(random.normal(size=len(system.weights))) if len(system.weights) else system
-
-
-POSITION, DRIVE = Variable.of(CamBeam.outputs[0]), Variable.of(CamBeam.inputs[0])
-
-
-def recurrent() -> Recurrent:
-    system = Recurrent(outputs=(POSITION,), inputs=(DRIVE,), units=5, scales=(0.05, 0.2, 4.0))
-    return system.with_weights(np.random.default_rng(0).normal(size=len(system.weights)))
-
-
-def polynomial() -> Narx:
-    return Narx(
-        outputs=(POSITION,),
-        inputs=(DRIVE,),
-        exponents=(((0, 0, 0, 0), (1, 0, 0, 0), (0, 1, 1, 0), (2, 0, 0, 1), (0, 0, 1, 2)),),
-        coefficients=(0.1, 0.9, -0.2, 0.3, 0.1),
-        output_lags=2,
-        input_lags=2,
-        scales=(0.1, 5.0),
-        low=(-0.2, -10.0),
-        high=(0.2, 10.0),
-    )
-
-
-def residual(physics: System | None = None, seed: int = 0) -> ResidualHybrid:
-    """Beside the beam, or another system: two lags of each output, a linear term, a product, and a network."""
-    random, physics = np.random.default_rng(seed), structure("gray") if physics is None else physics
-    outputs, seen = len(physics.outputs), len(physics.declared_states) + len(physics.inputs)
-    width = seen + len(physics.inputs) + 2 * outputs
-    linear, product = (tuple(int(i in places) for i in range(width)) for places in ((seen - 1,), (0, width - 1)))
-    size = 2 * outputs + 3 * (width + 1 + outputs)
-    design = {
-        "period": 0.005,
-        "output_lags": 2,
-        "input_lags": 2,
-        "units": 3,
-        "exponents": [[linear, product]] * outputs,
-    }
-    system = ResidualHybrid.of(physics, {**design, "physics": physics.design}, random.normal(size=size))
-    return replace(
-        system,
-        reflections=tuple(random.uniform(-0.9, 0.9, 2 * outputs).tolist()),
-        scales=(*random.uniform(0.1, 1.0, width).tolist(), *random.uniform(0.01, 0.02, outputs).tolist()),
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,8 +91,5 @@ class TwoTanks(System):
 
 SYSTEMS: dict[str, Callable[[], System]] = {
     **{name: partial(structure, name) for name in MOTIONS},
-    "narx": polynomial,
-    "recurrent": recurrent,
-    "residual": residual,
-    **FUZZY,
+    **FURTHER,
 }

@@ -8,20 +8,17 @@ import subprocess
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 import yaml
 
-from hybrid_sysid_ros.commands import app, policy_train
+from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.commands import identify as identify_command
 from hybrid_sysid_ros.models import load, storage
 from hybrid_sysid_ros.runtime.parameters import shipped
 from hybrid_sysid_ros.runtime.run import Run, RunResult
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import Interrupted
-from hybrid_sysid_ros.support.parallel import Store
 from tests.command_line import PLACES, refused, refused_place
 
 BAGS = Path(__file__).parents[1] / "bags"
@@ -208,18 +205,6 @@ def test_an_interrupted_run_says_whether_there_is_a_bag(command, tmp_path, monke
     assert command("run", "--bag", bag) == (130, "", f"{line.format(bag)}\n")
 
 
-def test_an_interrupted_training_says_what_is_kept(command, linear_model, tmp_path, monkeypatch):
-    def interrupt(*_, samples, **__):
-        store: Store[dict[str, Any]] = Store(samples)
-        store.keep("a loop", {"plans": np.zeros(3)})
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(policy_train, "train_policy", interrupt)
-    status, out, error = command("policy", "train", linear_model, "--out", tmp_path / "policy")
-    kept = f"1 closed loops are kept in {tmp_path / 'policy.samples'}; the same command goes on from there"
-    assert (status, out, error) == (130, "", f"interrupted: {kept}\n")
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -227,8 +212,6 @@ def test_an_interrupted_training_says_what_is_kept(command, linear_model, tmp_pa
         ("evaluate", "nowhere", "nowhere", "--report", "PLACE"),
         ("run", "--model", "nowhere", "--bag", "PLACE"),
         ("simulate", "multisine", "PLACE", "--duration", "3600"),
-        ("policy", "train", "nowhere", "--out", "PLACE"),
-        ("policy", "export", "nowhere", "PLACE"),
     ],
     ids=lambda arguments: f"{arguments[0]} {arguments[-2]}",
 )
@@ -334,12 +317,12 @@ def test_wrong_options_get_one_line_as_everything_else(command, arguments, words
     refused(command(*arguments), *words)
 
 
-@pytest.mark.parametrize("arguments", [(), ("policy",)])
+@pytest.mark.parametrize("arguments", [(), ("rig",)])
 def test_no_arguments_get_the_help(command, arguments):
     _, out, error = command(*arguments)
     helped = command(*arguments, "--help")
     assert helped[0] == 0
-    assert "train" in helped[1] or "identify" in helped[1]
+    assert "check" in helped[1] or "identify" in helped[1]
     assert (out + error).strip() == helped[1].strip()
 
 
@@ -364,18 +347,3 @@ def test_the_list_of_commands_loads_none_of_them():
 def test_the_demo_says_at_once_where_it_cannot_write(command, tmp_path):
     (tmp_path / "file").write_text("")
     refused(command("demo", "--out", tmp_path / "file" / "demo"), "file/demo", "--out")
-
-
-def test_laws_of_friction_are_listed_and_drawn(command, tmp_path):
-    status, out, _ = command("friction")
-    assert status == 0
-    assert all(name in out for name in ("stribeck", "lugre", "maxwell", "ageing"))
-    status, out, error = command("friction", "stribeck", "--set", "static=3", "--out", tmp_path)
-    assert status == 0, error
-    picture = (tmp_path / "stribeck.svg").read_text(encoding="utf-8")
-    assert picture.count("<polyline") == 5  # a plot each, and the spring's end
-    refused(command("friction", "stribeck", "--set", "static=0.5"), "below Coulomb")
-    refused(command("friction", "stribeck", "--set", "static"), "NAME=VALUE")
-    refused(command("friction", "stribeck", "--set", "static=2", "--set", "static=3"), "static is given 2 times")
-    refused(command("friction", "sticky"), "sticky")
-    refused(command("friction", "sticky", "--set"), "--set", "argument")

@@ -16,7 +16,18 @@ ROOT = Path(__file__).parents[1]
 EXTENSIONS = ROOT / "hybrid_sysid_ros" / "extensions"
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted(EXTENSIONS.glob("*/docs/**/*.md"))]
 COMMANDS = extensions.commands()
-SHIPPED = {"accuracy", "commander", "playback", "search", "view", "vision"}
+SHIPPED = {
+    "accuracy",
+    "commander",
+    "ensemble",
+    "export",
+    "friction_atlas",
+    "playback",
+    "policies",
+    "search",
+    "view",
+    "vision",
+}
 """Extensions whose commands and options the pages speak of."""
 
 

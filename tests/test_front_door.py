@@ -317,5 +317,6 @@ def test_a_policy_keeps_to_its_model_wherever_that_is_saved(tmp_path: Path) -> N
     assert again.certificate is not None
     assert again.certificate.loops == 2
     assert "array(" not in str(certificate)
+    pytest.importorskip("hybrid_sysid_ros.extensions.export")
     assert (hs.export(again, tmp_path / "c", format="c") / "export.json").is_file()
     assert (hs.export(model, tmp_path / "casadi") / "step.casadi").is_file()

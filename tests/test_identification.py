@@ -17,7 +17,7 @@ from hybrid_sysid_ros.rigs.excitation import random_steps
 from hybrid_sysid_ros.support.errors import UserError
 from tests.linear_bench import bench, held_levels, linear_run, record_of
 from tests.one_joint import Linear
-from tests.structures import FUZZY
+from tests.structures import FURTHER
 
 FAST = Sampling(step=0.001, period=0.045)
 """The step of the simulated rig, and samples in which its 60 Hz hum is a swing: 3 periods in 50 ms are an offset."""
@@ -209,7 +209,7 @@ def test_a_model_remembers_its_records_and_their_range(rig):
     assert model.structure == "linear"
 
 
-@pytest.mark.parametrize("structure", ["linear", "hybrid", "residual", "narx", *FUZZY])
+@pytest.mark.parametrize("structure", ["linear", "hybrid", *(name for name in FURTHER if name != "recurrent")])
 def test_a_record_is_resampled_once_in_a_fit(linear_records, rig, structure, monkeypatch):
     pytest.importorskip("sysidentpy" if structure in ("narx", "residual") else "numpy")
     plain, names = experiment.rates, []

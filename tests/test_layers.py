@@ -34,14 +34,14 @@ NODES = re.compile(r"nodes/.*|extensions/\w+/nodes/.*")
 """Files that may import ROS."""
 LAUNCH = re.compile(r"launch\w*")
 KEPT_IN = {  # heavy libraries, and the files that may import them
-    "torch": re.compile(r"(control/policy/(network|training)|identification/gradient_training)\.py"),
+    "torch": re.compile(r"extensions/(policies/(network|training)|recurrent/training)\.py"),
     "casadi": re.compile(r"(core/\w+|control/mpc/interior_point)\.py"),
-    "sysidentpy": re.compile(r"identification/selection/term_selection\.py"),
+    "sysidentpy": re.compile(r"extensions/narx/term_selection\.py"),
     "optuna": re.compile(r"extensions/search/(study|database)\.py"),
     "joblib": re.compile(r"support/parallel\.py"),
     "dask": re.compile(r"support/cluster\.py"),
     "distributed": re.compile(r"support/cluster\.py"),
-    "onnx": re.compile(r"control/export/onnx_graph\.py"),
+    "onnx": re.compile(r"extensions/export/onnx_graph\.py"),
     "plotly": re.compile(r"(extensions/\w+/)?report/.*"),
     "mcp": re.compile(r"extensions/commander/language/server\.py"),
     "websockets": re.compile(r"extensions/view/server\.py"),
@@ -50,8 +50,8 @@ KEPT_IN = {  # heavy libraries, and the files that may import them
     "PIL": re.compile(r"extensions/vision/camera/jpeg\.py"),
 }
 AT_THE_TOP = re.compile(
-    r"core/casadi_form\.py|control/(mpc/interior_point|policy/(network|training))\.py"
-    r"|(extensions/\w+/)?report/(charts|\w*figures)\.py|extensions/(view|commander/language)/server\.py"
+    r"core/casadi_form\.py|control/mpc/interior_point\.py"
+    r"|extensions/policies/(network|training)\.py|(extensions/\w+/)?report/(charts|\w*figures)\.py|extensions/(view|commander/language)/server\.py"
 )
 """Files that import one of them at once, and are themselves imported late; all others import it where they use it."""
 
@@ -143,7 +143,7 @@ def test_imports_run_downwards(file: str) -> None:
         ("nodes/plant.py", "from launch import LaunchDescription"),
         ("control/policy/policy.py", "from torch import nn"),
         ("identification/fitting.py", "def late():\n    from torch import nn"),
-        ("models/narx.py", "import sysidentpy"),
+        ("models/lagged.py", "import sysidentpy"),
         ("control/mpc/mpc.py", "from casadi import SX"),
         ("identification/fitting.py", "import optuna"),
         ("identification/fitting.py", "import plotly"),
@@ -173,9 +173,9 @@ def test_a_forbidden_import_is_found(file: str, source: str) -> None:
     ("file", "source"),
     [
         ("nodes/plant.py", "import rclpy\nfrom hybrid_sysid_ros.control import mpc"),
-        ("control/policy/training.py", "import torch\nfrom hybrid_sysid_ros.estimation import kalman"),
+        ("extensions/policies/training.py", "import torch\nfrom hybrid_sysid_ros.estimation import kalman"),
         ("control/mpc/mpc.py", "from . import shooting\nfrom .shooting import Shooting\nfrom ...models import hybrid"),
-        ("identification/gradient_training.py", "def late():\n    import torch"),
+        ("extensions/recurrent/training.py", "def late():\n    import torch"),
         ("report/figures.py", "import plotly.graph_objects\nfrom hybrid_sysid_ros.identification import residuals"),
         ("extensions/view/nodes/view.py", "import rclpy\nfrom hybrid_sysid_ros.nodes import topics"),
         ("extensions/view/server.py", "import websockets\nfrom hybrid_sysid_ros.runtime import parameters"),
@@ -200,7 +200,7 @@ for name in {names}:
 
 def test_the_library_imports_without_ros_and_without_extras() -> None:
     free = [file for file in FILES if not NODES.fullmatch(file) and not AT_THE_TOP.fullmatch(file)]
-    assert "identification/gradient_training.py" in free
+    assert "identification/fitting.py" in free
     modules = [file.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for file in free]
     names = [PACKAGE if module == "__init__" else f"{PACKAGE}.{module}" for module in modules]
     absent = [*(set(KEPT_IN) - {"casadi"}), "rclpy", "sensor_msgs"]  # casadi traces every law

@@ -1,7 +1,6 @@
 """Models as folders: what is saved is what is loaded, and a bad folder says what is wrong with it."""
 
 import dataclasses
-import json
 import math
 import os
 import shutil
@@ -9,42 +8,22 @@ import subprocess
 import sys
 from pathlib import Path
 
-import casadi
 import numpy as np
 import pytest
 import yaml
 
 from hybrid_sysid_ros import models
 from hybrid_sysid_ros.core import simulate
-from hybrid_sysid_ros.core.rollout import output_of
 from hybrid_sysid_ros.models import Model, Sampling, build, storage, structure_names
-from hybrid_sysid_ros.models.export import export_casadi
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.model import FORMAT
 from hybrid_sysid_ros.models.options import parse
 from hybrid_sysid_ros.models.structure import assemble, options_of
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
-from tests.one_joint import narx as narx_of
-from tests.one_joint import recurrent as recurrent_of
-from tests.structures import FUZZY, RANGE, residual
+from tests.structures import FURTHER, RANGE
 
-FROM_DATA = {
-    "narx": narx_of(
-        exponents=((1, 0, 0, 0), (0, 2, 1, 0), (0, 0, 0, 1)),
-        coefficients=(0.9, 1.0 / 3.0, 0.1),
-        output_lags=2,
-        input_lags=2,
-        output_range=(-0.1, 0.1),
-        input_range=(-9.0, 10.0 / 3.0),
-        output_scale=0.03,
-        input_scale=4.0,
-        period=0.05,
-    ),
-    "recurrent": recurrent_of(3, scales=(0.03, 0.2, 4.0), period=0.025),
-    "residual": residual(CamBeam()),
-    **{name: made() for name, made in FUZZY.items()},
-}
+FROM_DATA = {name: made() for name, made in FURTHER.items()}
 BUILT = [name for name in structure_names() if name not in FROM_DATA]
 SCALES = np.array([0.1, 0.4, 5.0])
 
@@ -414,39 +393,6 @@ def test_no_spring_pushes_so_no_free_run_grows_without_bound(structure):
     np.testing.assert_allclose(states[-1, :2], states[-2, :2], atol=1e-6)
 
 
-@pytest.mark.parametrize("structure", ["lugre", "hybrid", "narx", "recurrent", "residual", *FUZZY])
-def test_an_export_simulates_as_the_model_in_plain_casadi(tmp_path, structure):
-    """Fifty steps by the functions that were loaded from files, against the compiled rollout."""
-    model = model_of(structure)
-    export_casadi(model, tmp_path / "export")
-    step, output = (casadi.Function.load(str(tmp_path / "export" / f"{name}.casadi")) for name in ("step", "output"))
-    reported = json.loads((tmp_path / "export" / "model.json").read_text())
-    assert reported["inputs"] == ["drive [V]"]
-    assert reported["step"] == model.sampling.step
-    drive = np.random.default_rng(1).uniform(-3.0, 3.0, (50, 1))
-    x, states = np.zeros(len(model.system.states)), []
-    for u in drive:
-        x = np.array(step(x, u)).ravel()
-        states.append(x)
-    undelayed = model.system.with_values(
-        [0.0 if item.name == "input_delay" else value for item, value in zip(
-            model.system.parameters, model.system.values, strict=True)]
-    )  # fmt: skip
-    expected = simulate(undelayed, np.zeros(len(x)), drive, step=model.sampling.step)[1:]
-    np.testing.assert_allclose(states, expected, rtol=1e-9, atol=1e-12)
-    assert float(output(x, drive[-1])) == pytest.approx(output_of(undelayed, x, drive[-1])[0])
-    if structure == "hybrid":
-        export_casadi(model, tmp_path / "export", step=10 * model.sampling.step, overwrite=True)
-        ten = casadi.Function.load(str(tmp_path / "export" / "step.casadi"))
-        held = simulate(undelayed, np.zeros(len(x)), np.full((10, 1), 2.0), step=model.sampling.step)[-1]
-        np.testing.assert_allclose(np.array(ten(np.zeros(len(x)), 2.0)).ravel(), held, rtol=1e-9)
-        with pytest.raises(UserError, match="no multiple"):
-            export_casadi(model, tmp_path / "export", step=1.5 * model.sampling.step, overwrite=True)
-        for wrong in ({"step": np.nan}, {"step": 1e6}, {"smoothing": np.inf}):
-            with pytest.raises(UserError, match="export: step is"):
-                export_casadi(model, tmp_path / "export", overwrite=True, **wrong)
-
-
 def test_a_model_of_a_rig_with_other_signals_is_refused(folder, monkeypatch):
     content, arrays = storage.load(folder, kind="model", version=FORMAT)
     body = {key: value for key, value in content.items() if key not in ("format", "arrays", "seal")}
@@ -474,7 +420,7 @@ assert not [name for name in heavy if name in sys.modules], [name for name in he
 """
 
 
-@pytest.mark.parametrize("structure", ["gray", "hybrid", "narx", "recurrent", "residual", *FUZZY])
+@pytest.mark.parametrize("structure", ["gray", "hybrid", *FURTHER])
 def test_a_model_is_loaded_without_what_fits_it(structure, tmp_path):
     model_of(structure).save(tmp_path / "model")
     subprocess.run([sys.executable, "-c", LIGHT, tmp_path / "model"], check=True, timeout=120)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -86,7 +85,7 @@ def test_in_real_time_the_input_is_zero_once_commands_stop(bench: Bench) -> None
     assert drill.plant.drive.timeouts == 1
     assert drill.plant.answers.missed > 0
     stamps = np.array([stamp_of(message) for message in drill.measurements])
-    assert (np.diff(stamps) % (SECOND // 100) == 0).all()  # on the nominal grid, however late the timer is
+    assert (np.diff(stamps) == SECOND // 100).all()  # the nominal grid without a gap, however late the timer is
 
 
 def test_a_person_drives_where_no_controller_does_and_stops_it_where_one_does(bench: Bench) -> None:
@@ -159,27 +158,8 @@ def test_the_plant_runs_alone_when_told_to_and_ends_after_its_duration(bench: Be
     measurements = bench.listen("joint_states")
     node = bench.start(PlantNode, wait_for_readers=0, duration=0.05)
     bench.until(node.finished.done)
-    assert node.answers.latest >= 10
+    assert node.answers.latest == 10
     bench.until(lambda: measurements)
-
-
-def test_measurements_that_were_missed_are_left_out_and_counted(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The rig goes on to now, and says once where it is."""
-    node = bench.start(PlantNode, wait_for_readers=0)
-    bench.until(lambda: node.answers.latest > 1)
-    before, late, numbers = node.answers.latest, 10 * node.answers.period, list[int]()
-    measure = node.measure
-
-    def noted(number: int, applied: Sequence[float]) -> None:
-        numbers.append(number)
-        measure(number, applied)
-
-    monkeypatch.setattr(node, "measure", noted)
-    node.timeline.begin(node.timeline.start - late)  # as if the timer had not been served for ten periods
-    bench.until(lambda: numbers)
-    assert numbers[0] - before >= 10
-    assert node.overruns >= numbers[0] - before - 1
-    assert node.answers.latest * node.answers.period == pytest.approx(node.plant.time * SECOND)
 
 
 def test_a_bias_can_be_set_while_the_plant_runs(bench: Bench) -> None:

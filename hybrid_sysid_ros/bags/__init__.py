@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from hybrid_sysid_ros.bags.attachments import attached, collected, laid_out
     from hybrid_sysid_ros.bags.bag import METADATA, Topic, markers, name_of, topics
+    from hybrid_sysid_ros.bags.quality import Quality
     from hybrid_sysid_ros.bags.reading import read
     from hybrid_sysid_ros.bags.series import Series, joint_states, joint_trajectories, repeated
-    from hybrid_sysid_ros.bags.storage import Quality
     from hybrid_sysid_ros.bags.writing import BagWriter, Recording, Split, write_bag
 
 __all__ = [
@@ -38,7 +38,7 @@ _FILES = {
     **dict.fromkeys(("METADATA", "Topic", "markers", "name_of", "topics"), "bag"),
     **dict.fromkeys(("Series", "joint_states", "joint_trajectories", "repeated"), "series"),
     **dict.fromkeys(("BagWriter", "Split", "write_bag"), "writing"),
-    "Quality": "storage",
+    "Quality": "quality",
     **dict.fromkeys(("attached", "collected", "laid_out"), "attachments"),
     "read": "reading",
     "Recording": "writing",

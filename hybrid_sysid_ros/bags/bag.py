@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.bags import bag_file, mcap, metadata
 from hybrid_sysid_ros.bags.layout import Types, types_of
 from hybrid_sysid_ros.bags.mcap import LONGEST_MESSAGE, MAGIC, Batch, DamagedError, McapFile, Schema
-from hybrid_sysid_ros.bags.storage import Quality
+from hybrid_sysid_ros.bags.quality import Quality
 from hybrid_sysid_ros.support.errors import UserError
 
 logger = logging.getLogger(__name__)

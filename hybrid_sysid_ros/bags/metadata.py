@@ -12,7 +12,8 @@ from typing import Any
 import yaml
 
 from hybrid_sysid_ros.bags.mcap import DamagedError
-from hybrid_sysid_ros.bags.storage import DISTRIBUTION, Extent, OfferedTopic, Quality
+from hybrid_sysid_ros.bags.quality import Quality
+from hybrid_sysid_ros.bags.storage import DISTRIBUTION, Extent, OfferedTopic
 from hybrid_sysid_ros.support import yaml_text
 
 FILE = "metadata.yaml"  # what makes a folder a bag

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,46 +19,7 @@ from mcap.writer import CompressionType, Writer
 
 from hybrid_sysid_ros.bags.layout import jazzy_types
 from hybrid_sysid_ros.bags.mcap import MAGIC
-
-ENDLESS = {"sec": 9223372036, "nsec": 854775807}
-"""A duration without end."""
-NUMBERED = {
-    "reliability": {1: "reliable", 2: "best_effort"},
-    "durability": {1: "transient_local", 2: "volatile"},
-    "history": {1: "keep_last", 2: "keep_all"},
-}
-"""What the numbers stood for before version 9 of metadata.yaml."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Quality:
-    """A quality of service: what matters of it to who publishes again; policies as in rosbag2's metadata.yaml."""
-
-    reliability: str = "reliable"
-    durability: str = "volatile"
-    history: str = "keep_last"
-    depth: int = 10
-
-    @property
-    def description(self) -> dict[str, Any]:
-        """The profile as metadata.yaml has it."""
-        return {
-            "history": self.history,
-            "depth": self.depth,
-            "reliability": self.reliability,
-            "durability": self.durability,
-            "deadline": dict(ENDLESS),
-            "lifespan": dict(ENDLESS),
-            "liveliness": "automatic",
-            "liveliness_lease_duration": dict(ENDLESS),
-            "avoid_ros_namespace_conventions": False,
-        }
-
-    @classmethod
-    def of(cls, profile: Mapping[str, Any]) -> Quality:
-        """A profile out of metadata.yaml, of any version. Raises KeyError, TypeError or ValueError where it is none."""
-        policies = {name: known.get(profile[name], str(profile[name])) for name, known in NUMBERED.items()}
-        return cls(**policies, depth=int(profile["depth"]))
+from hybrid_sysid_ros.bags.quality import Quality
 
 
 class DurableFile:

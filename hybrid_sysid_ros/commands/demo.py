@@ -25,10 +25,10 @@ from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.runtime import configuration, session
 from hybrid_sysid_ros.runtime.configuration import controller_model, wrap_for_rig
 from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe, DemoRecords
-from hybrid_sysid_ros.runtime.policies import train_configured_policy
 from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.runtime.simulated_loop import simulated_loop
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import beside, check_file, check_folder, make_folder, written_file
 from hybrid_sysid_ros.support.progress import progress_bars
@@ -156,7 +156,7 @@ def tracked(section: report.ClosedLoopSection, plan: DemoRecipe) -> dict[str, An
 
 def _train(model: Model, folder: Path) -> None:
     with progress_bars(console) as update:
-        train_configured_policy(model, samples=beside(folder, ".samples"), progress=update).save(folder)
+        extensions.one("policies", "train")(model, samples=beside(folder, ".samples"), progress=update).save(folder)
 
 
 def run_loop(bag: Path, rig: Rig, reference: str, **options: Any) -> tuple[Path, Mapping[str, Mapping[str, Any]]]:

@@ -10,13 +10,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from hybrid_sysid_ros.control.controller import MpcSolution
-from hybrid_sysid_ros.control.export.folder import MANIFEST, identifier
-from hybrid_sysid_ros.control.export.folder import write_export as export_policy
 from hybrid_sysid_ros.control.mpc.horizon import PARTS
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.safety.certificate import Certificate
-from hybrid_sysid_ros.control.safety.certification import certify as certified
 from hybrid_sysid_ros.library.arguments import (
     RigLike,
     callable_of,
@@ -33,12 +30,10 @@ from hybrid_sysid_ros.library.arguments import (
 from hybrid_sysid_ros.library.models import Model, load_model, sealed
 from hybrid_sysid_ros.models import Model as AnyModel
 from hybrid_sysid_ros.models import storage
-from hybrid_sysid_ros.models.export import STEP, export_casadi
-from hybrid_sysid_ros.runtime import policies as configured
 from hybrid_sysid_ros.runtime.configuration import shipped
+from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import check_folder
 from hybrid_sysid_ros.support.progress import StageProgress
 from hybrid_sysid_ros.support.text_table import text_table
 
@@ -125,7 +120,7 @@ def train_policy(
         sequence=bool(plan),
         followed=given_options(follow, "follow"),
     )
-    trained = configured.train_configured_policy(
+    trained: policies.Policy = extensions.one("policies", "train")(
         used,
         settings,
         seed=seed_of(seed),
@@ -179,14 +174,19 @@ def certify(
         raise UserError(f"model is another one than the policy's of {policy.rig}; give the one that it was trained for")
     low, high = SECONDS
     length = None if seconds is None else number_of(seconds, "seconds", low=low, high=high, unit="s")
-    return certified(
-        configured.certification(policy, _seal(policy), used, seed=seed_of(seed), seconds=length),
+    found: Certificate = extensions.one("policies", "certify")(
+        policy,
+        _seal(policy),
+        used,
+        seed=seed_of(seed),
+        seconds=length,
         loops=whole_of(loops, "loops", low=1, high=MOST),
         delta=number_of(delta, "delta", low=0.0, high=1.0, above=True),
         workers=whole_of(workers, "workers", low=0, high=MOST),
         store=None if store is None else path_of(store, "store"),
         progress=callable_of(progress, "progress", "stage, done, of"),
     )
+    return found
 
 
 def export(
@@ -207,18 +207,15 @@ def export(
     folder = path_of(out, "out")
     if isinstance(model, policies.Policy):
         form = choice_of(format, "format", FORMATS)
-        check_folder(folder, marker=MANIFEST, replace=bool(overwrite))
-        name, seal = identifier(folder.resolve().name), _seal(model)
-        export_policy(model, folder, name=name, seal=seal, form=form)  # type: ignore[arg-type]
+        extensions.one("exporters", "policy")(model, folder, seal=_seal(model), form=form, overwrite=bool(overwrite))
         return folder
     if not isinstance(model, AnyModel):
         raise UserError(f"model is {shown(model)}; give a model or a policy")
-    check_folder(folder, marker=STEP, replace=bool(overwrite))
     given = {
         "step": number_of(step, "step", low=0.0, unit="s"),
         "smoothing": number_of(smoothing, "smoothing", low=0.0),
     }
-    export_casadi(sealed(given_model(model)), folder, **given, overwrite=bool(overwrite))
+    extensions.one("exporters", "model")(sealed(given_model(model)), folder, **given, overwrite=bool(overwrite))
     return folder
 
 

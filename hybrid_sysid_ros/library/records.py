@@ -28,8 +28,8 @@ Doubtful = Callable[[str], object]
 def load_rig(rig: str | Path) -> Rig:
     """Load a rig.
 
-    rig: the name of a rig that is known, such as "cam_beam", or the path of a rig's folder, such as "./my_rig". A
-    folder's Python runs with your rights. Raises UserError where there is no such rig, or a file of it is wrong.
+    rig: a name that ``hybrid-sysid rig list`` shows, or the path of a folder, such as "./my_rig", whose Python then
+    runs with your rights. Raises UserError where there is no such rig, or a file of it is wrong.
     """
     return rig_of(rig)
 

@@ -118,6 +118,13 @@ def provided(kind: str) -> dict[str, Any]:
     return found
 
 
+def one(kind: str, name: str) -> Any:
+    """The thing of a kind that has a name. Raises UserError where no extension provides it, or it can't be imported."""
+    if (target := targets(kind).get(name)) is None:
+        raise UserError(f"{kind} {name}: no extension that provides it is installed: install one that does")
+    return loaded(target)
+
+
 def leave_out(what: str, why: UserError) -> None:
     """Note that something of an extension is not used; the command line tells it."""
     if (line := f"{what} is left out: {why}") not in registry().problems:

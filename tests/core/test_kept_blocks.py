@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.perceptron import Perceptron
-from hybrid_sysid_ros.core.networks import GatedUnits, Polynomial, Softsign
+from hybrid_sysid_ros.core.networks import Softsign
+from tests.structures import BLOCKS
 
 ERROR = """
 import sys
@@ -62,10 +63,9 @@ def names(function) -> set[str]:
 @pytest.mark.parametrize(
     ("first", "second"),
     [
-        (GatedUnits(units=2, size=50), GatedUnits(units=3, size=80)),
         (Perceptron(widths=(2, 8, 1)), Perceptron(widths=(2, 8, 8, 1))),
-        (Polynomial(features=1, exponents=((1,),)), Polynomial(features=1, exponents=((2,),))),
         (Softsign(features=2, units=3), Softsign(features=2, units=4)),
+        *BLOCKS.values(),
     ],
     ids=lambda block: type(block).__name__,
 )

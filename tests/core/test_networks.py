@@ -12,10 +12,10 @@ from benchmarks.network_plant import WEIGHTS, NetworkPlant, layers
 from benchmarks.perceptron import Perceptron
 from hybrid_sysid_ros.core import Softsign, System, one_step, step_with_jacobian
 from hybrid_sysid_ros.core.blocks import Block
-from hybrid_sysid_ros.core.networks import GatedUnits, Polynomial
 from hybrid_sysid_ros.core.steppers import Sampled
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
 from hybrid_sysid_ros.support.errors import UserError
+from tests.structures import BLOCKS as FURTHER_BLOCKS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,14 +99,9 @@ def softsigns(block, weights, z):
     return rows[:, block.features + 1 :].T @ (s / (1 + np.abs(s)))
 
 
-def monomials(block, weights, z):
-    return np.array([sum(w * np.prod(np.power(z, term)) for w, term in zip(weights, block.exponents, strict=True))])
-
-
 LEARNT = {
     "softsign": (Softsign(features=3, units=4), softsigns),
     "softsigns of two outputs": (Softsign(features=2, units=5, outputs=2), softsigns),
-    "polynomial": (Polynomial(exponents=((0, 0), (1, 0), (2, 3), (0, 1)), features=2), monomials),
 }
 
 
@@ -129,7 +124,7 @@ def check_slopes(block, written, atol=1e-14):
 BLOCKS: dict[str, Any] = {
     **{name: block for name, (block, _) in LEARNT.items()},
     "perceptron": Perceptron(widths=(3, 7, 9, 2)),
-    "gated units": GatedUnits(units=3, size=9 + 9 + 27 + 3 + 3 + 1 + 5),
+    **{name: block for name, (block, _) in FURTHER_BLOCKS.items()},
 }
 
 

@@ -8,7 +8,7 @@ from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.problem import FitProblem
 from hybrid_sysid_ros.models import Sampling
 from tests.one_joint import Linear
-from tests.structures import FUZZY, SYSTEMS, TwoTanks, polynomial, structure
+from tests.structures import FURTHER, SYSTEMS, TwoTanks, structure
 
 STEP, EVERY, SAMPLES = 0.005, 10, 60
 
@@ -76,7 +76,11 @@ def test_they_are_what_simulations_differ_by(name):
         )
 
 
-@pytest.mark.parametrize("name", ["hybrid", "black_box", "narx", *FUZZY])
+LEARNT = [name for name in FURTHER if name not in ("recurrent", "residual")]
+"""Those whose weights a fit learns all at once."""
+
+
+@pytest.mark.parametrize("name", ["hybrid", "black_box", *LEARNT])
 def test_weights_move_the_outputs_as_simulations_say(name):
     """Of a network of softsigns, of the coefficients of a polynomial, and of the premises of rules."""
     system = SYSTEMS[name]()
@@ -91,15 +95,6 @@ def test_weights_move_the_outputs_as_simulations_say(name):
         expected = difference(system, moved, 1e-6)
         size = np.max(np.abs(expected))
         np.testing.assert_allclose(out[..., first + k], expected, rtol=1e-3, atol=1e-4 * size + 1e-9, err_msg=str(k))
-
-
-def test_a_polynomials_initial_states_are_all_of_its_lags():
-    system = polynomial()
-    state, inputs = np.array([0.02, -0.01, 1.0]), drive()
-    out = carried(system, state, inputs)[:, 0, len(system.weights) :]
-    for column in range(3):
-        expected = difference(system, lambda h, i=column: (system, state + h * np.eye(3)[i], inputs), 1e-6)[:, 0]
-        np.testing.assert_allclose(out[:, column], expected, rtol=1e-4, atol=1e-7)
 
 
 def test_two_inputs_of_different_delays_and_an_output_that_is_no_state():

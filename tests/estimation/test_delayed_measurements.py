@@ -170,14 +170,16 @@ PLAIN = dataclasses.replace(
 
 
 def test_a_recurrence_has_the_textbook_s_filter(kind):
+    period = ARX.sampling_time
+    assert period is not None
     random = np.random.default_rng(0)
-    ours = kind(ARX, PLAIN, period=ARX.period, latency=0.001)
+    ours = kind(ARX, PLAIN, period=period, latency=0.001)
     estimate = ours.update(0.0, np.array([0.2]), np.zeros(1))
     z, p = np.array([0.2, 0.0]), estimate.covariance[:2, :2]
-    f, q = np.array([[0.9, 0.1], [0.0, 1.0]]), ARX.period * np.diag([0.3**2, 0.05**2])
+    f, q = np.array([[0.9, 0.1], [0.0, 1.0]]), period * np.diag([0.3**2, 0.05**2])
     for k in range(1, 100):
         u, y = random.normal(), random.normal()
-        estimate = ours.update(k * ARX.period, np.array([y]), np.array([u]))
+        estimate = ours.update(k * period, np.array([y]), np.array([u]))
         z, p = f @ z + np.array([0.1 * u, 0.0]), f @ p @ f.T + q
         gain = p[:, 0] / (p[0, 0] + 0.1**2)
         z, p = z + gain * (y - z[0]), p - np.outer(gain, p[0])

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.control.policy import policy
-from hybrid_sysid_ros.control.policy.idle_states import without_idle
 from hybrid_sysid_ros.core import one_step, simulate
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.structure import build, structure_of
@@ -109,19 +108,6 @@ def test_its_gray_boxes_are_its_own(rig):
         assert structure_of(name, rig.system, rig.structures).box == name
         built, _ = build(name, rig.system, scales=np.ones(5), seed=0, boxes=rig.structures)
         assert type(built) is type(system)
-
-
-def test_only_the_difference_of_the_angles_is_left_of_them(rig, model):
-    problem = configuration.mpc_problem(configuration.defaults("flexible_joint", "controller"), rig, model.system)
-    still = without_idle(model.system, problem)
-    state = np.array([7.0, 6.9, 0.3, 0.2, 0.001])
-    np.testing.assert_allclose(still @ state, [0.0, -0.1, 0.3, 0.2, 0.001], atol=1e-9)
-
-
-def test_where_everything_matters_nothing_is_taken_away():
-    beam = rigs.load("cam_beam")
-    problem = configuration.mpc_problem(configuration.defaults("cam_beam", "controller"), beam)
-    np.testing.assert_array_equal(without_idle(beam.system, problem), np.eye(2))
 
 
 def test_what_ships_belongs_together(rig, model):

@@ -13,8 +13,7 @@ method(x, u) of the system, or a function(system, x, u).
 F: level, vc: creep speed (0: it sticks exactly), D: viscous rate; z: deflection of bristles or elements. Each solves
 its step exactly, and smoothed for solvers that need derivatives.
 
-Beside them stand levels over speed, the laws of friction as systems with their parameters (:mod:`~.friction.laws`), and
-experiments on these.
+Beside them stand levels over speed, by :func:`stribeck` and others.
 """
 
 from hybrid_sysid_ros.core.friction.contact import Contact, Field, Viscous, rational_stribeck, stefanski, stribeck

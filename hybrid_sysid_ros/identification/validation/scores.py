@@ -31,6 +31,11 @@ class Scores:
     outputs: Mapping[str, Scores] = field(default_factory=dict)
     """Each of several outputs by its name; empty where there is one."""
 
+    def __str__(self) -> str:
+        if self.outputs:
+            return "\n".join(f"{name}: {item}" for name, item in self.outputs.items())
+        return f"R2 {self.r2:.4f}, RMSE {self.rmse:.4g} (SI), fit {self.fit_percent:.1f} %"
+
     @property
     def content(self) -> dict[str, Any]:
         """As plain data: r2, rmse and fit_percent; of several outputs r2 and fit_percent, and ``outputs`` by name."""

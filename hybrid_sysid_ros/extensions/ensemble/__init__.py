@@ -1,0 +1,1 @@
+"""Ensemble: several models of one rig together."""

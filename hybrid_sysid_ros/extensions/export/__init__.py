@@ -1,0 +1,1 @@
+"""Export: models and policies outside of Python."""

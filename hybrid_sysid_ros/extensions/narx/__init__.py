@@ -1,0 +1,1 @@
+"""NARX: polynomials in lagged outputs and inputs, alone or driving a parallel model of a gray box's residual."""

@@ -1,0 +1,1 @@
+"""Policies: networks trained to imitate the exact MPC, and their certificates."""

@@ -1,0 +1,17 @@
+"""What this extension adds."""
+
+from hybrid_sysid_ros.support.extensions import Extension
+
+HERE = "hybrid_sysid_ros.extensions.policies"
+EXTENSION = Extension(
+    name="policies",
+    summary="Networks trained to imitate the exact MPC, and their certificates.",
+    commands={
+        "policy train": (f"{HERE}.commands.policy_train", "Train a network that imitates the exact MPC."),
+        "policy certify": (
+            f"{HERE}.commands.policy_certify",
+            "State how a policy does beside the exact MPC, and how surely.",
+        ),
+    },
+    provides={"policies": {"train": f"{HERE}.by_rig:train_configured_policy", "certify": f"{HERE}.by_rig:certified"}},
+)

@@ -1,0 +1,330 @@
+"""The certificate: a law that is exact passes, a broken share is found as that share, and a seed decides all."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from hybrid_sysid_ros.control import ExactMpc
+from hybrid_sysid_ros.control.policy import policy as policies
+from hybrid_sysid_ros.control.safety import certificate as certificates
+from hybrid_sysid_ros.control.safety.certificate import FILE, LEAST_LOOPS, binomial_bound, margin
+from hybrid_sysid_ros.control.safety.supervisor import REASONS, Supervisor, Tolerances
+from hybrid_sysid_ros.control.scenarios import Spread
+from hybrid_sysid_ros.core import one_step
+from hybrid_sysid_ros.extensions.policies.certification import certify
+from hybrid_sysid_ros.extensions.policies.certified_loops import (
+    COST,
+    ERROR,
+    EXACT,
+    EXCESS,
+    KKT_TOLERANCE,
+    NETWORK,
+    SUPERVISED,
+    Certification,
+    Criteria,
+    Distribution,
+)
+from hybrid_sysid_ros.models import storage
+from hybrid_sysid_ros.support.errors import UserError
+from tests.linear_policies import BEAM, CARTS, broken_policy, checked, exact_policy
+from tests.straight_beam import straight
+
+STRAIGHT = straight(BEAM.system)
+VOLT = 0.0227
+DISTRIBUTION = Distribution(
+    spread=Spread(amplitude=(2.0 * VOLT,), disturbance=(0.4,), push=(0.01, 0.1), parameters=0.1),
+    seconds=0.3,
+    state_error=(2e-4, 0.01),
+    disturbance_error=(0.05,),
+    plant="the model",
+)
+CRITERIA = Criteria(input_error=(0.05,), cost_share=0.05, cost_floor=0.01)
+TOLERANCES = Tolerances(cost=0.05, floor=1.0, violation=1e-3, disturbance=(math.inf,), patience=3)
+TWO = Distribution(
+    spread=Spread(amplitude=(0.4, 0.0, 0.2), disturbance=(0.4, 0.2), push=(0.02, 0.02, 0.1, 0.1), parameters=0.1),
+    seconds=1.0,
+    state_error=(1e-3,),
+    disturbance_error=(0.05,),
+    plant="the model",
+)
+
+
+def certification_of(policy, *, seed=0, plant=STRAIGHT):
+    """A policy of the beam on a beam with nothing bent, or one of the carts on carts."""
+    carts = policy.inputs == 2
+    return Certification(
+        policy=policy,
+        seal="a policy",
+        plant=CARTS.system if carts else plant,
+        model=CARTS.system if carts else BEAM.system,
+        distribution=TWO if carts else DISTRIBUTION,
+        criteria=CRITERIA,
+        tolerances=TOLERANCES,
+        seed=seed,
+    )
+
+
+@pytest.fixture(scope="module")
+def law():
+    return exact_policy(BEAM)
+
+
+@pytest.fixture(scope="module")
+def broken():
+    return broken_policy(BEAM)
+
+
+# The statement
+
+
+def test_the_margin_is_hoeffding_s():
+    assert margin(1000, 0.05) == pytest.approx(math.sqrt(math.log(40.0) / 2000.0), rel=1e-12)
+    assert margin(LEAST_LOOPS, 0.01) <= 0.01 < margin(LEAST_LOOPS - 1, 0.01)  # Hertneck et al. (2018)
+
+
+@pytest.mark.parametrize("case", [BEAM, CARTS], ids=["one input", "two inputs"])
+def test_the_exact_law_of_a_linear_problem_passes_every_loop(case):
+    loops = 120
+    found = certify(certification_of(exact_policy(case)), loops=loops, workers=1)
+    for driver in ("network", "supervised"):
+        assert found.rates[driver] == {"input": 1.0, "bounds": 1.0, "cost": 1.0, "all": 1.0}
+        assert found.bounds["hoeffding"][driver]["all"] == 1.0 - margin(loops, 0.01)
+        assert found.mu(driver) == pytest.approx(0.01 ** (1 / loops))
+    first = 1.0 / found.distribution["periods"]  # of the periods: there the exact MPC makes the first plan
+    assert found.check["accepted"] + found.check["waiting for good answers"] == 1.0
+    assert found.check["waiting for good answers"] == pytest.approx(first)
+    assert found.exact["not_converged"] == 0.0
+    assert max(worst["input_error"] for worst in found.worst) < 0.2
+
+
+@pytest.mark.parametrize("case", [BEAM, CARTS], ids=["one input", "two inputs"])
+def test_a_law_that_is_broken_on_a_share_of_the_loops_passes_the_others(case):
+    """Which loops those are follows from what they are made of, not from how they went."""
+    certification, loops = certification_of(broken_policy(case)), 160
+    scenarios = [certification.scenario(loop) for loop in range(loops)]
+    sound = [np.all(each.disturbances[:, 0] + each.disturbance_errors[:, 0] <= 0.0) for each in scenarios]
+    found = certify(certification, loops=loops, workers=1)
+    assert 0.2 < np.mean(sound) < 0.8
+    assert found.rates["network"]["input"] == np.mean(sound)
+    assert found.rates["network"]["all"] == np.mean(sound)
+    assert found.bounds["hoeffding"]["network"]["all"] == np.mean(sound) - margin(loops, 0.01)
+
+
+def test_the_exact_bound_is_that_of_the_binomial_distribution():
+    """With no failure it has a closed form; with some, the chance of so few at the bound is delta."""
+    assert binomial_bound(26_492, 26_492, 0.01) == pytest.approx(0.01 ** (1 / 26_492), abs=1e-12)
+    assert binomial_bound(0, 50, 0.01) == 0.0
+    for failed in (1, 7, 60):
+        bound = binomial_bound(1000 - failed, 1000, 0.01)
+        assert binom.cdf(failed, 1000, 1.0 - bound) == pytest.approx(0.01, rel=1e-6)
+
+
+def test_the_supervisor_catches_what_is_broken(broken):
+    """Plans that are 5 V off are costlier than what is left of the last one, so the exact MPC drives."""
+    found = certify(certification_of(broken), loops=100, workers=1)
+    assert found.rates["supervised"]["all"] > found.rates["network"]["all"] + 0.2
+    assert found.check["costlier than the shifted plan"] > 0.1
+    assert sum(found.check.values()) == pytest.approx(1.0)
+
+
+def test_a_worst_case_can_be_run_again(broken):
+    certification = certification_of(broken)
+    found = certify(certification, loops=60, workers=1)
+    worst = next(case for case in found.worst if case["driver"] == "network" and case["by"] == "input")
+    driven = certification.run(certification.scenario(worst["loop"]), NETWORK)
+    errors = np.abs(driven.loop.inputs - driven.exact)[:, 0] / CRITERIA.input_error[0]
+    assert int(np.argmax(errors)) == worst["period"]
+    assert errors.max() == worst["input_error"]
+
+
+# The same loops
+
+
+def test_a_seed_decides_a_certificate(broken):
+    subject = certification_of(broken)
+    one, two = (certify(subject, loops=130, workers=workers) for workers in (1, 2))
+    other = certify(certification_of(broken, seed=1), loops=130, workers=1)
+    for field in ("rates", "check", "exact", "worst", "distribution", "criteria"):
+        assert getattr(one, field) == getattr(two, field)
+    assert one.worst != other.worst
+
+
+def test_an_interrupted_certification_goes_on(broken, tmp_path):
+    certification, store = certification_of(broken), tmp_path / "half"
+
+    def interrupt(stage, done, of):
+        if done >= 64:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        certify(certification, loops=100, workers=1, store=store, progress=interrupt)
+    assert len(list(store.iterdir())) == 2
+    found = certify(certification, loops=100, workers=1, store=store)
+    assert not store.exists()
+    whole = certify(certification, loops=100, workers=1)
+    assert (found.rates, found.worst) == (whole.rates, whole.worst)
+
+
+def test_loops_of_another_seed_are_not_taken_for_these(broken, tmp_path):
+    store = tmp_path / "half"
+
+    def interrupt(stage, done, of):
+        if done >= 32:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        certify(certification_of(broken, seed=3), loops=64, workers=1, store=store, progress=interrupt)
+    found = certify(certification_of(broken), loops=64, workers=1, store=store)
+    assert found.worst == certify(certification_of(broken), loops=64, workers=1).worst
+
+
+# A loop
+
+
+def by_hand(certification, scenario, driver):
+    """A loop of ordinary objects: inputs, the exact MPC's answers beside them, states, cost, what the check found."""
+    problem, policy = certification.policy.problem, certification.policy
+    judge, own = (ExactMpc(certification.model, problem, tolerance=KKT_TOLERANCE) for _ in range(2))
+    drives = {EXACT: judge, NETWORK: policy, SUPERVISED: Supervisor(policy, own, TOLERANCES)}[driver]
+    x, u, cost = scenario.states[0].copy(), scenario.inputs[0].copy(), 0.0
+    inputs, exact, states = [], [], [x.copy()]
+    for k, disturbance in enumerate(scenario.disturbances):
+        x = x + scenario.pushes[k]
+        reported = disturbance + scenario.disturbance_errors[k]
+        asked = (x + scenario.state_errors[k], reported, u, scenario.references[k : k + problem.horizon])
+        answer = judge.control(*asked)
+        judge.prepare(problem.period)
+        given = answer if drives is judge else drives.control(*asked)
+        if drives is not judge:
+            drives.prepare(problem.period)
+        cost += problem.rate_weights[0] * (given.input[0] - u[0]) ** 2
+        u = given.input.copy()
+        for _ in range(problem.substeps):
+            x = one_step(scenario.plant, x, u + disturbance, step=problem.period / problem.substeps)
+        cost += problem.output_weights[0] * ((x[0] - scenario.references[k, 0]) / problem.output_scales[0]) ** 2
+        inputs.append(u)
+        exact.append(answer.input)
+        states.append(x.copy())
+    return np.array(inputs), np.array(exact), np.array(states), cost, getattr(drives, "reasons", {})
+
+
+@pytest.mark.parametrize("driver", [EXACT, NETWORK, SUPERVISED])
+def test_a_loop_is_that_of_ordinary_objects(broken, rig, driver):
+    """On a plant that is not the model: the beam with its friction, under the MPC of a linear one."""
+    criteria = dataclasses.replace(CRITERIA, input_error=(1e9,))
+    certification = dataclasses.replace(certification_of(broken, plant=rig.system), criteria=criteria)
+    for loop in range(6):
+        scenario = certification.scenario(loop)
+        driven = certification.run(scenario, driver)
+        inputs, exact, states, cost, counted = by_hand(certification, scenario, driver)
+        np.testing.assert_allclose(driven.loop.inputs, inputs, atol=1e-9)
+        np.testing.assert_allclose(driven.exact, exact, atol=1e-9)
+        np.testing.assert_allclose(driven.loop.states, states, atol=1e-11)
+        assert driven.measures[COST] == pytest.approx(cost, rel=1e-9)
+        assert driven.measures[ERROR] == pytest.approx(np.max(np.abs(inputs - exact)) / 1e9, abs=1e-18)
+        assert driven.measures[EXCESS] == 0.0
+        reasons = driven.reasons if driver == SUPERVISED else np.zeros(0, dtype=int)
+        found = np.bincount(reasons, minlength=len(REASONS))
+        assert {REASONS[k]: n for k, n in enumerate(found) if n} == counted
+
+
+def test_a_network_that_gives_no_numbers_keeps_its_bounds_and_no_loop(law):
+    weights = [tuple(np.full_like(part, np.nan) for part in layer) for layer in law.layers]
+    found = certify(certification_of(dataclasses.replace(law, layers=tuple(weights))), loops=40, workers=1)
+    assert found.rates["network"]["bounds"] == 1.0
+    assert found.rates["network"]["cost"] < 0.5
+    assert found.rates["supervised"]["all"] == 1.0  # the exact MPC drives
+    assert found.check["accepted"] == 0.0
+    assert found.check["out of range"] == pytest.approx(14.0 / 15.0)
+
+
+def test_the_exact_mpc_is_asked_again_from_the_network_s_plan_where_they_differ(law):
+    """Where it finds nothing cheaper there, the difference stands."""
+    shifted = dataclasses.replace(law, layers=(law.layers[0], (law.layers[1][0], law.layers[1][1] + 0.01)))  # 1 V
+    found = certify(certification_of(shifted), loops=20, workers=1)
+    assert found.rates["network"]["input"] == 0.0
+    assert found.worst[0]["input_error"] * CRITERIA.input_error[0] == pytest.approx(1.0, abs=0.02)
+
+
+# The file
+
+
+@pytest.fixture
+def certified(law, tmp_path):
+    policy = checked(law)
+    folder = tmp_path / "policy"
+    policy.save(folder)
+    seal = storage.digest(folder, kind="policy")
+    found = certify(dataclasses.replace(certification_of(policy), seal=seal), loops=40, workers=1)
+    found.save(folder)
+    return folder, seal, found
+
+
+def test_a_certificate_survives_a_round_trip(certified):
+    folder, seal, found = certified
+    back = certificates.find_certificate(folder, policy=seal, model="5ea1")
+    assert back is not None
+    assert (back.rates, back.loops, back.delta) == (found.rates, 40, 0.01)
+    assert back.bounds == found.bounds
+
+
+def test_a_policy_is_loaded_with_its_certificate_or_without_one(certified):
+    folder, _, found = certified
+    loaded = policies.load(folder).certificate
+    assert loaded is not None
+    assert loaded.rates == found.rates
+    assert policies.load(folder, certified=False).certificate is None
+    (folder / FILE).unlink()
+    assert policies.load(folder).certificate is None
+
+
+def test_a_certificate_that_was_altered_or_is_another_s_is_refused(certified):
+    folder, seal, _ = certified
+    with pytest.raises(UserError, match="another policy"):
+        certificates.find_certificate(folder, policy="another", model="5ea1")
+    with pytest.raises(UserError, match="another model"):
+        certificates.find_certificate(folder, policy=seal, model="another")
+    path = folder / FILE
+    path.write_text(path.read_text().replace("loops: 40", "loops: 40000"))
+    with pytest.raises(UserError, match=r"certificate\.yaml: was altered"):
+        policies.load(folder)
+    path.write_text("loops: [")
+    with pytest.raises(UserError, match="YAML"):
+        certificates.find_certificate(folder, policy=seal, model="5ea1")
+
+
+def test_a_policy_that_changed_meanwhile_is_not_certified(certified, law):
+    folder, _, found = certified
+    checked(law, seed=1).save(folder)
+    assert not (folder / FILE).exists()  # a new policy has none
+    with pytest.raises(UserError, match="another policy"):
+        found.save(folder)
+
+
+def test_a_certificate_of_another_policy_is_refused_when_that_is_loaded(certified, law, tmp_path):
+    folder, _, _ = certified
+    checked(law, seed=1).save(tmp_path / "other")
+    (tmp_path / "other" / FILE).write_bytes((folder / FILE).read_bytes())
+    with pytest.raises(UserError, match="another policy") as refusal:
+        policies.load(tmp_path / "other")
+    assert "\n" not in str(refusal.value)
+
+
+# What can't be certified
+
+
+def test_a_policy_of_first_inputs_and_strange_numbers_are_refused(law):
+    first = dataclasses.replace(law, layers=(law.layers[0], tuple(part[:1] for part in law.layers[1])))
+    with pytest.raises(UserError, match="1 of 8 intervals"):
+        certify(certification_of(first), loops=10)
+    for loops, delta in ((0, 0.01), (10, 0.0), (10, 1.0), (10, math.nan)):
+        with pytest.raises(UserError, match="say nothing"):
+            certify(certification_of(law), loops=loops, delta=delta)
+
+
+def test_a_plant_of_other_states_is_refused(law, flexible_joint):
+    with pytest.raises(UserError, match="the plant's states"):
+        certification_of(law, plant=flexible_joint)

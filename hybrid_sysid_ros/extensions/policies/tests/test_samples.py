@@ -1,0 +1,181 @@
+"""TrainingSamples of the exact MPC: closed loops of it, on scenarios that are drawn."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from hybrid_sysid_ros.control import ExactMpc, scenarios
+from hybrid_sysid_ros.control.scenarios import LENGTH, Spread, plant_near, steady_motion
+from hybrid_sysid_ros.extensions.policies.samples import TrainingSamples, sample, scenario_of, shifted
+from hybrid_sysid_ros.support.errors import UserError
+from tests.linear_policies import CARTS, CASES
+from tests.small_policies import PROBLEM, SPREAD, model_of
+
+CARTS_SPREAD = Spread(
+    amplitude=(0.5, 0.0, 0.3),
+    disturbance=(0.2, 0.1),
+    input_jitter=(0.5, 0.3),
+    push=(0.05, 0.05, 0.2, 0.2),
+    centre=(0.2,),
+)
+SPREADS = {"beam": SPREAD, "carts": CARTS_SPREAD}
+
+
+@pytest.fixture(params=CASES)
+def drawn(request):
+    """A linear case and the samples of one of its loops, a few in number."""
+    case = CASES[request.param]
+    return case, sample(case.system, case.problem, SPREADS[request.param], 7)
+
+
+def test_samples_are_answers_of_the_exact_mpc(drawn):
+    """By the normal equations, where no bound is near."""
+    case, samples = drawn
+    periods = LENGTH * case.problem.horizon
+    assert len(samples.plans) + samples.dropped == periods
+    assert samples.dropped < 0.1 * periods
+    size = case.problem.input_high[0]
+    free = np.flatnonzero(np.all(np.abs(samples.plans) < 0.35 * size, axis=(1, 2)))
+    assert len(free) > 10
+    for k in free[::5]:
+        np.testing.assert_allclose(samples.plans[k], case.plan(samples.instances[k]), atol=2e-3)
+
+
+def test_what_a_solver_does_not_solve_gives_no_samples(rig):
+    hopeless = dataclasses.replace(PROBLEM, max_iterations=1)
+    samples = sample(rig.system, hopeless, SPREAD, 7)
+    assert len(samples.plans) + samples.dropped == LENGTH * PROBLEM.horizon
+    assert samples.dropped > 0.6 * LENGTH * PROBLEM.horizon
+
+
+def test_plants_are_drawn_about_the_model_within_bounds():
+    system, random = model_of().system, np.random.default_rng(0)
+    values = np.array([plant_near(system, 0.1, random).values for _ in range(2000)])
+    for item, nominal, column in zip(system.parameters, system.values, values.T, strict=True):
+        assert np.all((column >= item.low) & (column <= item.high))
+        assert np.std(column) == pytest.approx(0.1 * abs(nominal), rel=0.1)
+        assert np.mean(column) == pytest.approx(nominal, abs=0.01 * abs(nominal))
+    np.testing.assert_array_equal(plant_near(system, 0.0, random).values, system.values)
+
+
+def test_scenarios_are_of_what_the_spread_says():
+    case, spread = CARTS, CARTS_SPREAD.sized(CARTS.system)
+    random = np.random.default_rng(0)
+    found = [scenario_of(case.system, case.problem, spread, random) for _ in range(200)]
+    wanted = np.concatenate([scenario.references for scenario, _ in found])
+    assert np.all(np.abs(wanted - 0.2) <= np.array(spread.amplitude) * (1 + 1e-9))
+    assert np.all(np.max(np.abs(wanted - 0.2), axis=0) >= 0.95 * np.array(spread.amplitude))
+    disturbances = np.concatenate([scenario.disturbances for scenario, _ in found])
+    np.testing.assert_allclose(disturbances.std(axis=0), spread.disturbance, rtol=0.1)
+    assert np.mean(np.any(np.diff(disturbances, axis=0) != 0.0, axis=1)) < 0.1  # it jumps now and then
+    inputs = np.concatenate([scenario.inputs for scenario, _ in found])
+    np.testing.assert_allclose(inputs.min(axis=0), case.problem.input_low, atol=1.0)
+    np.testing.assert_allclose(inputs.max(axis=0), case.problem.input_high, atol=1.0)
+
+
+def test_loops_begin_on_the_reference_or_anywhere_and_at_rest_there():
+    """Without pushes the states are steady: the system stays where it is under inputs that hold it."""
+    case = CARTS
+    spread = dataclasses.replace(CARTS_SPREAD, push=(0.0,)).sized(case.system)
+    motion = steady_motion(case.system, case.problem, np.array(spread.centre))
+    wanted = 0.2 + np.random.default_rng(1).uniform(-0.3, 0.3, (400, 3))
+    states = scenarios.beginnings(np.random.default_rng(0), case.problem, spread, motion, wanted)
+    np.testing.assert_allclose(states[:, 2:], 0.0, atol=1e-9)
+    on = np.all(np.abs(states @ case.c[case.tracked].T - wanted[:, case.tracked]) < 1e-9, axis=1)
+    assert 0.4 < np.mean(on) < 0.6
+
+
+def test_a_steady_motion_is_rest_where_outputs_are_positions_and_drift_where_one_is_a_speed(flexible_joint):
+    """A joint that is to turn at a speed turns on: both sides at that speed, its spring as far as drag stretches."""
+
+    class Turning(type(flexible_joint)):  # type: ignore[misc]
+        outputs = ("motor", "link_speed")
+
+    system = Turning(coulomb=0.0)
+    problem = dataclasses.replace(
+        PROBLEM,
+        output_weights=(0.0, 1.0),
+        output_scales=(1.0, 1.0),
+        state_low=(-np.inf,),
+        state_high=(np.inf,),
+        soft_linear=(0.0,),
+        soft_quadratic=(1e4,),
+    ).sized(system)
+    joint = dataclasses.replace(problem, output_weights=(1.0,), output_scales=(1.0,))
+    speed = 3.0
+    motion = steady_motion(system, problem, np.array([0.0, speed]))
+    stretch = system.link_drag * speed / system.spring
+    np.testing.assert_allclose(motion.state[2:], speed, rtol=1e-6)
+    assert motion.state[0] - motion.state[1] == pytest.approx(stretch, rel=1e-6)
+    at_rest = steady_motion(flexible_joint, joint.sized(flexible_joint), np.array([0.4]))
+    np.testing.assert_allclose(at_rest.state, [0.4, 0.4, 0.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("change", [{"amplitude": (1.0, 2.0)}, {"push": (1.0,) * 3}, {"disturbance": (0.1,) * 4}])
+def test_a_spread_of_other_sizes_is_refused(change):
+    with pytest.raises(UserError, match=next(iter(change))):
+        dataclasses.replace(CARTS_SPREAD, **change).sized(CARTS.system)
+
+
+def test_other_plants_make_other_loops_for_the_same_mpc():
+    system = model_of().system
+    same, other = (sample(system, PROBLEM, dataclasses.replace(SPREAD, parameters=p), 7) for p in (0.0, 0.2))
+    assert np.max(np.abs(same.instances[20] - other.instances[20])) > 1e-4
+
+
+def test_shifts_are_derivatives_of_the_plan_by_the_followed_parameters():
+    """Against differences over a tenth of the step, of plans that are solved afresh."""
+    system = model_of().system
+    followed = {"gain": 0.5, "centre": 0.2}
+    samples = sample(system, PROBLEM, SPREAD, 7, followed=followed)
+    assert samples.shifts.shape == (len(samples.plans), 2, 4, 1)
+    inside = np.flatnonzero(np.all(np.abs(samples.plans) < 9.0, axis=(1, 2)))[::8]
+    assert len(inside) > 5
+    for index, (name, spread) in enumerate(followed.items()):
+        near = [shifted(system, name, side * spread) for side in (-0.05, 0.05)]
+        pair = [ExactMpc(plant, PROBLEM, tolerance=1e-9) for plant in near]
+        for k in inside:
+            asked = samples.instances[k]
+            for mpc in pair:
+                mpc.reset()
+            low, high = (mpc.control(asked[:2], asked[2:3], asked[3:4], asked[4:, None]).inputs for mpc in pair)
+            np.testing.assert_allclose(samples.shifts[k, index], (high - low) / 0.1, rtol=0.05, atol=0.02)
+
+
+def test_the_offset_of_the_input_shifts_the_first_plan_one_to_one():
+    """A beam's centre acts as an offset of its input: plans of low weight on changes move with it."""
+    system = model_of().system
+    problem = dataclasses.replace(PROBLEM, rate_weights=(0.0,), input_low=(-1e3,), input_high=(1e3,))
+    samples = sample(system, problem, SPREAD, 3, followed={"centre": 0.2})
+    np.testing.assert_allclose(samples.shifts[:, 0], 0.2, atol=1e-3)
+
+
+def test_a_loop_has_one_cost_and_it_goes_with_the_errors_of_the_loop():
+    found = [sample(model_of().system, PROBLEM, SPREAD, seed) for seed in range(10)]
+    errors = []
+    for samples in found:
+        assert len(np.unique(samples.costs)) == 1
+        errors.append(np.mean((samples.instances[:, 0] - samples.instances[:, 4]) ** 2))
+    costs = [samples.costs[0] for samples in found]
+    assert max(costs) > 10 * min(costs)
+    assert np.corrcoef(np.log(costs), np.log(errors))[0, 1] > 0.7
+
+
+def some_samples(**parts):
+    random = np.random.default_rng(0)
+    arrays = {
+        "instances": random.normal(size=(5, 8)),
+        "plans": random.normal(size=(5, 4, 1)),
+        "shifts": random.normal(size=(5, 0, 4, 1)),
+        "costs": random.uniform(size=5),
+    }
+    return TrainingSamples(**{**arrays, **parts}, dropped=np.array([3]))
+
+
+def test_samples_come_back_from_their_arrays():
+    samples = some_samples()
+    both = TrainingSamples.joined([samples.arrays, samples.arrays])
+    assert (len(both.plans), both.dropped.sum()) == (10, 6)
+    for item in dataclasses.fields(TrainingSamples):
+        np.testing.assert_array_equal(np.split(getattr(both, item.name), 2)[1], getattr(samples, item.name))

@@ -1,0 +1,26 @@
+"""hybrid-sysid policy train: where it writes, and what an interrupt keeps."""
+
+from typing import Any
+
+import numpy as np
+
+from hybrid_sysid_ros.extensions.policies.commands import policy_train
+from hybrid_sysid_ros.support.parallel import Store
+from tests.command_line import PLACES, refused_place
+
+
+@PLACES
+def test_it_says_where_it_cannot_write_before_anything_else(command, tmp_path, monkeypatch, place):
+    refused_place(command, tmp_path, place, ("policy", "train", "nowhere", "--out", "PLACE"), monkeypatch)
+
+
+def test_an_interrupted_training_says_what_is_kept(command, linear_model, tmp_path, monkeypatch):
+    def interrupt(*_, samples, **__):
+        store: Store[dict[str, Any]] = Store(samples)
+        store.keep("a loop", {"plans": np.zeros(3)})
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(policy_train, "train_policy", interrupt)
+    status, out, error = command("policy", "train", linear_model, "--out", tmp_path / "policy")
+    kept = f"1 closed loops are kept in {tmp_path / 'policy.samples'}; the same command goes on from there"
+    assert (status, out, error) == (130, "", f"interrupted: {kept}\n")
