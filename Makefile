@@ -1,4 +1,4 @@
-# make demo | test | bench | lint | docs | clean: each sets up what it needs in .venv, with nothing but python3 and make.
+# make demo | test | test-slow | bench | lint | docs | clean: each sets up what it needs in .venv, with nothing but python3 and make.
 #   make mutants           which single-line mutants of gates and thresholds the tests do not kill
 #   make newest            some tests with the newest release of every dependency
 #   make demo RIG=NAME     of another rig, by its name or path, into out/demo_NAME
@@ -19,14 +19,17 @@ ifneq ($(ROS_DISTRO)$(_ROS_WHEELS_BOOTSTRAP_COMPLETE),)
 unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
 endif
 
-.PHONY: demo test bench lint docs mutants newest clean again
+.PHONY: demo test test-slow bench lint docs mutants newest clean again
 .NOTPARALLEL:
 
 demo: .venv/ros $(if $(TRAINED),.venv/train) $(if $(FILMED),.venv/video)
 	$(DEMO) --out $(OUT) $(if $(TRAINED),--train)
 
 test: .venv/ros .venv/dev .venv/train
-	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m 'not slow'
+
+test-slow: .venv/ros .venv/dev .venv/train
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m slow
 
 bench: .venv/ros .venv/peers
 	$(BIN)/python -m benchmarks

@@ -21,10 +21,8 @@ from benchmarks import acados_peer, result
 from benchmarks.network_plant import NetworkPlant
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
-from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.control.problem import stage_costs
 from hybrid_sysid_ros.core import System, Variable, simulate
-from hybrid_sysid_ros.extensions.narx.narx import Narx
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.runtime import configuration
@@ -74,7 +72,7 @@ def cases() -> dict[str, Case]:
     }
 
 
-def lecture_model() -> Narx:
+def lecture_model() -> System:
     """The author's polynomial of the beam in volts: y(k+1) from y(k..k-2) and u(k..k-2)."""
     terms = {
         (1, 0, 0, 0, 0, 0): 1.1440,
@@ -88,6 +86,8 @@ def lecture_model() -> Narx:
         (0, 0, 0, 0, 0, 1): -0.0452,
         (0, 1, 0, 0, 2, 0): -0.0019,
     }
+    from hybrid_sysid_ros.extensions.narx.narx import Narx
+
     return Narx(
         outputs=(Variable(name="position", unit="V"),),
         inputs=(Variable(name="drive", unit="V"),),
@@ -143,6 +143,8 @@ def loop(case: Case, seed: int, controller: Any, other: Any = None) -> dict[str,
 
 def main() -> int:
     """Run, print a table, write the results."""
+    from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
+
     machine = result.machine()
     results: dict[str, Any] = {}
     shown = Table(

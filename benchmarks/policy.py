@@ -31,7 +31,6 @@ from benchmarks.mpc_speed import Case, cases, loop
 from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import Controller, ControlProblem, ExactMpc, scenarios
 from hybrid_sysid_ros.control.mpc.horizon import Instance
-from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.control.policy import policy
 from hybrid_sysid_ros.control.policy.kernels import network_answer
 from hybrid_sysid_ros.control.policy.policy import Policy
@@ -39,6 +38,7 @@ from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.scenarios import Scenario, Spread, steady_motion
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import OPTIONS
+from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.extensions.policies.by_rig import train_configured_policy
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import pytest
 
-from hybrid_sysid_ros.core import Bristles, Contact, Dry, System, Variable, Viscous, bounded
+from hybrid_sysid_ros.core import Bristles, Contact, Dry, Recurrence, System, Variable, Viscous, bounded
 from hybrid_sysid_ros.core.friction import stribeck
 from hybrid_sysid_ros.core.mathematics import Scalar
 
@@ -28,7 +28,7 @@ def narx(
     output_scale: float = 1.0,
     input_scale: float = 1.0,
     period: float = 0.05,
-) -> System:
+) -> Recurrence:
     """A polynomial of one output and one input; without its extension the test is skipped."""
     made = pytest.importorskip("hybrid_sysid_ros.extensions.narx.narx").Narx
     return made(

@@ -11,6 +11,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.bags.record import Record
+from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.core import Dry, System, bounded, simulate
@@ -264,6 +266,25 @@ def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) ->
         return status, captured.out, captured.err
 
     return run
+
+
+@pytest.fixture
+def command(call: Callable[..., tuple[int, str, str]]) -> Callable[..., tuple[int, str, str]]:
+    """Run hybrid-sysid with arguments; give status, standard output and standard error."""
+    return partial(call, app.main, "hybrid-sysid")
+
+
+@pytest.fixture(scope="session")
+def linear_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A linear model of the shipped multisine."""
+    folder = tmp_path_factory.mktemp("model") / "linear"
+    bag = str(Path(__file__).parents[1] / "bags" / "beam_multisine")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["hybrid-sysid", "identify", bag, "--structure", "linear", "--out", str(folder)])
+        with pytest.raises(SystemExit) as end:
+            app.main()
+    assert not end.value.code
+    return folder
 
 
 def simulated_record(rig: Rig, reference: Reference, *, seconds: float, name: str, seed: int, noisy: bool) -> Record:

@@ -6,13 +6,11 @@ import json
 import shutil
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import pytest
 import yaml
 
-from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.commands import identify as identify_command
 from hybrid_sysid_ros.models import load, storage
 from hybrid_sysid_ros.runtime.parameters import shipped
@@ -23,26 +21,6 @@ from tests.command_line import PLACES, refused, refused_place
 
 BAGS = Path(__file__).parents[1] / "bags"
 MULTISINE = str(BAGS / "beam_multisine")
-
-
-@pytest.fixture
-def command(call):
-    """Run hybrid-sysid with arguments; give status, standard output and standard error."""
-    return partial(call, app.main, "hybrid-sysid")
-
-
-@pytest.fixture(scope="module")
-def linear_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A linear model of the shipped multisine."""
-    folder = tmp_path_factory.mktemp("model") / "linear"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            "sys.argv", ["hybrid-sysid", "identify", MULTISINE, "--structure", "linear", "--out", str(folder)]
-        )
-        with pytest.raises(SystemExit) as end:
-            app.main()
-    assert not end.value.code
-    return folder
 
 
 def test_a_gray_box_of_the_shipped_bags_predicts_a_bag_that_it_has_not_seen(command, tmp_path):

@@ -25,6 +25,7 @@ SHIPPED = {
     "playback",
     "policies",
     "search",
+    "trim",
     "view",
     "vision",
 }

@@ -275,7 +275,7 @@ assert not extensions.registry().problems
 
 def trunk_modules() -> list[str]:
     """Those of the trunk that need nothing but what any install has; its nodes, too, where there is ROS."""
-    late = re.compile(r"(control/mpc/interior_point|report/(charts|\w*figures))\.py")
+    late = re.compile(r"(report/(charts|\w*figures))\.py")
     files = [path.relative_to(PACKAGE) for path in PACKAGE.glob("*/**/*.py")]
     files += [Path("nodes") / path.name for path in (ROOT / "nodes").glob("*.py")] if has_ros() else []
     kept = [path for path in files if path.parts[0] != "extensions" and not late.fullmatch(str(path))]
@@ -284,7 +284,10 @@ def trunk_modules() -> list[str]:
     )
 
 
-@pytest.mark.parametrize("away", [*([name] for name in OURS), OURS], ids=lambda away: ",".join(away))
+@pytest.mark.parametrize(
+    "away",
+    [*(pytest.param([name], id=name, marks=pytest.mark.slow) for name in OURS), pytest.param(OURS, id="all")],
+)
 def test_the_trunk_works_without(away: list[str], tmp_path: Path, call: Call) -> None:
     package = tmp_path / "site" / "hybrid_sysid_ros"
     (package / "extensions").mkdir(parents=True)

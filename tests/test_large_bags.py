@@ -271,6 +271,7 @@ print(record.samples, kilobytes("VmHWM") - before)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["wanted", "unwanted", "recover"])
 def test_memory_does_not_grow_with_the_bag(tmp_path, what):
     """300 MB of messages with a thousand joints, or beside a topic of pictures."""

@@ -35,7 +35,7 @@ NODES = re.compile(r"nodes/.*|extensions/\w+/nodes/.*")
 LAUNCH = re.compile(r"launch\w*")
 KEPT_IN = {  # heavy libraries, and the files that may import them
     "torch": re.compile(r"extensions/(policies/(network|training)|recurrent/training)\.py"),
-    "casadi": re.compile(r"(core/\w+|control/mpc/interior_point)\.py"),
+    "casadi": re.compile(r"(core/\w+|extensions/ipopt/interior_point)\.py"),
     "sysidentpy": re.compile(r"extensions/narx/term_selection\.py"),
     "optuna": re.compile(r"extensions/search/(study|database)\.py"),
     "joblib": re.compile(r"support/parallel\.py"),
@@ -50,7 +50,7 @@ KEPT_IN = {  # heavy libraries, and the files that may import them
     "PIL": re.compile(r"extensions/vision/camera/jpeg\.py"),
 }
 AT_THE_TOP = re.compile(
-    r"core/casadi_form\.py|control/mpc/interior_point\.py"
+    r"core/casadi_form\.py|extensions/ipopt/interior_point\.py"
     r"|extensions/policies/(network|training)\.py|(extensions/\w+/)?report/(charts|\w*figures)\.py|extensions/(view|commander/language)/server\.py"
 )
 """Files that import one of them at once, and are themselves imported late; all others import it where they use it."""

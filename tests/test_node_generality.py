@@ -123,6 +123,7 @@ def test_the_flexible_joint_s_link_follows_speeds_in_lockstep(domain: int, tmp_p
 
 
 def test_ipopt_commands_what_the_compiled_solver_does(domain: int, carts: Path, tmp_path: Path) -> None:
+    pytest.importorskip("hybrid_sysid_ros.extensions.ipopt")
     model = two_carts.exact_model(carts, tmp_path / "model")
     found = []
     for solver in ("sqp", "ipopt"):

@@ -23,7 +23,6 @@ from benchmarks.winged_cone.autopilot import ANGLE_OF_ATTACK, STATES, STEPS, jud
 from benchmarks.winged_cone.flights import RIG
 from hybrid_sysid_ros.control import Controller, ControlProblem, ExactMpc, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop
-from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
@@ -191,6 +190,8 @@ def fastest(rig: Rig, model: Model, controller: Controller, *clocks: list[float]
 
 def timing(rig: Rig) -> dict[str, Any]:
     """How long a solution takes: converged, the feedback phase of real-time iterations, and IPOPT's."""
+    from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
+
     model = load_model(configuration.shipped(RIG, "model"))
     system = controller_model(rig, model.system)
     problem = problem_of(rig, system)

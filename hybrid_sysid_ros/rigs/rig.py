@@ -18,13 +18,12 @@ from hybrid_sysid_ros.rigs.actuator import Actuator
 from hybrid_sysid_ros.rigs.drivers import Experiments, experiments_of, index_of
 from hybrid_sysid_ros.rigs.excitation import Excitation, ReferenceSchedule, Segment
 from hybrid_sysid_ros.rigs.joints import Joints
-from hybrid_sysid_ros.rigs.modes import NamedMode, modes_of
 from hybrid_sysid_ros.rigs.sensor import Display, Sensor
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import built, numbers, read_mapping, refuse_endless, refuse_unknown, section
 
-OF_EXTENSIONS = ("drawing", "faults", "scene", "mockup")
+OF_EXTENSIONS = ("drawing", "faults", "scene", "mockup", "modes")
 """Sections of the extensions that come with this package, which a rig may have where they are not there."""
 BEYOND = 1e9
 """No state, input or output of a rig is that large, whatever its unit."""
@@ -68,8 +67,6 @@ class Rig:
     """Lowest and highest value of each state where its equations mean something (2, states)."""
     offsets: Mapping[str, float] = field(default_factory=dict)
     """States to whose rates something is added that no model knows: its drift [unit of the state/s/sqrt(s)]."""
-    modes: Mapping[str, NamedMode] = field(default_factory=dict)
-    """By name: the modes in which it moves about an equilibrium."""
 
     def __reduce__(self) -> Any:
         """To another process a rig goes by its source: that runs its Python there, too."""
@@ -221,7 +218,6 @@ def _read(found: folders.RigFolder) -> Rig:
         namespace=namespace,
         signals=signals.ordered(system.inputs, system.outputs),
         experiments=experiments_of(section(content, "experiments", where), system, f"{where}: experiments"),
-        modes=modes_of(section(content, "modes", where), system, f"{where}: modes"),
         references=_references(section(content, "references", where), system, f"{where}: references"),
         content=content,
     )

@@ -107,11 +107,10 @@ def pace(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 def _interior_point(system: System, problem: ControlProblem, settings: Mapping[str, Any], warn: Warn) -> Controller:
     """IPOPT on the exact MPC's problem: slow, so it is for lockstep, and loaded only where it is asked for."""
-    from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
-
     if not settings["lockstep"]:
         warn("solver ipopt takes longer than a measurement's period: it is for lockstep")
-    return InteriorPointMpc(system, problem)
+    made: Controller = extensions.one("solvers", "ipopt")(system, problem)
+    return made
 
 
 def _look_at(network: Policy, path: Path, asked: ControlProblem, settings: Mapping[str, Any], warn: Warn) -> None:

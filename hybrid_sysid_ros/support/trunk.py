@@ -7,7 +7,7 @@ NODES = "hybrid_sysid_ros.nodes"
 STRUCTURES = "hybrid_sysid_ros.structures"
 SECTIONS = (
     "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
-    "policy_training", "policy_certificate", "demo", "travel", "disturbances", "modes", "validity", "offsets",
+    "policy_training", "policy_certificate", "demo", "travel", "disturbances", "validity", "offsets",
 )  # fmt: skip
 
 TRUNK = Extension(
@@ -17,7 +17,6 @@ TRUNK = Extension(
         "simulate": (f"{COMMANDS}.simulate", "Simulate an experiment on a rig and write its bag."),
         "identify": (f"{COMMANDS}.identify", "Identify a model from bags."),
         "evaluate": (f"{COMMANDS}.evaluate", "Score a model on bags by free run and closed loop."),
-        "trim": (f"{COMMANDS}.trim", "Find an equilibrium of a rig and the modes about it."),
         "run": (f"{COMMANDS}.run", "Run plant, estimator, controller and reference as ROS 2 nodes."),
         "parameters": (f"{COMMANDS}.parameters", "Write the ROS parameter file of a rig's nodes."),
         "check": (f"{COMMANDS}.check", "Check the installation in a quarter of a minute."),

@@ -9,7 +9,6 @@ from scipy.optimize import lsq_linear
 
 from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
 from hybrid_sysid_ros.control.closed_loop import simulate_loop
-from hybrid_sysid_ros.control.mpc.interior_point import InteriorPointMpc
 from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.estimation import ExtendedKalmanFilter, Tuning
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -32,6 +31,12 @@ PROBLEM = ControlProblem(
     max_iterations=100,
 )
 UNBOUNDED = dataclasses.replace(PROBLEM, input_low=(-1e6,), input_high=(1e6,))
+
+
+def interior_point_mpc(*given, **settings):
+    """IPOPT on a problem; without its extension the test is skipped."""
+    found = pytest.importorskip("hybrid_sysid_ros.extensions.ipopt.interior_point")
+    return found.InteriorPointMpc(*given, **settings)
 
 
 def least_squares_form(problem, state, disturbance, previous, preview):
@@ -154,7 +159,7 @@ def test_after_an_absurd_question_it_solves_sensible_ones(beam_mpc):
     stick-slip's optima, which costs hardly more. One that cannot leaves nothing.
     """
     asked, problem = instance(1), beam_mpc.problem
-    yardstick = InteriorPointMpc(beam_mpc.system, dataclasses.replace(problem, max_iterations=500), tolerance=1e-9)
+    yardstick = interior_point_mpc(beam_mpc.system, dataclasses.replace(problem, max_iterations=500), tolerance=1e-9)
     best = cost_by_hand(problem, yardstick.control(*asked), *asked[2:])
     beam_mpc.reset()
     cold = beam_mpc.control(*asked).inputs
@@ -382,7 +387,7 @@ def cost_by_hand(problem, plan, previous, preview):
 def test_on_the_beam_it_finds_what_an_interior_point_solver_finds(rig, option):
     problem = dataclasses.replace(PROBLEM, output_scales=(rig.display[0].scale,), **OPTIONS[option]).sized(rig.system)
     exact = ExactMpc(rig.system, problem, tolerance=1e-7)
-    yardstick = InteriorPointMpc(rig.system, dataclasses.replace(problem, max_iterations=500), tolerance=1e-9)
+    yardstick = interior_point_mpc(rig.system, dataclasses.replace(problem, max_iterations=500), tolerance=1e-9)
     solved, ratios = 0, []
     for seed in range(12):
         exact.reset()

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pytest
 
 from benchmarks.mpc_speed import cases, loop
 from hybrid_sysid_ros.control import ControlProblem, ExactMpc, Status
@@ -40,6 +41,7 @@ def test_a_real_time_iteration_follows_the_optimum(rig):
 
 def test_on_the_lecture_s_polynomial_one_iteration_a_call_costs_little():
     """Its gain changes sign within the inputs' range: a step by the curvature of another moment runs away."""
+    pytest.importorskip("hybrid_sysid_ros.extensions.narx")
     case = dataclasses.replace(cases()["lecture"], samples=100)
     converged, iterated = (ExactMpc(case.system, case.problem, real_time=quick) for quick in (False, True))
     assert loop(case, 0, iterated)["cost"] < 1.02 * loop(case, 0, converged)["cost"]

@@ -66,6 +66,7 @@ def test_the_rigs_are_short(shown):
     assert len(shown.values.splitlines()) < 60
 
 
+@pytest.mark.slow
 def test_the_pages_lead_from_a_new_folder_to_a_certified_policy_in_the_loop(
     shown, command, domain, tmp_path, monkeypatch
 ):

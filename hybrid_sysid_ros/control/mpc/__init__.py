@@ -1,1 +1,1 @@
-"""The exact MPC: multiple shooting, its quadratic programs, and IPOPT beside it."""
+"""The exact MPC: multiple shooting, and its quadratic programs."""

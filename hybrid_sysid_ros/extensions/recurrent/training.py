@@ -25,7 +25,7 @@ class TrainingSchedule:
     """How it is trained."""
 
     stages: tuple[tuple[int, int], ...] = ((20, 200), (40, 300), (80, 300))
-    """TrainingSamples of a rollout and gradient steps, in turn; short ones first keep the cost near convex."""
+    """Samples of a rollout and gradient steps, in turn; short ones first keep the cost near convex."""
     batch: int = 64
     """Rollouts in a step."""
     rate: float = 0.02

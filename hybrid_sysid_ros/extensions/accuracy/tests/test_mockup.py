@@ -109,6 +109,7 @@ def test_parameters_are_drawn_by_their_covariance_and_kept_in_their_bounds(exact
     assert min(masses) == 0.1  # its lowest value
 
 
+@pytest.mark.slow
 def test_from_a_prior_to_a_verdict_and_again_without_work(call, sled, tmp_path, monkeypatch):
     mockup = partial(call, app.main, "hybrid-sysid", "mockup", str(sled.folder), "--out", str(tmp_path / "out"))
     counts = ("--live", "5", "--simulated", "10", "--plants", "10", "--jobs", "1")

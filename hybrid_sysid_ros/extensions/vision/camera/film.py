@@ -82,8 +82,11 @@ def pictures(path: Path) -> Iterator[tuple[float, Picture]]:
         )
 
 
-def write_film(path: Path, film: Iterable[tuple[float, Picture]], *, rate: float, crf: int = CRF) -> int:
+def write_film(
+    path: Path, film: Iterable[tuple[float, Picture]], *, rate: float, crf: int = CRF, preset: str = "medium"
+) -> int:
     """Write grey pictures with their times [s] as H.264; an older file is replaced. rate [Hz]: what its head says.
+    preset: of x264, how much work it does for a smaller file.
 
     Returns the number of pictures. Raises UserError where the file can't be written or has another suffix.
     """
@@ -94,7 +97,7 @@ def write_film(path: Path, film: Iterable[tuple[float, Picture]], *, rate: float
     count = 0
     with written_file(path) as partial, av.open(str(partial), "w") as container:
         stream: Any = container.add_stream("libx264", rate=Fraction(rate).limit_denominator(100_000))
-        stream.pix_fmt, stream.options = "yuv420p", {"crf": str(crf)}
+        stream.pix_fmt, stream.options = "yuv420p", {"crf": str(crf), "preset": preset}
         stream.time_base = stream.codec_context.time_base = Fraction(1, TICKS)
         for time, picture in film:
             if not count:

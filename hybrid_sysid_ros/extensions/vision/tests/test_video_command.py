@@ -67,7 +67,7 @@ def video(call: Callable[..., Answer], beam: Filmed, tmp_path: Path) -> Video:
         crf: int = CRF,
     ) -> Answer:
         path = tmp_path / f"film{suffix}"
-        write_film(path, frames, rate=30.0, crf=crf)
+        write_film(path, frames, rate=30.0, crf=crf, preset="superfast")
         places = {"--out": tmp_path / "out", "--bag": bag, "--layers": layers}
         given = [word for name, place in places.items() if place for word in (name, str(place))]
         return call(app.main, "hybrid-sysid", "video", str(path), *given)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.equilibrium import Eigenmode
+from hybrid_sysid_ros.extensions.trim.equilibrium import Eigenmode
 from hybrid_sysid_ros.rigs.drivers import index_of
+from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import refuse_unknown, section
 
@@ -26,9 +26,10 @@ class NamedMode:
     """Whether it does; None: it may."""
 
 
-def modes_of(given: Mapping[str, Any], system: System, where: str) -> dict[str, NamedMode]:
-    """From a section of rig.yaml, by their names. Raises UserError for what is wrong in it."""
-    found = {}
+def named_modes(rig: Rig) -> dict[str, NamedMode]:
+    """From the section of its rig.yaml, by their names. Raises UserError for what is wrong in it."""
+    found: dict[str, NamedMode] = {}
+    given, where = section(rig.content, "modes", str(rig.file)), f"{rig.file}: modes"
     for name, value in given.items():
         here, content = f"{where}.{name}", section(given, name, where)
         refuse_unknown(content, ("states", "oscillates"), here)
@@ -36,7 +37,7 @@ def modes_of(given: Mapping[str, Any], system: System, where: str) -> dict[str, 
         if not isinstance(states, list) or not isinstance(oscillates, bool | None):
             raise UserError(f"{here} is {value!r}: it needs a list of states, and whether it oscillates, true or false")
         for state in states:
-            index_of(state, system.declared_states, f"{here}.states", "state")
+            index_of(state, rig.system.declared_states, f"{here}.states", "state")
         found[name] = NamedMode(states=tuple(states), oscillates=oscillates)
     return found
 

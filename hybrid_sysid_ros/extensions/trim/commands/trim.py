@@ -12,8 +12,8 @@ from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import console, print_table
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.core.equilibrium import Eigenmode, Equilibrium, equilibrium
-from hybrid_sysid_ros.rigs.modes import mode_name
+from hybrid_sysid_ros.extensions.trim.equilibrium import Eigenmode, Equilibrium, equilibrium
+from hybrid_sysid_ros.extensions.trim.modes import mode_name, named_modes
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.rigs.validity import check_reached, check_valid
 from hybrid_sysid_ros.support.errors import UserError
@@ -43,7 +43,8 @@ def command(
     found = equilibrium(system, given)
     check_valid(described, found.states[None], "the equilibrium", system=system)
     check_reached(described, found.inputs, "the equilibrium")
-    named = [(mode, mode_name(mode, system, described.modes)) for mode in found.modes]
+    known_modes = named_modes(described)
+    named = [(mode, mode_name(mode, system, known_modes)) for mode in found.modes]
     if as_json:
         console.print_json(json.dumps(_content(system, found, named)))
         return

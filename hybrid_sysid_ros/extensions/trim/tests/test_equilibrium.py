@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.core import Dry, Recurrence, RungeKutta, System, bounded
-from hybrid_sysid_ros.core.equilibrium import equilibrium, modes_of
 from hybrid_sysid_ros.core.mathematics import exp, sin
+from hybrid_sysid_ros.extensions.trim.equilibrium import equilibrium, modes_of
 from hybrid_sysid_ros.support.errors import UserError
 
 

@@ -1,0 +1,9 @@
+"""What this extension adds."""
+
+from hybrid_sysid_ros.support.extensions import Extension
+
+EXTENSION = Extension(
+    name="ipopt",
+    summary="IPOPT as the slow reference of the exact MPC.",
+    provides={"solvers": {"ipopt": "hybrid_sysid_ros.extensions.ipopt.interior_point:InteriorPointMpc"}},
+)

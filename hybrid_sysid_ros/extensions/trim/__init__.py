@@ -1,0 +1,1 @@
+"""Trim: where a rig stays as it is, and the modes in which it moves about there."""
