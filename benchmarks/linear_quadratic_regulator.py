@@ -10,7 +10,7 @@ from scipy.linalg import LinAlgError, null_space, solve_discrete_are
 from hybrid_sysid_ros.control.controller import MpcSolution, Status
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, PredictionModel, new_horizon, prediction
 from hybrid_sysid_ros.control.mpc.linearisation import linearise
-from hybrid_sysid_ros.control.mpc.shooting import bounded
+from hybrid_sysid_ros.control.mpc.shooting import bound_inputs
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import kernel
@@ -98,7 +98,7 @@ class LinearQuadraticRegulator:
             change = change + np.einsum("ijk,ik->j", self.feedforward, preview - final)
         sound = bool(np.isfinite(change).all() and np.isfinite(previous).all())
         inputs = (last + change if sound else last)[None].copy()
-        bounded(self._limits, last, inputs)
+        bound_inputs(self._limits, last, inputs)
         states = np.zeros((0, len(self.rest.transition)))
         return MpcSolution(
             input=inputs[0].copy(), inputs=inputs, states=states, status=Status.FEEDBACK if sound else Status.HELD

@@ -69,7 +69,7 @@ def loop(seconds: float, *, view: bool, page: bool) -> dict[str, Any]:
     ).go()
     if outcome.interrupted:
         raise KeyboardInterrupt
-    plant, told = outcome.diagnostics["plant"], outcome.diagnostics.get("view", {})
+    plant, reported = outcome.diagnostics["plant"], outcome.diagnostics.get("view", {})
     found = {
         "view": view,
         "page": page,
@@ -78,7 +78,11 @@ def loop(seconds: float, *, view: bool, page: bool) -> dict[str, Any]:
         "missed_commands": plant["missed_commands"],
     }
     if view:
-        found |= {"cpu_share": told["cpu_share"], "memory_mb": told["memory_mb"], "pictures_sent": told["pictures"]}
+        found |= {
+            "cpu_share": reported["cpu_share"],
+            "memory_mb": reported["memory_mb"],
+            "pictures_sent": reported["pictures"],
+        }
     if page:
         shown.join()
         found["pictures_hz"] = shown.pictures

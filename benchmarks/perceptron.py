@@ -17,7 +17,7 @@ from hybrid_sysid_ros.core.networks import NetworkLayers
 from hybrid_sysid_ros.core.networks.tanh_layers import column_sum, widths_of
 from hybrid_sysid_ros.core.registers import (
     behind,
-    load,
+    load_numbers,
     multiplied,
     scratch,
     store,
@@ -130,7 +130,7 @@ class Perceptron(Block):
             for layer in range(depth):
                 width, count, begin = widths[layer], columns[layer], begins[layer]
                 for block in range(0, width, lanes):
-                    bias = load(w, starts[layer] + count * width + block, lanes)
+                    bias = load_numbers(w, starts[layer] + count * width + block, lanes)
                     total = column_sum(w, starts[layer] + block, width, behind(values, begin), count, bias, lanes)
                     store(values, begins[layer + 1] + block, registers.tanh(total))
 
@@ -138,28 +138,34 @@ class Perceptron(Block):
         def output(w: Any, values: Any, k: int) -> float:
             total = w[starts[depth] + outputs * last + k]
             for block in range(0, last, lanes):
-                row = load(w, starts[depth] + k * last + block, lanes)
-                total += summed(multiplied(row, load(values, begins[depth] + block, lanes)))
+                row = load_numbers(w, starts[depth] + k * last + block, lanes)
+                total += summed(multiplied(row, load_numbers(values, begins[depth] + block, lanes)))
             return total
 
         @inner
         def gradient(w: Any, values: Any, k: int, out: Any) -> None:
             factors, others = scratch(widest), scratch(widest)
             for block in range(0, last, lanes):
-                row = load(w, starts[depth] + k * last + block, lanes)
-                store(factors, block, multiplied(row, tanh_derivative(load(values, begins[depth] + block, lanes))))
+                row = load_numbers(w, starts[depth] + k * last + block, lanes)
+                store(
+                    factors, block, multiplied(row, tanh_derivative(load_numbers(values, begins[depth] + block, lanes)))
+                )
             for layer in range(depth - 1, 0, -1):
                 width, count = widths[layer], columns[layer]
                 rows = starts[layer] + count * width + width
                 for block in range(0, count, lanes):
                     total = column_sum(w, rows + block, count, factors, width, zero(lanes), lanes)
-                    store(others, block, multiplied(total, tanh_derivative(load(values, begins[layer] + block, lanes))))
+                    store(
+                        others,
+                        block,
+                        multiplied(total, tanh_derivative(load_numbers(values, begins[layer] + block, lanes))),
+                    )
                 factors, others = others, factors
             for j in range(features):
                 total_derivative = 0.0
                 for block in range(0, widths[0], lanes):
                     total_derivative += summed(
-                        multiplied(load(w, j * widths[0] + block, lanes), load(factors, block, lanes))
+                        multiplied(load_numbers(w, j * widths[0] + block, lanes), load_numbers(factors, block, lanes))
                     )
                 out[j] = total_derivative
 

@@ -32,14 +32,14 @@ from hybrid_sysid_ros.commands.terminal import print_table
 from hybrid_sysid_ros.control import Controller, ControlProblem, ExactMpc, scenarios
 from hybrid_sysid_ros.control.mpc.horizon import Instance
 from hybrid_sysid_ros.control.policy import policy
-from hybrid_sysid_ros.control.policy.kernels import answer
+from hybrid_sysid_ros.control.policy.kernels import network_answer
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.scenarios import Scenario, Spread, steady_motion
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import OPTIONS
 from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
-from hybrid_sysid_ros.extensions.policies.by_rig import train_policy
+from hybrid_sysid_ros.extensions.policies.by_rig import train_configured_policy
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -137,7 +137,7 @@ def hardware_run(case: Case) -> tuple[list[tuple[Array, ...]], Array]:
     questions: list[tuple[Array, ...]] = []
     answers: list[float] = []
 
-    class Heard(ExactMpc):
+    class Recorded(ExactMpc):
         """The exact MPC, whose questions and answers are kept."""
 
         def control(self, *question: Array) -> Any:
@@ -147,7 +147,7 @@ def hardware_run(case: Case) -> tuple[list[tuple[Array, ...]], Array]:
             return plan
 
     for seed in SEEDS:
-        loop(case, seed, Heard(case.system, case.problem))
+        loop(case, seed, Recorded(case.system, case.problem))
     return questions, np.array(answers)
 
 
@@ -177,7 +177,7 @@ def call_times(imitation: Policy, questions: list[tuple[Array, ...]]) -> list[fl
 def network_times(imitation: Policy, questions: list[tuple[Array, ...]]) -> list[float]:
     """Seconds of each call of the network alone, bounds included: its question stands in memory."""
     rows = [np.concatenate([np.ravel(part) for part in question]) for question in questions]
-    alone = numba.njit("b1(i8[::1], f8[::1], f8[::1], f8[:, ::1])", **OPTIONS)(answer)
+    alone = numba.njit("b1(i8[::1], f8[::1], f8[::1], f8[:, ::1])", **OPTIONS)(network_answer)
     plan = np.empty((imitation.stages, imitation.inputs))
     times = []
     for index in range(CALLS):
@@ -212,7 +212,7 @@ def beam(train: bool) -> dict[str, Any]:
         "training, sampling included [s]": shipped.training["seconds"],
     }
     if train:
-        trained = [train_policy(model, seed=seed, progress=_told()) for seed in SEEDS]
+        trained = [train_configured_policy(model, seed=seed, progress=_reported()) for seed in SEEDS]
         totals = np.array([costs(each, each.problem, rig.system, spread).sum() for each in trained]) / exact.sum()
         found |= {
             "cost to exact, by seeds of training": result.spread(totals),
@@ -280,7 +280,7 @@ def cost(
     return float(scenarios.run(scenario, problem, control).costs.sum())
 
 
-def _told() -> Callable[[str, int, int], None]:
+def _reported() -> Callable[[str, int, int], None]:
     def tell(stage: str, done: int, of: int) -> None:
         if done == of:
             print(f"  {stage}: {of}", flush=True)

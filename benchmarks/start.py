@@ -66,7 +66,7 @@ class Listener:
         self._context = Context()
 
     def __enter__(self) -> Listener:
-        middleware.prepare()  # as any node of the rig
+        middleware.prepare_middleware()  # as any node of the rig
         rclpy.init(context=self._context, domain_id=DOMAIN)
         node = Node("listener", context=self._context, namespace=self._namespace)
         for topic in self.heard:
@@ -129,14 +129,14 @@ def run_once() -> float:
     """Seconds from the start of ``hybrid-sysid run`` to its first command."""
     command = [sys.executable, "-m", "hybrid_sysid_ros", "run", "--rig", RIG, "--reference", "constant"]
     with Listener(rigs.load(RIG).namespace, ("joint_command",)) as listener:
-        begun = time.time()
+        started = time.time()
         environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)}
         process = subprocess.Popen(
             command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
         )
         try:
             heard = listener.heard["joint_command"]
-            return listener.wait(lambda: heard[0][0] if heard else math.nan, "the first command") - begun
+            return listener.wait(lambda: heard[0][0] if heard else math.nan, "the first command") - started
         finally:
             process.send_signal(signal.SIGINT)
             process.communicate()
@@ -144,14 +144,14 @@ def run_once() -> float:
 
 def killed_once(session: Session, listener: Listener, name: str, command: list[str]) -> tuple[float, float]:
     """Seconds from kill -9 of a node to its next answer in time, and to the first of SETTLED commands in time."""
-    begun = time.time()
+    started = time.time()
     session.children[name].process.kill()
     session.children[name].process.wait()
     session.start(name, command)
     process = session.children[name].process.pid
-    answered = listener.wait(lambda: listener.in_time(ANSWERS[name], begun, process), f"an answer of the new {name}")
+    answered = listener.wait(lambda: listener.in_time(ANSWERS[name], started, process), f"an answer of the new {name}")
     back = listener.wait(lambda: listener.in_time("joint_command", answered - PERIOD, row=SETTLED), "the loop")
-    return answered - begun, back - begun
+    return answered - started, back - started
 
 
 def killed(repetitions: int) -> dict[str, list[tuple[float, float]]]:
@@ -170,8 +170,8 @@ def killed(repetitions: int) -> dict[str, list[tuple[float, float]]]:
         commands = {name: session.command(name, given) for name, given in values.items()}
         for name, command in commands.items():
             session.start(name, command)
-        begun = time.time()
-        listener.wait(lambda: listener.in_time("joint_command", begun, row=SETTLED), "the loop")
+        started = time.time()
+        listener.wait(lambda: listener.in_time("joint_command", started, row=SETTLED), "the loop")
         for k in range(repetitions):
             for name in ANSWERS:
                 status.print(f"kill {name}, {k + 1} of {repetitions}")

@@ -32,8 +32,8 @@ def page(name: str, lines: Iterator[str]) -> None:
 def commands() -> Iterator[str]:
     """Every command with its help, as it prints it."""
     yield "# Commands\n"
-    for words, told in extensions.commands().items():
-        made, called = LateCommand(words, *told).made(), f"hybrid-sysid {words}"
+    for words, description in extensions.commands().items():
+        made, called = LateCommand(words, *description).made(), f"hybrid-sysid {words}"
         context = made.context_class(made, info_name=called, terminal_width=110, max_content_width=110)
         yield f"## {called}\n\n```text\n{made.get_help(context)}\n```\n"
 
@@ -60,7 +60,9 @@ def every_topic() -> Iterator[str]:
     for name, kind in topics.TYPES.items():
         quality = topics.qualities()[name]
         by = ", ".join(node for node, made in nodes.items() if name in made.PUBLISHES) or "all"
-        to = ", ".join(node for node, made in nodes.items() if name in made.HEARS and node != "recorder") or "tools"
+        to = (
+            ", ".join(node for node, made in nodes.items() if name in made.SUBSCRIBES and node != "recorder") or "tools"
+        )
         package, message = kind.__module__.split(".")[0], kind.__name__
         words = (quality["reliability"].name.lower(), quality["durability"].name.lower(), str(quality["depth"]))
         yield f"| `{name}` | `{package}/{message}` | {by} | {to} | {' | '.join(words)} |"

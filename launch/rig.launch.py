@@ -50,8 +50,10 @@ OPTIONS = {
 """Arguments of what extensions add to a loop, as `hybrid-sysid run` has them."""
 for name, item in OPTIONS.items():
     default = str(item.default).lower() if isinstance(item.default, bool) else str(item.default or "")
-    told = next((str(one.help) for one in getattr(item.annotation, "__metadata__", ()) if hasattr(one, "help")), "")
-    ARGUMENTS[name] = (default, TRUTHS if isinstance(item.default, bool) else (), told)
+    description = next(
+        (str(one.help) for one in getattr(item.annotation, "__metadata__", ()) if hasattr(one, "help")), ""
+    )
+    ARGUMENTS[name] = (default, TRUTHS if isinstance(item.default, bool) else (), description)
 
 
 def companions(given: Mapping[str, str]) -> list[Companion]:

@@ -63,7 +63,7 @@ class RigNode(ManagedNode):
     """Default name of the node, and name of its section in msgs_config."""
     PUBLISHES: Sequence[str] = ()
     """Topics that the node publishes, besides /diagnostics."""
-    HEARS: Sequence[str] = ()
+    SUBSCRIBES: Sequence[str] = ()
 
     def __init__(self, **options: Any) -> None:
         """options: of rclpy.node.Node (context, namespace, parameter_overrides).
@@ -104,7 +104,7 @@ class RigNode(ManagedNode):
 
     def carried(self) -> dict[str, set[str]]:
         """Full names of the node's topics, by entity."""
-        names = {"publisher": (*self.PUBLISHES, "/diagnostics"), "subscription": self.HEARS}
+        names = {"publisher": (*self.PUBLISHES, "/diagnostics"), "subscription": self.SUBSCRIBES}
         return {entity: {self.resolve_topic_name(topic) for topic in found} for entity, found in names.items()}
 
     def prepare(self, settings: Mapping[str, Any], names: frozenset[str]) -> Callable[[], object]:
@@ -161,7 +161,7 @@ class RigNode(ManagedNode):
             if message is not None:
                 callback(message)
 
-        listener = self.hear(topics.TYPES[topic], topic, topics.profile(topic), arrive)
+        listener = self.subscribe(topics.TYPES[topic], topic, topics.profile(topic), arrive)
         if self.exchange is not None:
             listener.share(self.exchange)
         return listener

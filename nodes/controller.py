@@ -71,7 +71,7 @@ class ControllerNode(RigNode):
 
     NAME = "controller"
     PUBLISHES = ("joint_command", "effort_command", "predicted_trajectory")
-    HEARS = ("state_estimate", "reference")
+    SUBSCRIBES = ("state_estimate", "reference")
 
     def configure(self) -> None:
         self.lockstep: bool = self.settings["lockstep"]

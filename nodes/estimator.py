@@ -46,7 +46,7 @@ class EstimatorNode(RigNode):
 
     NAME = "estimator"
     PUBLISHES = ("state_estimate", "state_covariance")
-    HEARS = ("joint_states", "camera/joint_states")
+    SUBSCRIBES = ("joint_states", "camera/joint_states")
 
     def configure(self) -> None:
         self.use(self.adapter_of(self.settings))

@@ -23,7 +23,7 @@ class Exchange:
         self._outlets: dict[str, int] = defaultdict(int)
         self._waiting: deque[tuple[Deliver, bytes]] = deque()
 
-    def hear(self, topic: str, deliver: Deliver) -> None:
+    def subscribe(self, topic: str, deliver: Deliver) -> None:
         """Hear a topic, by its full name."""
         self._hearing[topic].append(deliver)
 

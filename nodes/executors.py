@@ -169,8 +169,8 @@ class EventLoop(Base):
         """services: what the nodes do beside."""
         self._services = services
         super().__init__()
-        aside = {group for node in nodes for group in (node.service_group, node.slow_group)}
-        self._parts = [NodePart(node, lambda group: group not in aside) for node in nodes]
+        apart = {group for node in nodes for group in (node.service_group, node.slow_group)}
+        self._parts = [NodePart(node, lambda group: group not in apart) for node in nodes]
         self._exchange = nodes[0].exchange
         self._more = False  # messages of the exchange wait
         for node in nodes:

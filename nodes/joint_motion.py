@@ -37,7 +37,7 @@ class JointMotion:
                 self._sums[k] += state[self._velocities[k]] * self._step
         self._rows.append(self._sums.copy())
 
-    def told(self, stamp: int) -> bytes:
+    def message(self, stamp: int) -> bytes:
         """The message about the steps since the last one, of which the newest is at a stamp [ns]; before the first step
         about the beginning alone.
         """

@@ -278,7 +278,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         self._opened.append(publisher if self.exchange is None else Outlet(publisher, self.exchange))
         return self._opened[-1]
 
-    def hear(self, kind: type[Any], topic: str, quality: QoSProfile, callback: Callable[..., None]) -> Listener:
+    def subscribe(self, kind: type[Any], topic: str, quality: QoSProfile, callback: Callable[..., None]) -> Listener:
         """Hear serialised messages of a topic, as long as the node is active."""
         self._listeners.append(listener := Listener(self, kind, topic, quality, callback, soon=self.soon))
         return listener

@@ -17,7 +17,7 @@ ALONE = "HYBRID_SYSID_IGNORE_LOCAL"
 """That variable of the file by which nodes of one process don't hear one another through Fast DDS."""
 
 
-def prepare(*, together: bool = False) -> None:
+def prepare_middleware(*, together: bool = False) -> None:
     """Give Fast DDS this package's profiles, unless the user gives it a file of his own. Before the first node.
     together: nodes of this process have an exchange.
 

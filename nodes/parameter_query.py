@@ -17,7 +17,7 @@ from hybrid_sysid_ros.runtime.parameters import parameters
 PERIOD = 0.25  # s, between two looks who is there
 PATIENCE = 8  # looks, with an answer: one that is lost, as where a service does not know its client yet, never comes
 
-Heard = Callable[[str, dict[str, Any]], None]
+OnParameters = Callable[[str, dict[str, Any]], None]
 
 
 class ParameterQuery:
@@ -25,9 +25,9 @@ class ParameterQuery:
     has answered once.
     """
 
-    def __init__(self, node: RigNode, names: Iterable[str], heard: Heard) -> None:
+    def __init__(self, node: RigNode, names: Iterable[str], deliver: OnParameters) -> None:
         """names: of nodes in the namespace of `node`. heard: gets the name and parameters of each that answers."""
-        self._node, self._heard = node, heard
+        self._node, self._deliver = node, deliver
         self._wanted = {name: ["rig", *parameters(node.rig, name)] for name in names}
         self._silent = {name: self._client(name) for name in self._wanted}
         self._asked: dict[str, int] = {}
@@ -63,4 +63,4 @@ class ParameterQuery:
         self._node.soon(partial(self._node.destroy_client, self._silent.pop(name)))
         if not self._silent:
             self._timer.cancel()
-        self._heard(name, dict(zip(self._wanted[name], map(parameter_value_to_python, values), strict=True)))
+        self._deliver(name, dict(zip(self._wanted[name], map(parameter_value_to_python, values), strict=True)))

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.runtime.parameters import NodeParameter, check_rules, decl
 from hybrid_sysid_ros.support import errors
 from hybrid_sysid_ros.support.errors import UserError
 
-RIG = NodeParameter(name="rig", default="", description="the rig, by its name or by the path of its folder")
+RIG = NodeParameter(name="rig", default="", description="Rig, by its name or by the path of its folder")
 OF_ROS = ("use_sim_time", "start_type_description_service")
 OF_QUALITY = "qos_overrides."
 TakeParameters = Callable[[Mapping[str, Any], Sequence[str]], None]
@@ -29,7 +29,7 @@ def declare(
     section: str,
     take: TakeParameters,
     carried: Mapping[str, Collection[str]],
-    told: Callable[[Exception], str],
+    describe: Callable[[Exception], str],
 ) -> dict[str, Any]:
     """Declare the parameters of a node and return their values by name, "rig" among them.
 
@@ -58,7 +58,7 @@ def declare(
     check_rules(known, values)
     for name, item in known.items():
         node.declare_parameter(name, values[name], _descriptor(item), ignore_override=True)
-    node.add_on_set_parameters_callback(partial(_change, known, values, take, told))
+    node.add_on_set_parameters_callback(partial(_change, known, values, take, describe))
     return values
 
 
@@ -66,7 +66,7 @@ def _change(
     known: Mapping[str, NodeParameter],
     values: Mapping[str, Any],
     take: TakeParameters,
-    told: Callable[[Exception], str],
+    describe: Callable[[Exception], str],
     changes: list[RosParameter],
 ) -> SetParametersResult:
     """Check all, then take all."""
@@ -76,7 +76,7 @@ def _change(
         if given:
             take(given, [name for name, value in given.items() if not known[name].live and value != values[name]])
     except Exception as error:  # whatever it is, the node goes on with what it has
-        return SetParametersResult(successful=False, reason=told(error))
+        return SetParametersResult(successful=False, reason=describe(error))
     return SetParametersResult(successful=True)
 
 

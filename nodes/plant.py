@@ -40,7 +40,7 @@ class PlantNode(RigNode):
 
     NAME = "plant"
     PUBLISHES = ("joint_states", "motion")
-    HEARS = ("joint_command", "camera/joint_states")
+    SUBSCRIBES = ("joint_command", "camera/joint_states")
 
     def configure(self) -> None:
         settings, rig = self.settings, self.rig
@@ -127,7 +127,7 @@ class PlantNode(RigNode):
         on; in lockstep the first measurement waits for that.
         """
         self.frame, shown = -1, perf_counter()
-        self.motions.publish(self.motion.told(self.now()))
+        self.motions.publish(self.motion.message(self.now()))
         self.when(lambda: self.frame >= 0 or perf_counter() - shown > CAMERA_PATIENCE, self.start)
 
     def start(self) -> None:
@@ -189,7 +189,7 @@ class PlantNode(RigNode):
         filtered = [math.nan if lost[k] else value for k, value in zip(self.low_passed, filtered, strict=True)]
         values = [*outputs, *applied, *filtered]
         stamp = self.answers.stamp(number)
-        motion = self.motion.told(stamp)
+        motion = self.motion.message(stamp)
         if self.motions.get_subscription_count():
             self.motions.publish(motion)
         self.measurement = self.writer.pack(stamp, values)

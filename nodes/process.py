@@ -50,7 +50,7 @@ def run(make: Callable[[], RigNode | Sequence[RigNode]], *, together: bool = Fal
     if os.environ.get(interruption.TETHER):
         Thread(target=_end_with_starter, daemon=True).start()
     try:
-        middleware.prepare(together=together)
+        middleware.prepare_middleware(together=together)
         try:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         except RuntimeError as error:  # what rclpy raises for arguments and parameter files that make no sense

@@ -22,7 +22,7 @@ from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
 from hybrid_sysid_ros.nodes.parameter_query import ParameterQuery
 from hybrid_sysid_ros.nodes.process import run
-from hybrid_sysid_ros.runtime.run_provenance import folders, parameter_file
+from hybrid_sysid_ros.runtime.run_provenance import folders, parameter_attachment
 from hybrid_sysid_ros.support.errors import UserError
 
 DEPTH = 10_000  # messages that wait for the recorder: it comes after the loop
@@ -62,7 +62,7 @@ class RecorderNode(RigNode):
     """
 
     NAME = "recorder"
-    HEARS = topics.RECORDED
+    SUBSCRIBES = topics.RECORDED
 
     def configure(self) -> None:
         if not self.settings["path"]:
@@ -109,7 +109,7 @@ class RecorderNode(RigNode):
         """Record a topic from now on."""
         self.received[name] = 0
         kind = f"{message_type.__module__.split('.')[0]}/msg/{message_type.__name__}"
-        self.hear(message_type, name, quality, partial(self.keep, name, kind))
+        self.subscribe(message_type, name, quality, partial(self.keep, name, kind))
 
     def keep(self, name: str, kind: str, data: bytes, information: Mapping[str, int]) -> None:
         """Put a message of a topic into the queue, if there is room."""
@@ -125,14 +125,14 @@ class RecorderNode(RigNode):
 
     def drain(self) -> None:
         """Take all that the middleware has."""
-        begun = time.time_ns()
+        started = time.time_ns()
         for listener in list(self._listeners):
             listener.drain()
-        self.drained, self.settled = begun, self.drained
+        self.drained, self.settled = started, self.drained
 
     def learn(self, name: str, values: Mapping[str, Any]) -> None:
         """Keep what a node has read."""
-        self.attachments.extend(parameter_file(name, values).items())
+        self.attachments.extend(parameter_attachment(name, values).items())
         try:
             self.attachments.extend(collected(folders(name, values)).items())
         except UserError as error:

@@ -68,7 +68,7 @@ class ReferenceNode(RigNode):
 
     NAME = "reference"
     PUBLISHES = ("reference",)
-    HEARS = ("joint_states", "set_point")
+    SUBSCRIBES = ("joint_states", "set_point")
 
     def configure(self) -> None:
         settings = self.settings
@@ -186,8 +186,8 @@ class ReferenceNode(RigNode):
 
     def health(self) -> Sequence[Task]:
         values = {"kind": self.choice.kind, "messages": self.sent, "seconds": self.sent * self.period / SECOND}
-        begun = "done" if self.finished.done() else "running"
-        return [Task(name="reference", message=begun if self.zero else "waiting for a measurement", values=values)]
+        started = "done" if self.finished.done() else "running"
+        return [Task(name="reference", message=started if self.zero else "waiting for a measurement", values=values)]
 
 
 main = partial(run, ReferenceNode)

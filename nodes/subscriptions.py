@@ -32,12 +32,12 @@ def unmatched(topic: str, quality: QoSProfile, peers: Iterable[TopicEndpointInfo
     """Those peers of an endpoint with this quality of service between whom and it nothing passes, and why."""
     found = []
     for peer in peers:
-        hears = peer.endpoint_type == TopicEndpointTypeEnum.SUBSCRIPTION
-        offered, asked = (quality, peer.qos_profile) if hears else (peer.qos_profile, quality)
+        subscribes = peer.endpoint_type == TopicEndpointTypeEnum.SUBSCRIPTION
+        offered, asked = (quality, peer.qos_profile) if subscribes else (peer.qos_profile, quality)
         compatibility, reason = qos_check_compatible(offered, asked)
         if compatibility == QoSCompatibility.ERROR:
             words = reason.replace("ERROR: ", "").strip("; ").lower()
-            found.append(f"{topic}: nothing {'gets to' if hears else 'comes from'} {name_of(peer)}: {words}")
+            found.append(f"{topic}: nothing {'gets to' if subscribes else 'comes from'} {name_of(peer)}: {words}")
     return found
 
 
@@ -68,7 +68,7 @@ class Listener:
         """Hear those of this process through an exchange, too."""
         if self._subscription is not None:
             self._exchange = exchange
-            exchange.hear(self._name, self._callback)
+            exchange.subscribe(self._name, self._callback)
 
     def drain(self) -> None:
         """Hear all that waits for its turn."""

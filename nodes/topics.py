@@ -128,7 +128,7 @@ def qualities(*files: Path) -> dict[str, dict[str, Any]]:
     """
     found: dict[str, dict[str, Any]] = {}
     classes = [(path, section(read_mapping(path), "qos", str(path))) for path in files or declaration_files()]
-    for path, name, entry in ((path, name, entry) for path, told in classes for name, entry in told.items()):
+    for path, name, entry in ((path, name, entry) for path, entries in classes for name, entry in entries.items()):
         try:
             policies = {"reliability": ReliabilityPolicy, "durability": DurabilityPolicy}
             settings = {key: policy[entry[key].upper()] for key, policy in policies.items()}
@@ -167,6 +167,6 @@ def profile_of(qualities: Sequence[Quality]) -> QoSProfile:
     """How to offer a topic again that was offered so; as ROS does of itself where publishers differed, or unknown."""
     chosen = qualities[0] if len(set(qualities)) == 1 else Quality()
     policies = {"reliability": ReliabilityPolicy, "durability": DurabilityPolicy}
-    told = {name: policy.__members__.get(getattr(chosen, name).upper()) for name, policy in policies.items()}
-    known = {name: policy for name, policy in told.items() if policy is not None}
+    reported = {name: policy.__members__.get(getattr(chosen, name).upper()) for name, policy in policies.items()}
+    known = {name: policy for name, policy in reported.items() if policy is not None}
     return QoSProfile(**{"depth": max(chosen.depth, Quality.depth), **known})

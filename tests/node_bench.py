@@ -31,7 +31,7 @@ class Bench:
     def __init__(self, domain: int, namespace: str = "cam_beam", *, executor: type[Any] = Executor) -> None:
         self.namespace = namespace
         plant.START_DELAY = 0.0  # all is in this process
-        middleware.prepare()
+        middleware.prepare_middleware()
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.executor = executor(context=self.context)

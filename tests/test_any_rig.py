@@ -67,8 +67,8 @@ def test_its_parameters_come_back_within_three_standard_errors(press, gray):
 
 def test_where_the_pressure_began_is_found(press, records, gray):
     experiments = [prepare(record, press.system, SAMPLING) for record in records]
-    begun = press.system.with_values([item.start for item in press.system.parameters])
-    fitted = fit(begun, experiments)
+    started = press.system.with_values([item.start for item in press.system.parameters])
+    fitted = fit(started, experiments)
     np.testing.assert_allclose(fitted.nuisances["pressure"], PRESSURES, atol=0.1)
     for experiment, pressure in zip(experiments, PRESSURES, strict=True):
         assert initial_state(gray.system, experiment)[2] == pytest.approx(pressure, abs=0.15)

@@ -46,7 +46,7 @@ def test_what_is_no_bag_is_named(tmp_path):
 
 
 def test_a_folder_whose_files_are_gone_or_changed_is_named(tmp_path):
-    bag = bags.write(tmp_path / "run", [states(100)])
+    bag = bags.write_bag(tmp_path / "run", [states(100)])
     metadata = (bag / "metadata.yaml").read_text()
     (bag / "metadata.yaml").write_text("{: no yaml")
     refused(bag, "is damaged")
@@ -63,14 +63,14 @@ def test_a_bag_without_messages_is_named(tmp_path):
     with bags.BagWriter(tmp_path / "none"):
         pass
     refused(tmp_path / "none", "no topic /cam_beam/joint_states")
-    refused(bags.write(tmp_path / "run", [states(0)]), "no topic /cam_beam/joint_states")
+    refused(bags.write_bag(tmp_path / "run", [states(0)]), "no topic /cam_beam/joint_states")
     with Writer(tmp_path / "silent", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         writer.add_connection("/cam_beam/joint_states", "sensor_msgs/msg/JointState", typestore=jazzy_types())
     refused(tmp_path / "silent", "has no messages")
 
 
 def test_a_missing_topic_is_named_with_those_that_are_there(tmp_path):
-    bag = bags.write(tmp_path / "run", [references()])
+    bag = bags.write_bag(tmp_path / "run", [references()])
     reason = r"no topic /cam_beam/joint_states: the bag has /cam_beam/reference \(trajectory_msgs/msg/JointTrajectory\)"
     refused(bag, reason + r"; name the right one in .*rig\.yaml \(--signals\)")
 
@@ -98,7 +98,7 @@ def test_a_missing_field_is_named(tmp_path, field, reason, uniform):
                 "/cam_beam/joint_states", later, ["beam", "beam_filtered"], position=np.zeros((100, 2)), frame="x"
             )
         )
-    bag = bags.write(tmp_path / "run", topics)
+    bag = bags.write_bag(tmp_path / "run", topics)
     signal = Signal(topic="joint_states", field=field)
     signals = Signals(namespace="cam_beam", inputs={"u": signal}, outputs={"y": signal}, source="mine.yaml")
     refused(bag, rf"{reason}.*; name the right one in mine\.yaml \(--signals\)", signals)
@@ -141,13 +141,13 @@ def _as_recorded(path, topic):
 
 def test_a_little_jitter_is_put_on_the_grid(tmp_path):
     jitter = np.random.default_rng(4).integers(-900_000, 900_000, 1000)
-    record = bags.read(bags.write(tmp_path / "run", [states(at=stamps(1000) + jitter)]), SIGNALS)
+    record = bags.read(bags.write_bag(tmp_path / "run", [states(at=stamps(1000) + jitter)]), SIGNALS)
     assert record.sampling_time == pytest.approx(1 / RATE, rel=1e-4)
     np.testing.assert_array_equal(record.output[:, 0], np.sin(0.01 * np.arange(1000)))
 
 
 def test_an_unexpected_sampling_is_named(tmp_path):
-    bag = bags.write(tmp_path / "run", [states(100)])
+    bag = bags.write_bag(tmp_path / "run", [states(100)])
     signals = Signals(namespace="cam_beam", inputs=SIGNALS.inputs, outputs=SIGNALS.outputs, period=0.001)
     refused(bag, "sampling time is 0.005 s where 0.001 s is expected", signals)
 
@@ -164,7 +164,7 @@ def test_a_message_that_never_set_its_stamp_has_the_time_of_logging(tmp_path):
 @pytest.mark.parametrize("compression", ["zstd", ""])
 @pytest.mark.parametrize("fraction", [0.3, 0.6, 0.9])
 def test_a_cut_bag_is_recovered_up_to_the_cut(tmp_path, caplog, compression, fraction):
-    bag = bags.write(tmp_path / "run", [states(20_000)], compression=compression)
+    bag = bags.write_bag(tmp_path / "run", [states(20_000)], compression=compression)
     file = bag / "run_0.mcap"
     content = file.read_bytes()
     file.write_bytes(content[: int(fraction * len(content))])
@@ -178,7 +178,7 @@ def test_a_cut_bag_is_recovered_up_to_the_cut(tmp_path, caplog, compression, fra
 
 
 def test_a_bag_damaged_in_its_middle_is_recovered_up_to_the_damage(tmp_path):
-    bag = bags.write(tmp_path / "run", [states(20_000)])
+    bag = bags.write_bag(tmp_path / "run", [states(20_000)])
     file = bag / "run_0.mcap"
     content = bytearray(file.read_bytes())
     middle = len(content) // 2
@@ -191,13 +191,13 @@ def test_a_bag_damaged_in_its_middle_is_recovered_up_to_the_damage(tmp_path):
 
 
 def test_a_cut_before_the_first_message_leaves_nothing(tmp_path):
-    bag = bags.write(tmp_path / "run", [states(100)])
+    bag = bags.write_bag(tmp_path / "run", [states(100)])
     (bag / "run_0.mcap").write_bytes((bag / "run_0.mcap").read_bytes()[:60])
     with pytest.raises(UserError, match="not one message can be recovered"):
         bags.read(bag, SIGNALS, recover=True)
 
 
 def test_recovering_a_whole_bag_reads_it_all(tmp_path, caplog):
-    bag = bags.write(tmp_path / "run", [states(100)])
+    bag = bags.write_bag(tmp_path / "run", [states(100)])
     assert bags.read(bag, SIGNALS, recover=True).samples == 100
     assert not caplog.records

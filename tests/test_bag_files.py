@@ -44,7 +44,7 @@ def in_the_file(file: Path) -> list[int]:
 
 def test_the_library_reads_the_same_messages(tmp_path: Path) -> None:
     series = [states(), references()]
-    file = bags.write(tmp_path / "run", series) / "run_0.mcap"
+    file = bags.write_bag(tmp_path / "run", series) / "run_0.mcap"
     with library(file) as reader:
         assert reader.get_header().profile == "ros2"
         summary = reader.get_summary()
@@ -108,18 +108,18 @@ def test_a_bag_goes_on_in_a_next_file(tmp_path: Path, split: bags.Split, kind: t
                 writer.flush()
     files = sorted((tmp_path / "run").glob("*.mcap"))
     assert [file.name for file in files] == [f"run_{k}.mcap" for k in range(len(files))]
-    told = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert told["relative_file_paths"] == [file.name for file in files]
-    assert told["message_count"] == 1000
+    reported = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert reported["relative_file_paths"] == [file.name for file in files]
+    assert reported["message_count"] == 1000
     if split.seconds:
         assert len(files) == 5
-        assert [entry["message_count"] for entry in told["files"]] == [200] * 5
+        assert [entry["message_count"] for entry in reported["files"]] == [200] * 5
         starts = [START + k * SECOND for k in range(5)]
-        assert [entry["starting_time"]["nanoseconds_since_epoch"] for entry in told["files"]] == starts
-        assert {entry["duration"]["nanoseconds"] for entry in told["files"]} == {SECOND - 5_000_000}
+        assert [entry["starting_time"]["nanoseconds_since_epoch"] for entry in reported["files"]] == starts
+        assert {entry["duration"]["nanoseconds"] for entry in reported["files"]} == {SECOND - 5_000_000}
     elif kind is bags.Recording:
         assert len(files) > 1
-    for file, entry in zip(files, told["files"], strict=True):
+    for file, entry in zip(files, reported["files"], strict=True):
         assert bags.topics(file)[STATES].messages == entry["message_count"]
         with library(file) as reader:
             assert len(list(reader.iter_messages())) == entry["message_count"]
@@ -153,7 +153,7 @@ def test_what_belongs_to_a_bag_is_kept_in_it(tmp_path: Path) -> None:
         bags.laid_out(found, tmp_path / "out", below="controller/policy")
     with pytest.raises(UserError, match="leads out of its folder"):
         bags.laid_out({"model/../../escaped": b""}, tmp_path / "out", below="model")
-    assert bags.attached(bags.write(tmp_path / "bare", [states(10)])) == {}
+    assert bags.attached(bags.write_bag(tmp_path / "bare", [states(10)])) == {}
     with pytest.raises(UserError, match="no such file"):
         bags.attached(tmp_path / "nowhere")
 

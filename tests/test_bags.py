@@ -41,7 +41,7 @@ def references(samples=1000, points=3):
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", ""])
 def test_a_bag_gives_back_what_was_written(tmp_path, compression):
-    bag = bags.write(tmp_path / "run", [states(), references()], compression=compression)
+    bag = bags.write_bag(tmp_path / "run", [states(), references()], compression=compression)
     for path, name in ((bag, "run"), (bag / "run_0.mcap", "run_0")):
         record = bags.read(path, SIGNALS)
         assert record.name == name
@@ -56,7 +56,7 @@ def test_a_bag_gives_back_what_was_written(tmp_path, compression):
 
 def test_a_number_behind_a_dot_belongs_to_the_name_of_a_bag(tmp_path):
     for run in ("run.1", "run.2"):
-        bag = bags.write(tmp_path / run, [states()])
+        bag = bags.write_bag(tmp_path / run, [states()])
         for path, name in ((bag, run), (bag / f"{run}_0.mcap", f"{run}_0")):
             assert bags.read(path, SIGNALS).name == bags.name_of(path) == name
 
@@ -64,33 +64,33 @@ def test_a_number_behind_a_dot_belongs_to_the_name_of_a_bag(tmp_path):
 def test_the_effort_of_a_state_is_the_input_of_the_interval_before(tmp_path):
     effort = np.column_stack([0.1 * np.arange(1000), np.zeros(1000)])
     effort[0, 0] = np.nan  # what was applied before the first measurement is not known, and not needed
-    record = bags.read(bags.write(tmp_path / "run", [states(effort=effort)]), SIGNALS)
+    record = bags.read(bags.write_bag(tmp_path / "run", [states(effort=effort)]), SIGNALS)
     np.testing.assert_array_equal(record.input[:-1, 0], effort[1:, 0])
     assert record.input[-1, 0] == effort[-1, 0]
 
 
 def test_the_preview_of_a_reference_is_in_the_future(tmp_path):
-    record = bags.read(bags.write(tmp_path / "run", [states(), references()]), SIGNALS)
+    record = bags.read(bags.write_bag(tmp_path / "run", [states(), references()]), SIGNALS)
     assert np.isnan(record.channels["reference"][0])
     np.testing.assert_array_equal(record.channels["reference"][1:], 0.001 * np.arange(1, 1000))
 
 
 def test_a_missing_channel_is_left_out(tmp_path):
     alone = states(names=["beam"], position=np.zeros((1000, 1)), effort=np.zeros((1000, 1)))
-    assert not bags.read(bags.write(tmp_path / "run", [alone]), SIGNALS).channels
+    assert not bags.read(bags.write_bag(tmp_path / "run", [alone]), SIGNALS).channels
 
 
 def test_the_digest_is_of_the_content(tmp_path):
-    first = bags.read(bags.write(tmp_path / "a" / "run", [states()]), SIGNALS)
-    again = bags.read(bags.write(tmp_path / "b" / "run", [states()]), SIGNALS)
-    other = bags.read(bags.write(tmp_path / "c" / "run", [states(999)]), SIGNALS)
+    first = bags.read(bags.write_bag(tmp_path / "a" / "run", [states()]), SIGNALS)
+    again = bags.read(bags.write_bag(tmp_path / "b" / "run", [states()]), SIGNALS)
+    other = bags.read(bags.write_bag(tmp_path / "c" / "run", [states(999)]), SIGNALS)
     assert first.digest == again.digest != other.digest
 
 
 def test_messages_are_in_the_bag_in_the_order_of_their_stamps(tmp_path):
     from rosbags.rosbag2.storage_mcap import McapReader
 
-    bag = bags.write(tmp_path / "run", [states(), references()])
+    bag = bags.write_bag(tmp_path / "run", [states(), references()])
     reader = McapReader(bag / "run_0.mcap")
     reader.open()
     logged = [stamp for _, stamp, _ in reader.messages_scan(reader.connections)]  # as they lie in the file
@@ -174,7 +174,7 @@ def test_an_input_of_another_rate_is_averaged_over_each_interval(tmp_path, holds
     values = np.random.default_rng(1).normal(size=1000)
     at = fine + (500_000 if holds == "preceding" else 0)
     angle = plain("/lab/angle", stamps(100), np.arange(100.0))
-    bag = bags.write(tmp_path / "run", [angle, plain("/lab/drive", at, values)])
+    bag = bags.write_bag(tmp_path / "run", [angle, plain("/lab/drive", at, values)])
     record = bags.read(bag, other_topics(holds))
     assert record.samples == 100
     np.testing.assert_allclose(record.input[:, 0], values.reshape(100, 10).mean(axis=1), rtol=1e-6, atol=1e-6)
@@ -184,7 +184,7 @@ def test_a_slow_input_is_held_and_unknown_ends_are_cut(tmp_path):
     at = stamps(100)[10:90:20] + 2_500_000  # half a sample late
     angle = plain("/lab/angle", stamps(100), np.arange(100.0))
     record = bags.read(
-        bags.write(tmp_path / "run", [angle, plain("/lab/drive", at, np.arange(4.0))]), other_topics("following")
+        bags.write_bag(tmp_path / "run", [angle, plain("/lab/drive", at, np.arange(4.0))]), other_topics("following")
     )
     assert record.output[0, 0] in (10, 11)  # the first command came between them
     assert record.output[-1, 0] in (90, 91)  # one interval of the commands after the last
@@ -198,14 +198,14 @@ def test_an_input_that_never_overlaps_is_named(tmp_path):
     angle = plain("/lab/angle", stamps(100), np.arange(100.0))
     late = plain("/lab/drive", stamps(100) + 10**10, np.arange(100.0))
     with pytest.raises(UserError, match="/lab/drive has no message while /lab/angle has"):
-        bags.read(bags.write(tmp_path / "run", [angle, late]), other_topics())
+        bags.read(bags.write_bag(tmp_path / "run", [angle, late]), other_topics())
 
 
 def test_commands_share_the_jitter_of_the_measurements_they_answer(tmp_path):
     at = stamps(100) + np.random.default_rng(2).integers(-900_000, 900_000, 100)
     values = np.random.default_rng(3).normal(size=100)
     angle, drive = plain("/lab/angle", at, np.arange(100.0)), plain("/lab/drive", at, values)
-    record = bags.read(bags.write(tmp_path / "run", [angle, drive]), other_topics("following"))
+    record = bags.read(bags.write_bag(tmp_path / "run", [angle, drive]), other_topics("following"))
     np.testing.assert_allclose(record.input[:-1, 0], values[:-1], rtol=1e-9)
 
 
@@ -266,13 +266,13 @@ def test_messages_that_ros_serialised_are_read(tmp_path, frames):
 
 
 def test_a_bag_is_not_overwritten_unasked(tmp_path):
-    bag = bags.write(tmp_path / "run", [states(100)])
+    bag = bags.write_bag(tmp_path / "run", [states(100)])
     with pytest.raises(UserError, match="exists already"):
-        bags.write(tmp_path / "run", [states(50)])
+        bags.write_bag(tmp_path / "run", [states(50)])
     with pytest.raises(ZeroDivisionError), bags.BagWriter(tmp_path / "run", replace=True):
         _ = 1 / 0
     assert bags.read(bag, SIGNALS).samples == 100
-    assert bags.read(bags.write(bag, [states(50)], replace=True), SIGNALS).samples == 50
+    assert bags.read(bags.write_bag(bag, [states(50)], replace=True), SIGNALS).samples == 50
 
 
 def test_a_type_that_ros_has_not_got_is_named(tmp_path):

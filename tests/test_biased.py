@@ -85,11 +85,11 @@ def records() -> list[PreparedRecord]:
 
 
 def test_biases_and_parameters_come_back_where_a_plain_fit_errs():
-    told = records()
+    reported = records()
     start = Sled(gain=1.0, stiffness=6.0, bristles=200.0)
-    plain = fit(start, told)
+    plain = fit(start, reported)
     biased = Biased(physics=start, spreads=(SPREAD, 0.0))
-    beside = [replace(item, states=np.insert(item.states, 2, np.zeros((2, 1)), axis=1)) for item in told]
+    beside = [replace(item, states=np.insert(item.states, 2, np.zeros((2, 1)), axis=1)) for item in reported]
     fitted = fit(biased, beside)
     found = biased.biases(fitted.nuisances)
     np.testing.assert_allclose(found["drive"], BIASES, atol=5e-3)
@@ -100,8 +100,8 @@ def test_biases_and_parameters_come_back_where_a_plain_fit_errs():
 
 
 def test_a_prior_without_width_leaves_no_bias():
-    told = records()[:1]
-    beside = [replace(item, states=np.insert(item.states, 2, np.zeros((2, 1)), axis=1)) for item in told]
+    reported = records()[:1]
+    beside = [replace(item, states=np.insert(item.states, 2, np.zeros((2, 1)), axis=1)) for item in reported]
     biased = Biased(physics=Sled(), spreads=(1e-9, 1e-9))
     found = biased.biases(fit(biased, beside).nuisances)
     assert found["drive"][0] == pytest.approx(0.0, abs=1e-7)

@@ -50,13 +50,13 @@ def test_evaluate_prints_the_free_run_without_and_with_the_bias_of_its_beginning
     bag, page = BAGS / "beam_random_steps", tmp_path / "page.html"
     status, out, error = command("evaluate", linear_model, bag, "--adapt", 5, "--json", "--report", page)
     assert status == 0, error
-    told = json.loads(out)["records"]["beam_random_steps"]["adapted"]
-    assert told["seconds"] == 5.0
-    assert set(told["bias"]) == {"drive"}
+    reported = json.loads(out)["records"]["beam_random_steps"]["adapted"]
+    assert reported["seconds"] == 5.0
+    assert set(reported["bias"]) == {"drive"}
     status, out, _ = command("evaluate", linear_model, bag, "--adapt", 5)
-    assert f"{told['without']['r2']:.4f}" in out
-    assert f"{told['adapted']['r2']:.4f}" in out
-    assert f"{told['adapted']['r2']:.4f}" in page.read_text(encoding="utf-8")
+    assert f"{reported['without']['r2']:.4f}" in out
+    assert f"{reported['adapted']['r2']:.4f}" in out
+    assert f"{reported['adapted']['r2']:.4f}" in page.read_text(encoding="utf-8")
     assert (
         "adapted" not in json.loads(command("evaluate", linear_model, bag, "--json")[1])["records"]["beam_random_steps"]
     )

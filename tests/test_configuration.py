@@ -112,10 +112,10 @@ def test_the_library_gets_the_numbers_of_the_nodes_in_si_units(rig: Rig) -> None
     ],
 )
 def test_a_value_that_is_not_allowed_is_told(parameter: NodeParameter, value: Any, message: str) -> None:
-    with pytest.raises(UserError) as told:
+    with pytest.raises(UserError) as reported:
         parameter.checked(value)
-    assert message in str(told.value)
-    assert parameter.name in str(told.value)
+    assert message in str(reported.value)
+    assert parameter.name in str(reported.value)
 
 
 def test_a_whole_number_does_for_a_number() -> None:
@@ -136,9 +136,9 @@ def test_a_whole_number_does_for_a_number() -> None:
 )
 def test_a_wrong_description_is_told_by_file_and_key(rig: Rig, write: Any, entry: Any, message: str) -> None:
     path = write({"nodes": {"plant": {"rate": entry}}})
-    with pytest.raises(UserError) as told:
+    with pytest.raises(UserError) as reported:
         configuration.parameters(dataclasses.replace(rig, content={}), "plant")
-    assert str(told.value).startswith(f"{path}: {message}")
+    assert str(reported.value).startswith(f"{path}: {message}")
 
 
 def test_a_missing_section_is_told(write: Any) -> None:

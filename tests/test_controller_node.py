@@ -321,9 +321,9 @@ def test_a_certificate_must_be_the_policy_s_own_and_may_be_required(
         bench.start(ControllerNode, **{**given, "policy": "supervised"}, certificate="require")
     path = planning_folder / "certificate.yaml"
     path.write_text(path.read_text().replace("loops: 30000", "loops: 90000"))
-    with pytest.raises(UserError, match="was altered") as told:
+    with pytest.raises(UserError, match="was altered") as reported:
         bench.start(ControllerNode, **given)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(reported.value)
 
 
 def test_bare_numbers_are_there_for_who_reads_them(bench: Bench, model_folder: Path, policy_folder: Path) -> None:

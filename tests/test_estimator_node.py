@@ -21,7 +21,7 @@ from hybrid_sysid_ros.nodes.validation import Reason
 from tests.node_bench import Bench, joint, stamp_of
 
 
-class Desk:
+class Clients:
     """An estimator whose measurements the test makes: the beam at rest, held by its friction."""
 
     period = SECOND // 200
@@ -49,10 +49,10 @@ class Desk:
 
 
 def test_every_measurement_is_answered_under_its_stamp(bench: Bench, model_folder: Path) -> None:
-    desk = Desk(bench, model_folder)
+    clients = Clients(bench, model_folder)
     for _ in range(50):
-        answer = desk.estimate(0.01)
-        assert stamp_of(answer) == desk.stamp
+        answer = clients.estimate(0.01)
+        assert stamp_of(answer) == clients.stamp
     assert list(answer.name) == ["beam", "beam_ahead"]
     assert answer.position[0] == pytest.approx(0.01, abs=1e-3)
     assert answer.velocity[1] == pytest.approx(0.0, abs=1e-2)
@@ -61,14 +61,14 @@ def test_every_measurement_is_answered_under_its_stamp(bench: Bench, model_folde
 
 def test_followed_parameters_travel_with_the_estimate(bench: Bench, model_folder: Path, rig: Rig) -> None:
     """A beam that rises evenly under a volt has less friction than the model, or its centre lower."""
-    desk = Desk(bench, model_folder, followed="coulomb=0.5 centre=0.1", disturbance_noise=0.0)
+    clients = Clients(bench, model_folder, followed="coulomb=0.5 centre=0.1", disturbance_noise=0.0)
     for k in range(100):
-        answer = desk.estimate(2e-4 * k)
+        answer = clients.estimate(2e-4 * k)
     known = rig.system.named
     assert list(answer.name) == ["beam", "beam_ahead", "coulomb", "centre"]
     coulomb, centre = answer.position[2:]
-    assert 0.0 <= coulomb == desk.estimator.adapter.parameters["coulomb"] < known["coulomb"]
-    assert centre == desk.estimator.adapter.parameters["centre"] < known["centre"]
+    assert 0.0 <= coulomb == clients.estimator.adapter.parameters["coulomb"] < known["coulomb"]
+    assert centre == clients.estimator.adapter.parameters["centre"] < known["centre"]
     assert all(math.isnan(value) for value in [*answer.velocity[2:], *answer.effort[2:]])
     # To whoever has the equation as it was, a lower centre is an input offset upwards.
     assert answer.effort[0] == pytest.approx(known["centre"] - centre)
@@ -76,101 +76,101 @@ def test_followed_parameters_travel_with_the_estimate(bench: Bench, model_folder
 
 @pytest.mark.parametrize("method", ["ukf", "mhe"])
 def test_every_method_answers(bench: Bench, model_folder: Path, method: str) -> None:
-    desk = Desk(bench, model_folder, method=method)
+    clients = Clients(bench, model_folder, method=method)
     for _ in range(30):
-        answer = desk.estimate(0.01)
+        answer = clients.estimate(0.01)
     assert answer.position[0] == pytest.approx(0.01, abs=1e-3)
-    assert type(desk.estimator.adapter.filter) is METHODS[method]
+    assert type(clients.estimator.adapter.filter) is METHODS[method]
 
 
 def test_frames_of_a_camera_correct_the_estimate_and_are_not_answered(bench: Bench, model_folder: Path) -> None:
-    desk = Desk(bench, model_folder, camera_noise=0.01)
+    clients = Clients(bench, model_folder, camera_noise=0.01)
     for _ in range(30):
-        desk.estimate(0.0)
+        clients.estimate(0.0)
     for late in (4, 2):  # in any order
-        frame = joint(desk.stamp - late * desk.period, name=["beam_camera"], position=[0.0])
-        desk.frames.publish(frame)
-    bench.until(lambda: desk.estimator.seen == 2)
-    desk.estimate(0.0)
-    assert len(desk.estimates) == 31
-    assert desk.estimator.adapter.filter.counters.delayed == 2
+        frame = joint(clients.stamp - late * clients.period, name=["beam_camera"], position=[0.0])
+        clients.frames.publish(frame)
+    bench.until(lambda: clients.estimator.seen == 2)
+    clients.estimate(0.0)
+    assert len(clients.estimates) == 31
+    assert clients.estimator.adapter.filter.counters.delayed == 2
 
 
 def test_a_measurement_that_is_no_number_is_predicted_over(bench: Bench, model_folder: Path) -> None:
-    desk = Desk(bench, model_folder)
-    desk.estimate(0.01)
-    assert math.isfinite(desk.estimate(math.nan).position[0])
-    desk.measure(0.01, name="arm")  # of others, who share the topic
-    assert math.isfinite(desk.estimate(0.01).position[0])
-    counters = desk.estimator.adapter.filter.counters
+    clients = Clients(bench, model_folder)
+    clients.estimate(0.01)
+    assert math.isfinite(clients.estimate(math.nan).position[0])
+    clients.measure(0.01, name="arm")  # of others, who share the topic
+    assert math.isfinite(clients.estimate(0.01).position[0])
+    counters = clients.estimator.adapter.filter.counters
     assert counters.invalid == 1
-    assert desk.estimator.entry.dropped == {Reason.NO_NUMBER: 1, Reason.UNRELATED: 1}
+    assert clients.estimator.entry.dropped == {Reason.NO_NUMBER: 1, Reason.UNRELATED: 1}
 
 
 def test_a_first_measurement_that_is_no_number_is_not_answered(bench: Bench, model_folder: Path) -> None:
-    desk = Desk(bench, model_folder)
-    desk.measure(math.nan)
-    bench.until(lambda: desk.estimator.unusable)
-    assert desk.estimate(0.01).position[0] == 0.01
-    assert len(desk.estimates) == 1
+    clients = Clients(bench, model_folder)
+    clients.measure(math.nan)
+    bench.until(lambda: clients.estimator.unusable)
+    assert clients.estimate(0.01).position[0] == 0.01
+    assert len(clients.estimates) == 1
 
 
 def test_a_gap_is_counted_and_what_comes_late_is_used_or_ignored_but_not_answered(
     bench: Bench, model_folder: Path
 ) -> None:
-    desk = Desk(bench, model_folder)
-    desk.estimate(0.01)
-    desk.estimate(0.01, step=4)
-    counters = desk.estimator.adapter.filter.counters
+    clients = Clients(bench, model_folder)
+    clients.estimate(0.01)
+    clients.estimate(0.01, step=4)
+    counters = clients.estimator.adapter.filter.counters
     assert counters.missing == 3
-    desk.measure(0.01, step=-2)  # within the gap
+    clients.measure(0.01, step=-2)  # within the gap
     bench.until(lambda: counters.delayed)
-    desk.measure(0.01, step=-50)  # before anything known
+    clients.measure(0.01, step=-50)  # before anything known
     bench.until(lambda: counters.late)
-    desk.estimate(0.01, step=53)
-    assert len(desk.estimates) == 3
+    clients.estimate(0.01, step=53)
+    assert len(clients.estimates) == 3
 
 
 def test_without_readings_estimates_end(bench: Bench, model_folder: Path) -> None:
-    desk = Desk(bench, model_folder, sensor_timeout=0.1)
-    desk.estimate(0.01)
-    answers = [desk.estimate(math.nan) for _ in range(25)]
+    clients = Clients(bench, model_folder, sensor_timeout=0.1)
+    clients.estimate(0.01)
+    answers = [clients.estimate(math.nan) for _ in range(25)]
     assert all(math.isfinite(answer.position[0]) for answer in answers[:20])
     assert all(math.isnan(answer.position[0]) for answer in answers[20:])
-    assert math.isfinite(desk.estimate(0.01).position[0])
-    assert desk.estimator.blind == 5
+    assert math.isfinite(clients.estimate(0.01).position[0])
+    assert clients.estimator.blind == 5
 
 
 def test_a_sensor_with_noise_that_shows_the_same_number_is_frozen(bench: Bench, model_folder: Path) -> None:
-    desk = Desk(bench, model_folder, frozen_after=0.1, sensor_timeout=0.1)
-    answers = [desk.estimate(0.01) for _ in range(50)]
+    clients = Clients(bench, model_folder, frozen_after=0.1, sensor_timeout=0.1)
+    answers = [clients.estimate(0.01) for _ in range(50)]
     assert math.isfinite(answers[35].position[0])
     assert math.isnan(answers[-1].position[0])
-    assert any("the same reading of position" in task.message for task in desk.estimator.health())
-    assert math.isfinite(desk.estimate(0.0101).position[0])
+    assert any("the same reading of position" in task.message for task in clients.estimator.health())
+    assert math.isfinite(clients.estimate(0.0101).position[0])
 
 
 def test_a_repeated_measurement_is_answered_again_without_being_used(bench: Bench, model_folder: Path) -> None:
-    desk = Desk(bench, model_folder)
-    first = desk.estimate(0.01)
-    again = desk.estimate(0.01, step=0)
+    clients = Clients(bench, model_folder)
+    first = clients.estimate(0.01)
+    again = clients.estimate(0.01, step=0)
     assert again == first
-    assert desk.estimator.adapter.filter.counters.updates == 1
+    assert clients.estimator.adapter.filter.counters.updates == 1
 
 
 def test_stamps_that_begin_again_begin_a_new_experiment(bench: Bench, model_folder: Path) -> None:
-    desk = Desk(bench, model_folder)
-    desk.estimate(0.01)
-    desk.stamp = 10 * SECOND
-    desk.measure(-0.02)  # one alone may be a fault
-    assert desk.estimate(-0.02).position[0] == -0.02
-    assert desk.estimator.restarts == 1
+    clients = Clients(bench, model_folder)
+    clients.estimate(0.01)
+    clients.stamp = 10 * SECOND
+    clients.measure(-0.02)  # one alone may be a fault
+    assert clients.estimate(-0.02).position[0] == -0.02
+    assert clients.estimator.restarts == 1
 
 
 @pytest.mark.parametrize(("rate", "words"), [(100.0, "sooner than"), (400.0, "missing")])
 def test_a_wrong_rate_is_named(bench: Bench, model_folder: Path, rate: float, words: str) -> None:
     """Measurements at 200 Hz, where others are expected."""
-    desk = Desk(bench, model_folder, rate=rate)
+    clients = Clients(bench, model_folder, rate=rate)
     for _ in range(20):
-        desk.estimate(0.01)
-    assert words in desk.estimator.health()[0].message
+        clients.estimate(0.01)
+    assert words in clients.estimator.health()[0].message

@@ -93,5 +93,5 @@ def test_the_whole_way_is_ten_lines(tmp_path: Path) -> None:
 
 
 def test_every_public_name_is_used_in_an_example_or_told_on_the_page() -> None:
-    told = "".join(path.read_text(encoding="utf-8") for path in (*NOTEBOOKS, PAGE))
-    assert [name for name in hs.__all__ if f"hs.{name}" not in told and f"`{name}`" not in told] == []
+    reported = "".join(path.read_text(encoding="utf-8") for path in (*NOTEBOOKS, PAGE))
+    assert [name for name in hs.__all__ if f"hs.{name}" not in reported and f"`{name}`" not in reported] == []

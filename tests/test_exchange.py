@@ -14,7 +14,7 @@ from tests.node_bench import Bench
 
 def test_messages_arrive_in_the_order_in_which_they_were_given() -> None:
     exchange, heard = Exchange(), list[bytes]()
-    exchange.hear("/a", heard.append)
+    exchange.subscribe("/a", heard.append)
     for k in range(5):
         exchange.give("/a", bytes([k]))
         exchange.give("/b", b"nobody hears it")
@@ -31,7 +31,7 @@ def test_an_endless_exchange_lets_others_have_their_turn() -> None:
     exchange, turns = Exchange(), list[str]()
 
     def answer(own: str, other: str) -> None:
-        exchange.hear(own, lambda data: (turns.append(own), exchange.give(other, data)))  # type: ignore[func-returns-value, arg-type]
+        exchange.subscribe(own, lambda data: (turns.append(own), exchange.give(other, data)))  # type: ignore[func-returns-value, arg-type]
 
     answer("/a", "/b")
     answer("/b", "/a")

@@ -191,9 +191,9 @@ def test_a_loop_in_one_process_is_served_managed_and_ended(
         bench.until(lambda: len(commands) > 20)
     finally:
         process.send_signal(signal.SIGINT)
-        told, complaints = process.communicate(timeout=20.0)
+        reported, complaints = process.communicate(timeout=20.0)
         bench.close()
     assert process.returncode == 0
-    assert told.count('"node"') == len(nodes)  # the last diagnostics of each
+    assert reported.count('"node"') == len(nodes)  # the last diagnostics of each
     assert complaints.count("its own executor is used") == bool(without)
     assert "rror" not in complaints

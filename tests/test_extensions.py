@@ -107,10 +107,10 @@ def test_the_page_s_extension_adds_what_it_says(heating: Path, call: Call, domai
     assert re.search(r"^  heating +Compare the commands", helped, re.M)
     assert "--heating" in run
     values = heating / "rig.yaml"
-    told = values.read_text(encoding="utf-8")
-    content = yaml.safe_load(told)
+    reported = values.read_text(encoding="utf-8")
+    content = yaml.safe_load(reported)
     name, kind = next(iter(content["actuators"])), next(iter(content["experiments"]["excitations"]))
-    values.write_text(f"{told}\nheating: {{{name}: 0.25}}\n", encoding="utf-8")
+    values.write_text(f"{reported}\nheating: {{{name}: 0.25}}\n", encoding="utf-8")
     checked, parameters, *_, shown, _ = does(
         "rig check ./sled",
         "parameters --rig ./sled",
@@ -130,7 +130,7 @@ def test_the_page_s_extension_adds_what_it_says(heating: Path, call: Call, domai
     page = (heating.parent / "report.html").read_text(encoding="utf-8")
     assert f"<td>{name}</td><td>{load[1]}</td><td>0.25</td>" in page
 
-    values.write_text(f"{told}\nheating: {{motor: 0.25}}\n", encoding="utf-8")
+    values.write_text(f"{reported}\nheating: {{motor: 0.25}}\n", encoding="utf-8")
     wrong = call("rig", "check", "./sled")
     assert wrong.returncode == 2
     assert "heating: unknown key 'motor'" in wrong.stderr
@@ -307,9 +307,9 @@ def test_the_trunk_works_without(away: list[str], tmp_path: Path, call: Call) ->
         return
     assert "cam_beam: no problems" in found.stdout
     sections = {name: item.name for item in extensions.installed() for name in item.provides.get("sections", ())}
-    told = set(re.findall(r"^note: (\w+): no extension", found.stdout, re.M))
+    reported = set(re.findall(r"^note: (\w+): no extension", found.stdout, re.M))
     known = yaml.safe_load((PACKAGE / "rigs" / "cam_beam" / "rig.yaml").read_text(encoding="utf-8"))
-    assert told == {name for name, owner in sections.items() if owner in away and name in known}
+    assert reported == {name for name, owner in sections.items() if owner in away and name in known}
 
 
 def test_sections_of_ours_are_known_without_them() -> None:

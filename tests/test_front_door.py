@@ -17,7 +17,7 @@ import hybrid_sysid_ros as hs
 from hybrid_sysid_ros import models
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification import evaluate
-from hybrid_sysid_ros.library.arguments import columns_of
+from hybrid_sysid_ros.library.arguments import given_columns
 
 ROOT = Path(__file__).parents[1]
 BAGS, TRAINED = ROOT / "bags", ROOT / "trained"
@@ -217,7 +217,7 @@ def test_records_of_arrays_are_those_of_their_bag() -> None:
 
 
 def test_columns_by_name_come_in_the_rigs_order() -> None:
-    found = columns_of({"b": [3.0, 4.0], "a": [1.0, 2.0]}, "inputs", ["a", "b"], 2)
+    found = given_columns({"b": [3.0, 4.0], "a": [1.0, 2.0]}, "inputs", ["a", "b"], 2)
     np.testing.assert_array_equal(found, [[1.0, 3.0], [2.0, 4.0]])
 
 

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.identification.experiment import PreparedRecord
 from hybrid_sysid_ros.identification.fitting import fit
 from hybrid_sysid_ros.identification.starting import initialised
 from hybrid_sysid_ros.models import Sampling, build
-from hybrid_sysid_ros.models.hybrid import Hybrid, averaged, block_kinds
+from hybrid_sysid_ros.models.hybrid import Hybrid, averaged_hybrid, block_kinds
 from hybrid_sysid_ros.models.region import FADED, Region
 from hybrid_sysid_ros.models.structure import assemble
 from hybrid_sysid_ros.support.errors import UserError
@@ -74,7 +74,7 @@ def record(system: System, seed: int) -> PreparedRecord:
     return PreparedRecord(name="swung", sampling=sampling, inputs=inputs, outputs=states, states=states)
 
 
-def begun(kind: str) -> Hybrid:
+def started(kind: str) -> Hybrid:
     """In its training data, and without a word yet."""
     system, _ = build("hybrid", Swing(), scales=np.array([1.0, 2.0, 2.0]), seed=0, options=KINDS[kind])
     assert isinstance(system, Hybrid)
@@ -83,7 +83,7 @@ def begun(kind: str) -> Hybrid:
 
 def spoken(kind: str) -> Hybrid:
     """With numbers that matter."""
-    hybrid = begun(kind)
+    hybrid = started(kind)
     return hybrid.with_weights(hybrid.weights + np.random.default_rng(1).normal(scale=0.5, size=len(hybrid.weights)))
 
 
@@ -134,9 +134,9 @@ def test_slopes_are_those_of_differences(kind, start):
     share = float(hybrid.region.share([(1.0 - np.sin(start)) / hybrid.scales[0], start / hybrid.scales[1]]))
     assert share == 1.0 if start < 1.0 else 0.02 < share < 0.98
     starts, first, inputs = np.array([[0, 0, 5, 0]]), np.array([[start, 0.4]]), np.full((4, 1), 0.7)
-    told = Sensitivities(hybrid)
-    jacobian = np.empty((5, 2, told.count))
-    told.rollouts(hybrid, starts, first, inputs, step=STEP, every=1, out=jacobian)
+    reported = Sensitivities(hybrid)
+    jacobian = np.empty((5, 2, reported.count))
+    reported.rollouts(hybrid, starts, first, inputs, step=STEP, every=1, out=jacobian)
     weights, columns = hybrid.weights, jacobian[:, :, 2 : 2 + len(hybrid.weights)]
     for column, nudge in zip(np.moveaxis(columns, 2, 0), 1e-5 * np.eye(len(weights)), strict=True):
         after, before = (
@@ -172,7 +172,7 @@ def test_a_hybrid_is_made_again_from_its_design(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_learns_what_the_physics_lacks_and_leaves_the_physics_alone(kind):
     """Free run of another record, in parts of the error of the physics."""
-    hybrid, other = begun(kind), record(Stiffening(), 1)
+    hybrid, other = started(kind), record(Stiffening(), 1)
     names = [item.name for item in hybrid.physics.parameters]
     found = fit(hybrid, [record(Stiffening(), 0)], stages=(20, 100), hold=names, ridge=0.1, tolerance=1e-5).system
     assert isinstance(found, Hybrid)
@@ -204,7 +204,7 @@ def test_what_cannot_be_is_refused():
         build("hybrid", Swing(), scales=np.ones(3), seed=0, options={"affine_rules": 2, "linked_rules": 2})
     rules = spoken("affine rules")
     with pytest.raises(UserError, match="only networks can be averaged"):
-        averaged([rules, rules])
+        averaged_hybrid([rules, rules])
     with pytest.raises(UserError, match="its network is on lift, which is no closure"):
         replace(rules, on=("pull", "lift"))
     with pytest.raises(UserError, match="angle is a state and a closure"):

@@ -80,8 +80,8 @@ def test_a_linear_fit_is_the_least_squares_solution(linear_bench, rig):
 
     def errors(point):
         stiff, gain, offset, damping, delay = point[:5]
-        told = np.array([gain, -offset / gain, -stiff, damping, delay])
-        run = linear_run(told, u[: len(experiment.inputs), 0], experiment.states[0] + point[5:], 0.005)
+        reported = np.array([gain, -offset / gain, -stiff, damping, delay])
+        run = linear_run(reported, u[: len(experiment.inputs), 0], experiment.states[0] + point[5:], 0.005)
         return np.concatenate([weight * (run[::10, 0] - experiment.outputs[:, 0]), point[5:] / spread])
 
     start = np.append(ENTRIES, [0.0, 0.0])

@@ -82,8 +82,8 @@ def test_what_comes_after_the_first_seconds_has_no_say_in_the_bias():
     record = experiment(system, 0.05)
     later = np.where(record.time[:, None] > 5.0, 3.0, 0.0)
     other = replace(record, input=record.input + later, output=record.output + later * record.time[:, None])
-    told = [adapt(system, r, sampling=SAMPLING, spans=np.array([10.0]), seconds=5.0) for r in (record, other)]
-    np.testing.assert_array_equal(told[0].bias, told[1].bias)
+    reported = [adapt(system, r, sampling=SAMPLING, spans=np.array([10.0]), seconds=5.0) for r in (record, other)]
+    np.testing.assert_array_equal(reported[0].bias, reported[1].bias)
 
 
 def test_without_a_bias_both_free_runs_are_one():

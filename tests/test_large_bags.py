@@ -179,7 +179,7 @@ def test_a_longer_period_averages_an_input_of_another_topic(tmp_path, holds):
 )
 def test_a_period_that_makes_no_record_is_refused(tmp_path, period, reason):
     with pytest.raises(UserError, match=reason):
-        bags.read(bags.write(tmp_path / "run", [states(200)]), SIGNALS, period=period)
+        bags.read(bags.write_bag(tmp_path / "run", [states(200)]), SIGNALS, period=period)
 
 
 # kinds of bags
@@ -190,7 +190,7 @@ def record_of(code, content):
 
 
 def test_chunks_of_any_compression_and_messages_without_chunks_are_read(tmp_path):
-    bag = bags.write(tmp_path / "run", [states(20_000), references(20_000)], compression="")
+    bag = bags.write_bag(tmp_path / "run", [states(20_000), references(20_000)], compression="")
     expected = agrees_with_anyreader(bag)
     content = (bag / "run_0.mcap").read_bytes()
     position, loose, packed = len(MAGIC), b"", b""
@@ -218,7 +218,7 @@ def test_a_bag_of_several_files_is_read_in_their_order(tmp_path):
     for number in range(12):  # part_10 comes after part_9
         part = slice(250 * number, 250 * (number + 1))
         one = bags.Series(topic=whole.topic, type=whole.type, stamps=whole.stamps[part], rows=whole.rows[part])
-        bag = bags.write(tmp_path / f"part_{number}", [one])
+        bag = bags.write_bag(tmp_path / f"part_{number}", [one])
         (bag / f"part_{number}_0.mcap").rename(parts / f"part_{number}.mcap")
         metadata = metadata or yaml.safe_load((bag / "metadata.yaml").read_text())
     information = metadata["rosbag2_bagfile_information"]
@@ -298,7 +298,7 @@ def test_memory_does_not_grow_with_the_bag(tmp_path, what):
     if what == "recover":
         with file.open("r+b") as stream:
             stream.truncate(size - 100)
-    small = bags.write(tmp_path / "small", [states(100)])
+    small = bags.write_bag(tmp_path / "small", [states(100)])
     done = subprocess.run(
         [sys.executable, "-c", GROWTH, str(small), str(file.parent), what], capture_output=True, text=True, check=True
     )

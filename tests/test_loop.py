@@ -55,7 +55,7 @@ def write(path, *, error=0.0, delay=None, log=None, answered=None, start=START, 
     reference = bags.joint_trajectories(
         "/cam_beam/reference", begins, ["beam"], positions=previews[:, :, None], times=ahead * 1e-9
     )
-    return bags.write(
+    return bags.write_bag(
         path,
         [
             logged(measured, stamps + 200_000 + shift),
@@ -91,7 +91,7 @@ def test_of_one_time_the_newest_preview_tells(tmp_path):
             "/cam_beam/reference", begins, ["beam"], positions=positions, times=0.005 * np.arange(150)
         ),
     ]
-    loop = LoopRecord.from_bag(bags.write(tmp_path / "run", topics), RIG)
+    loop = LoopRecord.from_bag(bags.write_bag(tmp_path / "run", topics), RIG)
     np.testing.assert_allclose(
         loop.reference[:, 0], np.where(np.arange(SAMPLES) < 100, 0.1, 0.2)
     )  # and the last one is held
@@ -163,7 +163,7 @@ def test_a_repeated_measurement_counts_once(tmp_path):
             "/cam_beam/reference", stamps[:1], ["beam"], positions=np.zeros((1, 1, 1)), times=[0.0]
         ),
     ]
-    loop = LoopRecord.from_bag(bags.write(tmp_path / "run", topics), RIG)
+    loop = LoopRecord.from_bag(bags.write_bag(tmp_path / "run", topics), RIG)
     assert len(loop.time) == SAMPLES
 
 
@@ -178,7 +178,7 @@ def test_a_bag_without_a_topic_is_refused_by_name(tmp_path, missing):
             "/cam_beam/reference", stamps, ["beam"], positions=zeros[:, :, None], times=[0.0]
         ),
     }
-    bag = bags.write(tmp_path / "run", [series for name, series in topics.items() if name != missing])
+    bag = bags.write_bag(tmp_path / "run", [series for name, series in topics.items() if name != missing])
     with pytest.raises(UserError, match=f"no topic /cam_beam/{missing}"):
         LoopRecord.from_bag(bag, RIG)
 
@@ -202,7 +202,7 @@ def test_two_runs_in_one_bag_are_refused(tmp_path):
         ),
     ]
     with pytest.raises(UserError, match="reversed stamp at message 100"):
-        LoopRecord.from_bag(bags.write(tmp_path / "run", topics), RIG)
+        LoopRecord.from_bag(bags.write_bag(tmp_path / "run", topics), RIG)
 
 
 def test_a_loop_of_two_inputs_and_two_outputs_stands_in_a_report(tmp_path):
@@ -226,7 +226,7 @@ def test_a_loop_of_two_inputs_and_two_outputs_stands_in_a_report(tmp_path):
     reference = bags.joint_trajectories(
         "/looped_carts/reference", stamps, ["gap", "cart"], positions=wanted[:, None, ::-1], times=[0.0]
     )
-    loop = LoopRecord.from_bag(bags.write(tmp_path / "run", [joints, commands, reference]), rig)
+    loop = LoopRecord.from_bag(bags.write_bag(tmp_path / "run", [joints, commands, reference]), rig)
     assert loop.tracked == [0, 1]
     np.testing.assert_allclose(loop.outputs, measured)
     np.testing.assert_allclose(loop.reference, wanted, atol=1e-12)

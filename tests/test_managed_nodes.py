@@ -40,7 +40,7 @@ from hybrid_sysid_ros.nodes.plant import PlantNode
 from hybrid_sysid_ros.nodes.reference import ReferenceNode
 from tests.node_bench import VOLT, Bench
 from tests.test_controller_node import Wheel
-from tests.test_estimator_node import Desk
+from tests.test_estimator_node import Clients
 
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 DEACTIVATE, CLEANUP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
@@ -114,10 +114,10 @@ def test_what_is_in_the_way_of_a_configuration_is_told_and_can_be_mended(bench: 
     assert not change(bench, "estimator", CONFIGURE)
     assert state(bench, "estimator") == "unconfigured"
 
-    def told() -> Any:
+    def reported() -> Any:
         return [status for message in said for status in message.status if "/nowhere" in status.message]
 
-    assert bench.until(told)[0].level == DiagnosticStatus.ERROR
+    assert bench.until(reported)[0].level == DiagnosticStatus.ERROR
     assert set_parameter(bench, "estimator", "model", str(model_folder)) == ""
     assert change(bench, "estimator", CONFIGURE)
     assert "is read when the node is configured" in set_parameter(bench, "estimator", "rate", 100.0)
@@ -179,9 +179,9 @@ def test_a_controller_that_is_deactivated_leaves_the_input_at_rest(wheel: Wheel)
     ],
 )
 def test_rules_between_parameters_are_kept(bench: Bench, kind: Any, parameters: Any, reason: str) -> None:
-    with pytest.raises(UserError) as told:
+    with pytest.raises(UserError) as reported:
         bench.start(kind, **parameters)
-    assert reason in str(told.value)
+    assert reason in str(reported.value)
 
 
 def test_a_live_parameter_keeps_to_the_rules(bench: Bench) -> None:
@@ -213,9 +213,9 @@ def test_qualities_of_service_are_taken_or_refused(bench: Bench) -> None:
         (f"{name}.deadline", 3, "needs the form qos_overrides.TOPIC.publisher|subscription.reliability"),
         ("qos_overrides./other.publisher.depth", 3, "has no publisher of /other"),
     ):
-        with pytest.raises(UserError) as told:
+        with pytest.raises(UserError) as reported:
             bench.start(PlantNode, **{wrong: value})
-        assert reason in str(told.value)
+        assert reason in str(reported.value)
 
 
 def test_weights_change_while_the_loop_runs(bench: Bench, model_folder: Path) -> None:
@@ -250,16 +250,18 @@ def test_policies_are_exchanged_while_the_loop_runs(wheel: Wheel) -> None:
 
 def test_an_estimator_that_takes_other_noise_goes_on_where_it_was(bench: Bench, model_folder: Path) -> None:
     """At rest with an unknown offset of the input, which takes a while to be found."""
-    desk = Desk(bench, model_folder)
+    clients = Clients(bench, model_folder)
     for _ in range(300):
-        before = desk.estimate(0.2)
+        before = clients.estimate(0.2)
     assert set_parameter(bench, "estimator", "measurement_noise", 0.02) == ""
-    assert desk.estimator.adapter.tuning.measurement_noise[0] == pytest.approx(load_rig("cam_beam").display[0].si(0.02))
-    after = desk.estimate(0.2)
+    assert clients.estimator.adapter.tuning.measurement_noise[0] == pytest.approx(
+        load_rig("cam_beam").display[0].si(0.02)
+    )
+    after = clients.estimate(0.2)
     assert after.position[0] == pytest.approx(before.position[0], abs=1e-3)
     assert after.effort[0] == pytest.approx(before.effort[0], abs=0.1 * abs(before.effort[0]) + 1e-3)
     assert "/nowhere" in set_parameter(bench, "estimator", "model", "/nowhere")
-    assert desk.estimate(0.2).position[0] == pytest.approx(after.position[0], abs=1e-3)
+    assert clients.estimate(0.2).position[0] == pytest.approx(after.position[0], abs=1e-3)
 
 
 def test_a_reference_changes_while_it_is_published(bench: Bench) -> None:
@@ -386,7 +388,7 @@ def test_a_hundred_nodes_one_after_the_other_leave_nothing_behind(domain: int) -
     """Each goes through its states twice. No other node is there: beside one, the middleware keeps some 100 kB of every
     node, also of one that rclpy alone makes.
     """
-    middleware.prepare()
+    middleware.prepare_middleware()
     context = Context()
     rclpy.init(context=context, domain_id=domain)
     executor = SingleThreadedExecutor(context=context)

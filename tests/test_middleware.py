@@ -32,13 +32,13 @@ def test_a_node_announces_itself_while_it_starts_and_often_afterwards():
 @pytest.mark.parametrize("variable", middleware.VARIABLES)
 def test_a_file_of_the_user_s_own_stays(monkeypatch, variable):
     monkeypatch.setattr(os, "environ", environment := {variable: "mine.xml"})
-    middleware.prepare()
+    middleware.prepare_middleware()
     assert environment == {variable: "mine.xml"}
 
 
 def test_without_one_it_is_this_package_s(monkeypatch):
     monkeypatch.setattr(os, "environ", environment := dict.fromkeys(middleware.VARIABLES, ""))
-    middleware.prepare()
+    middleware.prepare_middleware()
     assert {environment[name] for name in middleware.VARIABLES} == {str(middleware.PROFILES)}
 
 

@@ -28,14 +28,14 @@ BUILT = [name for name in structure_names() if name not in FROM_DATA]
 SCALES = np.array([0.1, 0.4, 5.0])
 
 
-def begun(structure, seed):
+def started(structure, seed):
     return FROM_DATA.get(structure) or build(structure, CamBeam(), scales=SCALES, seed=seed)[0]
 
 
 def model_of(structure, seed=0):
     """A model of a structure with numbers that need every digit."""
     random = np.random.default_rng(seed)
-    system = begun(structure, seed)
+    system = started(structure, seed)
     values = [v + (h - v) * random.uniform(0, 0.1) for v, h in zip(system.values, high(system), strict=True)]
     system = system.with_values(np.array(values))
     if len(system.weights):
@@ -243,8 +243,8 @@ def test_a_structure_begins_where_no_earlier_fit_leaks_in():
 def test_a_linear_system_begins_within_its_bounds_to_the_last_digit(size):
     system, _ = build("linear", CamBeam(), scales=np.array([1.0, size, size**3]) * RANGE, seed=0)
     assert isinstance(system, Linear)
-    begun = system.initialised({item.name: 1e9 for item in system.parameters if not item.fixed})
-    begun.with_values([item.start for item in begun.parameters]).check()
+    started = system.initialised({item.name: 1e9 for item in system.parameters if not item.fixed})
+    started.with_values([item.start for item in started.parameters]).check()
 
 
 def test_doubtful_terms_are_left_out_and_held_unless_they_are_asked_for():
@@ -314,7 +314,7 @@ def test_an_unknown_structure_names_those_that_are_known():
 
 @pytest.mark.parametrize("structure", sorted(set(structure_names()) - {"linear", "stribeck", "dahl", "lugre", "gray"}))
 def test_a_learned_part_needs_its_design_and_its_weights(structure):
-    system = begun(structure, 0)
+    system = started(structure, 0)
     for missing in ({"design": None}, {"weights": None}):
         given = {"design": system.design, "weights": system.weights, **missing}
         with pytest.raises(UserError, match=f"structure {structure}: .*missing"):

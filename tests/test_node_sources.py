@@ -42,6 +42,6 @@ def test_a_node_says_that_its_model_is_gone(bench: Bench, tmp_path: Path, model_
     assert next(task for task in node.tasks() if task.name == "model").level == DiagnosticStatus.OK
     shutil.rmtree(folder)
     node.look_at_sources()
-    told = next(task for task in node.tasks() if task.name == "model")
-    assert told.level == DiagnosticStatus.WARN
-    assert str(folder) in told.message
+    reported = next(task for task in node.tasks() if task.name == "model")
+    assert reported.level == DiagnosticStatus.WARN
+    assert str(folder) in reported.message

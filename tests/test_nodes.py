@@ -102,10 +102,10 @@ def test_a_topic_in_two_classes_is_told(tmp_path: Path) -> None:
     ],
 )
 def test_a_parameter_that_is_not_allowed_is_told(bench: Bench, kind: Any, parameters: Any, message: str) -> None:
-    with pytest.raises(UserError) as told:
+    with pytest.raises(UserError) as reported:
         bench.start(kind, **parameters)
-    assert message in str(told.value)
-    assert "\n" not in str(told.value)
+    assert message in str(reported.value)
+    assert "\n" not in str(reported.value)
 
 
 def test_parameters_are_described_with_range_and_unit(bench: Bench) -> None:
@@ -137,9 +137,9 @@ def test_a_change_is_refused_with_a_reason_or_applied(bench: Bench) -> None:
 def test_what_a_node_says_of_its_parameters_can_be_set_again(bench: Bench) -> None:
     """As by `ros2 param dump` and `load`: what is read when it is configured is no change where it is the same."""
     node = bench.start(PlantNode)
-    told = [node.get_parameter(name) for name in node.settings if name != "rig"]
-    assert len(told) >= 20
-    assert all(result.successful for result in node.set_parameters(told))
+    reported = [node.get_parameter(name) for name in node.settings if name != "rig"]
+    assert len(reported) >= 20
+    assert all(result.successful for result in node.set_parameters(reported))
 
 
 def test_topics_are_relative_names(bench: Bench) -> None:

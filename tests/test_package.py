@@ -63,9 +63,9 @@ def test_what_pip_brings_to_a_sourced_ros_is_what_the_package_needs() -> None:
     needed = requirements("\n".join([*project["dependencies"], *extras["report"], *extras["view"]]))
     page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
     sourced = page.partition("## On a sourced Jazzy")[2].partition("colcon build")[0]
-    told = requirements("\n".join(re.findall(r"'([^']+)'", sourced)))
+    reported = requirements("\n".join(re.findall(r"'([^']+)'", sourced)))
     by_apt = {"numpy", "scipy", "PyYAML", "rich"}
-    assert told == {name: version for name, version in needed.items() if name not in by_apt}
+    assert reported == {name: version for name, version in needed.items() if name not in by_apt}
     for name in by_apt:
         assert f"python3-{NAMES.get(name, name)}" in DEPENDS
 

@@ -81,11 +81,11 @@ class Threads(Workers[Any, Any]):
 
 
 def test_after_an_interrupt_what_is_under_way_is_kept(tmp_path):
-    begun, release = threading.Event(), threading.Event()
+    started, release = threading.Event(), threading.Event()
 
     def work(number):
         if number == 2:
-            begun.set()
+            started.set()
             release.wait(20.0)
         return squares(number)
 
@@ -93,7 +93,7 @@ def test_after_an_interrupt_what_is_under_way_is_kept(tmp_path):
     with Threads(work) as crew:
         items = resumed(crew, [2, 1, 3, 4], store=store, finish=True)
         next(items)
-        begun.wait(20.0)
+        started.wait(20.0)
         release.set()
         with pytest.raises(KeyboardInterrupt):
             items.throw(KeyboardInterrupt)

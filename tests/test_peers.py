@@ -39,8 +39,8 @@ def test_a_peer_that_asks_for_more_than_is_offered_is_named_while_it_is_there(be
     logger = bench.add(Node("logger", context=bench.context, namespace="lab"))
     logger.create_subscription(JointState, "/cam_beam/joint_states", lambda message: None, LASTING)
     words = "/cam_beam/joint_states: nothing gets to /lab/logger: volatile publisher and transient local subscription"
-    told: Any = bench.until(lambda: (found := said()) and words in found.message and found)
-    assert told.level == DiagnosticStatus.WARN
+    reported: Any = bench.until(lambda: (found := said()) and words in found.message and found)
+    assert reported.level == DiagnosticStatus.WARN
     bench.executor.remove_node(logger)
     bench.nodes.remove(logger)
     logger.destroy_node()

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from hybrid_sysid_ros.bags import joint_states, read, write
+from hybrid_sysid_ros.bags import joint_states, read, write_bag
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.identification.plausibility import check_limits, spikes, strangeness
 from hybrid_sysid_ros.models import load as load_model
@@ -47,10 +47,10 @@ def test_an_input_that_no_actuator_gives_is_refused_with_field_sample_and_count(
     rig, record = load_rig(DRILL), record_of(DRILL, torque=1000.0)
     with pytest.raises(UserError) as raised:
         check_limits(record, rig, rig.signals)
-    told, count = str(raised.value), int(np.sum(np.abs(record.input) > 6.0))
-    assert f"effort[top]: input torque goes to {record.input[np.argmax(np.abs(record.input)), 0]:.6g} N m" in told
-    assert f"{count} of {record.samples} samples" in told
-    assert "\n" not in told
+    reported, count = str(raised.value), int(np.sum(np.abs(record.input) > 6.0))
+    assert f"effort[top]: input torque goes to {record.input[np.argmax(np.abs(record.input)), 0]:.6g} N m" in reported
+    assert f"{count} of {record.samples} samples" in reported
+    assert "\n" not in reported
 
 
 def test_an_input_that_noise_carries_a_little_past_its_limit_is_none():
@@ -62,15 +62,15 @@ def test_an_input_that_noise_carries_a_little_past_its_limit_is_none():
 def test_spikes_are_counted_and_placed():
     rig = load_rig(DRILL)
     record = with_spikes(record_of(DRILL), [100, 101, 700, 1500], -60.0, 1)
-    (told,) = spikes(with_spikes(record, [701], -90.0, 1), rig, rig.signals)
-    assert "velocity[top]: output top_speed has 3 spikes, the first at sample 100 (2 s)" in told
-    assert "the farthest to -90 rad/s at sample 701 (14.02 s)" in told
+    (reported,) = spikes(with_spikes(record, [701], -90.0, 1), rig, rig.signals)
+    assert "velocity[top]: output top_speed has 3 spikes, the first at sample 100 (2 s)" in reported
+    assert "the farthest to -90 rad/s at sample 701 (14.02 s)" in reported
 
 
 def test_spikes_at_either_end_are_some_too():
     rig = load_rig(DRILL)
-    (told,) = spikes(with_spikes(record_of(DRILL), [0, 1000, 2000], -60.0, 1), rig, rig.signals)
-    assert "has 3 spikes, the first at sample 0 (0 s)" in told
+    (reported,) = spikes(with_spikes(record_of(DRILL), [0, 1000, 2000], -60.0, 1), rig, rig.signals)
+    assert "has 3 spikes, the first at sample 0 (0 s)" in reported
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -91,7 +91,7 @@ def test_steps_rest_ringing_and_a_coarse_encoder_are_no_spikes(seed):
 
 
 @pytest.mark.parametrize(
-    ("rig", "scale", "told"),
+    ("rig", "scale", "reported"),
     [
         (DRILL, RPM, ["bit_speed", "top_speed"]),
         (WHEEL, RPM, ["speed"]),
@@ -99,12 +99,12 @@ def test_steps_rest_ringing_and_a_coarse_encoder_are_no_spikes(seed):
         (JOINT, np.array([1.0, RPM]), ["link_speed"]),
     ],
 )
-def test_outputs_in_another_unit_than_the_model_s_are_named(rig, scale, told):
+def test_outputs_in_another_unit_than_the_model_s_are_named(rig, scale, reported):
     known = load_rig(rig)
     found = strangeness(record_of(rig, outputs=scale), load_model(shipped(rig, "model")), known, known.signals)
     units = {item.name: item.unit for item in known.system.outputs}
-    assert len(found) == len(told)
-    for line, name in zip(found, told, strict=True):
+    assert len(found) == len(reported)
+    for line, name in zip(found, reported, strict=True):
         assert f"]: {name} goes to " in line
         assert f"is it in {units[name]}?" in line
 
@@ -119,7 +119,7 @@ def written(path, record):
     """A bag of a record of the wheel's motor."""
     stamps = np.round(1e9 * (1.0 + record.time)).astype(np.int64)
     effort = np.concatenate([[[np.nan]], record.input[:-1]])  # of the interval before
-    return write(
+    return write_bag(
         path, [joint_states("/wheel_motor/joint_states", stamps, ["wheel"], velocity=record.output, effort=effort)]
     )
 

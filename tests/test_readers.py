@@ -32,7 +32,7 @@ TRAINED = Path(__file__).parents[1] / "trained" / "cam_beam"
 
 @pytest.fixture
 def bag(tmp_path):
-    return bags.write(tmp_path / "run", [states(40_000), references(40_000)])
+    return bags.write_bag(tmp_path / "run", [states(40_000), references(40_000)])
 
 
 def refused(path, *words, **options):
@@ -147,7 +147,7 @@ def test_an_altered_definition_is_noticed(bag):
 
 @pytest.mark.parametrize("compression", ["zstd", ""])
 def test_no_changed_byte_of_our_own_bags_goes_unnoticed(tmp_path, compression):
-    bag = bags.write(tmp_path / "run", [states(300)], compression=compression)
+    bag = bags.write_bag(tmp_path / "run", [states(300)], compression=compression)
     expected, file = bags.read(bag, SIGNALS), bag / "run_0.mcap"
     content = file.read_bytes()
     for place in range(0, len(content), 61):
@@ -343,9 +343,9 @@ def test_a_certificate_of_nonsense_is_refused(tmp_path, change):
     kept = {key: item for key, item in content.items() if key not in ("seal", "format")}
     storage.save_sheet(tmp_path / certificate.FILE, version=content["format"], content={**kept, **change})
     with pytest.raises(UserError):
-        certificate.find(tmp_path, **seals)
+        certificate.find_certificate(tmp_path, **seals)
     storage.save_sheet(tmp_path / certificate.FILE, version=content["format"], content=kept)
-    assert certificate.find(tmp_path, **seals) is not None
+    assert certificate.find_certificate(tmp_path, **seals) is not None
 
 
 def test_some_mutations_of_all_files_are_refused_or_noticed(tmp_path):

@@ -134,14 +134,14 @@ def test_a_killed_recording_is_read_under_its_name(tmp_path: Path, messages: int
 
 
 def test_the_bag_before_stays_until_the_first_message(tmp_path: Path) -> None:
-    before = bags.write(tmp_path / "run", [states(70)])
+    before = bags.write_bag(tmp_path / "run", [states(70)])
     killed(tmp_path, 0)
     assert bags.read(before, SIGNALS).samples == 70
     assert names(tmp_path) == ["run"]
 
 
 def test_the_bag_before_is_kept_beside_a_recording_that_was_cut(tmp_path: Path) -> None:
-    bags.write(tmp_path / "run", [states(70)])
+    bags.write_bag(tmp_path / "run", [states(70)])
     killed(tmp_path, 100)
     killed(tmp_path, 200)
     assert recovered(tmp_path / "run") == 200
@@ -186,7 +186,7 @@ def test_a_full_disk_leaves_a_whole_bag(tmp_path: Path, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("error", [errno.EROFS, errno.EIO])
 def test_a_disk_that_takes_nothing_more_leaves_what_it_has(tmp_path: Path, monkeypatch, error: int) -> None:
-    before = bags.write(tmp_path / "run", [states(70)])
+    before = bags.write_bag(tmp_path / "run", [states(70)])
     recording = bags.Recording(before, replace=True)
     write(recording, 0, 350)
     failing(monkeypatch, tmp_path, 0, error)
@@ -199,7 +199,7 @@ def test_a_disk_that_takes_nothing_more_leaves_what_it_has(tmp_path: Path, monke
 
 
 def test_a_disk_that_is_full_from_the_start_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = bags.write(tmp_path / "run", [states(70)])
+    before = bags.write_bag(tmp_path / "run", [states(70)])
     failing(monkeypatch, tmp_path, 0)
     with pytest.raises(UserError, match="cannot be written"), bags.Recording(before, replace=True) as recording:
         write(recording, 0, 100)

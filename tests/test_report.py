@@ -141,7 +141,7 @@ def section(model, first):
 def text(section, model, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "new" / "report.html"
     loop = report.closed_loop_section(loop_of(), RIG)
-    assert report.write(path, section, loop, report.provenance(model, "make demo < now")) == path
+    assert report.write_report(path, section, loop, report.provenance(model, "make demo < now")) == path
     return path.read_text(encoding="utf-8")
 
 
@@ -200,7 +200,7 @@ def test_an_experiment_without_a_reference_says_why_it_is_not_done_again(model, 
     alone = dataclasses.replace(first, channels={})
     section = report.identification_section(model, [(alone, Part())])
     assert set(section.runs[0].tests) == set(TESTS) - {"phi_re"}
-    path = report.write(tmp_path / "report.html", section, None, report.provenance(model, "evaluate"))
+    path = report.write_report(tmp_path / "report.html", section, None, report.provenance(model, "evaluate"))
     assert "skipped: <first> & only: has no channel reference" in Page(path.read_text(encoding="utf-8")).text
 
 
@@ -208,7 +208,7 @@ def test_one_reason_for_all_records_is_given_once(model, section, tmp_path):
     """A rig without a loop of its own has no experiment that could be done again."""
     runs = [dataclasses.replace(run, again=None, skipped="no loop") for run in section.runs]
     found = dataclasses.replace(section, runs=[*runs, *runs])
-    path = report.write(tmp_path / "report.html", found, None, report.provenance(model, "evaluate"))
+    path = report.write_report(tmp_path / "report.html", found, None, report.provenance(model, "evaluate"))
     page = Page(path.read_text(encoding="utf-8")).text
     assert (page.count("skipped: no loop."), page.count("output R²")) == (1, 0)
 
@@ -223,19 +223,19 @@ def test_a_narrow_logarithmic_axis_has_all_digits_as_ticks(section):
     assert ticks == ["D1", "D2"]
 
 
-@pytest.mark.parametrize(("value", "told"), [(0.03, "0.03"), (0.187, "0.19"), (15.74, "15.7"), (0.0, "0")])
-def test_a_short_time_keeps_its_digits(value, told):
-    assert seconds(value) == told
+@pytest.mark.parametrize(("value", "reported"), [(0.03, "0.03"), (0.187, "0.19"), (15.74, "15.7"), (0.0, "0")])
+def test_a_short_time_keeps_its_digits(value, reported):
+    assert seconds(value) == reported
 
 
 def test_a_loop_of_a_rig_that_is_disturbed_says_so(section, model, tmp_path):
     """A hand on the drill string's brake, which would else be taken for a poor controller."""
     loop, brake = loop_of(), dataclasses.replace(RIG, disturbances={1: Excitation(kind="pulses", numbers={})})
-    for rig, told in ((RIG, 0), (brake, 1)):
+    for rig, reported in ((RIG, 0), (brake, 1)):
         closed = report.closed_loop_section(dataclasses.replace(loop, rig=rig))
-        path = report.write(tmp_path / "report.html", section, closed, report.provenance(model, "run"))
+        path = report.write_report(tmp_path / "report.html", section, closed, report.provenance(model, "run"))
         page = Page(path.read_text(encoding="utf-8")).text
-        assert page.count("disturbed, of which no model is told: velocity [rad/s]") == told
+        assert page.count("which no model knows: velocity [rad/s]") == reported
 
 
 def test_errors_over_the_horizon_end_in_those_of_the_free_run(section, text):
@@ -278,7 +278,7 @@ def test_a_perfect_model_leaves_what_passes_the_tests(section):
 
 
 def test_a_model_alone_makes_a_report(section, model, tmp_path):
-    path = report.write(tmp_path / "report.html", section, None, report.provenance(model, "evaluate"))
+    path = report.write_report(tmp_path / "report.html", section, None, report.provenance(model, "evaluate"))
     page = Page(path.read_text(encoding="utf-8"))
     assert "closed-loop" not in page.ids
     assert all(address[1:] in page.ids for address in page.addresses)
@@ -290,7 +290,7 @@ def test_outputs_of_a_record_count_as_one_and_stand_beside_their_panels(section,
     outputs = ("bit_speed", "speed_of_the_uppermost_of_its_discs")
     runs = [dataclasses.replace(run, record="long", name=f"{model.rig}_braked_random_steps, {y}") for y in outputs]
     two = dataclasses.replace(section, runs=runs)
-    path = report.write(tmp_path / "report.html", two, None, report.provenance(model, "evaluate"))
+    path = report.write_report(tmp_path / "report.html", two, None, report.provenance(model, "evaluate"))
     assert "<p>1 record in free run" in path.read_text(encoding="utf-8")
     figure = residual_tests(two)
     titles = [axis.title.text for axis in figure.select_yaxes(col=1)]
@@ -312,7 +312,7 @@ def test_a_model_that_diverges_makes_a_report(model, first, tmp_path):
             skipped="it diverges",
         )
         broken = report.IdentificationSection(model=model, runs=(wild,))
-        path = report.write(tmp_path / "report.html", broken, None, report.provenance(model, "evaluate"))
+        path = report.write_report(tmp_path / "report.html", broken, None, report.provenance(model, "evaluate"))
     assert first.name in Page(path.read_text(encoding="utf-8")).text
 
 
@@ -320,7 +320,7 @@ def test_a_loop_in_simulated_time_shows_its_turnaround(section, model, tmp_path)
     loop = loop_of()
     lockstep = dataclasses.replace(loop, delay=np.full_like(loop.delay, np.nan))
     closed = report.closed_loop_section(lockstep)
-    path = report.write(tmp_path / "report.html", section, closed, report.provenance(model, "run"))
+    path = report.write_report(tmp_path / "report.html", section, closed, report.provenance(model, "run"))
     assert "Simulated time" in Page(path.read_text(encoding="utf-8")).text
 
 
@@ -446,7 +446,7 @@ def test_without_the_extra_the_user_is_told_which(section, model, tmp_path, monk
     monkeypatch.setitem(sys.modules, missing, None)  # what import takes for missing
     monkeypatch.setattr(builtins, "__import__", absent)
     with pytest.raises(UserError, match=rf"{missing} is missing; .*hybrid_sysid_ros\[report\]"):
-        report.write(tmp_path / "report.html", section, None, report.provenance(model, "evaluate"))
+        report.write_report(tmp_path / "report.html", section, None, report.provenance(model, "evaluate"))
     assert not list(tmp_path.iterdir())
 
 

@@ -46,12 +46,12 @@ def test_a_release_is_known_by_its_first_numbers(release, number, works):
 
 def test_one_warning_says_why_and_what_it_costs(release):
     release("0.71.0")
-    with pytest.warns(RuntimeWarning) as told:
+    with pytest.warns(RuntimeWarning) as reported:
         assert not GUARDED.usable()
     assert not GUARDED.usable()
-    assert len(told) == 1
+    assert len(reported) == 1
     for words in ("numba 0.71.0", "0.6, 0.70", GUARDED.cost):
-        assert words in str(told[0].message)
+        assert words in str(reported[0].message)
     code = "from tests.test_versions import GUARDED, versions; versions.installed = lambda package: '0.71.0'"
     process = subprocess.run(
         [sys.executable, "-c", f"{code}; print(GUARDED.usable())"], capture_output=True, text=True, check=True

@@ -38,11 +38,11 @@ def of_case(rig: Rig, case: Case, seed: int) -> dict[str, float]:
     rows = np.array([reading.row if reading.found else 0.0 for reading in readings])
     error = np.array([reading.angle for reading in readings]) - seen.truth(rows)
     error = np.degrees(error[found] - np.mean(error[found]))
-    told = np.degrees([reading.deviation for reading in readings if reading.found])
+    reported = np.degrees([reading.deviation for reading in readings if reading.found])
     return {
         "rmse": float(np.sqrt(np.mean(error**2))),
         "worst": float(np.abs(error).max()),
-        "told": float(np.sqrt(np.mean(told**2))),
+        "told": float(np.sqrt(np.mean(reported**2))),
         "lost": float(1.0 - found.mean()),
         "layers_seconds": learned,
         "pictures_per_second": rate,

@@ -96,11 +96,11 @@ def measured(rig: Rig) -> dict[str, Any]:
         layers, _ = learn(steady(done[0].seen.film, LEARNED_FROM), rig, readout=CASE.camera.readout)
         reader = AngleReader(layers)
         offset = zero_of(done[0], reader)
-        told = {
+        reported = {
             "camera": [by_camera(item, reader, offset) for item in done],
             "encoder": [by_encoder(item) for item in done],
         }
-        for sensor, records in told.items():
+        for sensor, records in reported.items():
             model = identify(records, rig, "gray", sampling=Sampling(), seed=seed)
             score = evaluate(model, test)
             rows[sensor].append({"curve": error_of(model, rig), "free_run": score.r2})

@@ -37,7 +37,7 @@ LEARNED_SEED = 100
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sight:
+class Reading:
     """When frames come, and which do not."""
 
     latency: float
@@ -51,10 +51,10 @@ class Sight:
 
 
 CASES = {
-    "25 ms late": Sight(latency=0.025),
-    "50 ms late": Sight(latency=0.05),
-    "25 ms late, 10 % dropped, 10 ms jitter": Sight(latency=0.025, dropped=0.1, jitter=0.01),
-    "25 ms late, 2 s of darkness": Sight(latency=0.025, dark=(10.0, 12.0)),
+    "25 ms late": Reading(latency=0.025),
+    "50 ms late": Reading(latency=0.05),
+    "25 ms late, 10 % dropped, 10 ms jitter": Reading(latency=0.025, dropped=0.1, jitter=0.01),
+    "25 ms late, 2 s of darkness": Reading(latency=0.025, dark=(10.0, 12.0)),
 }
 
 
@@ -77,9 +77,9 @@ class Watcher:
     """An estimator that is told what frames show, when they come."""
 
     def __init__(
-        self, estimator: ExtendedKalmanFilter, plant: SeenPlant, layers: PictureLayers, sight: Sight, seed: int
+        self, estimator: ExtendedKalmanFilter, plant: SeenPlant, layers: PictureLayers, reading: Reading, seed: int
     ) -> None:
-        self.estimator, self.plant, self.sight = estimator, plant, sight
+        self.estimator, self.plant, self.reading = estimator, plant, reading
         self.camera = Camera()
         self.imager = Imager(scene_of(plant.rig), self.camera, seed=seed)
         self.dark = Imager(scene_of(plant.rig), Camera(gain=0.0), seed=seed)
@@ -98,20 +98,20 @@ class Watcher:
         while self.due <= time + 1e-9:
             self.look()
             self.number += 1
-            wanted = self.stamp + self.sight.latency + self.sight.jitter * self.random.uniform(-1, 1)
+            wanted = self.stamp + self.reading.latency + self.reading.jitter * self.random.uniform(-1, 1)
             self.due = max(wanted, self.stamp + self.imager.lead)
         return self.estimator.update(time, outputs, applied)
 
     def look(self) -> None:
         """Take the next frame, read it and tell the estimator."""
-        if self.number and self.random.uniform() < self.sight.dropped:
+        if self.number and self.random.uniform() < self.reading.dropped:
             self.dropped += 1
             return
         count = min(len(self.plant.motion), 100)
         last = len(self.plant.motion) - 1
         times = (last - np.arange(count, dtype=np.float64)[::-1]) * self.plant.step
         angles = np.array(self.plant.motion[-count:])
-        in_dark = self.sight.dark[0] <= self.stamp < self.sight.dark[1]
+        in_dark = self.reading.dark[0] <= self.stamp < self.reading.dark[1]
         reading = self.reader.read((self.dark if in_dark else self.imager).take(self.stamp, times, angles))
         if not reading.found:
             self.lost += 1
@@ -128,14 +128,14 @@ def learned(rig: Rig) -> PictureLayers:
     return learn(steady(seen.film, LEARNED_FROM), rig, readout=case.camera.readout)[0]
 
 
-def run(rig: Rig, layers: PictureLayers, sight: Sight, seed: int) -> tuple[ClosedLoop, Watcher]:
+def run(rig: Rig, layers: PictureLayers, reading: Reading, seed: int) -> tuple[ClosedLoop, Watcher]:
     """The hardware reference under the shipped policy and its supervisor."""
     model = load_model(configuration.shipped(rig.name, "model"))
     values = {**configuration.defaults(rig.name, "estimator"), "camera_noise": NOISE}
     tuning = configuration.estimator_tuning(values, rig, model.system)
     plant = SeenPlant(rig, seed=seed, bias=rig.bias)
     watcher = Watcher(
-        ExtendedKalmanFilter(model.system, tuning, period=PERIOD, latency=0.0), plant, layers, sight, seed
+        ExtendedKalmanFilter(model.system, tuning, period=PERIOD, latency=0.0), plant, layers, reading, seed
     )
     problem = configuration.mpc_problem(configuration.defaults(rig.name, "controller"), rig, model.system)
     exact = ExactMpc(model.system, problem)
@@ -157,10 +157,10 @@ def measured(rig: Rig) -> dict[str, Any]:
     layers, schedule = learned(rig), rig.schedule()
     found: dict[str, Any] = {}
     low, high = rig.limits
-    for name, sight in CASES.items():
+    for name, reading in CASES.items():
         rows = []
         for seed in SEEDS:
-            loop, watcher = run(rig, layers, sight, seed)
+            loop, watcher = run(rig, layers, reading, seed)
             scale = rig.display[0].scale
             row = {key: float(loop.tracking_rmse(*window)[0]) / scale for key, window in schedule.windows.items()}
             beyond = int(((loop.inputs < low - 1e-9) | (loop.inputs > high + 1e-9)).sum())

@@ -122,9 +122,9 @@ class Operator:
     def replied(self, text: str, since: int) -> str:
         """The state that the commander replied with to a text, "" if it has not since there were so many replies."""
         for reply in self.replies[since:]:
-            told = {item.key: item.value for item in reply.values}
-            if told["text"] == text:
-                return told["state"]
+            reported = {item.key: item.value for item in reply.values}
+            if reported["text"] == text:
+                return reported["state"]
         return ""
 
     def say(self, text: str) -> str:

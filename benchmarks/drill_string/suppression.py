@@ -129,7 +129,7 @@ def draw(rig: Rig, model: Model, best: str, gains: Mapping[str, float]) -> Path:
         "exact MPC": run.outputs[:, plants.BIT],
     }
     hand = {"brake": plants.brake(rig, SHOWN, run.time), "estimated": run.estimates[:, plants.BRAKE]}
-    bit, torque = ({name: line[::THINNED] for name, line in told.items()} for told in (lines, hand))
+    bit, torque = ({name: line[::THINNED] for name, line in reported.items()} for reported in (lines, hand))
     panels = [
         picture.Panel(label="bit [rad/s]", height=260, lines=bit),
         picture.Panel(label="brake [N m]", height=110, lines=torque),

@@ -41,11 +41,11 @@ SOON = 1.0
 def tried(stage: Stage, name: str) -> dict[str, Any]:
     """One fault, and what was seen."""
     stage.calm(CALM)
-    stage.begun = calm = time.monotonic()
+    stage.started = calm = time.monotonic()
     lines, memory = len(stage.lines), stage.memory()
     fault, words = EVERY[name]
     fault(stage)
-    before, over = stage.begun, time.monotonic()
+    before, over = stage.started, time.monotonic()
     recovered = stage.wait_until_back(over)
     time.sleep(0.6)  # the diagnostics of the last moments
     usual = {phrase for said in stage.said if calm - CALM <= said.time < calm for phrase in phrases(said)}

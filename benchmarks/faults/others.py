@@ -13,7 +13,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from benchmarks.faults.stage import LASTING, NODES, STRANGER, Fault, Stage
+from benchmarks.faults.stage import INCOMPATIBLE, LASTING, NODES, Fault, Stage
 from hybrid_sysid_ros.nodes.messages import SECOND, set_nanoseconds
 
 
@@ -23,8 +23,8 @@ def spoken(topic: str, make: Callable[[Stage, int], Any], *, rate: float = 100.0
     def fault(stage: Stage) -> None:
         publisher = stage.publisher(topic, reliable=reliable)
         message = make(stage, 0)  # which takes a second where it is a large one
-        stage.begun = time.monotonic()
-        end, k = stage.begun + LASTING, 0
+        stage.started = time.monotonic()
+        end, k = stage.started + LASTING, 0
         while time.monotonic() < end:
             publisher.publish(message)
             k += 1
@@ -41,7 +41,7 @@ def joint(stage: Stage, stamp: int, **fields: float) -> JointState:
     for name, value in fields.items():
         setattr(message, name, [value])
     set_nanoseconds(message.header.stamp, stamp)
-    message.header.frame_id = STRANGER
+    message.header.frame_id = INCOMPATIBLE
     return message
 
 
@@ -67,7 +67,7 @@ def command(effort: float, stamp: Callable[[Stage], int], *, reliable: bool = Tr
 def crowd(stage: Stage) -> None:
     """A message with a million names, on each topic of the loop, five times."""
     message = serialize_message(JointState(name=[f"n{k}" for k in range(1_000_000)]))
-    stage.begun = time.monotonic()
+    stage.started = time.monotonic()
     for topic in ("joint_states", "state_estimate", "joint_command"):
         publisher = stage.publisher(topic)
         for _ in range(5):
@@ -84,7 +84,7 @@ def estimate(value: float) -> Fault:
         for field in ("position", "velocity", "effort"):
             setattr(message, field, [value] * 2)
         set_nanoseconds(message.header.stamp, now(stage))
-        message.header.frame_id = STRANGER
+        message.header.frame_id = INCOMPATIBLE
         return message
 
     return spoken("state_estimate", make)
@@ -125,7 +125,7 @@ def second(name: str) -> Fault:
         first = stage.session.children[name]
         stage.start(name)
         stage.session.wait_for("ready", [name], 30.0)
-        stage.begun = time.monotonic()
+        stage.started = time.monotonic()
         time.sleep(3.0)
         stage.end(name)
         stage.session.children[name] = first

@@ -53,7 +53,7 @@ SETTLED = 60
 """Measurements in a row that are answered in time: the loop is back."""
 LATE = 0.004
 """By which an answer that came before the next measurement may be seen later than that [s]."""
-STRANGER = "somebody else"
+INCOMPATIBLE = "somebody else"
 """frame_id of what the one who disturbs says: that is no command of the loop."""
 REMEMBERED = 20_000
 """Measurements, and commands."""
@@ -129,7 +129,7 @@ class Stage:
         """Steady time, stamp, position and input of each measurement."""
         self.commands: deque[tuple[float, float]] = deque(maxlen=REMEMBERED)
         """Steady time and effort of every command, but the stranger's."""
-        self.begun = 0.0
+        self.started = 0.0
         """Steady time at which a fault begins; one that must prepare something moves it [s]."""
         self.said: list[Said] = []
         self.values: dict[str, dict[str, str]] = {}
@@ -148,7 +148,7 @@ class Stage:
         os.environ[TROUBLE] = str(self.disk)
         self.session = Session(self.rig.source, domain=self.domain, tell=self.lines.append)
         self.context = Context()
-        middleware.prepare()
+        middleware.prepare_middleware()
         rclpy.init(context=self.context, domain_id=self.domain)
         options = {"start_parameter_services": False, "enable_rosout": False}  # each would cost the relay time
         self.node = Node("saboteur", context=self.context, namespace=self.rig.namespace, **options)
@@ -277,7 +277,7 @@ class Stage:
         if joints is None:
             return
         self.answered.setdefault(joints.stamp, now)
-        if len(joints.lists[-1]) == 1 and joints.source != STRANGER:
+        if len(joints.lists[-1]) == 1 and joints.source != INCOMPATIBLE:
             self.commands.append((now, joints.lists[-1][0]))
 
     def _note(self, message: DiagnosticArray) -> None:

@@ -147,9 +147,9 @@ def arrays(rng: random.Random, files: Files, name: str) -> Files:
     made = struct.pack("<Q", len(text.encode())) + text.encode() + bytes(numbers)
     folder = name.rpartition("/")[0]
     sheet = next(key for key in (f"{folder}/model.yaml", f"{folder}/policy.yaml") if key in files)
-    told = _loaded(files[sheet])
-    told["arrays"] = {"file": ARRAYS, "sha256": hashlib.sha256(made).hexdigest()}
-    return resealed({**files, name: made}, sheet, told)
+    reported = _loaded(files[sheet])
+    reported["arrays"] = {"file": ARRAYS, "sha256": hashlib.sha256(made).hexdigest()}
+    return resealed({**files, name: made}, sheet, reported)
 
 
 # MCAP

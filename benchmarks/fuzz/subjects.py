@@ -47,7 +47,7 @@ class Subject:
     sealed: bool = True
 
 
-def told(value: Any) -> tuple[int, str]:
+def reported(value: Any) -> tuple[int, str]:
     """Whatever was read in a few characters, the same for the same; and of a bag its number of samples."""
     digest = hashlib.sha256()
     _add(digest, value)
@@ -170,8 +170,8 @@ def _loose(found: list[records.Record]) -> list[records.Record]:
 def subjects() -> list[Subject]:
     """All of them; the bags are made anew, the same ones each time."""
     series = _series()
-    plain = _written(lambda path: bags.write(path, series, compression=""))
-    packed = _written(lambda path: bags.write(path, series))
+    plain = _written(lambda path: bags.write_bag(path, series, compression=""))
+    packed = _written(lambda path: bags.write_bag(path, series))
     by_rosbags = {
         "bag.sqlite": (StoragePlugin.SQLITE3, None),
         "bag.packed_file": (StoragePlugin.MCAP, CompressionMode.FILE),

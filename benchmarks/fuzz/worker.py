@@ -16,7 +16,7 @@ from time import process_time
 from typing import Any
 
 from benchmarks.fuzz import mutations
-from benchmarks.fuzz.subjects import Files, Subject, subjects, told
+from benchmarks.fuzz.subjects import Files, Subject, reported, subjects
 from hybrid_sysid_ros.support.errors import UserError
 
 MEMORY = 500.0
@@ -113,7 +113,7 @@ class Reader:
 
     def _read(self, case: Case) -> tuple[str, str]:
         try:
-            found = told(case.subject.read(self.folder, case.recover))
+            found = reported(case.subject.read(self.folder, case.recover))
         except UserError as error:
             line = str(error)
             return ("refused", line) if line.isprintable() else ("traceback", f"not one line: {line!r}")
@@ -131,7 +131,7 @@ class Reader:
 
     def _good(self, subject: Subject) -> Any:
         self._put(subject.files)
-        return told(subject.read(self.folder, False))
+        return reported(subject.read(self.folder, False))
 
     def _put(self, files: Files) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)

@@ -114,12 +114,12 @@ def difnn(terms: int) -> Chosen:
 def one(choose: Chosen, taught: tuple[Array, Array], unseen: tuple[Array, Array], seed: int) -> dict[str, float]:
     """Errors before and after tuning on what is unseen, numbers that are learned, seconds of the fit."""
     record = of_inputs(*taught, name="function")
-    begun = choose(record, seed)
-    fitted = tuned(begun, [record])
+    started = choose(record, seed)
+    fitted = tuned(started, [record])
     before, after = (
-        float(np.sqrt(np.mean((predicted(item, unseen[0]) - unseen[1]) ** 2))) for item in (begun, fitted.system)
+        float(np.sqrt(np.mean((predicted(item, unseen[0]) - unseen[1]) ** 2))) for item in (started, fitted.system)
     )
-    free = sum(not item.fixed for item in begun.parameters) + len(begun.weights)
+    free = sum(not item.fixed for item in started.parameters) + len(started.weights)
     return {"untuned": before, "tuned": after, "numbers": free, "seconds": fitted.seconds}
 
 

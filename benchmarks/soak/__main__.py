@@ -99,7 +99,7 @@ class Sleeper:
         return self.late[(self.deadlines >= begin) & (self.deadlines <= end)]
 
 
-def told(bag: Path, node: str) -> Windows:
+def reported(bag: Path, node: str) -> Windows:
     """What a node told of its loop every half second, by key (reports,); "time" [s] from the first report on."""
     reports: list[dict[str, float]] = []
     with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
@@ -149,7 +149,7 @@ def measure(minutes: float, others: int, *, composed: bool, rate: float) -> tupl
             working = 1e-3 * outcome.diagnostics.get("plant", {}).get("delay_ms_p50", 0.0)
             with Sleeper(rate, priority, seconds, working) as worker:
                 sleep(seconds / 4.0)
-        reports = told(bag, "plant")
+        reports = reported(bag, "plant")
     if len(watch.times) < 2 or "delay_ms_p50" not in outcome.diagnostics.get("plant", {}):
         raise UserError("too short to see anything")
     late = sleeper.between(watch.times[0], watch.latest)

@@ -139,12 +139,12 @@ def monte_carlo(rig: Rig, *, plants: int = PLANTS) -> dict[str, Any]:
     store.remove()
     table = dict(zip(MEASURES, np.concatenate([part["measures"] for part in found]).T, strict=True))
     lost = ~np.isfinite(np.sum(list(table.values()), axis=0)) | (np.abs(table["height final"]) > 100.0)
-    told = {
+    reported = {
         name: {"median": float(np.median(values)), "min": float(values.min()), "max": float(values.max())}
         for name, values in table.items()
     }
     failed = int(np.sum(table["failed"]))
-    return {"plants": plants, "unstable": int(np.sum(lost)), "problems_failed": failed, **told}
+    return {"plants": plants, "unstable": int(np.sum(lost)), "problems_failed": failed, **reported}
 
 
 def exact_inside(rig: Rig) -> dict[str, float]:
@@ -216,11 +216,13 @@ def measured(rig: Rig) -> dict[str, Any]:
 
 def flight_table(found: Mapping[str, Any]) -> Table:
     """How they went."""
-    told = found["monte_carlo"]
-    title = f"{told['plants']} plants: {told['unstable']} unstable, {told['problems_failed']} problems failed"
+    reported = found["monte_carlo"]
+    title = (
+        f"{reported['plants']} plants: {reported['unstable']} unstable, {reported['problems_failed']} problems failed"
+    )
     shown = Table("both steps at once", "median", "from", "to", "exact model", title=title)
     for name in MEASURES:
-        row, exact = told[name], found["exact_model"][name]
+        row, exact = reported[name], found["exact_model"][name]
         shown.add_row(name, *(f"{row[key]:.3g}" for key in ("median", "min", "max")), f"{exact:.3g}")
     return shown
 

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.core.call import call_value
 from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.core.rollout import Dynamics, dynamics
 from hybrid_sysid_ros.rigs.experiments import excitation
-from hybrid_sysid_ros.rigs.feedback import Law, Limits, answer, law_of
+from hybrid_sysid_ros.rigs.feedback import Law, Limits, feedback_inputs, law_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 
@@ -153,7 +153,7 @@ def _fly(
         measured[sample] = y
         if sample == inputs.shape[0]:
             break
-        answer(law, limits, y, commands[sample], added[sample], model, integrals, u)
+        feedback_inputs(law, limits, y, commands[sample], added[sample], model, integrals, u)
         inputs[sample] = 0.0
         for _ in range(every):
             for j in range(u.shape[0]):

@@ -130,21 +130,21 @@ def tables(found: Mapping[str, Any]) -> list[Table]:
     for key in KEYS:
         table = Table("", *MANOEUVRES, title=f"{key}: errors in training deviations, mean (range)")
         for name, rows in found["errors"].items():
-            table.add_row(name, *(told(rows[manoeuvre][key]) for manoeuvre in MANOEUVRES))
+            table.add_row(name, *(reported(rows[manoeuvre][key]) for manoeuvre in MANOEUVRES))
         shown.append(table)
     for over, title in (("over_best_single", "the best single method of the same run"), ("over_physics", "P1")):
         for name, rows in found[over].items():
             table = Table("", *MANOEUVRES, title=f"{name}: errors over those of {title}, mean (range)")
             for key in KEYS:
-                table.add_row(key, *(told(rows[manoeuvre][key]) for manoeuvre in MANOEUVRES))
+                table.add_row(key, *(reported(rows[manoeuvre][key]) for manoeuvre in MANOEUVRES))
             shown.append(table)
     table = Table("", "numbers", "chi2", "seconds", title="fits, mean (range)")
     for name, runs in found["runs"].items():
         seconds = np.mean([item["seconds"] for item in runs])
-        table.add_row(name, str(runs[0]["numbers"]), told(found["chi_squared"][name]), f"{seconds:.0f}")
+        table.add_row(name, str(runs[0]["numbers"]), reported(found["chi_squared"][name]), f"{seconds:.0f}")
     return [*shown, table]
 
 
-def told(value: Mapping[str, float]) -> str:
+def reported(value: Mapping[str, float]) -> str:
     """A spread."""
     return f"{value['mean']:.3g} ({value['min']:.2g}-{value['max']:.2g})"

@@ -113,7 +113,7 @@ def fitted(rig: Rig, plant: System, structure: str, seed: int, options: Options 
     return model, np.std(outputs_of(plant, flight.states), axis=0)
 
 
-def told(model: Model, plant: System) -> dict[str, dict[str, float]]:
+def reported(model: Model, plant: System) -> dict[str, dict[str, float]]:
     """Of each group the error beside the plant's value, and its standard error [%]."""
     return {
         name: {
@@ -134,7 +134,7 @@ def measured(rig: Rig) -> dict[str, Any]:
             model, deviation = fitted(rig, plant, box, seed)
             runs.append(
                 {
-                    "groups": told(model, plant),
+                    "groups": reported(model, plant),
                     "chi_squared": model.fit["chi_squared"],
                     "seconds": model.fit["seconds"],
                     "scores": scores(model.system, rig, plant, deviation),
@@ -160,7 +160,7 @@ def _in_class(rig: Rig) -> dict[str, Any]:
     for seed in range(REPEATED):
         plant = flights.plant(own, 200 + seed)
         model, _ = fitted(replace(rig), plant, "known_air", 300 + seed)
-        for name, row in told(model, plant).items():
+        for name, row in reported(model, plant).items():
             away[name].append(row["error"] / row["standard_error"])
         found.append("; ".join(str(ParameterGroup(**group)) for group in model.fit["groups"]))
     within = np.mean([abs(value) <= 3.0 for values in away.values() for value in values])

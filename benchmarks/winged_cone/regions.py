@@ -12,7 +12,7 @@ from scipy.spatial.distance import cdist
 from benchmarks import result
 from benchmarks.winged_cone import flights
 from benchmarks.winged_cone.flights import Flight
-from benchmarks.winged_cone.hybrids import PLANTS, SEEDS, told
+from benchmarks.winged_cone.hybrids import PLANTS, SEEDS, reported
 from benchmarks.winged_cone.identification import FLOWN, MANOEUVRES, SECONDS
 from hybrid_sysid_ros.core.symbolic import symbolic_features
 from hybrid_sysid_ros.rigs.rig import Rig
@@ -65,8 +65,8 @@ def tables(found: Mapping[str, Any]) -> list[Table]:
     """Of the records, and of the manoeuvres."""
     records = Table("share of a record", "within", title="distances of Mahalanobis from a record's mean, mean (range)")
     for share, row in found["edges"].items():
-        records.add_row(share, told(row))
+        records.add_row(share, reported(row))
     shown = Table("manoeuvre", "median", "end", "max")
     for name, row in found["manoeuvres"].items():
-        shown.add_row(name, *(told(row[key]) for key in ("median", "end", "max")))
+        shown.add_row(name, *(reported(row[key]) for key in ("median", "end", "max")))
     return [records, shown]

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from hybrid_sysid_ros.bags.quality import Quality
     from hybrid_sysid_ros.bags.reading import read
     from hybrid_sysid_ros.bags.series import Series, joint_states, joint_trajectories, repeated
-    from hybrid_sysid_ros.bags.writing import BagWriter, Recording, Split, write
+    from hybrid_sysid_ros.bags.writing import BagWriter, Recording, Split, write_bag
 
 __all__ = [
     "METADATA",
@@ -31,13 +31,13 @@ __all__ = [
     "read",
     "repeated",
     "topics",
-    "write",
+    "write_bag",
 ]
 
 _FILES = {
     **dict.fromkeys(("METADATA", "Topic", "markers", "name_of", "topics"), "bag"),
     **dict.fromkeys(("Series", "joint_states", "joint_trajectories", "repeated"), "series"),
-    **dict.fromkeys(("BagWriter", "Split", "write"), "writing"),
+    **dict.fromkeys(("BagWriter", "Split", "write_bag"), "writing"),
     "Quality": "quality",
     **dict.fromkeys(("attached", "collected", "laid_out"), "attachments"),
     "read": "reading",

@@ -196,9 +196,9 @@ def topics(path: Path | str) -> dict[str, Topic]:
 def _whole(path: Path, stack: ExitStack) -> Bag:
     """An undamaged bag. A folder whose metadata.yaml was lost is read as its MCAP files."""
     _check_ends(path)
-    told = metadata.load(path) if path.is_dir() and (path / METADATA).exists() else None
-    files = list(told.files) if told else storage_files(path)
-    if told and told.packing == "file":
+    stored = metadata.load(path) if path.is_dir() and (path / METADATA).exists() else None
+    files = list(stored.files) if stored else storage_files(path)
+    if stored and stored.packing == "file":
         folder = Path(stack.enter_context(TemporaryDirectory()))
         files = [bag_file.unpacked(file, folder / f"{number}_{file.stem}") for number, file in enumerate(files)]
     parts = [(file, bag_file.stated(file)) for file in files]
@@ -208,27 +208,30 @@ def _whole(path: Path, stack: ExitStack) -> Bag:
             if schemas.setdefault(topic, schema) != schema:
                 raise DamagedError(f"its files define the type of {topic} in two ways")
             counts[topic] = counts.get(topic, 0) + (said.counts or {}).get(topic, 0)
-    if told:
-        _check_alike(told, schemas, counts)
-    packed = told is not None and told.packing == "message"
+    if stored:
+        _check_alike(stored, schemas, counts)
+    packed = stored is not None and stored.packing == "message"
 
     def source(wanted: Collection[str]) -> Iterator[dict[str, Batch]]:
         for file, said in parts:
             for batches in bag_file.batches(file, said, wanted):
                 yield from bag_file.without_packing(batches) if packed else (batches,)
 
-    qualities = told.qualities if told else {}
+    qualities = stored.qualities if stored else {}
     return Bag(path=path, topics=_topics(schemas, counts), schemas=schemas, source=source, qualities=qualities)
 
 
-def _check_alike(told: metadata.Metadata, schemas: dict[str, Schema], counts: dict[str, int]) -> None:
+def _check_alike(stored: metadata.Metadata, schemas: dict[str, Schema], counts: dict[str, int]) -> None:
     """Compare metadata.yaml with the files; a topic without messages need not be in them, and is added."""
-    for topic in {**told.counts, **counts}:
-        said, found = told.counts.get(topic, 0), counts.get(topic, 0)
+    for topic in {**stored.counts, **counts}:
+        said, found = stored.counts.get(topic, 0), counts.get(topic, 0)
         if said != found:
             raise DamagedError(f"has {found} messages of {topic} where {METADATA} says {said}")
-        if topic in told.types and schemas.setdefault(topic, Schema(name=told.types[topic])).name != told.types[topic]:
-            raise DamagedError(f"has {schemas[topic].name} in {topic} where {METADATA} says {told.types[topic]}")
+        if (
+            topic in stored.types
+            and schemas.setdefault(topic, Schema(name=stored.types[topic])).name != stored.types[topic]
+        ):
+            raise DamagedError(f"has {schemas[topic].name} in {topic} where {METADATA} says {stored.types[topic]}")
 
 
 def _topics(schemas: dict[str, Schema], counts: dict[str, int]) -> dict[str, Topic]:

@@ -51,9 +51,9 @@ def differences(said: Stated, found: Stated) -> str:
         if one is not None and one != other:
             return f"has {other} {what} where its summary says {one}"
     for topic, count in (found.counts or {}).items():
-        told = count if said.counts is None else said.counts.get(topic, 0)
-        if told != count:
-            return f"has {count} messages of {topic} where its summary says {told}"
+        expected = count if said.counts is None else said.counts.get(topic, 0)
+        if expected != count:
+            return f"has {count} messages of {topic} where its summary says {expected}"
     for topic in found.schemas if said.schemas else ():
         if topic not in said.schemas:
             return f"has topic {topic}, of which its summary says nothing"

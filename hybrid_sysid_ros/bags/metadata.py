@@ -61,36 +61,36 @@ def _of(content: dict[str, Any], folder: Path) -> Metadata:
     if packing not in PACKINGS or (packing[:1] in "fm" and packing and content.get("compression_format") != "zstd"):
         raise DamagedError(f"compression {packing} by {content.get('compression_format')} can't be read, only zstd")
     types, counts, qualities = dict[str, str](), dict[str, int](), dict[str, list[Quality]]()
-    for told in content["topics_with_message_count"]:
-        topic = told["topic_metadata"]
+    for given in content["topics_with_message_count"]:
+        topic = given["topic_metadata"]
         if topic["serialization_format"] != "cdr":
             raise DamagedError(f"topic {topic['name']} is in {topic['serialization_format']}, not in CDR")
         types[str(topic["name"])] = str(topic["type"])
-        counts[str(topic["name"])] = counts.get(str(topic["name"]), 0) + int(told["message_count"])
+        counts[str(topic["name"])] = counts.get(str(topic["name"]), 0) + int(given["message_count"])
         qualities.setdefault(str(topic["name"]), []).extend(_qualities(topic.get("offered_qos_profiles")))
     packing = "" if packing == "none" else packing
     return Metadata(files=files, packing=packing, types=types, counts=counts, qualities=qualities)
 
 
-def _qualities(told: Any) -> list[Quality]:
+def _qualities(given: Any) -> list[Quality]:
     """The profiles of a topic; none where they are unreadable, for no measurement depends on them."""
     with suppress(KeyError, TypeError, ValueError, AttributeError, yaml_text.TextError):
-        profiles = yaml_text.parsed(told) if isinstance(told, str) else told
+        profiles = yaml_text.parsed(given) if isinstance(given, str) else given
         return [Quality.of(profile) for profile in profiles or ()]
     return []
 
 
 def text(files: Sequence[Extent], offers: Sequence[OfferedTopic], notes: Mapping[str, str]) -> str:
     """What rosbag2 of ROS 2 Jazzy writes of a bag's files and topics; notes: custom_data."""
-    return _dumped({"rosbag2_bagfile_information": _told(files, offers, notes)})
+    return _dumped({"rosbag2_bagfile_information": _description(files, offers, notes)})
 
 
 def inner_text(file: Extent, offers: Sequence[OfferedTopic], notes: Mapping[str, str]) -> str:
     """What it writes into a file of it."""
-    return _dumped(_told([file], offers, notes))
+    return _dumped(_description([file], offers, notes))
 
 
-def _told(files: Sequence[Extent], offers: Sequence[OfferedTopic], notes: Mapping[str, str]) -> dict[str, Any]:
+def _description(files: Sequence[Extent], offers: Sequence[OfferedTopic], notes: Mapping[str, str]) -> dict[str, Any]:
     counts = sum((file.counts for file in files), Counter[str]())
     held = [file for file in files if file.counts]
     first, last = min((file.first for file in held), default=0), max((file.last for file in held), default=0)

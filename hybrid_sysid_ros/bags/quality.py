@@ -26,7 +26,7 @@ class Quality:
     depth: int = 10
 
     @property
-    def told(self) -> dict[str, Any]:
+    def description(self) -> dict[str, Any]:
         """The profile as metadata.yaml has it."""
         return {
             "history": self.history,

@@ -131,8 +131,8 @@ class Signals:
         refuse_unknown(content, ("inputs", "outputs", "channels", "period"), where_all)
         found = []
         for key, default in zip(("inputs", "outputs", "channels"), given or ({}, {}, {}), strict=True):
-            told = section(content, key, where_all, needed=not default and key != "channels")
-            made = {name: built(Signal, value, f"{where}: signals.{key}.{name}") for name, value in told.items()}
+            entries = section(content, key, where_all, needed=not default and key != "channels")
+            made = {name: built(Signal, value, f"{where}: signals.{key}.{name}") for name, value in entries.items()}
             found.append(made if key in content else dict(default))
         period = content.get("period")
         if period is not None:

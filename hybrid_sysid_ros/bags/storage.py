@@ -124,7 +124,7 @@ class OfferedTopic:
     @property
     def profiles(self) -> list[dict[str, Any]]:
         """The qualities in rosbag2's words."""
-        return [quality.told for quality in self.qualities]
+        return [quality.description for quality in self.qualities]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,8 +200,8 @@ class Storage:
     def finish(self, metadata: Callable[[Extent], str]) -> None:
         """Write the end: what metadata.yaml says of this file, and the index of its chunks."""
         self.flush()
-        told = {"ROS_DISTRO": DISTRIBUTION, "serialized_metadata": metadata(self.extent)}
-        self._writer.add_metadata("rosbag2", told)
+        entries = {"ROS_DISTRO": DISTRIBUTION, "serialized_metadata": metadata(self.extent)}
+        self._writer.add_metadata("rosbag2", entries)
         self._writer.finish()
 
     def _channel(self, offer: OfferedTopic) -> int:
@@ -209,8 +209,8 @@ class Storage:
             text = offer.definition.encode()
             self._schemas[offer.type] = self._writer.register_schema(offer.type, "ros2msg", text)
         profiles = yaml.safe_dump(offer.profiles, sort_keys=False).strip() if offer.qualities else ""
-        told = {"offered_qos_profiles": profiles, "topic_type_hash": offer.hash}
-        number = self._writer.register_channel(offer.topic, "cdr", self._schemas[offer.type], told)
+        entries = {"offered_qos_profiles": profiles, "topic_type_hash": offer.hash}
+        number = self._writer.register_channel(offer.topic, "cdr", self._schemas[offer.type], entries)
         self._channels[offer.topic] = number
         return number
 

@@ -178,7 +178,7 @@ class BagWriter:
         return [file.extent for file in self._files]
 
 
-def write(
+def write_bag(
     path: Path | str,
     topics: Sequence[Series],
     *,

@@ -81,7 +81,9 @@ class Checks:
         kind, feedback = next(iter(self.rig.experiments.excitations)), self.rig.experiments.feedback
         period = feedback.period if feedback else self.rig.step * max(round(0.005 / self.rig.step), 1)
         duration = period * round((self.begin(kind) + SECONDS) / period)
-        path = experiments.simulate(self.rig, kind, self.place / "bag", seed=SEED, duration=duration, rate=1.0 / period)
+        path = experiments.simulate_experiment(
+            self.rig, kind, self.place / "bag", seed=SEED, duration=duration, rate=1.0 / period
+        )
         record = read(path, self.rig.signals)
         return f"{kind}: {len(record.time)} samples in {record.duration:g} s"
 

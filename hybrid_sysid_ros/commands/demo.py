@@ -34,9 +34,10 @@ from hybrid_sysid_ros.support.files import beside, check_file, check_folder, mak
 from hybrid_sysid_ros.support.progress import progress_bars
 
 Out = Annotated[
-    Path | None, typer.Option("--out", help="Folder for the results; out/demo, out/demo_RIG or out/demo_camera.")
+    Path | None,
+    typer.Option("--out", help="Folder for the results; by default out/demo, out/demo_RIG or out/demo_camera."),
 ]
-Train = Annotated[bool, typer.Option("--train", help="Train model and policy afresh.")]
+Train = Annotated[bool, typer.Option("--train", help="Train a new model and policy instead of using the shipped ones.")]
 OUT = Path("out/demo")
 EXTENDED_BY = "demos"
 
@@ -106,7 +107,7 @@ def demo(out: Path, records: DemoRecords | None = None, *, rig: str = "", train:
     write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
     called = f"make demo{'' if described.name == default() else f' RIG={rig}'}{' TRAIN=1' if train else ''}"
     sections = report.identification_section(model, records.tests), section
-    report.write(out / "report.html", *sections, report.provenance(model, called))
+    report.write_report(out / "report.html", *sections, report.provenance(model, called))
     print_table(_table(summary))
     console.print(f"report: {out / 'report.html'}   numbers: {out / 'summary.json'}   bag: {bag}")
     return summary

@@ -33,7 +33,7 @@ from hybrid_sysid_ros.support.files import check_file
 
 def command(
     model: Annotated[Path, typer.Argument(help="Model folder.")],
-    bag: Annotated[list[Path], typer.Argument(help="Bags to score it on.")],
+    bag: Annotated[list[Path], typer.Argument(help="Bags to score the model on.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     part: terminal.PartText = "0:1",
     adapted: Annotated[
@@ -77,7 +77,7 @@ def command(
         status.print(f"no closed loop: {reason}")
     if report is not None:
         section = reports.identification_section(loaded, [(record, chosen) for record in records], runs)
-        reports.write(report, section, None, reports.provenance(loaded, " ".join(sys.argv)))
+        reports.write_report(report, section, None, reports.provenance(loaded, " ".join(sys.argv)))
         status.print(str(report))
     if as_json:
         content: dict[str, dict[str, Any]] = {
@@ -115,8 +115,8 @@ def _scored(
             scores[record.name] = evaluate(model, record, part=part).content
         except UnstableError as error:
             if windows is None:
-                told = f"for that say what holds the rig, experiments.stabiliser in {rig.file}"
-                raise UserError(f"{error}: {told}") from error
+                advice = f"for that say what holds the rig, experiments.stabiliser in {rig.file}"
+                raise UserError(f"{error}: {advice}") from error
             status.print(f"no free run: {error}")
             ahead[record.name] = predictions(model.system, experiment_of(model, record, part=part), windows)
     return scores, ahead

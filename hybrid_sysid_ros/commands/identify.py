@@ -34,12 +34,13 @@ EXPLAINED = 0.5  # R2 below which a model is none of the record that it was fitt
 
 
 def command(
-    bag: Annotated[list[Path], typer.Argument(help="Bags to learn from.")],
+    bag: Annotated[list[Path], typer.Argument(help="Bags to train on.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for the model.")],
     rig: terminal.RigName = "",
     structure: Annotated[str, typer.Option(help=terminal.STRUCTURES_HELP)] = "hybrid",
     option: Annotated[
-        list[str] | None, typer.Option("--option", help="NAME=VALUE of the structure, such as units=8 or creep=1.")
+        list[str] | None,
+        typer.Option("--option", help="Option of the structure, as NAME=VALUE, such as units=8 or creep=1."),
     ] = None,
     input_handling: terminal.InputHandlingOption = "averaged",
     step: terminal.StepOption = 0.005,
@@ -51,7 +52,7 @@ def command(
     read_period: terminal.ReadPeriod = 0.0,
     beside: Annotated[
         Path | None,
-        typer.Option(help="Another model of the rig, beside whose friction over speed this one's is shown."),
+        typer.Option(help="Another model of the rig whose friction over speed is shown for comparison."),
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Write an HTML report with plots.")] = None,
     overwrite: terminal.Overwrite = False,
@@ -109,7 +110,7 @@ def command(
     if report is not None:
         section = reports.identification_section(model, [(record, Part.parse(part)) for record in records])
         section = replace(section, friction=curves)
-        reports.write(report, section, None, reports.provenance(load_model(out, rig=rig), " ".join(sys.argv)))
+        reports.write_report(report, section, None, reports.provenance(load_model(out, rig=rig), " ".join(sys.argv)))
         console.print(f"report: {report}")
     console.print(f"{out}: {structure} from {len(records)} records in {model.fit['seconds']:.1f} s")
 

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.support.files import written_file
 
 def command(
     rig: RigName = "",
-    out: Annotated[Path | None, typer.Option(help="File to write; printed by default.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; without it the parameters are printed.")] = None,
 ) -> None:
     """Write a ROS parameter file with every parameter of every node of a rig, for `--params-file`."""
     text = parameter_file(rig or rigs.default())

@@ -93,10 +93,10 @@ class Commands(TyperGroup):
 
 def _usage(error: typer.BadParameter) -> str:
     """What is wrong with the arguments, in one line; the help where there are none."""
-    told, context = error.format_message(), error.ctx
-    if context is not None and told == context.get_help():
-        return told
-    line = " ".join(told.split()).rstrip(".")
+    message, context = error.format_message(), error.ctx
+    if context is not None and message == context.get_help():
+        return message
+    line = " ".join(message.split()).rstrip(".")
     return f"error: {line[0].lower()}{line[1:]}{f': see {context.command_path} --help' if context else ''}"
 
 
@@ -105,9 +105,9 @@ def run_program(program: Commands) -> None:
     interrupt.
     """
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
-    told = 0
+    reported = 0
     try:
-        told = _tell_problems(0)
+        reported = _tell_problems(0)
         sys.exit(program(prog_name=program.name, standalone_mode=False))
     except UsageError as error:
         sys.stderr.write(_usage(error) + "\n")
@@ -122,12 +122,12 @@ def run_program(program: Commands) -> None:
         sys.stderr.write(": ".join(filter(None, ("interrupted", str(error)))) + "\n")
         sys.exit(130)
     finally:
-        _tell_problems(told)
+        _tell_problems(reported)
 
 
-def _tell_problems(told: int) -> int:
+def _tell_problems(reported: int) -> int:
     """Say which extensions are left out, but for those that were told before; return how many are told now."""
     problems = extensions.registry().problems
-    for line in problems[told:]:
+    for line in problems[reported:]:
         sys.stderr.write(f"warning: {UserError(line)}\n")
     return len(problems)

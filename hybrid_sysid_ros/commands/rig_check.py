@@ -27,7 +27,7 @@ SHOWN = 6
 
 def command(
     rig: Annotated[str, typer.Argument(help="Rig, by its name or by the path of its folder.")],
-    seconds: Annotated[float, typer.Option(help="Of the step responses.", min=1e-3)] = 2.0,
+    seconds: Annotated[float, typer.Option(help="Length of the step responses [s].", min=1e-3)] = 2.0,
 ) -> None:
     """Check a rig's equations, sensors, limits, signals and node parameters, and show its step response."""
     described = load(rig)

@@ -20,19 +20,26 @@ EXTENDED_BY = "companions"
 
 def command(
     rig: RigName = "",
-    policy: Annotated[str, typer.Option(help="supervised, network or exact.")] = "supervised",
-    solver: Annotated[str, typer.Option(help="Of the exact MPC: sqp, or ipopt, the slow reference.")] = "sqp",
+    policy: Annotated[str, typer.Option(help="What drives the rig: supervised, network or exact.")] = "supervised",
+    solver: Annotated[str, typer.Option(help="Solver of the exact MPC: sqp, or the slow reference ipopt.")] = "sqp",
     model: Annotated[Path | None, typer.Option(help="Model folder; the shipped one by default.")] = None,
     policy_path: Annotated[Path | None, typer.Option(help="Policy folder; the shipped one by default.")] = None,
-    rate: Annotated[float | None, typer.Option(help="Measurements per second; the rig's by default.")] = None,
-    duration: Annotated[float, typer.Option(help="Seconds; 0 as long as the reference.")] = 0.0,
+    rate: Annotated[float | None, typer.Option(help="Measurements per second [Hz]; the rig's rate by default.")] = None,
+    duration: Annotated[float, typer.Option(help="Length of the run [s]; 0: as long as the reference.")] = 0.0,
     reference: Annotated[
-        str, typer.Option(help="One of the rig's references, constant, steps, sine or multisine; the rig's first.")
+        str,
+        typer.Option(
+            help="Reference: constant, steps, sine, multisine or one of the rig's; by default the rig's first."
+        ),
     ] = "",
     bag: Annotated[Path | None, typer.Option(help="Record into this bag.")] = None,
     overwrite: Overwrite = False,
-    lockstep: Annotated[bool, typer.Option("--lockstep", help="As fast as the nodes answer, repeatable.")] = False,
-    composed: Annotated[bool, typer.Option("--composed", help="All in one process, but the recorder.")] = False,
+    lockstep: Annotated[
+        bool, typer.Option("--lockstep", help="Run in simulated time, as fast as the nodes answer; the run repeats.")
+    ] = False,
+    composed: Annotated[
+        bool, typer.Option("--composed", help="Run all nodes but the recorder in one process.")
+    ] = False,
     domain: Annotated[int | None, typer.Option(help="ROS domain; that of ROS_DOMAIN_ID by default.")] = None,
     companions: Sequence[Companion] = (),
 ) -> None:

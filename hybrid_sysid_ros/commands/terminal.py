@@ -32,9 +32,7 @@ def _meet(rig: str) -> str:
     return rig
 
 
-OwnRig = Annotated[
-    str, typer.Option("--rig", help="Folder of the rig, where it is not known by its name.", callback=_meet)
-]
+OwnRig = Annotated[str, typer.Option("--rig", help="Folder of the rig, if it is not known by name.", callback=_meet)]
 """Of commands that are told their rig by a model or a policy."""
 SignalsFile = Annotated[Path | None, typer.Option("--signals", help="YAML with the topics and fields of your own bag.")]
 Recover = Annotated[bool, typer.Option("--recover", help="Read what can be read of a truncated bag.")]
@@ -47,14 +45,18 @@ ReadPeriod = Annotated[
         min=0.0,
     ),
 ]
-PartText = Annotated[str, typer.Option("--part", help="START:STOP, the part of each bag that is used, as fractions.")]
+PartText = Annotated[str, typer.Option("--part", help="Part of each bag that is used, as fractions START:STOP.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
-Seed = Annotated[int, typer.Option("--seed", help="Of everything random.", min=0)]
+Seed = Annotated[int, typer.Option("--seed", help="Random seed.", min=0)]
 InputHandlingOption = Annotated[
-    str, typer.Option("--input", help="averaged: the input's mean over each step; sampled: read once a period.")
+    str,
+    typer.Option(
+        "--input",
+        help="How the model takes its input: averaged (the mean over each step) or sampled (one reading a period).",
+    ),
 ]
 StepOption = Annotated[float, typer.Option(help="Integration step [s].")]
-Period = Annotated[float, typer.Option(help="Distance of the fitted samples [s].")]
+Period = Annotated[float, typer.Option(help="Time between fitted samples [s].")]
 
 
 def print_table(table: Table) -> None:

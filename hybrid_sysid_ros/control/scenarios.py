@@ -38,7 +38,7 @@ class SteadyMotion:
     output_map: Array
     """C (tracked, n), derivative of the tracked outputs by the states."""
 
-    def begun(self, state: Array, outputs: Array) -> Array:
+    def initial_state(self, state: Array, outputs: Array) -> Array:
         """A state (n,) moved along steady motions to where the tracked outputs are ``outputs``, both as deviations."""
         moved: Array = state + self.slope @ (outputs - self.output_map @ state)
         return moved
@@ -324,4 +324,4 @@ def beginnings(
     at_reference = random.uniform(size=(periods, 1)) < 0.5
     outputs = np.where(at_reference, wanted - np.array(spread.centre), anywhere)[:, tracked]
     pushed = size * random.normal(size=(periods, len(spread.push))) * np.array(spread.push)
-    return motion.state + np.array([motion.begun(*pair) for pair in zip(pushed, outputs, strict=True)])
+    return motion.state + np.array([motion.initial_state(*pair) for pair in zip(pushed, outputs, strict=True)])

@@ -10,7 +10,7 @@ from numba import cfunc, types
 from numba.extending import intrinsic
 
 from hybrid_sysid_ros.core.compilation import inner
-from hybrid_sysid_ros.core.registers import memory_of
+from hybrid_sysid_ros.core.registers import address_of
 
 __all__ = ["JACOBIAN", "VALUE", "call_jacobian", "call_value", "compiled", "inner", "pointer"]
 
@@ -34,7 +34,7 @@ def pointer(typingctx, array):  # type: ignore[no-untyped-def]
     """Where the numbers of a whole array begin."""
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return memory_of(context, builder, signature.args[0], arguments[0])
+        return address_of(context, builder, signature.args[0], arguments[0])
 
     return _NUMBERS(array), build
 
@@ -55,7 +55,7 @@ def _by_address(arrays: int, more: int) -> Any:
             function = builder.inttoptr(values[0], target.as_pointer())
             given = []
             for kind, value in zip(signature.args[1:], values[1:], strict=True):
-                given.append(value if isinstance(kind, types.Float) else memory_of(context, builder, kind, value))
+                given.append(value if isinstance(kind, types.Float) else address_of(context, builder, kind, value))
             builder.call(function, given)
             return context.get_dummy_value()
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.core.compilation import folder, kept_in
-from hybrid_sysid_ros.core.printing import JacobianColumns, columns_of, source_of
+from hybrid_sysid_ros.core.printing import JacobianColumns, jacobian_columns, source_of
 from hybrid_sysid_ros.core.system import System
 
 
@@ -45,7 +45,7 @@ class Compiled:
         """
         key = (output, smooth, learn)
         if key not in self._jacobians:
-            columns = columns_of(self._system, learn=learn)
+            columns = jacobian_columns(self._system, learn=learn)
             address = self._address(source_of(self._system, columns, output=output, smooth=smooth))
             self._jacobians[key] = address, columns
         return self._jacobians[key]

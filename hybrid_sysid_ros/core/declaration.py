@@ -48,15 +48,15 @@ def hidden_states(kind: str, contacts: Iterable[Contact], states: Iterable[Varia
     units = {item.name: item.unit for item in states}
     for contact in contacts:
         rate = units.get(contact.on, "")
-        for told in contact.hidden:
-            state = Variable.of(told)
+        for declared in contact.hidden:
+            state = Variable.of(declared)
             if state.name in units:
                 raise UserError(f"{kind}: two states are called {state.name!r}; name one where the contact is declared")
-            units[state.name] = state.unit or (way_of(rate) if contact.hidden_power > 0 else rate_of(rate))
+            units[state.name] = state.unit or (integral_unit(rate) if contact.hidden_power > 0 else rate_of(rate))
             yield Variable(name=state.name, unit=units[state.name])
 
 
-def way_of(unit: str) -> str:
+def integral_unit(unit: str) -> str:
     """The unit of what a rate makes of time."""
     return unit.removesuffix("/s") if unit.endswith("/s") else f"{unit} s".strip()
 
@@ -68,7 +68,7 @@ def rate_of(unit: str) -> str:
     return f"{unit}/s" if " " not in unit else f"({unit})/s"
 
 
-def check(kind: Any) -> None:
+def check_declaration(kind: Any) -> None:
     """Raise UserError for contacts, delays and outputs of a class that its states, inputs and parameters don't fit."""
     called = kind.__name__
     states, inputs = ([item.name for item in group] for group in (kind.states, kind.inputs))
@@ -85,8 +85,8 @@ def check(kind: Any) -> None:
         raise UserError(f"{called}: {type(kind.stepper).__name__} takes no contacts; use ImplicitFriction")
     for contact in kind.contacts:
         for field in contact.fields:
-            told = getattr(contact, field)
-            for value in told if isinstance(told, tuple) else (told,):
+            declared = getattr(contact, field)
+            for value in declared if isinstance(declared, tuple) else (declared,):
                 if isinstance(value, str) and not hasattr(kind, value):
                     raise UserError(
                         f"{called}: the {field} of the contact on {contact.on} is {value!r}, which is neither a "

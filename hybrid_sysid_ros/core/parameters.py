@@ -47,8 +47,8 @@ class Parameter:
 
 def of_data(name: str, unit: str, *, low: float = 0.0) -> Parameter:
     """A parameter that training data set and no fit moves, such as the scale of a signal."""
-    told = "Of the training data."
-    return Parameter(name=name, unit=unit, low=low, high=1e12, start=1.0, fixed=True, description=told)
+    description = "Of the training data."
+    return Parameter(name=name, unit=unit, low=low, high=1e12, start=1.0, fixed=True, description=description)
 
 
 def scale_of(value: float) -> float:
@@ -75,16 +75,16 @@ def bounded(
     begin = value if start is None else start
     if not low <= value <= high or not low <= begin <= high:
         raise ValueError(f"bounded: value {value} or start {begin} is outside [{low}, {high}]")
-    told = {"unit": unit, "low": low, "high": high, "start": begin, "spread": spread, "fixed": fixed, "term": term}
-    return dataclasses.field(default=value, metadata={"parameter": told})
+    options = {"unit": unit, "low": low, "high": high, "start": begin, "spread": spread, "fixed": fixed, "term": term}
+    return dataclasses.field(default=value, metadata={"parameter": options})
 
 
 @cache
 def declared(kind: type) -> tuple[Parameter, ...]:
     """The parameters that a dataclass declares, in order; read from its source once."""
-    told = _docstrings(kind)
+    docstrings = _docstrings(kind)
     return tuple(
-        Parameter(name=field.name, description=told.get(field.name, ""), **field.metadata["parameter"])
+        Parameter(name=field.name, description=docstrings.get(field.name, ""), **field.metadata["parameter"])
         for field in dataclasses.fields(kind)
         if "parameter" in field.metadata
     )

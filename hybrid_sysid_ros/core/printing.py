@@ -82,7 +82,7 @@ class JacobianColumns:
         return self.count - self.weights
 
 
-def columns_of(system: System, *, learn: bool) -> JacobianColumns:
+def jacobian_columns(system: System, *, learn: bool) -> JacobianColumns:
     """Columns by states and inputs; for a fit (learn) also by all parameters that are not fixed, and by the weights."""
     free = tuple(i for i, item in enumerate(system.parameters) if not item.fixed) if learn else ()
     weights = len(system.weights) if learn else 0

@@ -62,13 +62,13 @@ def fused(builder: Any, a: Any, b: Any, c: Any) -> Any:
     return builder.fadd(builder.fmul(a, b, flags=FUSED), c, flags=FUSED)
 
 
-def memory_of(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+def address_of(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     """Where the numbers of an array or a scratch begin."""
     return value if isinstance(kind, types.CPointer) else context.make_array(kind)(context, builder, value).data
 
 
 def _place(context: Any, builder: Any, kind: Any, memory: Any, at: Any, lanes: int) -> Any:
-    begin = memory_of(context, builder, kind, memory)
+    begin = address_of(context, builder, kind, memory)
     return builder.bitcast(builder.gep(begin, [at]), vector(lanes).as_pointer())
 
 
@@ -90,14 +90,14 @@ def behind(typingctx, memory, at):  # type: ignore[no-untyped-def]
     """The memory of an array or a scratch from ``at`` on."""
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        begin = memory_of(context, builder, signature.args[0], arguments[0])
+        begin = address_of(context, builder, signature.args[0], arguments[0])
         return builder.gep(begin, [arguments[1]])
 
     return types.CPointer(types.float64)(memory, types.intp), build
 
 
 @intrinsic
-def load(typingctx, memory, at, lanes):  # type: ignore[no-untyped-def]
+def load_numbers(typingctx, memory, at, lanes):  # type: ignore[no-untyped-def]
     """The numbers of an array or a scratch from ``at`` on; lanes: a literal."""
     if not isinstance(lanes, types.IntegerLiteral):
         return None

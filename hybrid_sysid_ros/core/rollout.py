@@ -222,7 +222,7 @@ class Sensitivities:
         names = [system.parameters[i].name for i in self.parameters]
         held = [system.delays.get(item.name) for item in system.inputs]
         self._learnt = np.array(learnt, dtype=np.int64)
-        self._begun = np.array(self.states, dtype=np.int64)
+        self._free_states = np.array(self.states, dtype=np.int64)
         self._delayed = np.array([names.index(name) if name in names else -1 for name in held], dtype=np.int64)
 
     @property
@@ -244,7 +244,7 @@ class Sensitivities:
     ) -> None:
         """Derivatives into ``out`` (samples, outputs, columns); see :func:`rollouts`."""
         _fitting(system, x0, inputs)
-        columns, gains = (self._learnt, self._begun, self._delayed), _gains(system, feedback)
+        columns, gains = (self._learnt, self._free_states, self._delayed), _gains(system, feedback)
         model = dynamics(self._step, self._output, system, step)
         _tangents(model, starts, x0, inputs, gains, columns, every, self._wide, out)
 
@@ -267,7 +267,7 @@ def _tangents(
     states; for each input the column of its delay, -1: it has none.
     """
     step, output, p, w, h, delays = model
-    learnt, begun, delayed_by = columns
+    learnt, free_states, delayed_by = columns
     n, m, rows, count, last = x0.shape[1], inputs.shape[1], out.shape[1], out.shape[2], inputs.shape[0] - 1
     x, following, u, change = np.empty(n), np.empty(n), np.empty(m), np.zeros(m)
     y, jacobian, by_output = np.empty(rows), np.empty((n, wide)), np.empty((rows, wide))
@@ -277,8 +277,8 @@ def _tangents(
         tangent[:, :] = 0.0
         for i in range(n):
             x[i] = x0[window, i]
-        for c in range(begun.shape[0]):
-            tangent[begun[c], learnt.shape[0] + c] = 1.0
+        for c in range(free_states.shape[0]):
+            tangent[free_states[c], learnt.shape[0] + c] = 1.0
         for sample in range(samples):
             for repeat in range(every + 1):
                 if sample == 0 and repeat < every:

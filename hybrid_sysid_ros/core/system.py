@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hybrid_sysid_ros.core.declaration import Variable, check, hidden_states, variables
+from hybrid_sysid_ros.core.declaration import Variable, check_declaration, hidden_states, variables
 from hybrid_sysid_ros.core.friction import Contact, Field
 from hybrid_sysid_ros.core.mathematics import Scalar, rows
 from hybrid_sysid_ros.core.parameters import Parameter, declared
@@ -92,7 +92,7 @@ class System:
             cls.features = tuple(item if item.unit else units.get(item.name, item) for item in seen)
         if "closures" in own:
             cls.closures = variables(kind, "closures", own["closures"])
-        check(cls)
+        check_declaration(cls)
 
     # ------------------------------------------------------------------ what a rig writes
 

@@ -29,7 +29,7 @@ REACH = math.sqrt(6.0)
 """Of differences, in deviations: it sees the break-away of a joint that sticks, which sqrt(3), the best where all is
 smooth, often misses."""
 
-EMPTY, GIVEN, USED, GATED, BEGUN = 0, 1, 2, 3, 4
+EMPTY, GIVEN, USED, GATED, INITIALISED = 0, 1, 2, 3, 4
 """Fate of a reading: there is none, not looked at yet, used, an outlier, what the estimator began with."""
 
 _INTEGERS = (
@@ -92,7 +92,7 @@ def _at(typingctx, address):  # type: ignore[no-untyped-def]
 
 
 @inner
-def numbers(address: int) -> Any:
+def numbers_at(address: int) -> Any:
     """What is at an address, without a length."""
     return _at(address)
 
@@ -137,9 +137,9 @@ def copy_matrix(source: Array, target: Array) -> None:
 
 
 @inner
-def clip(core: Any, mean: Array) -> None:
+def clip_state(core: Any, mean: Array) -> None:
     """Hold a state within its bounds."""
-    low, high = numbers(core.low), numbers(core.high)
+    low, high = numbers_at(core.low), numbers_at(core.high)
     for i in range(core.states, mean.shape[0]):
         mean[i] = min(max(mean[i], low[i]), high[i])
 
@@ -148,12 +148,12 @@ def clip(core: Any, mean: Array) -> None:
 def _with(core: Any, z: Array, drive: Array) -> None:
     """Set the model's inputs and parameters to those of z."""
     n, m, size = core.states, core.inputs, z.shape[0]
-    u = numbers(core.drive)
+    u = numbers_at(core.drive)
     for j in range(m):
         u[j] = drive[j] + z[n + j]
     if core.followed:
-        parameters, which = numbers(core.parameters), numbers(core.followed_index)
-        low, high, first = numbers(core.low), numbers(core.high), size - core.followed
+        parameters, which = numbers_at(core.parameters), numbers_at(core.followed_index)
+        low, high, first = numbers_at(core.low), numbers_at(core.high), size - core.followed
         for i in range(first, size):
             parameters[int(which[i - first])] = min(max(z[i], low[i]), high[i])
 
@@ -162,7 +162,7 @@ def _with(core: Any, z: Array, drive: Array) -> None:
 def move(core: Any, z: Array, drive: Array, h: float, following: Array) -> None:
     """One step of h [s] of the model under the inputs ``drive`` (inputs,): ``following`` receives its states."""
     _with(core, z, drive)
-    parameters, weights, u = numbers(core.parameters), numbers(core.weights), numbers(core.drive)
+    parameters, weights, u = numbers_at(core.parameters), numbers_at(core.weights), numbers_at(core.drive)
     call_value(core.step, z, u, parameters, weights, h, 0.0, following)
 
 
@@ -172,7 +172,7 @@ def rest(core: Any, z: Array, h: float, following: Array) -> None:
     first, size = core.states, z.shape[0]
     for i in range(first, size):
         following[i] = z[i]
-    turning, at = numbers(core.turning), first + core.inputs
+    turning, at = numbers_at(core.turning), first + core.inputs
     for k in range(core.hums):
         angle = turning[k] * h
         cosine, sine = math.cos(angle), math.sin(angle)
@@ -184,7 +184,7 @@ def rest(core: Any, z: Array, h: float, following: Array) -> None:
 @inner
 def add_process_noise(core: Any, rows: Array, count: int, h: float) -> int:
     """Append the rows of the root of Q h; returns the new count."""
-    process, size = numbers(core.process), rows.shape[1]
+    process, size = numbers_at(core.process), rows.shape[1]
     for i in range(size):
         if process[i] > 0.0:
             for j in range(size):
@@ -198,7 +198,7 @@ def add_process_noise(core: Any, rows: Array, count: int, h: float) -> int:
 def _show(core: Any, z: Array, shown: Array) -> None:
     """The output map at z."""
     _with(core, z, vector(core.acting, core.inputs))
-    parameters, weights, u = numbers(core.parameters), numbers(core.weights), numbers(core.drive)
+    parameters, weights, u = numbers_at(core.parameters), numbers_at(core.weights), numbers_at(core.drive)
     call_value(core.output, z, u, parameters, weights, core.longest_step, 0.0, shown)
 
 
@@ -235,11 +235,11 @@ def expect(core: Any, channels: Records, readings: Records, at: Array, mean: Arr
     """
     size, count = at.shape[0], core.channels
     expected, variance, sensitivity = (
-        numbers(core.expected),
-        numbers(core.variance),
+        numbers_at(core.expected),
+        numbers_at(core.variance),
         matrix(core.sensitivity, count, size),
     )
-    shown, by_output = numbers(core.shown), matrix(core.by_output, core.outputs, size)
+    shown, by_output = numbers_at(core.shown), matrix(core.by_output, core.outputs, size)
     mapped = False
     for c in range(count):
         mapped = mapped or (readings[c].fate != EMPTY and channels[c].state < 0)
@@ -248,7 +248,7 @@ def expect(core: Any, channels: Records, readings: Records, at: Array, mean: Arr
         for i in range(size):
             away[i] = mean[i] - at[i]
         if core.windowed:
-            solve(root, away)
+            solve_triangular(root, away)
         _map_outputs(core, at, root)
         for k in range(core.outputs):
             for i in range(size):
@@ -274,7 +274,7 @@ def expect(core: Any, channels: Records, readings: Records, at: Array, mean: Arr
 
 
 @inner
-def solve(root: Array, x: Array) -> None:
+def solve_triangular(root: Array, x: Array) -> None:
     """S^-1 x in place, S lower triangular; what has no variance has no say."""
     for i in range(x.shape[0]):
         for k in range(i):
@@ -302,15 +302,15 @@ def correct(core: Any, channels: Records, readings: Records, at: Array, mean: Ar
     IEEE TAC 16(6), eq. (19); the rest Bar-Shalom, Li, Kirubarajan (2001), section 5.2. ``at``: where maps are seen.
     """
     count, size = core.channels, mean.shape[0]
-    expected, noise = numbers(core.expected), numbers(core.variance)
-    sensitivity, gain = matrix(core.sensitivity, count, size), numbers(core.gain)
+    expected, noise = numbers_at(core.expected), numbers_at(core.variance)
+    sensitivity, gain = matrix(core.sensitivity, count, size), numbers_at(core.gain)
     expect(core, channels, readings, at, mean, root)
     for c in range(count):
         if judge and readings[c].fate != EMPTY:
             readings[c].innovation = readings[c].value - expected[c]
     for c in range(count):
         reading, a = readings[c], sensitivity[c]
-        if reading.fate == EMPTY or reading.fate == BEGUN:
+        if reading.fate == EMPTY or reading.fate == INITIALISED:
             continue
         innovation = reading.value - expected[c]  # (1) y - h(z)
         variance = noise[c]

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.estimation.belief import (
     copy,
     matrix,
     move,
-    numbers,
+    numbers_at,
     rest,
     vector,
 )
@@ -44,7 +44,7 @@ def differences(core: Any, at: Array, root: Array, drive: Array, h: float, follo
     n, m, size = core.states, core.inputs, at.shape[0]
     above, below = vector(core.above, size), vector(core.below, size)
     point, centre, pushed = vector(core.point, size), vector(core.centre, size), vector(core.pushed, m)
-    noise = numbers(core.input_noise)
+    noise = numbers_at(core.input_noise)
     for i in range(size):
         for j in range(size):
             rows[i, j] = root[j, i]

@@ -11,7 +11,7 @@ import numpy as np
 from hybrid_sysid_ros.core import System, compiled
 from hybrid_sysid_ros.core.rollout import advance
 from hybrid_sysid_ros.core.trace import shown_states
-from hybrid_sysid_ros.estimation.belief import BEGUN, CHANNEL, CORE, EMPTY, GIVEN, MOMENT, READING, USED, Memory
+from hybrid_sysid_ros.estimation.belief import CHANNEL, CORE, EMPTY, GIVEN, INITIALISED, MOMENT, READING, USED, Memory
 from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.support.arrays import Array, Records
 
@@ -63,19 +63,19 @@ class Initialisation:
         """
         row = self.memory.moments["row"][index]
         before, root = self.arrays["means"][row].copy(), self.arrays["roots"][row]
-        mean, deviations, placed = self._belief(index, before, lost)
+        mean, deviations, initialised = self._belief(index, before, lost)
         fates = self.memory.readings["fate"][self.memory.moments["row"][: index + 1]]
-        believed = (fates == USED) | (fates == BEGUN)
+        believed = (fates == USED) | (fates == INITIALISED)
         run = max((int(np.flatnonzero(believed[:, c])[-1]) + 1 if believed[:, c].any() else 0) for c in lost)
         change = self._shown(mean) - self._shown(before)
         variance = (
             self.memory.channels["noise"] + self._variance(mean, np.diag(deviations)) + self._variance(before, root)
         )
         for c in range(len(change)):
-            told = believed[run:, c][fates[run:, c] != EMPTY]
-            if c not in lost and told.size and told[-1] and change[c] ** 2 > self.tuning.gate * variance[c]:
+            measured = believed[run:, c][fates[run:, c] != EMPTY]
+            if c not in lost and measured.size and measured[-1] and change[c] ** 2 > self.tuning.gate * variance[c]:
                 return False
-        self._write(index, mean, deviations, placed)
+        self._write(index, mean, deviations, initialised)
         return True
 
     def last_outputs(self) -> Array:
@@ -83,8 +83,8 @@ class Initialisation:
         rows = self.memory.moments["row"][: self.memory.core["count"][0]]
         found = np.zeros(len(self.system.outputs))
         for k in range(len(found)):
-            told = self.memory.readings[rows, k]
-            values = told["value"][told["fate"] != EMPTY]
+            measured = self.memory.readings[rows, k]
+            values = measured["value"][measured["fate"] != EMPTY]
             found[k] = values[-1] if values.size else 0.0
         return found
 
@@ -104,22 +104,22 @@ class Initialisation:
         mean[:n] = self.system.record_map().states_from_record(
             outputs[None], np.zeros((1, p)), self.arrays["applied"][None]
         )[0]
-        placed: dict[int, int] = {}
+        initialised: dict[int, int] = {}
         for c in sorted(np.flatnonzero(given).tolist(), key=lambda c: c not in lost):
             state, hum = int(channels["state"][c]), int(channels["hum"][c])
-            if state >= 0 and state not in placed:
-                placed[state] = c
+            if state >= 0 and state not in initialised:
+                initialised[state] = c
                 mean[state] = readings["value"][c]
                 amplitude = deviations[hum] if hum >= 0 else 0.0
                 deviations[state] = np.hypot(np.sqrt(channels["noise"][c]), amplitude)
-        return mean, deviations, list(placed.values())
+        return mean, deviations, list(initialised.values())
 
-    def _write(self, index: int, mean: Array, deviations: Array, placed: Sequence[int]) -> None:
+    def _write(self, index: int, mean: Array, deviations: Array, initialised: Sequence[int]) -> None:
         """Write the belief; a sensor that has told nothing yet may win with its first value."""
         readings = self._readings(index)
         given = readings["fate"] != EMPTY
         readings["fate"][given] = GIVEN
-        readings["fate"][list(placed)] = BEGUN
+        readings["fate"][list(initialised)] = INITIALISED
         readings["outliers"] = np.where(given, 0, self.tuning.patience)
         row = self.memory.moments["row"][index]
         self.arrays["means"][row], self.arrays["roots"][row] = mean, np.diag(deviations)

@@ -11,18 +11,18 @@ from typing import Any
 
 from hybrid_sysid_ros.core.compilation import inner
 from hybrid_sysid_ros.estimation.belief import (
-    BEGUN,
     EMPTY,
     GATED,
     GIVEN,
+    INITIALISED,
     USED,
-    clip,
+    clip_state,
     copy,
     copy_matrix,
     correct,
     mean_of,
     move,
-    numbers,
+    numbers_at,
     root_of,
     squared,
     vector,
@@ -131,7 +131,7 @@ def remember(core: Any, inputs: Array, time: float, applied: Array) -> int:
     """From the last time to this one the inputs were ``applied`` in the mean; how many of them are no numbers, in whose
     place the last one holds.
     """
-    last, known, wrong = inputs.shape[0] - 1, numbers(core.applied), 0
+    last, known, wrong = inputs.shape[0] - 1, numbers_at(core.applied), 0
     for i in range(last):
         for j in range(inputs.shape[1]):
             inputs[i, j] = inputs[i + 1, j]
@@ -148,7 +148,7 @@ def remember(core: Any, inputs: Array, time: float, applied: Array) -> int:
 @inner
 def acting(core: Any, inputs: Array, start: float, stop: float, u: Array) -> None:
     """The means of the inputs that act over [start, stop], each its delay after it was given; the last ones hold."""
-    delays = numbers(core.delays)
+    delays = numbers_at(core.delays)
     for j in range(u.shape[0]):
         delay = delays[j]
         u[j] = (_integral(inputs, j, stop - delay) - _integral(inputs, j, start - delay)) / (stop - start)
@@ -228,9 +228,9 @@ def replay(
         else:  # the belief that everything began with
             for c in range(core.channels):
                 if readings[row, c].fate == USED:
-                    readings[row, c].fate = BEGUN
+                    readings[row, c].fate = INITIALISED
         correct(core, channels, readings[row], mean, mean, root, True)
-        clip(core, mean)
+        clip_state(core, mean)
 
 
 @inner
@@ -245,10 +245,10 @@ def begin(core: Any, channels: Records, moments: Records, readings: Records, inp
     core.gate = math.inf
     correct(core, channels, readings[row], mean, mean, root, True)
     core.gate = gate
-    clip(core, mean)
+    clip_state(core, mean)
     for c in range(core.channels):
         if readings[row, c].fate != EMPTY:
-            readings[row, c].fate = BEGUN
+            readings[row, c].fate = INITIALISED
 
 
 @inner
@@ -274,11 +274,11 @@ def filtered(
         changed = 1
     if changed != NOTHING:
         replay(core, channels, moments, readings, inputs, changed, predict)
-    return answer(core, moments, readings, inputs, changed if task == MEASURE else NOTHING, first, out, P)  # type: ignore[no-any-return]
+    return measurement_answer(core, moments, readings, inputs, changed if task == MEASURE else NOTHING, first, out, P)  # type: ignore[no-any-return]
 
 
 @inner
-def answer(
+def measurement_answer(
     core: Any, moments: Records, readings: Records, inputs: Array, changed: int, first: int, out: Array, P: Array
 ) -> int:
     """What became of a measurement of the channels from ``first`` on. ``out``: states, states ahead, disturbance,

@@ -7,7 +7,7 @@ from typing import Any
 
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.estimation.belief import (
-    clip,
+    clip_state,
     copy,
     copy_matrix,
     correct,
@@ -16,7 +16,7 @@ from hybrid_sysid_ros.estimation.belief import (
     move,
     rest,
     root_of,
-    solve,
+    solve_triangular,
     vector,
 )
 from hybrid_sysid_ros.estimation.estimator import Estimator
@@ -27,10 +27,10 @@ from hybrid_sysid_ros.estimation.measurement_sequence import (
     NOTHING,
     SAME,
     after,
-    answer,
     begin,
     count_on,
     inputs_to,
+    measurement_answer,
     put,
 )
 from hybrid_sysid_ros.estimation.tuning import Tuning
@@ -90,7 +90,7 @@ def _forward(
             filtered = _filtered(core, before)
             for i in range(size):
                 away[i] = filtered[i] - at[i]
-            solve(root, away)
+            solve_triangular(root, away)
             for i in range(size):
                 for j in range(size):
                     predicted[j] += transition[i, j] * away[i]
@@ -118,7 +118,7 @@ def _backward(core: Any, moments: Records, first: int) -> None:
         mean, filtered, root = mean_of(core, row), _filtered(core, row), root_of(core, row)
         for i in range(size):
             pulled[i] = after_mean[i] - predicted[i]
-        solve(predicted_root, pulled)
+        solve_triangular(predicted_root, pulled)
         solve_transposed(predicted_root, pulled)
         copy(filtered, mean)
         for i in range(size):
@@ -128,7 +128,7 @@ def _backward(core: Any, moments: Records, first: int) -> None:
             for j in range(i, size):
                 mean[j] += root[j, i] * share
     for k in range(first, core.count):
-        clip(core, mean_of(core, moments[k].row))
+        clip_state(core, mean_of(core, moments[k].row))
 
 
 @inner
@@ -169,7 +169,7 @@ def _run(
     if changed != NOTHING:
         _guess(core, moments, inputs, core.fresh, core.at)
         _solve(core, channels, moments, readings, inputs, after(moments, core.count, oldest - 2.0 * SAME))
-    return answer(core, moments, readings, inputs, changed if task == MEASURE else NOTHING, first, out, P)  # type: ignore[no-any-return]
+    return measurement_answer(core, moments, readings, inputs, changed if task == MEASURE else NOTHING, first, out, P)  # type: ignore[no-any-return]
 
 
 class MovingHorizonEstimator(Estimator):

@@ -63,10 +63,10 @@ def check_observable(system: System, tuning: Tuning, *, step: float) -> None:
     if not np.any(finite):
         return  # every run left what numbers can hold: nothing can be said
     noise = np.array([*tuning.measurement_noise, *(channel.noise for channel in tuning.channels.values())])
-    told = (seen[:, finite] / noise).reshape(count, -1)
-    sizes = np.linalg.norm(told, axis=1)
+    weighted = (seen[:, finite] / noise).reshape(count, -1)
+    sizes = np.linalg.norm(weighted, axis=1)
     sizes[sizes == 0.0] = 1.0
-    directions, strengths, _ = np.linalg.svd(told / sizes[:, None], full_matrices=False)
+    directions, strengths, _ = np.linalg.svd(weighted / sizes[:, None], full_matrices=False)
     hidden = directions[:, strengths <= UNSEEN * strengths[0]] / sizes[:, None]
     if not hidden.size:
         return

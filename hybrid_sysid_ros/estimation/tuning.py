@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from hybrid_sysid_ros.core import System, Variable
+from hybrid_sysid_ros.support.arrays import Numbers
 from hybrid_sysid_ros.support.errors import UserError
-
-Numbers = tuple[float, ...]
 
 
 @dataclass(frozen=True, kw_only=True)

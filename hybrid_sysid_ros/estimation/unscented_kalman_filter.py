@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from hybrid_sysid_ros.core.compilation import inner, kernel
-from hybrid_sysid_ros.estimation.belief import add_process_noise, copy, matrix, move, numbers, rest, vector
+from hybrid_sysid_ros.estimation.belief import add_process_noise, copy, matrix, move, numbers_at, rest, vector
 from hybrid_sysid_ros.estimation.estimator import Estimator
 from hybrid_sysid_ros.estimation.extended_kalman_filter import triangle
 from hybrid_sysid_ros.estimation.measurement_sequence import filtered
@@ -23,7 +23,7 @@ def predict(core: Any, mean: Array, root: Array, drive: Array, h: float) -> None
     count = size + m  # the inputs' noise has dimensions of its own, as it goes through the friction
     points = matrix(core.rows, 3 * size + 2 * m + 1, size)
     z, middle, pushed = vector(core.point, size), vector(core.centre, size), vector(core.pushed, m)
-    spread, weight, noise = math.sqrt(1.0 * count), 1.0 / math.sqrt(2.0 * count), numbers(core.input_noise)
+    spread, weight, noise = math.sqrt(1.0 * count), 1.0 / math.sqrt(2.0 * count), numbers_at(core.input_noise)
     for i in range(2 * count):
         sign, k = (spread, i // 2) if i % 2 else (-spread, i // 2)
         for j in range(size):

@@ -96,9 +96,9 @@ def check_range(experiment: PreparedRecord, system: System) -> None:
     """Raise UserError for an experiment that leaves the range in which a system may be used, with what left it."""
     states = experiment.states
     for item, value in system.trained_on(states.min(axis=0), states.max(axis=0)).outside:
-        told = f" ({item.description})" if item.description else ""
+        note = f" ({item.description})" if item.description else ""
         raise UserError(
-            f"{experiment.name}: {item.name} would be {value:.6g} {item.unit}{told}, outside of "
+            f"{experiment.name}: {item.name} would be {value:.6g} {item.unit}{note}, outside of "
             f"[{item.low:.6g}, {item.high:.6g}]; its unit or scale is probably wrong: convert it, or set the scale "
             "of the signals (--signals), which all records of a command share"
         )

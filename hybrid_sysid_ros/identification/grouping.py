@@ -36,8 +36,8 @@ class ParameterGroup:
     def __str__(self) -> str:
         over = [_power(name, power) for name, power in self.exponents.items() if power > 0.0]
         under = [_power(name, -power) for name, power in self.exponents.items() if power < 0.0]
-        told = " / ".join(filter(None, (" ".join(over) or "1", " ".join(under))))
-        return f"{told} = {self.value:.5g} (standard error {100.0 * self.relative_error:.2g} %)"
+        formula = " / ".join(filter(None, (" ".join(over) or "1", " ".join(under))))
+        return f"{formula} = {self.value:.5g} (standard error {100.0 * self.relative_error:.2g} %)"
 
 
 def groups(fit: Fit) -> list[ParameterGroup]:

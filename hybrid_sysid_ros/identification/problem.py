@@ -160,7 +160,7 @@ class FitProblem:
         if not len(self.hidden) or horizon is None:
             return
         starts, states, _, edges = self.windows(None)
-        system, initial = self.placed(point, starts, states, edges)
+        system, initial = self.initialised(point, starts, states, edges)
         found, _ = self._simulated(system, starts, initial)
         held = np.clip(np.nan_to_num(found[:, self.hidden]), -WIDEST * self._spread, WIDEST * self._spread)
         self._carried = [held[begin:end] for begin, end in pairwise(edges)]
@@ -207,7 +207,7 @@ class FitProblem:
         scale = np.sqrt(max(seconds / CORRELATION_SECONDS, 1.0) / outputs.size)
         return np.asarray(scale / (RELATIVE_ERROR * self.deviation))
 
-    def placed(
+    def initialised(
         self, point: Array, starts: NDArray[np.int64], states: Array, edges: NDArray[np.int64]
     ) -> tuple[System, Array]:
         """System and initial states (windows, states) at a point."""
@@ -222,7 +222,7 @@ class FitProblem:
         weight = self.weight(outputs)
 
         def evaluate(point: Array) -> Array:
-            system, initial = self.placed(point, starts, states, edges)
+            system, initial = self.initialised(point, starts, states, edges)
             _, out = self._simulated(system, starts, initial)
             self.evaluations += 1
             errors = ((out - outputs) * weight).ravel()
@@ -247,7 +247,7 @@ class FitProblem:
 
         def tangent(at: Array) -> Array:
             """Weighted derivatives (samples, outputs, columns)."""
-            system, initial = self.placed(at, starts, states, edges)
+            system, initial = self.initialised(at, starts, states, edges)
             out = np.empty((len(outputs), count, sensitivities.count))
 
             def simulate(share: NDArray[np.int64]) -> None:

@@ -59,9 +59,13 @@ def _samples(system: System, experiments: Sequence[PreparedRecord]) -> tuple[Arr
             simulate(start, item.states[0], item.inputs, step=item.sampling.step, every=item.sampling.every)
             for item in experiments
         ]
-        told = np.concatenate(runs)[:, hidden]
-        usable = np.isfinite(told).all(axis=0) & (np.abs(told).max(axis=0) < 1e6) & (np.ptp(told, axis=0) > 1e-9)
-        states[:, hidden] = np.where(usable, np.nan_to_num(told[: len(states)]), 1.0)
+        simulated = np.concatenate(runs)[:, hidden]
+        usable = (
+            np.isfinite(simulated).all(axis=0)
+            & (np.abs(simulated).max(axis=0) < 1e6)
+            & (np.ptp(simulated, axis=0) > 1e-9)
+        )
+        states[:, hidden] = np.where(usable, np.nan_to_num(simulated[: len(states)]), 1.0)
     return states, np.concatenate([_over_samples(item) for item in experiments])
 
 
@@ -93,7 +97,9 @@ def initialised(system: Hybrid, experiments: Sequence[PreparedRecord], *, seed: 
         points = np.clip(points, -CLIP, CLIP)
     else:
         system = replace(system, region=Region.of(points))
-    return replace(system, network_weights=kind.placed(system.block, points, seed)) if kind.from_data else system
+    return (
+        replace(system, network_weights=kind.initial_weights(system.block, points, seed)) if kind.from_data else system
+    )
 
 
 def regression(system: Linear, experiments: Sequence[PreparedRecord]) -> dict[str, float]:

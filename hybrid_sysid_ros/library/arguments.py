@@ -70,7 +70,7 @@ def path_of(value: str | Path, argument: str) -> Path:
     return Path(value).expanduser()
 
 
-def records_of(value: object, rig: Rig, argument: str = "records") -> list[Record]:
+def given_records(value: object, rig: Rig, argument: str = "records") -> list[Record]:
     """One record or several, of a rig."""
     found = [value] if isinstance(value, Record) else value
     if isinstance(found, str | Path):
@@ -108,7 +108,7 @@ def record_of(value: object, rig: Rig, argument: str = "record") -> Record:
     return value
 
 
-def model_of(value: object, rig: Rig | None = None, argument: str = "model") -> Model:
+def given_model(value: object, rig: Rig | None = None, argument: str = "model") -> Model:
     """A model, of a rig where one is given."""
     if isinstance(value, str | Path):
         raise UserError(f"{argument} is {shown(value)}; load it first: load_model({str(value)!r})")
@@ -169,7 +169,7 @@ def part_of(value: PartLike, argument: str = "part") -> Part:
     return Part(start=start, stop=stop)
 
 
-def parts_of(value: PartLike | Sequence[PartLike], count: int) -> Part | list[Part]:
+def given_parts(value: PartLike | Sequence[PartLike], count: int) -> Part | list[Part]:
     """One part of all records, or one of each."""
     if isinstance(value, Part | str) or not isinstance(value, Sequence):
         return part_of(value)  # type: ignore[arg-type]
@@ -180,10 +180,10 @@ def parts_of(value: PartLike | Sequence[PartLike], count: int) -> Part | list[Pa
     return [part_of(item, f"part[{index}]") for index, item in enumerate(value)]  # type: ignore[arg-type]
 
 
-def sampling_of(value: SamplingLike | None, rig: Rig) -> Sampling:
+def given_sampling(value: SamplingLike | None, rig: Rig) -> Sampling:
     """How records meet the simulation: by default as the rig's file says, else as the command line does."""
-    told = section(rig.content, "demo", str(rig.file))
-    own = {name: told[name] for name in ("step", "period") if name in told}
+    given = section(rig.content, "demo", str(rig.file))
+    own = {name: given[name] for name in ("step", "period") if name in given}
     if value is None:
         return Sampling(**own)
     if isinstance(value, Sampling):
@@ -199,7 +199,7 @@ def sampling_of(value: SamplingLike | None, rig: Rig) -> Sampling:
     return Sampling(**(own | dict(value)))
 
 
-def options_of(value: Mapping[str, Any] | None, argument: str = "options") -> Options:
+def given_options(value: Mapping[str, Any] | None, argument: str = "options") -> Options:
     """Numbers by name."""
     if value is None:
         return {}
@@ -237,7 +237,7 @@ def array_of(value: object, argument: str) -> Array:
     return found
 
 
-def columns_of(value: Any, argument: str, names: Sequence[str], rows: int) -> Array:
+def given_columns(value: Any, argument: str, names: Sequence[str], rows: int) -> Array:
     """An array (rows, columns) out of one, of a column alone, or of columns by their names.
 
     names: what the columns are called; without names any number of columns will do.
@@ -246,7 +246,7 @@ def columns_of(value: Any, argument: str, names: Sequence[str], rows: int) -> Ar
         if set(value) != set(names):
             expected = f"; give {', '.join(names)}" if names else "; columns have names where a rig is given"
             raise UserError(f"{argument} has the names {', '.join(map(str, value))}{expected}")
-        return np.column_stack([columns_of(value[name], f"{argument}[{name!r}]", (), rows)[:, 0] for name in names])
+        return np.column_stack([given_columns(value[name], f"{argument}[{name!r}]", (), rows)[:, 0] for name in names])
     found = array_of(value, argument)
     if found.ndim == 1:
         found = found[:, None]

@@ -18,7 +18,7 @@ from hybrid_sysid_ros.library.arguments import (
     RigLike,
     array_of,
     choice_of,
-    model_of,
+    given_model,
     number_of,
     rig_of,
     seed_of,
@@ -180,13 +180,13 @@ def simulate(
 def _model(rig: Rig, model: AnyModel | None) -> Model:
     if model is None:
         return load_model(shipped(rig.name, "model"), rig=rig.source)
-    return sealed(model_of(model, rig))
+    return sealed(given_model(model, rig))
 
 
 def _plant(rig: Rig, plant: AnyModel | None, seed: int) -> Plant:
     if plant is None:
         return Plant(rig, seed=seed, bias=rig.bias)
-    return predicted_plant(rig, model_of(plant, rig, "plant").system, disturbance=rig.bias, seed=seed, noisy=True)
+    return predicted_plant(rig, given_model(plant, rig, "plant").system, disturbance=rig.bias, seed=seed, noisy=True)
 
 
 def _parameters(rig: Rig, given: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:

@@ -23,15 +23,15 @@ from hybrid_sysid_ros.library.arguments import (
     RigLike,
     SamplingLike,
     callable_of,
-    model_of,
-    options_of,
+    given_model,
+    given_options,
+    given_parts,
+    given_records,
+    given_sampling,
     part_of,
-    parts_of,
     path_of,
     record_of,
-    records_of,
     rig_of,
-    sampling_of,
     seed_of,
     shown,
 )
@@ -170,7 +170,7 @@ def identify(
     unknown structure or option.
     """
     described = rig_of(rig)
-    used = records_of(records, described)
+    used = given_records(records, described)
     if not isinstance(structure, str) or not structure:
         raise UserError(f"structure is {shown(structure)}; give its name, such as 'hybrid'")
     names = [record.name for record in used]
@@ -183,9 +183,9 @@ def identify(
             used,
             described,
             structure,
-            sampling=sampling_of(sampling, described),
-            part=parts_of(part, len(used)),
-            options=options_of(options),
+            sampling=given_sampling(sampling, described),
+            part=given_parts(part, len(used)),
+            options=given_options(options),
             seed=seed_of(seed),
             progress=callable_of(progress, "progress", "stage, evaluations, error"),
         )
@@ -201,4 +201,4 @@ def load_model(folder: str | Path, *, rig: str | Path = "") -> Model:
 
 def sealed(model: object, rig: Rig | None = None) -> Model:
     """A model out of an argument, with its seal."""
-    return Model.of(model_of(model, rig)).sealed()
+    return Model.of(given_model(model, rig)).sealed()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,9 +19,9 @@ from hybrid_sysid_ros.library.arguments import (
     RigLike,
     callable_of,
     choice_of,
-    model_of,
+    given_model,
+    given_options,
     number_of,
-    options_of,
     path_of,
     rig_of,
     seed_of,
@@ -35,11 +35,10 @@ from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.progress import StageProgress
 from hybrid_sysid_ros.support.text_table import text_table
 
 DEFAULT = Settings()
-StageProgress = Callable[[str, int, int], None]
-"""progress(stage, done, of)"""
 LOOPS = 26_500
 """Of a certificate, for a margin of .01 at a confidence of 99 %."""
 MOST = 10**9
@@ -120,7 +119,7 @@ def train_policy(
         hidden=_widths(hidden),
         workers=whole_of(workers, "workers", low=0, high=MOST),
         sequence=bool(plan),
-        followed=options_of(follow, "follow"),
+        followed=given_options(follow, "follow"),
     )
     given: dict[str, Any] = {
         "seed": seed_of(seed),
@@ -214,7 +213,7 @@ def export(
         "step": number_of(step, "step", low=0.0, unit="s"),
         "smoothing": number_of(smoothing, "smoothing", low=0.0),
     }
-    extensions.one("exporters", "model")(sealed(model_of(model)), folder, **given, overwrite=bool(overwrite))
+    extensions.one("exporters", "model")(sealed(given_model(model)), folder, **given, overwrite=bool(overwrite))
     return folder
 
 

@@ -15,7 +15,7 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import UNIFORMITY, Record
 from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.identification.plausibility import check_limits, check_travel, spikes, strangeness
-from hybrid_sysid_ros.library.arguments import RigLike, array_of, columns_of, number_of, path_of, rig_of, shown
+from hybrid_sysid_ros.library.arguments import RigLike, array_of, given_columns, number_of, path_of, rig_of, shown
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
@@ -104,8 +104,8 @@ def record(
     names: dict[str, list[str]] = {"inputs": [], "outputs": []}
     if described is not None:
         names = {kind: [item.name for item in getattr(described.system, kind)] for kind in names}
-    u = columns_of(inputs, "inputs", names["inputs"], len(times))
-    y = columns_of(outputs, "outputs", names["outputs"], len(times))
+    u = given_columns(inputs, "inputs", names["inputs"], len(times))
+    y = given_columns(outputs, "outputs", names["outputs"], len(times))
     if units is not None:
         y = y * _scales(units, described)
     found = Record(

@@ -127,8 +127,8 @@ class Hybrid(Wrapper):
         names = [item.name for item in self.physics.closures]
 
         def more(x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-            told = dict(zip(self.on, self._learned(x, u), strict=True))
-            return [told.get(name, 0.0) for name in names]
+            learned = dict(zip(self.on, self._learned(x, u), strict=True))
+            return [learned.get(name, 0.0) for name in names]
 
         return self.physics.corrected(more)
 
@@ -168,7 +168,7 @@ class BlockKind(ABC):
         """Weights (size,) before any data are seen."""
         return np.zeros(block.size)
 
-    def placed(self, block: Block, points: Array, seed: int) -> Array:
+    def initial_weights(self, block: Block, points: Array, seed: int) -> Array:
         """Weights (size,) where a fit begins; points (samples, features): training data in their scales."""
         raise NotImplementedError
 
@@ -222,7 +222,7 @@ def size_of(block: Block) -> dict[str, int]:
     return {name: int(getattr(block, kind.size_field))}
 
 
-def averaged(members: Sequence[Hybrid]) -> Hybrid:
+def averaged_hybrid(members: Sequence[Hybrid]) -> Hybrid:
     """The mean of hybrids of one shape: of their parameters, and one network that is the mean of their networks.
 
     Raises UserError for several members whose learned part is no network: the mean of rules has more rules.

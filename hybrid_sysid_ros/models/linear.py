@@ -176,16 +176,36 @@ class Linear(System):
             way = self._scales[self._names[position]] if position is not None else speed
             unit = self.origin.states[index].unit
             yield self._parameter(
-                f"{name}_coulomb", _rate(unit), force, start=0.05, low=0.0, high=5.0, told="Friction level at speed."
+                f"{name}_coulomb",
+                _rate(unit),
+                force,
+                start=0.05,
+                low=0.0,
+                high=5.0,
+                description="Friction level at speed.",
             )
             if self.friction in ("stribeck", "lugre"):
                 text = "Friction at rest above that level."
                 yield self._parameter(
-                    f"{name}_static_excess", _rate(unit), force, start=0.01, spread=0.025, low=0.0, high=5.0, told=text
+                    f"{name}_static_excess",
+                    _rate(unit),
+                    force,
+                    start=0.01,
+                    spread=0.025,
+                    low=0.0,
+                    high=5.0,
+                    description=text,
                 )
                 text = "Speed at which the excess is gone."
                 yield self._parameter(
-                    f"{name}_stribeck_speed", unit, speed, start=0.08, spread=0.08, low=0.008, high=3.0, told=text
+                    f"{name}_stribeck_speed",
+                    unit,
+                    speed,
+                    start=0.08,
+                    spread=0.08,
+                    low=0.008,
+                    high=3.0,
+                    description=text,
                 )
             if self.friction in ("dahl", "lugre"):
                 yield self._parameter(
@@ -207,7 +227,7 @@ class Linear(System):
         low: float = -REACH,
         high: float = REACH,
         doubted: bool = False,
-        told: str = "",
+        description: str = "",
     ) -> Parameter:
         """A parameter whose numbers count in a size."""
         begin = (self.begin or {}).get(name, start * size)
@@ -219,7 +239,7 @@ class Linear(System):
             high=high * size,
             start=begin,
             spread=doubt if spread is None else spread * size,
-            description=told,
+            description=description,
         )
 
     # ------------------------------------------------------------------ the system

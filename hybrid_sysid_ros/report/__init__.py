@@ -2,7 +2,7 @@
 
 from hybrid_sysid_ros.report.further import FurtherSection
 from hybrid_sysid_ros.report.loop_section import ClosedLoopSection, closed_loop_section
-from hybrid_sysid_ros.report.rendering import check_available, write
+from hybrid_sysid_ros.report.rendering import check_available, write_report
 from hybrid_sysid_ros.report.sections import (
     FreeRunSection,
     IdentificationSection,
@@ -21,5 +21,5 @@ __all__ = [
     "closed_loop_section",
     "identification_section",
     "provenance",
-    "write",
+    "write_report",
 ]

@@ -114,10 +114,10 @@ def _bounds(loop: LoopRecord, rig: Rig, problem: ControlProblem) -> dict[int, tu
 def _followed(loop: LoopRecord, schedule: ReferenceSchedule) -> bool:
     """Whether a loop followed a schedule of its rig."""
     wanted = schedule(loop.time)
-    begun = loop.time >= 0.0
+    started = loop.time >= 0.0
     for k in loop.tracked:
         shown = loop.rig.display[k].shown(loop.reference[:, k])
-        inside = begun & np.isfinite(shown)
+        inside = started & np.isfinite(shown)
         peak = max(float(np.max(np.abs(wanted[:, k]))), 1e-12)
         if not inside.any() or np.median(np.abs(shown - wanted[:, k])[inside]) > SAME_REFERENCE * peak:
             return False

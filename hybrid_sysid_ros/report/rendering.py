@@ -36,7 +36,7 @@ def check_available() -> None:
         import plotly  # noqa: F401
 
 
-def write(
+def write_report(
     path: Path | str,
     identification: IdentificationSection,
     closed_loop: ClosedLoopSection | None,

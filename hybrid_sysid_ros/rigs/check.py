@@ -51,8 +51,8 @@ def check(rig: Rig) -> Findings:
     for name, other in rig.structures.items():
         problems += (f"{where}: structure {name}: {line.partition(': ')[2]}" for line in _at_origin(other, where))
     if rig.step * WINDOWS * 2 > SECONDS:
-        told = f"{rig.file}: step: {rig.step:g} s is too long to see anything in {SECONDS:g} s; give it below "
-        problems.append(f"{told}{SECONDS / (2 * WINDOWS):g} s")
+        problem = f"{rig.file}: step: {rig.step:g} s is too long to see anything in {SECONDS:g} s; give it below "
+        problems.append(f"{problem}{SECONDS / (2 * WINDOWS):g} s")
     if problems:
         return Findings(problems=problems, remarks=[])
     problems, remarks = list(_values(rig)), list(_remarks(rig.system))
@@ -111,10 +111,10 @@ def _values(rig: Rig) -> Iterator[str]:
             if index >= len(rig.actuators):
                 continue  # a command of an output
             item, actuator = rig.system.inputs[index], rig.actuators[index]
-            told = "" if index in rig.experiments.loops else signal.beyond(actuator.low, actuator.high)
-            if told:
+            problem = "" if index in rig.experiments.loops else signal.beyond(actuator.low, actuator.high)
+            if problem:
                 yield (
-                    f"{rig.file}: experiments.excitations.{name}: {told} is beyond what {item.name} may be, "
+                    f"{rig.file}: experiments.excitations.{name}: {problem} is beyond what {item.name} may be, "
                     f"{actuator.low:g} to {actuator.high:g} {item.unit}; make it smaller"
                 )
 
@@ -122,9 +122,9 @@ def _values(rig: Rig) -> Iterator[str]:
     for name, schedule in rig.references.items():
         for segment in schedule.segments:
             ends = sorted((low[segment.output], high[segment.output]))
-            if told := segment.excitation.beyond(*ends):
+            if problem := segment.excitation.beyond(*ends):
                 yield (
-                    f"{rig.file}: references.{name}.segments.{segment.name}: {told} is beyond the travel, "
+                    f"{rig.file}: references.{name}.segments.{segment.name}: {problem} is beyond the travel, "
                     f"{ends[0]:g} to {ends[1]:g} {rig.display[segment.output].unit}; make it smaller"
                 )
 
@@ -178,11 +178,11 @@ def _growing(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
     if growth[fastest] > GROWTH:
         share = np.abs(vectors[: len(names), fastest]) / magnitudes
         grown = " and ".join(name for name, part in zip(names, share, strict=True) if part > 0.3 * np.max(share))
-        told = f"unstable at the origin in {grown}, by e in {1 / growth[fastest]:.3g} s"
+        remark = f"unstable at the origin in {grown}, by e in {1 / growth[fastest]:.3g} s"
         if driver:
-            yield f"{rig.file}: experiments.{driver}: with them {told}; change their gains"
+            yield f"{rig.file}: experiments.{driver}: with them {remark}; change their gains"
         else:
-            yield f"{where}: {told}; give the experiments in {rig.file.name} a loop that holds it"
+            yield f"{where}: {remark}; give the experiments in {rig.file.name} a loop that holds it"
 
 
 def _under_drivers(rig: Rig, rounding: float) -> tuple[Array, float, str]:
@@ -263,7 +263,7 @@ def _on_grid(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
     low, high = rig.limits
     points = 2.0 * magnitudes * random.uniform(-1.0, 1.0, (POINTS, len(magnitudes)))
     inputs = low + (high - low) * random.uniform(size=(POINTS, len(low)))
-    told = {"step": symbolic_step(system, step=rig.step), "output": symbolic_output(system)}
+    functions = {"step": symbolic_step(system, step=rig.step), "output": symbolic_output(system)}
     for x, u in zip(points, inputs, strict=True):
         made = {"step": one_step(system, x, u, step=rig.step), "output": output_of(system, x, u)}
         for kind, values in made.items():
@@ -273,7 +273,7 @@ def _on_grid(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
                 at = ", ".join(f"{item.name} {value:.3g}" for item, value in zip(system.states, x, strict=True))
                 yield f"{where}: {named[bad[0]].name} is not finite at {at}; bound what it is divided or rooted by"
                 return
-            other = np.array(told[kind](x, u)).ravel()
+            other = np.array(functions[kind](x, u)).ravel()
             scale = np.maximum(np.abs(values), np.max(np.abs(values)) + 1e-12)
             if np.max(np.abs(values - other) / scale) > FORMS_AGREE:
                 yield f"{where}: the compiled {kind} differs from the CasADi form; the law must be the same each time"

@@ -55,9 +55,9 @@ def experiments_of(content: Mapping[str, Any], system: System, where: str) -> Ex
     loops = {}
     for name, value in section(content, "loops", where).items():
         here = f"{where}: loops.{name}"
-        told = dict(value) if isinstance(value, dict) else {}
-        output = index_of(told.get("output", system.outputs[0].name), system.outputs, here, "output")
-        loops[index_of(name, system.inputs, here, "input")] = built(ExperimentLoop, {**told, "output": output}, here)
+        given = dict(value) if isinstance(value, dict) else {}
+        output = index_of(given.get("output", system.outputs[0].name), system.outputs, here, "output")
+        loops[index_of(name, system.inputs, here, "input")] = built(ExperimentLoop, {**given, "output": output}, here)
     feedback, driven = None, tuple(system.inputs)
     if "feedback" in content:
         feedback = Feedback.of(section(content, "feedback", where), system, f"{where}: feedback")

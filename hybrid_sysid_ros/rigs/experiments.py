@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.bags import Series, joint_states, joint_trajectories, markers, write
+from hybrid_sysid_ros.bags import Series, joint_states, joint_trajectories, markers, write_bag
 from hybrid_sysid_ros.rigs.feedback import Follower
 from hybrid_sysid_ros.rigs.plant import Measurement, Plant
 from hybrid_sysid_ros.rigs.rig import BEYOND, Rig
@@ -87,7 +87,7 @@ def _followed(plant: Plant, wanted: Array) -> Iterator[Array]:
         yield inputs
 
 
-def simulate(
+def simulate_experiment(
     rig: Rig,
     kind: str,
     out: Path,
@@ -125,14 +125,14 @@ def simulate(
                 f"{plant.time:.3g} s; hold it by experiments.loops, or experiments.feedback, in {rig.file}"
             )
     stamps = START + np.round(np.arange(samples) / rate * 1e9).astype(np.int64)
-    told = ", ".join(f"{value:g} {item.unit}" for value, item in zip(rig.bias, rig.system.inputs, strict=True))
-    made_by = f"simulated {rig.name}, {kind}, seed {seed}, {duration:g} s at {rate:g} Hz, bias {told}"
+    bias = ", ".join(f"{value:g} {item.unit}" for value, item in zip(rig.bias, rig.system.inputs, strict=True))
+    made_by = f"simulated {rig.name}, {kind}, seed {seed}, {duration:g} s at {rate:g} Hz, bias {bias}"
     if rig.disturbances and not disturbed:
         made_by += ", undisturbed"
     series = [_measurements(rig, stamps, shown, np.array(applied))]
     if rig.experiments.loops or rig.experiments.feedback:
         series.append(_references(rig, stamps, wanted[::every]))
-    return write(out, series, replace=overwrite, notes={"made_by": made_by})
+    return write_bag(out, series, replace=overwrite, notes={"made_by": made_by})
 
 
 def _watched(steps: Iterator[Array], watch: Callable[[], object]) -> Iterator[Array]:

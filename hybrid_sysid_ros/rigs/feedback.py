@@ -49,15 +49,15 @@ class Feedback:
         """From a section of rig.yaml. Raises UserError for names that the system has not, and other wrong values."""
         refuse_unknown(content, SECTIONS, where)
         outputs = [item.name for item in system.outputs]
-        told = section(content, "follow", where, needed=True)
-        for name in told:
+        given = section(content, "follow", where, needed=True)
+        for name in given:
             if name not in outputs:
                 raise UserError(f"{where}.follow: {name} is no output; known are {', '.join(outputs)}")
         (period,) = numbers(content.get("period"), f"{where}.period", count=1)
-        bandwidths = [numbers(value, f"{where}.follow.{name}", count=1)[0] for name, value in told.items()]
+        bandwidths = [numbers(value, f"{where}.follow.{name}", count=1)[0] for name, value in given.items()]
         if not (period > 0.0 and all(value > 0.0 for value in bandwidths)):
             raise UserError(f"{where}: period and the rates of follow must be above 0")
-        followed = tuple(system.outputs[outputs.index(name)] for name in told)
+        followed = tuple(system.outputs[outputs.index(name)] for name in given)
         wanted = table(content, "wanted", (system.outputs, followed), where, terms=TERMS)
         for column, item in enumerate(followed):
             wanted[outputs.index(item.name), TERMS * column] = 1.0
@@ -82,10 +82,10 @@ def table(content: Mapping[str, Any], key: str, of: tuple[Variables, Variables],
     """
     rows, columns = ([item.name for item in variables] for variables in of)
     found = np.zeros((len(rows), terms * len(columns)))
-    told = section(content, key, where)
-    refuse_unknown(told, tuple(rows), f"{where}.{key}")
-    for row in told:
-        values = section(told, row, f"{where}.{key}")
+    given = section(content, key, where)
+    refuse_unknown(given, tuple(rows), f"{where}.{key}")
+    for row in given:
+        values = section(given, row, f"{where}.{key}")
         refuse_unknown(values, tuple(columns), f"{where}.{key}.{row}")
         for column, value in values.items():
             at = terms * columns.index(column)
@@ -113,7 +113,9 @@ def law_of(feedback: Feedback) -> Law:
 
 
 @inner
-def answer(law: Any, limits: Any, y: Any, commands: Any, added: Any, model: Any, integrals: Any, u: Any) -> None:
+def feedback_inputs(
+    law: Any, limits: Any, y: Any, commands: Any, added: Any, model: Any, integrals: Any, u: Any
+) -> None:
     """The inputs u (inputs,) that answer outputs y (outputs,), commands (followed,) and what is added (inputs,).
 
     model (followed, 2), value and rate of each reference model, and integrals (inputs,) go on by a period.
@@ -151,7 +153,7 @@ def answer(law: Any, limits: Any, y: Any, commands: Any, added: Any, model: Any,
 def _answer(
     law: Law, limits: Limits, y: Array, commands: Array, added: Array, model: Array, integrals: Array, u: Array
 ) -> None:
-    answer(law, limits, y, commands, added, model, integrals, u)
+    feedback_inputs(law, limits, y, commands, added, model, integrals, u)
 
 
 class Follower:

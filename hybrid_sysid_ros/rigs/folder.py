@@ -50,7 +50,7 @@ def find(rig: str | Path) -> RigFolder:
     text = str(rig)
     if isinstance(rig, Path) or "/" in text or text.startswith((".", "~")):
         return _by_path(Path(rig).expanduser())
-    if path := next((path for path in outside.told() if path.name == text), None):
+    if path := next((path for path in outside.chosen_paths() if path.name == text), None):
         return _by_path(path)
     if text in names():
         return _named(text)
@@ -86,7 +86,7 @@ def check_name(path: Path) -> None:
     folder = path.resolve()
     if not (folder.name.isidentifier() and folder.name.isascii()):
         raise UserError(f"{path}: the folder's name is the rig's, in topics too: use letters, digits and underscores")
-    other = next((path for path in outside.told() if path.name == folder.name and path != folder), None)
+    other = next((path for path in outside.chosen_paths() if path.name == folder.name and path != folder), None)
     if place := other or names().get(folder.name):
         raise UserError(f"{path}: a rig is called {folder.name} already, in {place}; give the folder another name")
 
@@ -109,7 +109,7 @@ def _named(name: str) -> RigFolder:
         try:
             path = Path(str(importlib.import_module(point.value).__file__)).parent
         except (Exception, SystemExit) as error:  # another package's code can raise anything
-            raise UserError(f"rig {name}: entry point {point.value} can't be imported: {_told(error)}") from error
+            raise UserError(f"rig {name}: entry point {point.value} can't be imported: {_described(error)}") from error
         found.append(RigFolder(name=name, path=path, package=point.value))
     if len({folder.path.resolve() for folder in found}) > 1:
         places = " and ".join(folder.package for folder in found)
@@ -148,7 +148,7 @@ def _imported(folder: RigFolder) -> ModuleType:
         outside.tell(folder.path)
         return importlib.import_module(outside.module_of(folder.path))
     except (Exception, SystemExit) as error:  # a user's code can raise anything
-        raise UserError(f"{path}: {_place(error, path)}{_told(error)}") from error
+        raise UserError(f"{path}: {_place(error, path)}{_described(error)}") from error
 
 
 def _place(error: BaseException, path: Path) -> str:
@@ -158,7 +158,7 @@ def _place(error: BaseException, path: Path) -> str:
     return f"line {lines[-1]}: " if lines else ""
 
 
-def _told(error: BaseException) -> str:
+def _described(error: BaseException) -> str:
     """Kind and text of an error, in a line."""
     text = error.msg if isinstance(error, SyntaxError) else str(error)
     kind = "" if isinstance(error, UserError) else f"{type(error).__name__}: "
@@ -178,7 +178,7 @@ def _made(item: object, where: str) -> System:
     try:
         made = item()  # type: ignore[operator]
     except (Exception, SystemExit) as error:  # a user's code can raise anything
-        raise UserError(f"{where}: can't be made: {_told(error)}") from error
+        raise UserError(f"{where}: can't be made: {_described(error)}") from error
     kind: Any = type(made)
     if "__dataclass_fields__" not in vars(kind):
         raise UserError(f"{where}: {kind.__name__} has no @dataclass(frozen=True, kw_only=True) above it: write it")

@@ -89,10 +89,10 @@ class Joints:
             found = {}
             for item in variables:
                 joint, field = self.place(item.name)
-                told = form.format(
+                selector = form.format(
                     joint=joint, field=field, fields="positions" if field == "position" else "velocities"
                 )
-                found[item.name] = Signal(topic=topic, field=told, unit=item.unit, holds=holds)
+                found[item.name] = Signal(topic=topic, field=selector, unit=item.unit, holds=holds)
             return found
 
         def channels(kind: str, of: Sequence[Variable], found: dict[str, Signal]) -> dict[str, Signal]:

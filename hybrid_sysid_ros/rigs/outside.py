@@ -23,15 +23,15 @@ FILE = "system.py"
 __path__: list[str] = []  # makes a package of this module, with nothing of its own in it
 
 
-def told() -> list[Path]:
+def chosen_paths() -> list[Path]:
     """The folders of rigs that this process, or the one that started it, was given by path."""
     return [Path(text) for text in os.environ.get(VARIABLE, "").splitlines() if text]
 
 
 def tell(folder: Path) -> None:
     """Let this process and those that it starts know a rig by its name."""
-    if folder not in told():
-        os.environ[VARIABLE] = "\n".join(map(str, [*told(), folder]))
+    if folder not in chosen_paths():
+        os.environ[VARIABLE] = "\n".join(map(str, [*chosen_paths(), folder]))
 
 
 def module_of(folder: Path) -> str:
@@ -45,7 +45,7 @@ class _Finder(MetaPathFinder):
     ) -> ModuleSpec | None:
         if not fullname.startswith(f"{__name__}."):
             return None
-        folder = next((folder for folder in told() if module_of(folder) == fullname), None)
+        folder = next((folder for folder in chosen_paths() if module_of(folder) == fullname), None)
         return spec_from_file_location(fullname, folder / FILE) if folder else None
 
 

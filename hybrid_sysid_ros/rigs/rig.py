@@ -192,8 +192,8 @@ def _read(found: folders.RigFolder) -> Rig:
     system, structures = folders.systems_of(found)
     for other in structures.values():
         _check_alike(system, other, str(found.path / folders.SYSTEM))
-    sensors = _sensors(_told(content, "sensors", system.outputs, where), system, f"{where}: sensors")
-    actuators = _actuators(_told(content, "actuators", system.inputs, where), system, f"{where}: actuators")
+    sensors = _sensors(_given(content, "sensors", system.outputs, where), system, f"{where}: sensors")
+    actuators = _actuators(_given(content, "actuators", system.inputs, where), system, f"{where}: actuators")
     joints = Joints.of(section(content, "joints", where), system, f"{where}: joints")
     namespace = str(content.get("namespace") or found.name).strip("/")
     if not all(part.isidentifier() and part.isascii() for part in namespace.split("/")):
@@ -232,20 +232,20 @@ def _check_alike(system: System, other: System, where: str) -> None:
             raise UserError(f"{where}: {name} has the {kind} {', '.join(its)}, the rig's are {', '.join(mine)}")
 
 
-def _told(content: Mapping[str, Any], key: str, variables: tuple[Variable, ...], where: str) -> dict[str, Any]:
+def _given(content: Mapping[str, Any], key: str, variables: tuple[Variable, ...], where: str) -> dict[str, Any]:
     """A section with a part for each variable, by their names."""
-    told, names = section(content, key, where), [item.name for item in variables]
-    for name in told:
+    given, names = section(content, key, where), [item.name for item in variables]
+    for name in given:
         if name not in names:
             raise UserError(f"{where}: {key}.{name}: the system has no such {key[:-1]}; known are {', '.join(names)}")
-    return told
+    return given
 
 
-def _sensors(told: Mapping[str, Any], system: System, where: str) -> tuple[Sensor, ...]:
+def _sensors(given: Mapping[str, Any], system: System, where: str) -> tuple[Sensor, ...]:
     """A sensor for each output, a plain one where none is told."""
     found = []
     for item in system.outputs:
-        value, here = told.get(item.name), f"{where}.{item.name}"
+        value, here = given.get(item.name), f"{where}.{item.name}"
         sensor = built(Sensor, {"unit": item.unit, **(value or {})} if isinstance(value, dict | None) else value, here)
         factor = _factor(sensor.unit, item.unit)
         unknown = factor is None and (sensor.scale != 1.0 or not item.unit)
@@ -268,18 +268,18 @@ def _factor(unit: str, si: str) -> float | None:
     return next((factor for prefix, factor in PREFIXES.items() if plain and unit == prefix + si), None)
 
 
-def _actuators(told: Mapping[str, Any], system: System, where: str) -> tuple[Actuator, ...]:
+def _actuators(given: Mapping[str, Any], system: System, where: str) -> tuple[Actuator, ...]:
     """An actuator for each input."""
     for item in system.inputs:
-        if item.name not in told:
+        if item.name not in given:
             raise UserError(f"{where}.{item.name} is missing: it needs low and high [{item.unit}]")
-    return tuple(built(Actuator, told[item.name], f"{where}.{item.name}") for item in system.inputs)
+    return tuple(built(Actuator, given[item.name], f"{where}.{item.name}") for item in system.inputs)
 
 
-def _ranges(told: Mapping[str, Any], system: System, where: str) -> NDArray[np.float64]:
+def _ranges(given: Mapping[str, Any], system: System, where: str) -> NDArray[np.float64]:
     """Lowest and highest value of each state."""
     found = np.tile([[-np.inf], [np.inf]], len(system.states))
-    for name, value in told.items():
+    for name, value in given.items():
         index = index_of(name, system.declared_states, where, "state")
         low, high = numbers(value, f"{where}.{name}", count=2)
         if not low < high:
@@ -288,10 +288,10 @@ def _ranges(told: Mapping[str, Any], system: System, where: str) -> NDArray[np.f
     return found
 
 
-def _disturbances(told: Mapping[str, Any], system: System, where: str) -> dict[int, Excitation]:
+def _disturbances(given: Mapping[str, Any], system: System, where: str) -> dict[int, Excitation]:
     """The signals of states that are moved from outside."""
     found = {}
-    for name, value in told.items():
+    for name, value in given.items():
         signal = Excitation.of(value, f"{where}.{name}")
         if not signal.endless:
             raise UserError(f"{where}.{name}: a {signal.kind} comes to an end: take another kind, or give it a period")
@@ -299,12 +299,12 @@ def _disturbances(told: Mapping[str, Any], system: System, where: str) -> dict[i
     return found
 
 
-def _offsets(told: Mapping[str, Any], system: System, where: str) -> dict[str, float]:
+def _offsets(given: Mapping[str, Any], system: System, where: str) -> dict[str, float]:
     """How fast offsets of the rates of states drift."""
     found = {}
-    for name in told:
+    for name in given:
         index_of(name, system.declared_states, where, "state")
-        found[name] = _above_zero(told, name, where)
+        found[name] = _above_zero(given, name, where)
     return found
 
 
@@ -318,10 +318,10 @@ def _above_zero(content: Mapping[str, Any], key: str, where: str) -> float:
 def _references(content: Mapping[str, Any], system: System, where: str) -> dict[str, ReferenceSchedule]:
     found = {}
     for name in content:
-        here, told = f"{where}: {name}", section(content, name, where)
-        refuse_unknown(told, ("duration", "segments"), here)
+        here, given = f"{where}: {name}", section(content, name, where)
+        refuse_unknown(given, ("duration", "segments"), here)
         segments = []
-        for label, value in section(told, "segments", here, needed=True).items():
+        for label, value in section(given, "segments", here, needed=True).items():
             at = f"{here}.segments.{label}"
             numbers_of = dict(value) if isinstance(value, dict) else {}
             output = index_of(numbers_of.pop("output", system.outputs[0].name), system.outputs, at, "output")
@@ -333,7 +333,7 @@ def _references(content: Mapping[str, Any], system: System, where: str) -> dict[
             segments.append(Segment(name=label, output=output, start=start, stop=stop, excitation=excitation))
         found[name] = ReferenceSchedule(
             name=name,
-            duration=_above_zero(told, "duration", here),
+            duration=_above_zero(given, "duration", here),
             outputs=len(system.outputs),
             segments=tuple(segments),
         )

@@ -32,9 +32,9 @@ def check_valid(rig: Rig, states: NDArray[np.float64], what: str, *, system: Sys
         outside = np.flatnonzero((values < low[index]) | (values > high[index]))
         if len(outside):
             worst = values[outside[int(np.argmax(np.abs(values[outside])))]]
-            told = [_shown(value, item.unit) for value in (worst, low[index], high[index])]
+            shown = [_shown(value, item.unit) for value in (worst, low[index], high[index])]
             raise UserError(
-                f"{what}: {item.name} is {told[0]}, and {rig.name} is valid from {told[1]} to {told[2]} only"
+                f"{what}: {item.name} is {shown[0]}, and {rig.name} is valid from {shown[1]} to {shown[2]} only"
                 f"{_deviations(rig, item.name)}; stay within, or correct validity in its rig.yaml"
             )
 
@@ -43,9 +43,9 @@ def check_reached(rig: Rig, inputs: NDArray[np.float64], what: str) -> None:
     """Raise UserError for inputs (inputs,) that the actuators of the rig can't give, with the input that it is."""
     for value, item, actuator in zip(inputs, rig.system.inputs, rig.actuators, strict=True):
         if abs(value - min(max(value, actuator.low), actuator.high)) > ROUNDING * (actuator.high - actuator.low):
-            told = [_shown(number, item.unit) for number in (value, actuator.low, actuator.high)]
+            shown = [_shown(number, item.unit) for number in (value, actuator.low, actuator.high)]
             raise UserError(
-                f"{what}: needs {item.name} {told[0]}, and its actuator gives {told[1]} to {told[2]} only"
+                f"{what}: needs {item.name} {shown[0]}, and its actuator gives {shown[1]} to {shown[2]} only"
                 f"{_deviations(rig, item.name)}; hold other values"
             )
 

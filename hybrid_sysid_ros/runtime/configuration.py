@@ -217,14 +217,14 @@ def spread_of(rig: Rig, model: System | None = None) -> Spread:
 
     model: whose states are pushed, by default the rig's own system. Raises UserError where it lacks a number.
     """
-    told, where = rig.section("policy_training"), f"{rig.file}: policy_training"
+    given, where = rig.section("policy_training"), f"{rig.file}: policy_training"
     system = rig.system
     return Spread(
-        amplitude=in_si(listed(told, "amplitude", where, len(system.outputs)), rig),
-        disturbance=listed(told, "disturbance", where, len(system.inputs)),
-        input_jitter=listed(told, "input_jitter", where, len(system.inputs)),
-        push=by_state(listed(told, "push", where, len(system.states)), rig, model or system),
-        parameters=numbers(told.get("parameters", 0.0), f"{where}.parameters", count=1)[0],
+        amplitude=in_si(listed(given, "amplitude", where, len(system.outputs)), rig),
+        disturbance=listed(given, "disturbance", where, len(system.inputs)),
+        input_jitter=listed(given, "input_jitter", where, len(system.inputs)),
+        push=by_state(listed(given, "push", where, len(system.states)), rig, model or system),
+        parameters=numbers(given.get("parameters", 0.0), f"{where}.parameters", count=1)[0],
     )
 
 

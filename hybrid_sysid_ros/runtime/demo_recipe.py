@@ -57,21 +57,21 @@ class DemoRecipe:
     @classmethod
     def of(cls, rig: Rig) -> DemoRecipe:
         """Raises UserError where the section names what is not there; without one all is as usual, but for the bags."""
-        told, where = section(rig.content, "demo", str(rig.file)), f"{rig.file}: demo"
-        refuse_unknown(told, KEYS, where)
+        given, where = section(rig.content, "demo", str(rig.file)), f"{rig.file}: demo"
+        refuse_unknown(given, KEYS, where)
         usual = Sampling()
-        step, period = (numbers(told.get(key, getattr(usual, key)), where, count=1)[0] for key in ("step", "period"))
-        schedule = rig.schedule(str(told.get("reference") or rig.reference))
-        scored = _names(told, "scored", where) or tuple(schedule.windows)
+        step, period = (numbers(given.get(key, getattr(usual, key)), where, count=1)[0] for key in ("step", "period"))
+        schedule = rig.schedule(str(given.get("reference") or rig.reference))
+        scored = _names(given, "scored", where) or tuple(schedule.windows)
         for name in scored:
             if name not in schedule.windows:
                 raise UserError(f"{where}.scored: {schedule.name} has no part {name}: {', '.join(schedule.windows)}")
         return cls(
-            learn=_names(told, "learn", where),
-            part=Part.parse(str(told.get("part", "0:0.5"))),
-            test=_names(told, "test", where),
-            structure=str(told.get("structure", "hybrid")),
-            options=named_numbers(told, "options", where),
+            learn=_names(given, "learn", where),
+            part=Part.parse(str(given.get("part", "0:0.5"))),
+            test=_names(given, "test", where),
+            structure=str(given.get("structure", "hybrid")),
+            options=named_numbers(given, "options", where),
             sampling=Sampling(step=step, period=period),
             reference=schedule.name,
             scored=scored,
@@ -91,9 +91,9 @@ class DemoRecipe:
         return DemoRecords(training=learnt, part=self.part, tests=[*halves, *((record, Part()) for record in kept)])
 
 
-def _names(told: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:
+def _names(given: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:
     """A list of names. Raises UserError for anything else."""
-    found = told.get(key, [])
+    found = given.get(key, [])
     if not isinstance(found, list) or not all(isinstance(item, str) for item in found):
         raise UserError(f"{where}.{key} is {found!r}: it needs a list of names")
     return tuple(found)

@@ -124,9 +124,9 @@ def parameters(rig: Rig | str, node: str) -> dict[str, NodeParameter]:
     declared, where = declarations(), str(rig.file)
     if node not in declared:
         raise UserError(f"{DECLARATIONS}: no section nodes.{node}: known are {', '.join(declared)}")
-    told = section(rig.content, "nodes", where)
-    refuse_unknown(told, tuple(declared), f"{where}: nodes")
-    values = section(told, node, f"{where}: nodes")
+    given = section(rig.content, "nodes", where)
+    refuse_unknown(given, tuple(declared), f"{where}: nodes")
+    values = section(given, node, f"{where}: nodes")
     refuse_unknown(values, tuple(declared[node]), f"{where}: nodes.{node}")
     found = {}
     for name, entry in declared[node].items():

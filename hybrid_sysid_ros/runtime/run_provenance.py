@@ -18,7 +18,7 @@ FOLDERS = {"model": "model", "policy": "policy_path"}
 """By what is in them, the parameters that name folders; empty ones mean what is shipped."""
 
 
-def parameter_file(node: str, values: Mapping[str, Any]) -> dict[str, bytes]:
+def parameter_attachment(node: str, values: Mapping[str, Any]) -> dict[str, bytes]:
     """The parameters of a node as an attachment of a bag, NODE/parameters.yaml: a parameter file of ROS."""
     content = {"/**": {"ros__parameters": dict(values)}}
     text = yaml.dump(content, Dumper=yaml_text.Dumper, sort_keys=False, allow_unicode=True)

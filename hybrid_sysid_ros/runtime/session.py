@@ -121,7 +121,7 @@ class Session:
         """
         end = time.monotonic() + timeout
         while waiting := [node for node in nodes if word not in self.children[node].words]:
-            self._hear(TICK)
+            self._receive(TICK)
             for child in list(self.children.values()):
                 self._check(child)
             if time.monotonic() > end:
@@ -137,7 +137,7 @@ class Session:
         """
         begin = time.monotonic()
         while True:
-            self._hear(TICK)
+            self._receive(TICK)
             progress(time.monotonic() - begin)
             for child in list(self.children.values()):
                 if child.node in nodes and child.process.poll() == 0:
@@ -160,9 +160,9 @@ class Session:
                     # Before it is ready, Python itself would complain about an interrupt.
                     child.process.send_signal(number if "ready" in child.words else max(number, signal.SIGTERM))
                 while time.monotonic() < end and any(child.process.poll() is None for child in running):
-                    self._hear(0.02)
+                    self._receive(0.02)
         for child in self.children.values():
-            self._hear_last(child)
+            self._receive_last(child)
             if child.process.stdin is not None:
                 child.process.stdin.close()
         self._stopped = True
@@ -180,7 +180,7 @@ class Session:
     def _check(self, child: Child) -> None:
         if child.process.poll() is None:
             return
-        self._hear_last(child)
+        self._receive_last(child)
         if child.needed or "ready" not in child.words:
             raise self._failure(child)
         self._tell(f"{self._failure(child)}; the others go on")
@@ -199,13 +199,13 @@ class Session:
             for line in lines:
                 self._lines.put((child, stream, line.rstrip()))
 
-    def _hear_last(self, child: Child) -> None:
+    def _receive_last(self, child: Child) -> None:
         """Take in the last words of a node that has ended."""
         for listener in child.listeners:
             listener.join(STOP_TIMEOUTS[-1][1])
-        self._hear(0.0)
+        self._receive(0.0)
 
-    def _hear(self, timeout: float) -> None:
+    def _receive(self, timeout: float) -> None:
         """Take in what the nodes say, for `timeout` [s] if they say nothing."""
         try:
             entry = self._lines.get(timeout=timeout) if timeout else self._lines.get_nowait()

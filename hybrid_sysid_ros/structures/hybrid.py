@@ -11,7 +11,7 @@ import numpy as np
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.models.fit import Fit, FitContext
-from hybrid_sysid_ros.models.hybrid import Hybrid, averaged, block_kinds, block_of, features_of, kind_of
+from hybrid_sysid_ros.models.hybrid import Hybrid, averaged_hybrid, block_kinds, block_of, features_of, kind_of
 from hybrid_sysid_ros.models.options import Option, Options
 from hybrid_sysid_ros.models.region import Region
 from hybrid_sysid_ros.models.structure import Magnitudes, Structure
@@ -166,7 +166,7 @@ class AnchoredHybrid(JointHybrid):
             )
         return replace(
             gray,
-            system=averaged([found.system for found in members if isinstance(found.system, Hybrid)]),
+            system=averaged_hybrid([found.system for found in members if isinstance(found.system, Hybrid)]),
             relative_error=float(np.mean([found.relative_error for found in members])),
             chi_squared=None if gray.chi_squared is None else float(np.mean([found.chi_squared for found in members])),
             seconds=gray.seconds + sum(found.seconds for found in members),

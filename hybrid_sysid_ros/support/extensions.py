@@ -87,7 +87,9 @@ def installed() -> tuple[Extension, ...]:
 
 def commands() -> dict[str, tuple[str, str]]:
     """Module and summary of every command, the trunk's first, by its words."""
-    return {words: told for extension in registry().extensions for words, told in extension.commands.items()}
+    return {
+        words: description for extension in registry().extensions for words, description in extension.commands.items()
+    }
 
 
 def node_module(name: str) -> str:

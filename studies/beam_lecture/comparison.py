@@ -19,7 +19,7 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Lost, Store
 from studies.beam_lecture.candidate import Candidate, Task, work
 
-Told = Callable[[Candidate], object]
+Report = Callable[[Candidate], object]
 RULE = "the fewest parameters within one standard error of the best cross-validated R2"
 
 
@@ -65,7 +65,7 @@ def compare(
     seeds: Sequence[int] = (0, 1, 2),
     jobs: int = 0,
     store: Store[Candidate] | None = None,
-    told: Told = lambda candidate: None,
+    report: Report = lambda candidate: None,
 ) -> Comparison:
     """Fit structures with several seeds, score them on the tests, cross-validate them on the training data, and choose.
 
@@ -103,7 +103,7 @@ def compare(
         ):
             name = task.structure
             done[name] = Candidate(structure=name, error=result.reason) if isinstance(result, Lost) else result
-            told(done[name])
+            report(done[name])
     candidates = [done[structure] for structure in structures]
     return Comparison(candidates=candidates, chosen=choose(candidates), seconds=time.perf_counter() - began)
 

@@ -49,16 +49,17 @@ def command(
     folder: Annotated[Path, typer.Argument(help="Folder with the author's .mat files, or with bags of them.")],
     input_handling: InputHandlingOption = "averaged",
     structure: Annotated[
-        list[str] | None, typer.Option("--structure", help="Only these structures; several may be given.")
+        list[str] | None, typer.Option("--structure", help="Structure to fit; the option may be repeated.")
     ] = None,
     option: Annotated[
-        list[str] | None, typer.Option("--option", help="NAME=VALUE of all these structures, such as starts=4.")
+        list[str] | None,
+        typer.Option("--option", help="Option of all these structures, as NAME=VALUE, such as starts=4."),
     ] = None,
     seeds: Annotated[int, typer.Option(help="Seeds of each learned structure.", min=1, max=20)] = 3,
     as_json: Annotated[Path | None, typer.Option("--json", help="Write the results as JSON.")] = None,
     page: Annotated[Path | None, typer.Option("--report", help="Write an HTML page with the plots.")] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for the model that is chosen.")] = None,
-    jobs: Annotated[int, typer.Option(help="Processes; 0 is one on each processor.", min=0)] = 0,
+    jobs: Annotated[int, typer.Option(help="Number of processes; 0: one on each processor.", min=0)] = 0,
     step: StepOption = 0.005,
     period: Period = 0.05,
 ) -> None:
@@ -92,7 +93,7 @@ def command(
         with progress_bars(status) as update:
             update("structures", 0, len(structures))
 
-            def told(candidate: Candidate) -> None:
+            def tell_candidate(candidate: Candidate) -> None:
                 done.append(candidate)
                 status.print(f"  {candidate.structure}: {described(candidate)}")
                 update("structures", len(done), len(structures))
@@ -109,7 +110,7 @@ def command(
                 seeds=range(seeds),
                 jobs=jobs,
                 store=store,
-                told=told,
+                report=tell_candidate,
             )
     except KeyboardInterrupt:
         comparison = finished(done, structures)

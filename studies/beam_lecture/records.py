@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.io import loadmat, whosmat
 from scipy.io.matlab import MatReadError
 
-from hybrid_sysid_ros.bags import Series, joint_states, joint_trajectories, markers, write
+from hybrid_sysid_ros.bags import Series, joint_states, joint_trajectories, markers, write_bag
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder, sha256
@@ -67,7 +67,7 @@ def import_folder(
     for path in paths:
         experiment = load(path)
         notes = {"source": path.name, "source_sha256": sha256(path), "window": experiment.window}
-        bags.append(write(out / experiment.name, topics_of(experiment, scale), replace=True, notes=notes))
+        bags.append(write_bag(out / experiment.name, topics_of(experiment, scale), replace=True, notes=notes))
         seconds = (len(experiment.output) - 1) * experiment.sampling_time
         progress(f"{path.name}: {len(experiment.output)} samples, {seconds:.1f} s, {experiment.window}")
     return bags

@@ -84,7 +84,7 @@ def chosen(system: SlidingBit, record: Record, *, seed: int = 0) -> Choice:
 Folder = Annotated[Path, typer.Argument(help="Folder that holds drillstring/175_completo_1.mat, or that file.")]
 
 
-def command(folder: Folder, seed: Annotated[int, typer.Option(help="Of the search.", min=0)] = 0) -> None:
+def command(folder: Folder, seed: Annotated[int, typer.Option(help="Random seed of the search.", min=0)] = 0) -> None:
     """Search the observer's choice on the first half of the public record, in some minutes."""
     record, _ = load(folder)
     learnt = LEARNT.of(record, SAMPLING)

@@ -12,18 +12,18 @@ STUCK = 0.2
 """Speed of a bit that is stuck [rad/s], as the source's table of torque over speed has it."""
 
 
-def found(truth: Flags, told: Flags) -> dict[str, float]:
+def found(truth: Flags, reported: Flags) -> dict[str, float]:
     """Precision and recall of stuck samples, (samples,) of bool each, and of stops, with the share and the count.
 
     A stop is found where any sample of it is told, and one that is told is right where it touches a true one.
     """
-    both = float(np.sum(truth & told))
+    both = float(np.sum(truth & reported))
     return {
-        "precision": both / max(float(told.sum()), 1.0),
+        "precision": both / max(float(reported.sum()), 1.0),
         "recall": both / max(float(truth.sum()), 1.0),
         "share": float(truth.mean()),
-        "stop_precision": _touched(told, truth),
-        "stop_recall": _touched(truth, told),
+        "stop_precision": _touched(reported, truth),
+        "stop_recall": _touched(truth, reported),
         "stops": float(label(truth)[1]),
     }
 

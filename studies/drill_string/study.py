@@ -32,7 +32,7 @@ SPEEDS = (0.2, 1.0, 2.0, 4.0, 8.0, 12.0, 16.0, 21.0)
 STRUCTURES = ("gray", "hybrid")
 STARTS = 8
 
-Out = Annotated[Path, typer.Option(help="Where the numbers go, as JSON.")]
+Out = Annotated[Path, typer.Option(help="JSON file for the results.")]
 
 
 def command(folder: Folder, out: Out = Path("out/drill_string_record.json")) -> None:
@@ -43,8 +43,8 @@ def command(folder: Folder, out: Out = Path("out/drill_string_record.json")) -> 
     rig = load_rig(RIG)
     for structure in STRUCTURES:
         model = identify([record], rig, structure, sampling=SAMPLING, part=LEARNT, options={"starts": STARTS})
-        told = {"fit_seconds": model.fit["seconds"], "parameters": model.system.named}
-        structures[structure] = {**judged(model, record), **told}
+        reported = {"fit_seconds": model.fit["seconds"], "parameters": model.system.named}
+        structures[structure] = {**judged(model, record), **reported}
     found = {
         "cleaning": asdict(cleaning),
         "torque_over_speed": torque_over_speed(record),
@@ -93,8 +93,8 @@ def observed(record: Record) -> dict[str, Any]:
     cut = round(learnt.duration / observer.PERIOD) + 1
     for name, half in (("first", slice(cut)), ("second", slice(cut, None))):
         scores = score(measured[half], speed[half])
-        told = stops.found(np.abs(measured[half]) < STUCK, np.abs(speed[half]) < Choice().told)
-        found[name] = {"r2": scores.r2, "rmse": scores.rmse, "stuck": told}
+        reported = stops.found(np.abs(measured[half]) < STUCK, np.abs(speed[half]) < Choice().told)
+        found[name] = {"r2": scores.r2, "rmse": scores.rmse, "stuck": reported}
     return found
 
 

@@ -119,13 +119,13 @@ def test_an_offset_of_a_rate_that_is_planned_with_leaves_no_error():
 
     system, wind = RateDisturbanceModel(physics=Carried(), on=("place",)), 0.3
     found = {}
-    for told in (wind, 0.0):
+    for reported in (wind, 0.0):
         mpc, x, u = ExactMpc(system, problem()), np.array([0.0, 0.0, wind]), np.zeros(1)
         for _ in range(80):
-            u = mpc.control(np.array([*x[:2], told]), np.zeros(1), u, np.full((HORIZON, 1), 1.0)).input
+            u = mpc.control(np.array([*x[:2], reported]), np.zeros(1), u, np.full((HORIZON, 1), 1.0)).input
             x = simulate(system, x, np.tile(u, (10, 1)), step=PERIOD / 10)[-1]
             mpc.prepare(PERIOD)
-        found[told] = x
+        found[reported] = x
     assert found[wind][:2] == pytest.approx([1.0, -wind], abs=1e-3)
     assert abs(found[0.0][0] - 1.0) > 0.05
 

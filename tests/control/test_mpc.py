@@ -181,9 +181,9 @@ def test_a_huge_but_finite_number_is_forgotten_with_its_failure(rig, real_time, 
     """A disturbance of 1e300 V makes the model infinite; nothing of it may stay in the memory."""
     problem = dataclasses.replace(PROBLEM, output_scales=(rig.display[0].scale,))
     controller = ExactMpc(rig.system, problem, real_time=real_time)
-    for begun in (False, True):
+    for started in (False, True):
         controller.reset()
-        if begun:
+        if started:
             controller.control(*instance(1))
             controller.prepare(PROBLEM.period)
         for _ in range(2):

@@ -54,11 +54,11 @@ def test_out_of_time_the_rest_of_the_last_plan_stands_in(rig):
     preview = 0.05 * np.linspace(-1.0, 1.0, 10)[:, None]
     assert controller.control(state, d, previous, preview).status is Status.LATE  # no plan yet: the input before
     assert controller.control(state, d, previous, preview).input[0] == previous[0]
-    patient = ExactMpc(rig.system, PROBLEM, time_limit=1e9, clock=lambda: 0.0)
-    plan = patient.control(state, d, previous, preview)
+    unhurried = ExactMpc(rig.system, PROBLEM, time_limit=1e9, clock=lambda: 0.0)
+    plan = unhurried.control(state, d, previous, preview)
     assert plan.status is Status.SOLVED
-    patient._tolerance, patient._time_limit, patient._clock = 0.0, 0.5, lambda: next(seconds)
-    patient.prepare(PROBLEM.period)
-    late = patient.control(state, d, previous, -preview)
+    unhurried._tolerance, unhurried._time_limit, unhurried._clock = 0.0, 0.5, lambda: next(seconds)
+    unhurried.prepare(PROBLEM.period)
+    late = unhurried.control(state, d, previous, -preview)
     assert late.status is Status.LATE
     np.testing.assert_array_equal(late.inputs[:-1], plan.inputs[1:])

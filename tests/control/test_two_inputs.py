@@ -131,10 +131,10 @@ def test_the_cost_of_a_rollout_is_that_of_the_plan_by_hand():
     found, outside = rollout(memory.prediction, memory.horizon.weights, view, inputs, states)
     np.testing.assert_allclose(states[1:], run(ARMS, problem, state, inputs + disturbance), atol=1e-12)
 
-    class Told:
+    class Reported:
         pass
 
-    plan: Any = Told()
+    plan: Any = Reported()
     plan.inputs, plan.states = inputs, states[1:]
     assert found == pytest.approx(cost(problem, plan, previous, preview, disturbance))
     assert outside == 0.0
@@ -170,9 +170,9 @@ def test_inputs_of_different_delays_are_refused():
 def test_inputs_keep_their_bounds_whatever_is_asked(place, value):
     problem = replace(PROBLEM, rate_limits=(0.5, np.inf))
     controller = ExactMpc(ARMS, problem)
-    for begun in (False, True):
+    for started in (False, True):
         asked = list(instance(1))
-        if begun:
+        if started:
             controller.control(*instance(2))
         asked[place] = np.full_like(asked[place], value)
         inputs = controller.control(*asked).inputs

@@ -13,6 +13,6 @@ def test_the_snippets_about_systems_are_one_program_that_runs(tmp_path, monkeypa
     monkeypatch.syspath_prepend(tmp_path)
     import snippets_of_systems as program  # type: ignore[import-not-found]
 
-    told = {item.name: item.description for item in program.Watched().parameters}
-    assert told["length"] == "From axis to tip."
-    assert told["weight"] == "m g l."
+    reported = {item.name: item.description for item in program.Watched().parameters}
+    assert reported["length"] == "From axis to tip."
+    assert reported["weight"] == "m g l."

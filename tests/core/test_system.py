@@ -221,10 +221,10 @@ def test_a_declaration_that_does_not_fit_is_told_when_the_class_is_made(case):
     }
     with pytest.raises(UserError) as raised:
         type("Cart", (System,), body)
-    told(raised, "Cart", named)
+    reported(raised, "Cart", named)
 
 
-def told(raised, *parts):
+def reported(raised, *parts):
     """One line that names the class and what is wrong."""
     line = str(raised.value)
     assert "\n" not in line
@@ -274,7 +274,7 @@ def test_a_law_that_can_not_be_one_is_told_when_it_is_traced(case):
     law, named = LAWS[case]
     with pytest.raises(UserError) as raised:
         simulate(made(law), np.zeros(2), np.zeros((3, 1)), step=0.1)
-    told(raised, "Cart", named)
+    reported(raised, "Cart", named)
 
 
 @pytest.mark.parametrize(
@@ -289,14 +289,14 @@ def test_a_law_that_can_not_be_one_is_told_when_it_is_traced(case):
 def test_an_output_map_that_does_not_fit_is_told(output, outputs, named):
     with pytest.raises(UserError) as raised:
         simulate(made(output=output, outputs=outputs), np.zeros(2), np.zeros((3, 1)), step=0.1)
-    told(raised, "Cart", named)
+    reported(raised, "Cart", named)
 
 
 def test_a_block_that_is_asked_for_other_features_is_told():
     block = Softsign(features=3, units=2)
     with pytest.raises(UserError) as raised:
         simulate(made(lambda self, x, u: (x[1], block([x[0], u[0]])[0])), np.zeros(2), np.zeros((3, 1)), step=0.1)
-    told(raised, "Cart", "3 features")
+    reported(raised, "Cart", "3 features")
 
 
 def test_a_contact_whose_level_is_not_finite_is_told():
@@ -305,7 +305,7 @@ def test_a_contact_whose_level_is_not_finite_is_told():
 
     with pytest.raises(UserError) as raised:
         simulate(made(contacts=(Dry(on="v", level="grip"),), grip=level), np.zeros(2), np.zeros((3, 1)), step=0.1)
-    told(raised, "Cart", "the step is not finite")
+    reported(raised, "Cart", "the step is not finite")
 
 
 @pytest.mark.parametrize(

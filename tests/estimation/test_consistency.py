@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from hybrid_sysid_ros.core import one_step
 from hybrid_sysid_ros.core.compilation import kernel
 from hybrid_sysid_ros.estimation import METHODS, Tuning
-from hybrid_sysid_ros.estimation.belief import solve
+from hybrid_sysid_ros.estimation.belief import solve_triangular
 from hybrid_sysid_ros.estimation.consistency import band, normalised_errors
 from hybrid_sysid_ros.estimation.extended_kalman_filter import triangle
 from hybrid_sysid_ros.estimation.moving_horizon_estimator import solve_transposed
@@ -159,7 +159,7 @@ def test_equations_are_solved_where_something_has_no_variance():
     root, x = np.empty((5, 5)), np.array([1.0, 2.0, 0.0, -1.0, 3.0])
     triangle_of(half.copy(), root)
     np.testing.assert_allclose(root @ root.T, half.T @ half, atol=1e-12)
-    solve(root, x)
+    solve_triangular(root, x)
     solve_transposed(root, x)
     rest = [0, 1, 3]
     matrix = (half.T @ half)[np.ix_(rest, rest)]

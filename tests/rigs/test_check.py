@@ -15,7 +15,7 @@ from hybrid_sysid_ros.rigs.actuator import Actuator
 from hybrid_sysid_ros.rigs.check import check, step_responses
 from hybrid_sysid_ros.rigs.drivers import ExperimentLoop, Experiments
 from hybrid_sysid_ros.rigs.excitation import Excitation
-from hybrid_sysid_ros.rigs.experiments import simulate
+from hybrid_sysid_ros.rigs.experiments import simulate_experiment
 from hybrid_sysid_ros.rigs.rig import default, load
 from hybrid_sysid_ros.rigs.sensor import LowPass, Sensor
 from hybrid_sysid_ros.support.errors import UserError
@@ -224,5 +224,5 @@ def test_what_leaves_all_numbers_is_not_written_as_a_bag(tmp_path):
     steps = Excitation(kind="random_steps", numbers={"amplitude": 1.0, "hold": 1.0})
     rig = rig_of(Mass(growth=4.0), experiments=Experiments(excitations={"steps": {0: steps}}))
     with pytest.raises(UserError, match="grows beyond all numbers"):
-        simulate(rig, "steps", tmp_path / "bag", seed=0, duration=40.0, rate=100.0)
+        simulate_experiment(rig, "steps", tmp_path / "bag", seed=0, duration=40.0, rate=100.0)
     assert not (tmp_path / "bag").exists()

@@ -64,14 +64,14 @@ def test_a_state_is_moved_from_outside_whatever_the_model_knows():
 
 
 @pytest.mark.parametrize(
-    ("told", "message"),
+    ("reported", "message"),
     [
         ("gust: {kind: constant, level: 1.0}", "'gust' is no state"),
         ("wind: {kind: random_steps, amplitude: 1.0, hold: 2.0}", "a random_steps comes to an end"),
         ("wind: {kind: pulses, amplitude: 1.0}", "shortest is missing"),
     ],
 )
-def test_what_makes_no_sense_is_refused(tmp_path, told, message):
+def test_what_makes_no_sense_is_refused(tmp_path, reported, message):
     (tmp_path / "cart").mkdir()
     (tmp_path / "cart" / "system.py").write_text(
         "from dataclasses import dataclass\n"
@@ -83,7 +83,7 @@ def test_what_makes_no_sense_is_refused(tmp_path, told, message):
         "    def law(self, x, u):\n"
         "        return u[0] + x[1], 0.0\n"
     )
-    values = f"step: 0.001\nactuators: {{drive: {{low: -1.0, high: 1.0}}}}\ndisturbances:\n  {told}\n"
+    values = f"step: 0.001\nactuators: {{drive: {{low: -1.0, high: 1.0}}}}\ndisturbances:\n  {reported}\n"
     (tmp_path / "cart" / "rig.yaml").write_text(values)
     with pytest.raises(UserError, match=message):
         rigs.load(tmp_path / "cart")

@@ -28,15 +28,15 @@ def rig():
 
 def run(system, torque, seconds):
     """States at every step under a constant torque from rest."""
-    begun = np.zeros(len(system.states))
-    return simulate(system, begun, np.full((round(seconds / STEP), 1), torque), step=STEP)
+    started = np.zeros(len(system.states))
+    return simulate(system, started, np.full((round(seconds / STEP), 1), torque), step=STEP)
 
 
 def test_it_rings_at_the_frequency_of_its_shaft(rig):
     """Free-free without friction or damping, w^2 = k (1/Jd + 1/Jm)."""
     system = replace(rig.structures["coulomb"], shaft_damping=0.0, bit_damping=0.0, top_damping=0.0, coulomb=0.0)
-    begun = np.array([0.5, 0.0, 0.0])
-    twist = simulate(system, begun, np.zeros((20_000, 1)), step=STEP)[:, TWIST]
+    started = np.array([0.5, 0.0, 0.0])
+    twist = simulate(system, started, np.zeros((20_000, 1)), step=STEP)[:, TWIST]
     crossings = np.flatnonzero((twist[:-1] < 0) & (twist[1:] >= 0)) * STEP
     expected = np.sqrt(system.stiffness * (1 / system.bit_inertia + 1 / system.top_inertia)) / (2 * np.pi)
     assert 1 / np.mean(np.diff(crossings)) == pytest.approx(expected, rel=1e-3)
@@ -106,10 +106,10 @@ def test_a_hybrid_of_a_box_with_fewer_states_sees_those_it_has(rig, box):
 
 def test_nobody_but_the_hand_moves_the_brake_and_an_estimate_returns(rig):
     system = rig.system
-    begun = np.array([0.0, 0.0, 0.0, 0.3])
-    assert np.all(simulate(system, begun, np.ones((500, 1)), step=STEP)[:, plants.BRAKE] == 0.3)
-    begun[plants.BRAKE] = -1.0
-    assert simulate(system, begun, np.ones((1000, 1)), step=STEP)[-1, plants.BRAKE] == pytest.approx(
+    started = np.array([0.0, 0.0, 0.0, 0.3])
+    assert np.all(simulate(system, started, np.ones((500, 1)), step=STEP)[:, plants.BRAKE] == 0.3)
+    started[plants.BRAKE] = -1.0
+    assert simulate(system, started, np.ones((1000, 1)), step=STEP)[-1, plants.BRAKE] == pytest.approx(
         -system.coulomb, rel=1e-3
     )
 

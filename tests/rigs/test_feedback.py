@@ -19,7 +19,7 @@ WIDE = (np.array([-np.inf]), np.array([np.inf]))
 
 def feedback(**changes) -> Feedback:
     """Of one input and two outputs, the first followed."""
-    told = {
+    reported = {
         "period": 0.1,
         "followed": (0,),
         "bandwidths": np.array([2.0]),
@@ -28,7 +28,7 @@ def feedback(**changes) -> Feedback:
         "gains": np.array([[4.0, 5.0]]),
         "integral": np.array([[0.5]]),
     }
-    return Feedback(**{**told, **changes})
+    return Feedback(**{**reported, **changes})
 
 
 def test_a_command_goes_through_the_reference_model():

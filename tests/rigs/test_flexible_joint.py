@@ -31,8 +31,8 @@ def model():
 
 def run(system: Any, torque: float, seconds: float, start: Any = None) -> Any:
     """States at every step under a constant torque."""
-    begun = np.zeros(len(system.states)) if start is None else start
-    return simulate(system, begun, np.full((round(seconds / STEP), 1), torque), step=STEP)
+    started = np.zeros(len(system.states)) if start is None else start
+    return simulate(system, started, np.full((round(seconds / STEP), 1), torque), step=STEP)
 
 
 def test_what_the_motor_turns_the_link_gets(rig):

@@ -338,9 +338,9 @@ CASES = {
 def test_what_is_wrong_with_a_folder_is_one_line_with_its_file(make, case):
     system, values, message = CASES[case]
     folder = make(system=system, values=values)
-    with pytest.raises(UserError) as told:
+    with pytest.raises(UserError) as chosen_paths:
         rigs.load(folder)
-    text = str(told.value)
+    text = str(chosen_paths.value)
     assert str(folder) in text
     assert "\n" not in text
     assert re.search(message, text), text

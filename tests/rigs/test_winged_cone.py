@@ -17,7 +17,7 @@ from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.experiments import driven, excitation
-from hybrid_sysid_ros.rigs.experiments import simulate as record_of
+from hybrid_sysid_ros.rigs.experiments import simulate_experiment as record_of
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.winged_cone.system import engine, sound
 from hybrid_sysid_ros.runtime import configuration
@@ -70,7 +70,7 @@ def test_it_flies_level_where_published_and_its_modes_are_those(rig, row):
     known = modes.named_modes(rig)
     named: dict[str, list[complex]] = {}
     for mode in found.modes:
-        named.setdefault(modes.name_of(mode, system, known), []).append(mode.pole)
+        named.setdefault(modes.mode_name(mode, system, known), []).append(mode.pole)
     assert sorted(pole.real for pole in named["short_period"]) == pytest.approx([stable, unstable], abs=2e-5)
     assert named["engine"] == [pytest.approx(20.0 * complex(-0.7, np.sqrt(1.0 - 0.7**2)))]
     assert named["height"] == [pytest.approx(real, abs=1e-5)]
@@ -257,13 +257,13 @@ def test_the_mpc_flies_both_steps_on_plants_it_does_not_know(rig, shipped, numbe
     """Two opposite corners of what is uncertain, and one between."""
     plant = replace(rig, system=control.plant(rig.system, number))
     found = control.measures(rig, control.flown(plant, shipped, control.mpc_of(rig, shipped), seed=number))
-    told = dict(zip(control.MEASURES, found, strict=True))
-    assert told["speed settling"] <= 25.0
-    assert told["height settling"] <= 33.0
-    assert told["highest angle"] <= 4.8
-    assert told["speed final"] < 0.3
-    assert told["height final"] < 3.0
-    assert told["failed"] == told["not converged"] == 0
+    reported = dict(zip(control.MEASURES, found, strict=True))
+    assert reported["speed settling"] <= 25.0
+    assert reported["height settling"] <= 33.0
+    assert reported["highest angle"] <= 4.8
+    assert reported["speed final"] < 0.3
+    assert reported["height final"] < 3.0
+    assert reported["failed"] == reported["not converged"] == 0
 
 
 def test_the_corners_are_all_there(rig):

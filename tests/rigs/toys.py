@@ -44,8 +44,8 @@ def rig_of(
     **changes: Any,
 ) -> Rig:
     """A rig of a system; sensors: by output, the others show it as it is."""
-    told = sensors or {}
-    all_sensors = tuple(told.get(item.name, Sensor(unit=item.unit)) for item in system.outputs)
+    reported = sensors or {}
+    all_sensors = tuple(reported.get(item.name, Sensor(unit=item.unit)) for item in system.outputs)
     joints = Joints.of({}, system, "joints")
     inputs, outputs, channels = joints.signals(system, all_sensors)
     values: dict[str, Any] = {

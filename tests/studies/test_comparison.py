@@ -119,7 +119,7 @@ def tasks(monkeypatch):
 
 def test_only_learned_structures_are_fitted_with_every_seed_and_they_begin_first(linear_records, rig, tasks):
     structures = ["linear", "black_box", "gray", "hybrid"]
-    told = []
+    report = []
     found = compare(
         linear_records[:2],
         [(linear_records[2], Part(start=0.5))],
@@ -128,7 +128,7 @@ def test_only_learned_structures_are_fitted_with_every_seed_and_they_begin_first
         sampling=Sampling(),
         seeds=(4, 5, 6),
         jobs=1,
-        told=lambda item: told.append(item.structure),
+        report=lambda item: report.append(item.structure),
     )
     assert {task.structure: tuple(task.seeds) for task in tasks} == {
         "black_box": (4, 5, 6),
@@ -136,7 +136,7 @@ def test_only_learned_structures_are_fitted_with_every_seed_and_they_begin_first
         "linear": (4,),
         "gray": (4,),
     }
-    assert [task.structure for task in tasks] == ["black_box", "hybrid", "linear", "gray"] == told
+    assert [task.structure for task in tasks] == ["black_box", "hybrid", "linear", "gray"] == report
     assert [item.structure for item in found.candidates] == structures
 
 
@@ -154,7 +154,7 @@ def test_channels_that_no_fit_needs_are_left_behind(linear_records, rig, tasks):
 
 
 def compared(records, rig, jobs):
-    told = []
+    report = []
     found = compare(
         records[1:],
         [(records[0], Part(start=0.5)), (records[2], Part())],
@@ -164,9 +164,9 @@ def compared(records, rig, jobs):
         part=Part(stop=0.8),
         seeds=(0, 1),
         jobs=jobs,
-        told=lambda item: told.append(item.structure),
+        report=lambda item: report.append(item.structure),
     )
-    assert sorted(told) == ["linear", "magic", "stribeck"]
+    assert sorted(report) == ["linear", "magic", "stribeck"]
     return found
 
 
@@ -248,10 +248,10 @@ def test_a_structure_that_kills_its_process_fails_alone(linear_records, rig):
     assert found.chosen == "linear"
 
 
-def unpacked_again(name, begun):
+def unpacked_again(name, started):
     """A structure's name the second time; the first time it never comes."""
-    if not begun.exists():
-        begun.touch()
+    if not started.exists():
+        started.touch()
         time.sleep(600.0)
     return name
 
@@ -259,10 +259,10 @@ def unpacked_again(name, begun):
 class Slow(str):
     """A structure's name that is only unpacked when another process has tried it before; that leaves a file."""
 
-    begun: Path
+    started: Path
 
     def __reduce__(self):
-        return unpacked_again, (str(self), self.begun)
+        return unpacked_again, (str(self), self.started)
 
 
 def workers_of_this_process():
@@ -272,18 +272,18 @@ def workers_of_this_process():
 
 def test_a_structure_whose_process_is_killed_once_is_fitted_again(linear_records, rig, tmp_path):
     slow = Slow("stribeck")
-    slow.begun = tmp_path / "begun"
+    slow.started = tmp_path / "begun"
 
     def kill(candidate):
         """The processes left: the one that is at work, and an idle one."""
         if candidate.structure == "linear":
-            while not slow.begun.exists():
+            while not slow.started.exists():
                 time.sleep(0.01)
             for child in workers_of_this_process():
                 os.kill(child, signal.SIGKILL)
 
     arguments = (linear_records[1:], [(linear_records[0], Part())], rig, ["linear", slow])
-    found = compare(*arguments, sampling=Sampling(), jobs=2, told=kill)
+    found = compare(*arguments, sampling=Sampling(), jobs=2, report=kill)
     assert [item.error for item in found.candidates] == ["", ""]
 
 

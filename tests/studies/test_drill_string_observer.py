@@ -27,7 +27,7 @@ def rig():
     return rigs.load("drill_string")
 
 
-def told(rig, seed, *, hand=False):
+def simulated(rig, seed, *, hand=False):
     """Stick-slip under the speed loop: torque LATE samples late, noise on it and on the top's speed."""
     times = rig.step * np.arange(1000 * SECONDS)
     wanted = excitation(rig, "slow", seed=seed, duration=float(SECONDS), times=times)
@@ -48,7 +48,7 @@ def told(rig, seed, *, hand=False):
 
 
 def test_the_balance_tells_shaft_inertia_and_delay(rig):
-    found = balance(told(rig, 1, hand=True))
+    found = balance(simulated(rig, 1, hand=True))
     assert found.delay == pytest.approx(LATE * rig.step, abs=0.002)
     assert found.stiffness == pytest.approx(rig.system.stiffness, rel=0.03)
     assert found.inertia == pytest.approx(rig.system.bit_inertia, rel=0.1)
@@ -56,17 +56,17 @@ def test_the_balance_tells_shaft_inertia_and_delay(rig):
 
 
 def test_stuck_samples_are_found_without_the_bits_speed(rig):
-    system, found = identified(told(rig, 1))
+    system, found = identified(simulated(rig, 1))
     for seed in (2, 3, 4):
-        record = aligned(told(rig, seed), found.delay)
+        record = aligned(simulated(rig, seed), found.delay)
         measured, speed = CHOICE.estimated(system, record)
         judged = stops.found(np.abs(measured) < stops.STUCK, np.abs(speed) < CHOICE.told)
         assert min(judged["precision"], judged["recall"]) > 0.8
 
 
 def test_the_bits_speed_is_not_read(rig):
-    system, _ = identified(told(rig, 1))
-    record = told(rig, 2)
+    system, _ = identified(simulated(rig, 1))
+    record = simulated(rig, 2)
     blind = replace(record, output=record.output * [0.0, 1.0])
     np.testing.assert_array_equal(
         estimated(system, record, CHOICE.tuning)[1], estimated(system, blind, CHOICE.tuning)[1]

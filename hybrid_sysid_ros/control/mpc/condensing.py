@@ -130,7 +130,7 @@ def cost_of(horizon: Horizon, instance: Instance) -> float:
 
 
 @inner
-def evaluate(horizon: Horizon, program: Program, instance: Instance, off_instance: bool) -> None:
+def evaluate_program(horizon: Horizon, program: Program, instance: Instance, off_instance: bool) -> None:
     """Gradient and bounds of the program for an instance. off_instance: the trajectory has gaps, or begins at another
     state, or is that of another disturbance.
     """

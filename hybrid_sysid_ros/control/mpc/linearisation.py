@@ -27,7 +27,7 @@ def assign(target: Array, values: Array) -> None:
 
 
 @inner
-def advance(prediction: PredictionModel, x: Array, drive: Array, following: Array) -> None:
+def advance_interval(prediction: PredictionModel, x: Array, drive: Array, following: Array) -> None:
     """Move x (n,) one interval on, in the exact form."""
     p, w = prediction.parameters, prediction.network
     for _ in range(prediction.substeps):

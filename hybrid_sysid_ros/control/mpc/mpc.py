@@ -12,7 +12,7 @@ from hybrid_sysid_ros.control.mpc.shooting import (
     HorizonMemory,
     forget,
     plan,
-    prepare,
+    prepare_program,
     restore,
     shift,
     shooting,
@@ -79,7 +79,7 @@ class ExactMpc:
 
     @property
     def shooting(self) -> HorizonMemory:
-        """Its memory; the inputs of its horizon are the last plan, as far as :meth:`prepare` moved it on."""
+        """Its memory; the inputs of its horizon are the last plan, as far as :meth:`prepare_program` moved it on."""
         return self._shooting
 
     def adopt(self, disturbance: Array, inputs: Array, states: Array) -> None:
@@ -97,7 +97,7 @@ class ExactMpc:
         mpc = self._shooting
         shift(mpc.prediction, mpc.horizon, min(elapsed / self.period, 1.0))
         if self.real_time:
-            prepare(mpc.prediction, mpc.horizon, mpc.program)
+            prepare_program(mpc.prediction, mpc.horizon, mpc.program)
             self._prepared = factorise(mpc.program)
 
     def control(self, state: Array, disturbance: Array, previous_input: Array, preview: Array) -> MpcSolution:

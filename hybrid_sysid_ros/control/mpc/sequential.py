@@ -9,7 +9,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from hybrid_sysid_ros.control.mpc import quadratic_program as quadratic
-from hybrid_sysid_ros.control.mpc.condensing import clamp_inputs, condense, cost_of, evaluate, find_adjoint, residual
+from hybrid_sysid_ros.control.mpc.condensing import (
+    clamp_inputs,
+    condense,
+    cost_of,
+    evaluate_program,
+    find_adjoint,
+    residual,
+)
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel
 from hybrid_sysid_ros.control.mpc.linearisation import (
     add_curvature,
@@ -74,7 +81,7 @@ def solve(
     cost, last, done = cost_of(horizon, instance), progress.residual, 0
     while True:
         condense(horizon, program)
-        evaluate(horizon, program, instance, False)
+        evaluate_program(horizon, program, instance, False)
         error, made = residual(program), progress.steps
         if made > 0 and error <= tolerance:
             return SolverResult(True, done, error)
@@ -142,7 +149,7 @@ def _coarse_step(prediction: PredictionModel, horizon: Horizon, program: Program
     """Make the step that rounder stick-slip proposes; its length, 0 where there is none."""
     linearise(prediction, horizon, COARSE * prediction.smoothing, True)
     condense(horizon, program)
-    evaluate(horizon, program, instance, False)
+    evaluate_program(horizon, program, instance, False)
     if not quadratic.solve(program, MATRICES | GRADIENT | BOUNDS | STATES):
         return 0.0
     quadratic.keep_working_set(program)

@@ -17,11 +17,11 @@ from hybrid_sysid_ros.control.mpc.condensing import (
     apply_step,
     clamp_inputs,
     condense,
-    evaluate,
+    evaluate_program,
     expand,
 )
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, new_horizon, prediction
-from hybrid_sysid_ros.control.mpc.linearisation import advance, assign, linearise
+from hybrid_sysid_ros.control.mpc.linearisation import advance_interval, assign, linearise
 from hybrid_sysid_ros.control.mpc.quadratic_program import BOUNDS, GRADIENT, STATES, Program
 from hybrid_sysid_ros.control.mpc.sequential import SolverResult, solve
 from hybrid_sysid_ros.control.problem import ControlProblem, StageWeights, excess, stage_cost
@@ -99,7 +99,7 @@ def cold_start(prediction: PredictionModel, horizon: Horizon, instance: Instance
         for j in range(m):
             horizon.inputs[i, j] = min(max(instance.previous[j], horizon.limits.low[j]), horizon.limits.high[j])
             drive[j] = horizon.inputs[i, j] + horizon.disturbance[j]
-        advance(prediction, x, drive, following)
+        advance_interval(prediction, x, drive, following)
         assign(horizon.states[i + 1], x)
 
 
@@ -112,7 +112,7 @@ def shift(prediction: PredictionModel, horizon: Horizon, fraction: float) -> Non
     assign(x, horizon.states[count])
     for j in range(m):
         drive[j] = horizon.inputs[count - 1, j] + horizon.disturbance[j]
-    advance(prediction, x, drive, following)
+    advance_interval(prediction, x, drive, following)
     for i in range(count + 1):
         for a in range(n):
             after = x[a] if i == count else horizon.states[i + 1, a]
@@ -146,7 +146,7 @@ def follow(
     for i in range(inputs.shape[0]):
         for j in range(m):
             drive[j] = inputs[i, j] + instance.disturbance[j]
-        advance(prediction, x, drive, following)
+        advance_interval(prediction, x, drive, following)
         call_value(prediction.output, x, drive, prediction.parameters, prediction.network, prediction.h, 0.0, y)
         assign(states[i + 1], x)
         before = instance.previous if i == 0 else inputs[i - 1]
@@ -157,7 +157,7 @@ def follow(
 
 
 @kernel
-def bounded(horizon: Horizon, previous: Array, inputs: Array) -> None:
+def bound_inputs(horizon: Horizon, previous: Array, inputs: Array) -> None:
     """Cut inputs (N, m) to their bounds and rate limits after ``previous`` (m,)."""
     clamp_inputs(horizon, previous, inputs)
 
@@ -172,7 +172,7 @@ def forget(program: Program) -> None:
 
 
 @kernel
-def prepare(prediction: PredictionModel, horizon: Horizon, program: Program) -> None:
+def prepare_program(prediction: PredictionModel, horizon: Horizon, program: Program) -> None:
     """The preparation phase: linearise and condense about the trajectory."""
     linearise(prediction, horizon, prediction.smoothing, False)
     condense(horizon, program)
@@ -187,7 +187,7 @@ def feedback(
     Where the plan costs more than was predicted the state is not the one that was prepared for, and the step is made
     about the state itself instead. A result of no iterations: the program has no solution; the trajectory then stays.
     """
-    evaluate(horizon, program, instance, True)
+    evaluate_program(horizon, program, instance, True)
     if not quadratic.solve(program, GRADIENT | BOUNDS | STATES):
         return SolverResult(False, 0, np.inf)
     quadratic.keep_working_set(program)

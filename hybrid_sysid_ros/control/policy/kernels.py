@@ -182,7 +182,7 @@ def _evaluate(sizes: Any, numbers: Any, z: Any, answers: Any) -> None:
 
 
 @inner
-def answer(sizes: Any, numbers: Any, flat: Any, plan: Any) -> bool:
+def network_answer(sizes: Any, numbers: Any, flat: Any, plan: Any) -> bool:
     """Write the bounded plan (stages, inputs) to a flat instance; False where something is not a finite number, and
     the plan then means nothing.
     """
@@ -265,12 +265,12 @@ def _answer_in_parts(
         for k in range(outputs):
             flat[at] = preview[i, k]
             at += 1
-    return answer(sizes, numbers, flat, plan)  # type: ignore[no-any-return]
+    return network_answer(sizes, numbers, flat, plan)  # type: ignore[no-any-return]
 
 
 @cache
 def answer_in_parts() -> Callable[..., bool]:
-    """:func:`answer` for Python, to an instance in its parts: one call takes less time than four copies.
+    """:func:`network_answer` for Python, to an instance in its parts: one call takes less time than four copies.
 
     Takes state (states,), disturbance and previous input (inputs,), preview (horizon, outputs) in any layout, sizes,
     numbers and the plan. Raises ValueError for parts of other sizes and TypeError for other arrays.

@@ -203,7 +203,7 @@ class Policy:
 
     def features(self, instances: Array) -> Array:
         """Raw features (samples, features) of flat instances (samples, n + 2 m + N p)."""
-        return features_of(instances, self.output_map, self.tracked, self.inputs, self.outputs)
+        return policy_features(instances, self.output_map, self.tracked, self.inputs, self.outputs)
 
     def evaluate(self, features: Array) -> Array:
         """Unbounded inputs (samples, K, m) to raw features (samples, features)."""
@@ -241,7 +241,7 @@ class Policy:
         storage.save(folder, kind="policy", version=FORMAT, content=content, arrays=arrays)
 
 
-def features_of(instances: Array, output_map: Array, tracked: Sequence[int], inputs: int, outputs: int) -> Array:
+def policy_features(instances: Array, output_map: Array, tracked: Sequence[int], inputs: int, outputs: int) -> Array:
     """Raw features (samples, features) of flat instances [x, d, u_previous, q_1 (outputs,), ..] (samples, size)."""
     states = output_map.shape[1]
     first, count = states + 2 * inputs, len(instances)
@@ -261,7 +261,7 @@ def load(folder: Path | str, *, model: Model | None = None, certified: bool = Tr
     path = Path(folder) / "policy.yaml"
     certificate = None
     if certified and "model" in content:
-        certificate = certificates.find(folder, policy=content["seal"], model=content["model"])
+        certificate = certificates.find_certificate(folder, policy=content["seal"], model=content["model"])
     try:
         policy = Policy(
             problem=ControlProblem(**content["problem"]),

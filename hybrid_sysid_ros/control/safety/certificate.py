@@ -135,7 +135,7 @@ def _criteria(rates: Any) -> dict[str, set[str]]:
     return {driver: set(found) for driver, found in parts}
 
 
-def find(folder: Path | str, *, policy: str, model: str) -> Certificate | None:
+def find_certificate(folder: Path | str, *, policy: str, model: str) -> Certificate | None:
     """The certificate in a policy's folder, None where there is none.
 
     policy, model: seals of the policy and of the model that it is used with. Raises UserError where the certificate was

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
 from hybrid_sysid_ros.control.mpc.horizon import Horizon, Instance, PredictionModel, new_instance
 from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.shooting import follow
-from hybrid_sysid_ros.control.policy.kernels import Packed, answer, inside
+from hybrid_sysid_ros.control.policy.kernels import Packed, inside, network_answer
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.support.arrays import Array, Numbers
@@ -74,7 +74,7 @@ def check(
     """
     sizes, numbers = policy
     disturbance, share, floor, violation = limits
-    if not answer(sizes, numbers, flat, inputs):
+    if not network_answer(sizes, numbers, flat, inputs):
         return OUT_OF_RANGE
     for j in range(disturbance.shape[0]):
         if not abs(instance.disturbance[j]) <= disturbance[j]:

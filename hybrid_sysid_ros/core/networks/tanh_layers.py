@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hybrid_sysid_ros.core.compilation import inner
-from hybrid_sysid_ros.core.registers import added, load, plus_scaled, scratch, store, tanh, zero
+from hybrid_sysid_ros.core.registers import added, load_numbers, plus_scaled, scratch, store, tanh, zero
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -57,7 +57,7 @@ def _padded(width: int) -> int:
 @inner
 def _layer(w: Any, at: int, width: int, values: Any, count: int, straight: bool, out: Any, lanes: int) -> None:
     for block in range(0, width, lanes):
-        biases = load(w, at + count * width + block, lanes)
+        biases = load_numbers(w, at + count * width + block, lanes)
         z = column_sum(w, at + block, width, values, count, biases, lanes)
         store(out, block, z if straight else tanh(z))
 
@@ -91,8 +91,8 @@ def column_sum(w: Any, at: int, width: int, factors: Any, count: int, start: Any
     """
     even, odd = start, zero(lanes)
     for j in range(0, count - 1, 2):
-        even = plus_scaled(even, load(w, at + j * width, lanes), factors[j])
-        odd = plus_scaled(odd, load(w, at + (j + 1) * width, lanes), factors[j + 1])
+        even = plus_scaled(even, load_numbers(w, at + j * width, lanes), factors[j])
+        odd = plus_scaled(odd, load_numbers(w, at + (j + 1) * width, lanes), factors[j + 1])
     if count % 2:
-        even = plus_scaled(even, load(w, at + (count - 1) * width, lanes), factors[count - 1])
+        even = plus_scaled(even, load_numbers(w, at + (count - 1) * width, lanes), factors[count - 1])
     return added(even, odd)

@@ -26,7 +26,7 @@ from hybrid_sysid_ros.identification.validation.unstable import UnstableError, c
 from hybrid_sysid_ros.models import Model, build
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.structure import structure_of
-from hybrid_sysid_ros.rigs.experiments import simulate
+from hybrid_sysid_ros.rigs.experiments import simulate_experiment
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.demo_recipe import DemoRecipe
@@ -79,38 +79,38 @@ class Setup:
         deviation of policy_training. Raises UserError for what is not there.
         """
         plan, where = DemoRecipe.of(rig), f"{rig.file}: mockup"
-        told = section(rig.content, "mockup", str(rig.file))
-        refuse_unknown(told, KEYS, where)
-        if "options" in told and "structure" not in told:
+        given = section(rig.content, "mockup", str(rig.file))
+        refuse_unknown(given, KEYS, where)
+        if "options" in given and "structure" not in given:
             raise UserError(f"{where}.options: belong to a structure: name one beside them")
-        if "structure" in told:
-            plan = replace(plan, structure=str(told["structure"]), options=named_numbers(told, "options", where))
+        if "structure" in given:
+            plan = replace(plan, structure=str(given["structure"]), options=named_numbers(given, "options", where))
         known = list(rig.experiments.excitations)
         if len(known) < 2:
             raise UserError(f"{rig.file}: experiments.excitations: needs two at least, one of them to test on")
         windows = rig.schedule(plan.reference).windows
-        tolerance = named_numbers(told, "tolerance", where)
+        tolerance = named_numbers(given, "tolerance", where)
         for name in tolerance:
             if name not in windows:
                 raise UserError(f"{where}.tolerance: {plan.reference} has no part {name}: it has {', '.join(windows)}")
             if not tolerance[name] > 0.0:
                 raise UserError(f"{where}.tolerance.{name} is {tolerance[name]:g}: it needs to be above 0")
         learn, test = (
-            _chosen(told, key, usual, known, where) for key, usual in (("learn", known[:-1]), ("test", known[-1:]))
+            _chosen(given, key, usual, known, where) for key, usual in (("learn", known[:-1]), ("test", known[-1:]))
         )
         if {*learn} & {*test}:
             both = ", ".join(sorted({*learn} & {*test}))
             raise UserError(f"{where}: {both} can't be in both learn and test: keep some that no fit sees")
-        rate = _number(told, "rate", 1.0 / plan.sampling.step, (SLOWEST, 1.0 / rig.step), where)
+        rate = _number(given, "rate", 1.0 / plan.sampling.step, (SLOWEST, 1.0 / rig.step), where)
         rig.steps(1.0 / rate, f"{where}.rate {rate:g} Hz: its period")
         return cls(
             rig=rig,
             reality=plant_near(rig.system, configuration.spread_of(rig).parameters, np.random.default_rng(seed)),
             plan=plan,
             learn=learn,
-            part=Part.parse(str(told.get("part", "0:1"))),
+            part=Part.parse(str(given.get("part", "0:1"))),
             test=test,
-            seconds=_number(told, "seconds", 40.0, SECONDS, where),
+            seconds=_number(given, "seconds", 40.0, SECONDS, where),
             rate=rate,
             tolerance=tolerance,
             seed=seed,
@@ -118,17 +118,17 @@ class Setup:
 
 
 def _chosen(
-    told: Mapping[str, Any], key: str, usual: Sequence[str], known: Sequence[str], where: str
+    given: Mapping[str, Any], key: str, usual: Sequence[str], known: Sequence[str], where: str
 ) -> tuple[str, ...]:
     """Names of experiments."""
-    found = told.get(key, list(usual))
+    found = given.get(key, list(usual))
     if not isinstance(found, list) or not found or not all(name in known for name in found):
         raise UserError(f"{where}.{key} is {found!r}: it needs a list of experiments: {', '.join(known)}")
     return tuple(found)
 
 
-def _number(told: Mapping[str, Any], key: str, usual: float, within: tuple[float, float], where: str) -> float:
-    found = numbers(told.get(key, usual), f"{where}.{key}", count=1)[0]
+def _number(given: Mapping[str, Any], key: str, usual: float, within: tuple[float, float], where: str) -> float:
+    found = numbers(given.get(key, usual), f"{where}.{key}", count=1)[0]
     if not within[0] <= found <= within[1]:
         raise UserError(f"{where}.{key} is {found:g}: it needs {within[0]:g} to {within[1]:g}")
     return found
@@ -154,7 +154,7 @@ class Found:
     """By model, record and output: errors over unseen experiments, as the output is shown."""
     ahead: str
     """What these errors are of."""
-    fired: Mapping[str, MonteCarloRuns]
+    runs: Mapping[str, MonteCarloRuns]
     """prior, simulated, live and uncertain shots."""
     loop: ClosedLoop
     """The first of the live ones."""
@@ -179,10 +179,10 @@ def mockup(
             raise UserError(f"--{name} {counts[name]}: the parts of {schedule.name} need {least} shots at least")
     prior = prior_of(setup, box)
     given: dict[str, Any] = {"rig": rig, "schedule": schedule}
-    fired: dict[str, MonteCarloRuns] = {}
+    runs: dict[str, MonteCarloRuns] = {}
     tell(f"1 simulating {schedule.name} with what is known of {rig.name} beforehand")
     before = Range(model=prior, seed=setup.seed, predicted=True, **given)
-    fired["prior"] = fire(before, counts["simulated"], "shots of the prior")
+    runs["prior"] = fire(before, counts["simulated"], "shots of the prior")
     tell(f"2 driving experiments: {', '.join((*setup.learn, *setup.test))}, {setup.seconds:g} s each")
     learnt, kept = (records_of(setup, names, out / "bags") for names in (setup.learn, setup.test))
     tell(f"3 identifying {' and '.join(dict.fromkeys((box, plan.structure)))} from {len(learnt)} bags")
@@ -193,20 +193,20 @@ def mockup(
     errors, ahead = tested(setup, models, kept)
     tell("4 firing shots of the model and of the rig")
     simulated = Range(model=model, seed=setup.seed + 1, predicted=True, **given)
-    fired["simulated"] = fire(simulated, counts["simulated"], "shots of the model")
+    runs["simulated"] = fire(simulated, counts["simulated"], "shots of the model")
     real = Range(model=model, seed=setup.seed + 2, reality=setup.reality, **given)
-    fired["live"] = fire(real, counts["live"], "shots of the rig")
-    accuracy = assess(fired["simulated"].shots("simulated"), fired["live"].shots("live"), discrepancy, seed=setup.seed)
+    runs["live"] = fire(real, counts["live"], "shots of the rig")
+    accuracy = assess(runs["simulated"].shots("simulated"), runs["live"].shots("live"), discrepancy, seed=setup.seed)
     tell(f"5 closing the loop on {counts['plants']} plants that the identification does not tell apart")
     doubted = Range(model=model, seed=setup.seed + 3, doubted=True, **given)
-    fired["uncertain"] = fire(doubted, counts["plants"], "uncertain plants")
+    runs["uncertain"] = fire(doubted, counts["plants"], "uncertain plants")
     loop, _ = real.fire(0, real.controller())
     found = Found(
         setup=setup,
         models=models,
         errors=errors,
         ahead=ahead,
-        fired=fired,
+        runs=runs,
         loop=loop,
         accuracy=accuracy,
         verdict=(),
@@ -242,7 +242,7 @@ def records_of(setup: Setup, names: Sequence[str], folder: Path) -> list[Record]
     real = replace(setup.rig, system=setup.reality)
     for name in names:
         place, seed = folder / name, setup.seed + known.index(name)
-        simulate(real, name, place, seed=seed, duration=setup.seconds, rate=setup.rate, overwrite=True)
+        simulate_experiment(real, name, place, seed=seed, duration=setup.seconds, rate=setup.rate, overwrite=True)
         found.append(bags.read(place, setup.rig.signals))
     return found
 
@@ -304,16 +304,16 @@ def tested(
 def judged(found: Found) -> Iterator[Criterion]:
     """The verdict's lines."""
     yield _predicts(found)
-    told, conflict = found.accuracy.contradictions, found.accuracy.conflict
+    contradictions, conflict = found.accuracy.contradictions, found.accuracy.conflict
     yield Criterion(
         name="shots of the rig do not contradict those of the model",
-        kept=not told,
-        words="; ".join(told) or f"p {conflict.mean:.2g} (mean), {conflict.spread:.2g} (spread)",
+        kept=not contradictions,
+        words="; ".join(contradictions) or f"p {conflict.mean:.2g} (mean), {conflict.spread:.2g} (spread)",
     )
-    for fired, who in ((found.fired["live"], "the rig"), (found.fired["uncertain"], "every uncertain plant")):
-        yield _holds(fired, who)
+    for runs, who in ((found.runs["live"], "the rig"), (found.runs["uncertain"], "every uncertain plant")):
+        yield _holds(runs, who)
         for window, most in found.setup.tolerance.items():
-            yield _ends(fired, window, most, who)
+            yield _ends(runs, window, most, who)
 
 
 def _predicts(found: Found) -> Criterion:
@@ -327,8 +327,8 @@ def _predicts(found: Found) -> Criterion:
     )
 
 
-def _holds(fired: MonteCarloRuns, who: str) -> Criterion:
-    kept, count = int(fired.sound.all(axis=1).sum()), len(fired.sound)
+def _holds(runs: MonteCarloRuns, who: str) -> Criterion:
+    kept, count = int(runs.sound.all(axis=1).sum()), len(runs.sound)
     bound = binomial_bound(kept, count, 1.0 - CONFIDENCE)
     return Criterion(
         name=f"{who} is held, within its travel and validity",
@@ -337,12 +337,12 @@ def _holds(fired: MonteCarloRuns, who: str) -> Criterion:
     )
 
 
-def _ends(fired: MonteCarloRuns, window: str, most: float, who: str) -> Criterion:
-    names = list(fired.windows)
-    unit, misses = fired.windows[window], np.abs(fired.miss[:, names.index(window)])
-    miss = float(np.quantile(misses, CLOSE))
+def _ends(runs: MonteCarloRuns, window: str, most: float, who: str) -> Criterion:
+    names = list(runs.windows)
+    unit, tracking_errors = runs.windows[window], np.abs(runs.tracking_error[:, names.index(window)])
+    tracking_error = float(np.quantile(tracking_errors, CLOSE))
     return Criterion(
         name=f"{window} ends within {most:g} {unit}: {who}",
-        kept=miss <= most,
-        words=f"{100 * CLOSE:g} % within {miss:.3g} {unit}",
+        kept=tracking_error <= most,
+        words=f"{100 * CLOSE:g} % within {tracking_error:.3g} {unit}",
     )

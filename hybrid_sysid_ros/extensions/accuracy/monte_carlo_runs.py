@@ -79,19 +79,19 @@ class Range:
             system = drawn(self.model, random)
         system = plant_near(system, spread.parameters, random)
         offset = random.normal(size=len(spread.disturbance)) * np.array(spread.disturbance)
-        begun = random.normal(size=len(spread.push)) * np.array(spread.push)
+        initial = random.normal(size=len(spread.push)) * np.array(spread.push)
         if stands_in:
             plant = predicted_plant(self.rig, system, disturbance=offset, seed=number, noisy=True)
         else:
             plant = Plant(replace(self.rig, system=system), seed=number, bias=np.array(self.rig.bias) + offset)
-        plant.reset(begun)
+        plant.reset(initial)
         return plant
 
-    def _row(self, fired: tuple[ClosedLoop, Plant]) -> dict[str, Any]:
-        loop, plant = fired
+    def _row(self, runs: tuple[ClosedLoop, Plant]) -> dict[str, Any]:
+        loop, plant = runs
         judged = [self._judged(loop, segment) for segment in self.schedule.segments]
         return {
-            "miss": [miss for miss, _ in judged],
+            "miss": [tracking_error for tracking_error, _ in judged],
             "rmse": [rmse for _, rmse in judged],
             "sound": [bool(np.all(np.isfinite(loop.outputs))), plant.stopped == 0, self._valid(loop)],
         }
@@ -135,7 +135,7 @@ class MonteCarloRuns:
     """Shots of a range."""
 
     where: Range
-    miss: Array
+    tracking_error: Array
     """(shots, windows), mean error at the end of each window of the reference, as the output is shown."""
     rmse: Array
     """(shots, windows), over the window."""
@@ -150,13 +150,16 @@ class MonteCarloRuns:
 
     def shots(self, name: str) -> Shots:
         """Their misses. Raises UserError where a loop ran away, and left no numbers."""
-        lost = np.count_nonzero(~np.isfinite(self.miss).all(axis=1))
+        lost = np.count_nonzero(~np.isfinite(self.tracking_error).all(axis=1))
         if lost:
             raise UserError(
-                f"{name}: {lost} of {len(self.miss)} shots ended in no numbers, as the loop ran away: lower steps of "
-                f"{self.where.schedule.name}, or correct the controller's weights and limits, in {self.where.rig.file}"
+                f"{name}: {lost} of {len(self.tracking_error)} shots ended in no numbers, as the loop ran away: lower "
+                f"steps of {self.where.schedule.name}, or correct the controller's weights and limits, "
+                f"in {self.where.rig.file}"
             )
-        return Shots(name=name, names=tuple(self.windows), units=tuple(self.windows.values()), values=self.miss)
+        return Shots(
+            name=name, names=tuple(self.windows), units=tuple(self.windows.values()), values=self.tracking_error
+        )
 
 
 def batches(count: int, size: int) -> Iterator[tuple[int, ...]]:

@@ -10,7 +10,9 @@ import typer
 
 from hybrid_sysid_ros.runtime.companion import Companion, NodeValues, RequestedLoop
 
-LayersOption = Annotated[Path | None, typer.Option(help="Layers that read pictures; the shipped ones by default.")]
+LayersOption = Annotated[
+    Path | None, typer.Option(help="Folder of the layers that read pictures; the shipped ones by default.")
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +34,11 @@ class Commander(Companion):
 
 def companion(
     commander: Annotated[
-        bool, typer.Option("--commander", help="Take commands in plain language: see say. At rest until then.")
+        bool,
+        typer.Option(
+            "--commander",
+            help="Take commands in plain language (see hybrid-sysid say); the rig rests until the first one.",
+        ),
     ] = False,
     layers: LayersOption = None,
 ) -> Commander | None:

@@ -13,7 +13,7 @@ from hybrid_sysid_ros.support.files import check_folder, written_folder
 
 MOST_SUBSTEPS = 10_000
 """Of an exported step; each is written out."""
-STEP, OUTPUT, TOLD = "step.casadi", "output.casadi", "model.json"
+STEP, OUTPUT, CONTENT = "step.casadi", "output.casadi", "model.json"
 
 
 def export_casadi(
@@ -36,7 +36,7 @@ def export_casadi(
     substeps = round(step / own) if step else 1
     if substeps < 1 or abs(substeps * own - (step or own)) > 1e-9:
         raise UserError(f"export: a step of {step:g} s is no multiple of the model's {own:g} s")
-    told = {
+    content = {
         "rig": model.rig,
         "structure": model.structure,
         "step": substeps * own,
@@ -48,4 +48,4 @@ def export_casadi(
     with written_folder(folder, marker=STEP, replace=overwrite) as partial:
         symbolic_step(system, step=own, substeps=substeps, smoothing=smoothing).save(str(partial / STEP))
         symbolic_output(system).save(str(partial / OUTPUT))
-        (partial / TOLD).write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+        (partial / CONTENT).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

@@ -54,28 +54,28 @@ def export(folder: Path | str, out: Path | str, *, form: ExportFormat = "both", 
     check_folder(out, marker=MANIFEST, replace=overwrite)
     loaded = policies.load(folder)
     name = identifier(Path(folder).resolve().name)
-    return write(loaded, out, name=name, seal=storage.digest(folder, kind="policy"), form=form)
+    return write_export(loaded, out, name=name, seal=storage.digest(folder, kind="policy"), form=form)
 
 
 def export_loaded(policy: Policy, out: Path, *, seal: str, form: ExportFormat, overwrite: bool) -> None:
     """:func:`export` of a policy in memory, by the name of the folder. seal: of the policy's own folder."""
     check_folder(out, marker=MANIFEST, replace=overwrite)
-    write(policy, out, name=identifier(out.resolve().name), seal=seal, form=form)
+    write_export(policy, out, name=identifier(out.resolve().name), seal=seal, form=form)
 
 
-def write(policy: Policy, out: Path | str, *, name: str, seal: str, form: ExportFormat = "both") -> list[Check]:
+def write_export(policy: Policy, out: Path | str, *, name: str, seal: str, form: ExportFormat = "both") -> list[Check]:
     """:func:`export` of a policy in memory. name: of the C function and the files. seal: of the policy's folder."""
-    told, known = about(policy, seal), vectors(policy)
+    properties, known = about(policy, seal), vectors(policy)
     with written_folder(out, marker=MANIFEST) as partial:
         checks = []
         if form != "c":
-            checks.append(_write_onnx(policy, known, partial, name, told))
+            checks.append(_write_onnx(policy, known, partial, name, properties))
         if form != "onnx":
-            checks.append(_write_c(policy, known, partial, name, told))
+            checks.append(_write_c(policy, known, partial, name, properties))
         content = {
             "format": FORMAT,
             "name": name,
-            **told,
+            **properties,
             "vectors": {"number": len(known), "tolerance": SELF_CHECK_TOLERANCE, "examples": _examples(policy, known)},
             "checks": [asdict(check) for check in checks],
             "files": {path.name: sha256(path) for path in sorted(partial.iterdir())},
@@ -99,7 +99,7 @@ def about(policy: Policy, seal: str) -> dict[str, str]:
         policy.inputs,
         policy.outputs,
     )
-    told = {
+    properties = {
         "made_by": f"hybrid_sysid_ros {version('hybrid_sysid_ros')}",
         "rig": policy.rig,
         "policy": seal,
@@ -119,8 +119,8 @@ def about(policy: Policy, seal: str) -> dict[str, str]:
     }
     if policy.correction is not None:
         units = {item.name: item.unit for item in rig.system.parameters}
-        told["parameters"] = ", ".join(f"{key} [{units.get(key, '')}]" for key in policy.correction.names)
-    return told
+        properties["parameters"] = ", ".join(f"{key} [{units.get(key, '')}]" for key in policy.correction.names)
+    return properties
 
 
 def _listed(variables: Sequence[Variable]) -> str:
@@ -135,8 +135,8 @@ def _certified(certificate: Certificate | None) -> str:
     return f"{certificate.loops} loops; rates at least (delta {certificate.delta:g}): {bounds}"
 
 
-def _write_onnx(policy: Policy, known: Vectors, folder: Path, name: str, told: dict[str, str]) -> Check:
-    graph = onnx_graph.model(policy, name=name, about=told)
+def _write_onnx(policy: Policy, known: Vectors, folder: Path, name: str, properties: dict[str, str]) -> Check:
+    graph = onnx_graph.model(policy, name=name, about=properties)
     path = folder / f"{name}.onnx"
     path.write_bytes(graph.SerializeToString())
     difference = onnx_graph.largest_difference(path, policy, known)
@@ -148,8 +148,8 @@ def _write_onnx(policy: Policy, known: Vectors, folder: Path, name: str, told: d
     return Check(file=path.name, by=onnx_graph.evaluator(), largest_difference=difference)
 
 
-def _write_c(policy: Policy, known: Vectors, folder: Path, name: str, told: dict[str, str]) -> Check:
-    texts = c_source.sources(policy, known, name=name, about=told, tolerance=SELF_CHECK_TOLERANCE)
+def _write_c(policy: Policy, known: Vectors, folder: Path, name: str, properties: dict[str, str]) -> Check:
+    texts = c_source.sources(policy, known, name=name, about=properties, tolerance=SELF_CHECK_TOLERANCE)
     for file, text in texts.items():
         (folder / file).write_text(text, encoding="utf-8")
     compiler_name = compiler.found()

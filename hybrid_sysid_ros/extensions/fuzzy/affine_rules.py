@@ -68,10 +68,10 @@ class AffineRules(Block):
                     by_z[k * features + j] = 0.0
                 for i in range(rules):
                     place = at + first + (k * rules + i) * width
-                    told = consequent(w, place, z)
-                    y[k] += h[i] * told
+                    text = consequent(w, place, z)
+                    y[k] += h[i] * text
                     for j in range(features):
-                        by_z[k * features + j] += h_by_z[i * features + j] * told + h[i] * w[place + 1 + j]
+                        by_z[k * features + j] += h_by_z[i * features + j] * text + h[i] * w[place + 1 + j]
 
         @inner
         def weight_gradient(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:

@@ -27,7 +27,7 @@ class AffineRulesKind(BlockKind):
     def block(self, size: int, features: int, outputs: int) -> AffineRules:
         return AffineRules(features=features, rules=size, outputs=outputs)
 
-    def placed(self, block: Block, points: Array, seed: int) -> Array:
+    def initial_weights(self, block: Block, points: Array, seed: int) -> Array:
         assert isinstance(block, AffineRules)
         centres = _centres(points, block.rules, seed)
         premises = packed(centres, np.ones_like(centres))
@@ -46,7 +46,7 @@ class LinkedRulesKind(BlockKind):
         rules, links = tuple((i,) * features for i in range(size)), tuple((i, i) for i in range(size))
         return LinkedRules(rules=rules, links=(links,) * outputs, terms=size)
 
-    def placed(self, block: Block, points: Array, seed: int) -> Array:
+    def initial_weights(self, block: Block, points: Array, seed: int) -> Array:
         from hybrid_sysid_ros.extensions.fuzzy.clustering import HALF
 
         assert isinstance(block, LinkedRules)

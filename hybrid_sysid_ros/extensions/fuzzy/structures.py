@@ -93,10 +93,10 @@ class TakagiSugenoStructure(FuzzyStructure):
         return [f"rule {number}: {rule}" for number, rule in enumerate(system.words, start=1)]
 
     def figures(self, system: System) -> Mapping[str, Any]:
-        from hybrid_sysid_ros.extensions.fuzzy.report.figures import memberships
+        from hybrid_sysid_ros.extensions.fuzzy.report.figures import membership_figure
 
         assert isinstance(system, TakagiSugeno)
-        return {"memberships": memberships(system)}
+        return {"memberships": membership_figure(system)}
 
 
 class DifnnStructure(FuzzyStructure):

@@ -75,7 +75,7 @@ class TakagiSugeno(Lagged):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        told = "Of a rule's consequent, output and regressor in their scales."
+        description = "Of a rule's consequent, output and regressor in their scales."
         names = ["offset", *(item.name for item in self.regressors)]
         consequents = (
             Parameter(
@@ -85,7 +85,7 @@ class TakagiSugeno(Lagged):
                 high=LARGEST,
                 start=0.0,
                 learned=True,
-                description=told,
+                description=description,
             )
             for output in self.outputs
             for rule in range(self.rules)

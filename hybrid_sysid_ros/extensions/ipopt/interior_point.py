@@ -9,7 +9,7 @@ import numpy as np
 
 from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
 from hybrid_sysid_ros.control.mpc.horizon import new_horizon, new_instance
-from hybrid_sysid_ros.control.mpc.shooting import bounded, one_delay
+from hybrid_sysid_ros.control.mpc.shooting import bound_inputs, one_delay
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.symbolic import symbolic_output, symbolic_step
@@ -70,7 +70,7 @@ class InteriorPointMpc:
         if self._cold:
             return held(self._instance.previous, self.problem, status)
         inputs = self._inputs.copy()
-        bounded(self._limits, self._instance.previous, inputs)
+        bound_inputs(self._limits, self._instance.previous, inputs)
         return MpcSolution(input=inputs[0].copy(), inputs=inputs, states=self._states[1:].copy(), status=status)
 
 

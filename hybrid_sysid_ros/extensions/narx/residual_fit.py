@@ -145,12 +145,12 @@ def levinson(series: Sequence[Array], order: int) -> list[float]:
 
     Levinson (1947), Durbin (1960); Markel and Gray (1976), Linear prediction of speech, section 5.1.
     """
-    told = [sum(float(np.dot(v[: len(v) - lag], v[lag:])) for v in series) for lag in range(order + 1)]
+    autocovariance = [sum(float(np.dot(v[: len(v) - lag], v[lag:])) for v in series) for lag in range(order + 1)]
     reflections: list[float] = []
     found: list[float] = []
     for m in range(1, order + 1):
-        variance = told[0] - sum(a * told[j + 1] for j, a in enumerate(found))
-        explained = told[m] - sum(a * told[m - 1 - j] for j, a in enumerate(found))
+        variance = autocovariance[0] - sum(a * autocovariance[j + 1] for j, a in enumerate(found))
+        explained = autocovariance[m] - sum(a * autocovariance[m - 1 - j] for j, a in enumerate(found))
         reflections.append(float(np.clip(explained / variance, -1.0, 1.0)) if variance > 0.0 else 0.0)
         found = step_up(found, reflections[-1])
     return reflections
@@ -195,5 +195,5 @@ def _earlier(values: Array, lag: int) -> Array:
 def _change(values: Array, remembered: Sequence[float]) -> Array:
     """What its memory does not tell of a series' next value, (samples - lags,)."""
     lags, count = len(remembered), len(values)
-    told = [a * values[lags - 1 - j : count - 1 - j] for j, a in enumerate(remembered)]
-    return np.asarray(values[lags:] - np.sum(told, axis=0))
+    predicted = [a * values[lags - 1 - j : count - 1 - j] for j, a in enumerate(remembered)]
+    return np.asarray(values[lags:] - np.sum(predicted, axis=0))

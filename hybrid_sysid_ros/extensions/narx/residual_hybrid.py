@@ -125,8 +125,8 @@ class ResidualHybrid(Wrapper):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        told = "Of the residual's own memory; within [-1, 1] it dies away."
-        reflection = Parameter(name="", unit="", low=-1.0, high=1.0, start=0.0, learned=True, description=told)
+        description = "Of the residual's own memory; within [-1, 1] it dies away."
+        reflection = Parameter(name="", unit="", low=-1.0, high=1.0, start=0.0, learned=True, description=description)
         reflections = (
             replace(reflection, name=f"reflection_{j + 1}_{y.name}")
             for y in self.outputs
@@ -264,7 +264,7 @@ class ResidualHybrid(Wrapper):
         return replace(own, delay_line=memory, unobserved=rest, states_from_record=states_from_record)
 
 
-def averaged(members: Sequence[ResidualHybrid]) -> ResidualHybrid:
+def averaged_residual(members: Sequence[ResidualHybrid]) -> ResidualHybrid:
     """The mean of models beside one gray box: of their reflection coefficients, which is stable as they are, and of
     what drives their residuals: one polynomial, and one network that holds all of theirs.
     """

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.extensions.narx.residual_hybrid import ResidualHybrid, averaged
+from hybrid_sysid_ros.extensions.narx.residual_hybrid import ResidualHybrid, averaged_residual
 from hybrid_sysid_ros.models.fit import Fit, FitContext
 from hybrid_sysid_ros.models.options import Option
 from hybrid_sysid_ros.models.structure import Structure
@@ -64,7 +64,7 @@ class ResidualStructure(Structure):
                     iterations=ITERATIONS,
                 )
             )
-        system = averaged([item.system for item in fits if isinstance(item.system, ResidualHybrid)])
+        system = averaged_residual([item.system for item in fits if isinstance(item.system, ResidualHybrid)])
         check_forgets(system, residuals)
         return replace(
             gray,

@@ -71,10 +71,10 @@ def replay_plan_of(bag: Path, changes: Changes, scratch: Path, *, recover: bool 
     if changes.model and not changes.policy and not changes.policy_path:
         changes = dataclasses.replace(changes, policy="exact")
     found = attached(bag)
-    told = {node: run_provenance.parameters(found, node) for node in ("estimator", "controller")}
-    rig = rigs.load(changes.rig or told["estimator"].get("rig") or rigs.default())
+    stored = {node: run_provenance.parameters(found, node) for node in ("estimator", "controller")}
+    rig = rigs.load(changes.rig or stored["estimator"].get("rig") or rigs.default())
     lockstep, rate = _timing(bag, rig, recover)
-    values = {node: _known(rig, node, told[node]) for node in told}
+    values = {node: _known(rig, node, stored[node]) for node in stored}
     given = {"model": changes.model, "policy": changes.policy, "policy_path": changes.policy_path}
     for node, parameters_of in values.items():
         for kind, name in run_provenance.FOLDERS.items():
@@ -86,19 +86,19 @@ def replay_plan_of(bag: Path, changes: Changes, scratch: Path, *, recover: bool 
         parameters_of |= {"rig": rig.source, "lockstep": lockstep, "autostart": True}
         if not lockstep:  # the bag's time is the nodes', which has no hurry
             parameters_of |= {"use_sim_time": True, "silence": 0.0}
-        elif not told[node]:
+        elif not stored[node]:
             parameters_of["latency"] = 0.0
     values["estimator"].setdefault("rate", rate)
     if not lockstep:
         values["controller"]["time_limit"] = 0.0
-    source = "as the bag says" if told["estimator"] else "the rig's defaults: the bag does not say what they were"
+    source = "as the bag says" if stored["estimator"] else "the rig's defaults: the bag does not say what they were"
     return ReplayPlan(rig=rig, lockstep=lockstep, **values, source=source, changes=changes)
 
 
-def _known(rig: Rig, node: str, told: Mapping[str, Any]) -> dict[str, Any]:
+def _known(rig: Rig, node: str, stored: Mapping[str, Any]) -> dict[str, Any]:
     """The recorded parameters that a node of today has."""
     known = parameters(rig, node)
-    return {name: known[name].checked(value) for name, value in told.items() if name in known}
+    return {name: known[name].checked(value) for name, value in stored.items() if name in known}
 
 
 def _timing(bag: Path, rig: Rig, recover: bool) -> tuple[bool, float]:
@@ -152,7 +152,7 @@ def replay(
     return plan
 
 
-def told_changes(changes: Changes) -> str:
+def change_summary(changes: Changes) -> str:
     """Those changes in words."""
     given = {name: value for name, value in dataclasses.asdict(changes).items() if value}
     return ", ".join(f"{name} {value}" for name, value in given.items()) or "nothing changed"

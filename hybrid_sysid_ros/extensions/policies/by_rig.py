@@ -26,7 +26,7 @@ from hybrid_sysid_ros.support.extras import extra
 from hybrid_sysid_ros.support.parallel import Store
 
 
-def train_policy(
+def train_configured_policy(
     model: Model,
     settings: Settings | None = None,
     *,

@@ -57,16 +57,16 @@ def certify(
     if not 0.0 < delta < 1.0 or loops < 1 or margin(loops, delta) >= 1.0:
         raise UserError(f"certificate: {loops} loops with delta {delta} say nothing: take more loops and 0 < delta < 1")
     Drivers(certification)  # or say why not
-    began, told = time.perf_counter(), progress or (lambda *_: None)
+    began, report = time.perf_counter(), progress or (lambda *_: None)
     pieces = [(first, min(first + CHUNK, loops)) for first in range(0, loops, CHUNK)]
     kept: Store[NamedArrays] | None = Store(store, _purpose(certification)) if store is not None else None
-    told("closed loops", 0, loops)
+    report("closed loops", 0, loops)
     found = parallel.run(
         partial(measured, certification),
         pieces,
         workers=workers,
         store=kept,
-        progress=lambda done, _: told("closed loops", min(done * CHUNK, loops), loops),
+        progress=lambda done, _: report("closed loops", min(done * CHUNK, loops), loops),
     )
     measures, reasons = (np.concatenate([each[name] for each in found]) for name in ("measures", "reasons"))
     rates = {

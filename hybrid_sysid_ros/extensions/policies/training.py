@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from hybrid_sysid_ros.control.policy.kernels import TrainingRange
-from hybrid_sysid_ros.control.policy.policy import Correction, Policy, features_of
+from hybrid_sysid_ros.control.policy.policy import Correction, Policy, policy_features
 from hybrid_sysid_ros.control.policy.training_settings import MOST_EPISODES, Settings
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.scenarios import Spread, steady_motion
@@ -139,7 +139,7 @@ class _TrainingData:
         output_map = steady_motion(model.system, problem, np.array(spread.centre)).output_map
         tracked = tuple(k for k, weight in enumerate(problem.output_weights) if weight > 0)
         low, high = np.array(problem.input_low), np.array(problem.input_high)
-        features = features_of(samples.instances, output_map, tracked, len(low), len(problem.output_weights))
+        features = policy_features(samples.instances, output_map, tracked, len(low), len(problem.output_weights))
         states, still = len(model.system.states), np.eye(features.shape[1])
         still[:states, :states] = without_idle(model.system, problem)
         features = features @ still.T
@@ -160,7 +160,9 @@ class _TrainingData:
 
     def features_of(self, instances: Array) -> Array:
         """Raw features (samples, features) of flat instances."""
-        return features_of(instances, self.output_map, self.tracked, len(self.half), len(self.problem.output_weights))
+        return policy_features(
+            instances, self.output_map, self.tracked, len(self.half), len(self.problem.output_weights)
+        )
 
     @property
     def onto_raw(self) -> Array:

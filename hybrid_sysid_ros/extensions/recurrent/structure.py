@@ -30,10 +30,10 @@ class RecurrentStructure(Structure):
         return replace(asked, step=step_within(asked.period) if asked.input == "averaged" else asked.period)
 
     def fit(self, context: FitContext) -> Fit:
-        from hybrid_sysid_ros.extensions.recurrent.training import train, untrained
+        from hybrid_sysid_ros.extensions.recurrent.training import train_network, untrained
 
         network = untrained(self.physics, context.sampling.step, int(context.options["units"]))
-        return train(network, context.experiments(network), seed=context.seed, progress=context.progress)
+        return train_network(network, context.experiments(network), seed=context.seed, progress=context.progress)
 
     def assemble(self, design: Mapping[str, Any], weights: NDArray[np.float64]) -> Recurrent:
         return Recurrent.of(design, weights)

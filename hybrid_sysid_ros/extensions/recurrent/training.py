@@ -38,7 +38,7 @@ class TrainingSchedule:
     """Steps between two looks at the free run over the training records, of which the best one's weights are kept."""
 
 
-def train(
+def train_network(
     network: Recurrent,
     experiments: Sequence[PreparedRecord],
     *,

@@ -128,7 +128,7 @@ def search(
     *,
     trials: int,
     timeout: float | None = None,
-    told: Callable[[Evaluation], object] = lambda evaluation: None,
+    report: Callable[[Evaluation], object] = lambda evaluation: None,
 ) -> None:
     """Evaluate until the study has so many evaluations, those of earlier runs included.
 
@@ -139,21 +139,21 @@ def search(
     deadline = None if timeout is None else time.monotonic() + timeout
 
     def asked() -> Iterator[tuple[int, Options]]:
-        while study.begun < trials and (deadline is None or time.monotonic() < deadline):
+        while study.started < trials and (deadline is None or time.monotonic() < deadline):
             number, options = study.ask()
             if (known := study.outcome_at(options)) is None:
                 yield number, options
             else:
-                told(study.tell(number, known))
+                report(study.tell(number, known))
 
     for (number, _), found in workers.run(asked()):
         outcome = TrialResult(error=found.reason) if isinstance(found, Lost) else found
-        told(study.tell(number, outcome))
+        report(study.tell(number, outcome))
         finished = study.finished
         if len(finished) >= FAILURES and all(item.outcome.error for item in finished):
             raise UserError(f"all {len(finished)} trials failed, the last one with: {outcome.error}")
 
 
-def named(item: tuple[int, Options]) -> str:
+def trial_name(item: tuple[int, Options]) -> str:
     """An item, as lines about it call it."""
     return f"trial {item[0]}"

@@ -67,7 +67,7 @@ class Study:
         ]
 
     @property
-    def begun(self) -> int:
+    def started(self) -> int:
         """Number of trials that are finished or asked for."""
         return len(self.finished) + len(self._asked)
 
@@ -117,7 +117,7 @@ class Study:
 
 
 @contextmanager
-def opened(
+def opened_study(
     place: str, name: str, *, problem: Mapping[str, Any], space: Mapping[str, Option], seed: int = 0
 ) -> Iterator[Study]:
     """The study of a name in a file, begun where there is none.

@@ -103,10 +103,10 @@ def equilibrium(system: System, at: Mapping[str, float] | None = None) -> Equili
     share = np.nan_to_num(np.abs(left / scale), nan=np.inf)
     if np.max(share) > STEADY:
         worst = int(np.argmax(share))
-        told = ", ".join(f"{name} {value:g}" for name, value in held.items())
+        conditions = ", ".join(f"{name} {value:g}" for name, value in held.items())
         raise UserError(
-            f"{type(system).__name__} has no equilibrium {f'at {told}' if told else 'near zero'}, or none was found: "
-            f"{names[worst]} still changes by {left[worst]:.3g} {system.declared_states[worst].unit} a "
+            f"{type(system).__name__} has no equilibrium {f'at {conditions}' if conditions else 'near zero'}, or none "
+            f"was found: {names[worst]} still changes by {left[worst]:.3g} {system.declared_states[worst].unit} a "
             f"{'sample' if system.sampling_time else 'second'}; "
             "hold other values, or fewer"
         )

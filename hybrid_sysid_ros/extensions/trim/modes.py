@@ -29,9 +29,9 @@ class NamedMode:
 def named_modes(rig: Rig) -> dict[str, NamedMode]:
     """From the section of its rig.yaml, by their names. Raises UserError for what is wrong in it."""
     found: dict[str, NamedMode] = {}
-    told, where = section(rig.content, "modes", str(rig.file)), f"{rig.file}: modes"
-    for name, value in told.items():
-        here, content = f"{where}.{name}", section(told, name, where)
+    given, where = section(rig.content, "modes", str(rig.file)), f"{rig.file}: modes"
+    for name, value in given.items():
+        here, content = f"{where}.{name}", section(given, name, where)
         refuse_unknown(content, ("states", "oscillates"), here)
         states, oscillates = content.get("states"), content.get("oscillates")
         if not isinstance(states, list) or not isinstance(oscillates, bool | None):
@@ -42,7 +42,7 @@ def named_modes(rig: Rig) -> dict[str, NamedMode]:
     return found
 
 
-def name_of(mode: Eigenmode, system: System, known: Mapping[str, NamedMode]) -> str:
+def mode_name(mode: Eigenmode, system: System, known: Mapping[str, NamedMode]) -> str:
     """The name of which the states have the largest share in a mode of a system, "" where none fits."""
     names = [item.name for item in system.declared_states]
     shares = dict(zip(names, mode.shares.tolist(), strict=True))

@@ -11,7 +11,7 @@ import typer
 from hybrid_sysid_ros.runtime.companion import Companion, NodeValues, RequestedLoop
 
 PORT = 8400
-Port = Annotated[int, typer.Option(help="Of the page of the live view; 0: any that is free.", min=0, max=65535)]
+Port = Annotated[int, typer.Option(help="Port of the live view's page; 0 takes any free one.", min=0, max=65535)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,9 @@ def address(said: Callable[[str], set[str]]) -> str:
 
 
 def companion(
-    view: Annotated[bool, typer.Option("--view", help="Show the run on a page, and go on until Ctrl-C.")] = False,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show the run in the live view, and continue until Ctrl-C.")
+    ] = False,
     port: Port = PORT,
 ) -> View | None:
     """The live view, where it is asked for."""

@@ -144,7 +144,7 @@ class Drawing:
                         cos, sin = math.cos(end), math.sin(end)
                         yield from ((x + a * cos - b * sin, y + a * sin + b * cos) for a, b in points)
 
-    def told(self) -> list[dict[str, Any]]:
+    def description(self) -> list[dict[str, Any]]:
         """The bodies as plain data, as the page takes them."""
         return [
             {

@@ -84,14 +84,14 @@ class Page:
 class Server:
     """One rig on a port of this computer, for pages that know its token."""
 
-    def __init__(self, desk: ViewService, *, port: int, pictures: float) -> None:
+    def __init__(self, service: ViewService, *, port: int, pictures: float) -> None:
         """port: 0 for any that is free. pictures: a second, at most."""
         self.token = secrets.token_urlsafe(16)
         self.port = port
         self.pages: set[Page] = set()
         self.sent = self.refused = 0
         """Pictures, and requests that were refused, so far."""
-        self._desk, self._period = desk, 1.0 / pictures
+        self._service, self._period = service, 1.0 / pictures
         self._ready, self._trouble = Event(), ""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._end: asyncio.Event | None = None
@@ -147,7 +147,7 @@ class Server:
             self.port = _port(listening)
             self._ready.set()
             while not self._end.is_set():
-                self._desk.collect()
+                self._service.collect()
                 turn, self._turn = self._turn, asyncio.Event()
                 turn.set()
                 try:
@@ -190,9 +190,9 @@ class Server:
         self.pages.add(page)
         showing = asyncio.create_task(self._show(page))
         try:
-            await connection.send(json.dumps(self._desk.greeting(), allow_nan=False))
+            await connection.send(json.dumps(self._service.greeting(), allow_nan=False))
             async for text in connection:
-                await self._hear(page, text)
+                await self._receive(page, text)
         except ConnectionClosed:
             return
         finally:
@@ -207,15 +207,15 @@ class Server:
                 await page.wants.wait()
                 await self._turn.wait()
                 page.wants.clear()
-                await page.connection.send(self._desk.frame(page.cursor))
+                await page.connection.send(self._service.frame(page.cursor))
                 self.sent += 1
         except ConnectionClosed:
             return
 
-    async def _hear(self, page: Page, text: str | bytes) -> None:
+    async def _receive(self, page: Page, text: str | bytes) -> None:
         number = 0
         try:
-            request = read_request(text, self._desk.offered)
+            request = read_request(text, self._service.offered)
             if isinstance(request, Next):
                 page.wants.set()
                 return
@@ -235,7 +235,7 @@ class Server:
 
     async def _act(self, page: Page, request: Request) -> None:
         try:
-            done, line = True, await self._desk.act(request)
+            done, line = True, await self._service.act(request)
         except UserError as error:
             self.refused += 1
             done, line = False, str(error)

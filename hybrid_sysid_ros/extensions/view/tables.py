@@ -90,24 +90,24 @@ class Tables:
         if cursor.epoch != self.epoch:
             cursor.epoch, cursor.rows = self.epoch, {}
         arrays: list[Array] = []
-        told: dict[str, list[tuple[str, int, int]]] = {"tables": [], "latest": []}
+        listed: dict[str, list[tuple[str, int, int]]] = {"tables": [], "latest": []}
         news = {}
         for name, table in self.tables.items():
             rows = table.since(cursor.rows.get(name, 0))
             cursor.rows[name] = table.count
             if len(rows):
-                told["tables"].append((name, *rows.shape))
+                listed["tables"].append((name, *rows.shape))
                 arrays.append(rows)
         for name, (number, value) in self._latest.items():
             if cursor.latest.get(name) == number:
                 continue
             cursor.latest[name] = number
             if isinstance(value, np.ndarray):
-                told["latest"].append((name, *value.shape))
+                listed["latest"].append((name, *value.shape))
                 arrays.append(value)
             else:
                 news[name] = value
-        return packed({"epoch": self.epoch, **told, "news": news, **head}, arrays)
+        return packed({"epoch": self.epoch, **listed, "news": news, **head}, arrays)
 
 
 def packed(head: Mapping[str, object], arrays: Sequence[ArrayLike]) -> bytes:

@@ -53,12 +53,16 @@ class Vision(Companion):
 def companion(
     camera: Annotated[
         bool,
-        typer.Option("--camera", help="Close the loop by a simulated camera alone, all other sensors out."),
+        typer.Option("--camera", help="Close the loop by a simulated camera alone, with all other sensors out."),
     ] = False,
-    layers: Annotated[Path | None, typer.Option(help="Layers that read pictures; the shipped ones by default.")] = None,
+    layers: Annotated[
+        Path | None, typer.Option(help="Folder of the layers that read pictures; the shipped ones by default.")
+    ] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(help="JPEG or PNG that the rig is to look like: the exact MPC weighs how the pixels differ."),
+        typer.Option(
+            help="JPEG or PNG that shows the goal: the exact MPC minimises the squared difference of the pixels."
+        ),
     ] = None,
 ) -> Vision | None:
     """Camera and picture, where one of them is asked for."""

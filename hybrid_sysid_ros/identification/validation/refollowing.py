@@ -15,7 +15,7 @@ from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.validation.scores import Scores, initial_state
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.rigs.feedback import Law, Limits, answer, law_of
+from hybrid_sysid_ros.rigs.feedback import Law, Limits, feedback_inputs, law_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -100,12 +100,12 @@ def _added(
         if k == first:
             model[:] = now
             integrals[:] = sums
-        answer(law, wide, outputs[k], commands[k], nothing, now.copy(), sums.copy(), free)
+        feedback_inputs(law, wide, outputs[k], commands[k], nothing, now.copy(), sums.copy(), free)
         for j in range(low.shape[0]):
             at_limit = not low[j] < inputs[k, j] < high[j]
-            told = min(max(free[j], low[j]), high[j]) if at_limit else free[j]
-            added[k, j] = inputs[k, j] - told
-        answer(law, limits, outputs[k], commands[k], added[k], now, sums, u)
+            expected = min(max(free[j], low[j]), high[j]) if at_limit else free[j]
+            added[k, j] = inputs[k, j] - expected
+        feedback_inputs(law, limits, outputs[k], commands[k], added[k], now, sums, u)
     return added
 
 
@@ -131,7 +131,7 @@ def _follow(
     for sample in range(applied.shape[0]):
         call_value(output, x, u, p, w, h, 0.0, y)
         outputs[sample] = y
-        answer(law, limits, y, commands[sample], added[sample], model, integrals, u)
+        feedback_inputs(law, limits, y, commands[sample], added[sample], model, integrals, u)
         applied[sample] = u
         for k in range(sample * every, (sample + 1) * every):
             held[k] = u

@@ -144,12 +144,12 @@ def _check_law(record: Record, rig: Rig, tolerance: float) -> None:
         return
     gain, low_limit, high_limit = rig.experiments.loops[0].gain, rig.actuators[0].low, rig.actuators[0].high
     scale = gain / rig.display[0].scale
-    told = scale * (record.channels["reference"] - record.channels["filtered"])
+    correction = scale * (record.channels["reference"] - record.channels["filtered"])
     bends = np.abs(np.diff(record.channels["filtered"], 2)) / 8.0
     bend = np.maximum(np.append(bends, bends[-1:]), np.insert(bends, 0, bends[:1]))
     slack = scale * bend + gain * tolerance
-    low = np.clip(np.minimum(told[:-1], told[1:]) - slack, low_limit, high_limit)
-    high = np.clip(np.maximum(told[:-1], told[1:]) + slack, low_limit, high_limit)
+    low = np.clip(np.minimum(correction[:-1], correction[1:]) - slack, low_limit, high_limit)
+    high = np.clip(np.maximum(correction[:-1], correction[1:]) + slack, low_limit, high_limit)
     known = np.isfinite(low + high)
     given = record.input[:-1, 0]
     rounding = ROUNDING * (high_limit - low_limit)

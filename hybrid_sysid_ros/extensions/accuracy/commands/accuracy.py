@@ -26,7 +26,7 @@ from hybrid_sysid_ros.extensions.accuracy.statistics import (
     Strata,
     assess,
     mean_width,
-    read,
+    read_shots,
     shots_until,
     spread_width,
 )
@@ -49,19 +49,30 @@ def command(
     ],
     level: Annotated[float, typer.Option(help="Probability of the intervals.")] = 0.9,
     until: Annotated[
-        list[str] | None, typer.Option(help="NAME=WIDTH: how many more shots until a mean's interval is so short.")
+        list[str] | None,
+        typer.Option(
+            help="Predict the number of further shots until the interval of a mean has a width, as NAME=WIDTH."
+        ),
     ] = None,
     spread_until: Annotated[
-        list[str] | None, typer.Option(help="NAME=WIDTH: likewise for the interval of a spread.")
+        list[str] | None,
+        typer.Option(
+            help="Predict the number of further shots until the interval of a spread has a width, as NAME=WIDTH."
+        ),
     ] = None,
     strata: Annotated[
-        Path | None, typer.Option(help="CSV with the columns share and success: conditions, and guesses of success.")
+        Path | None,
+        typer.Option(
+            help="CSV with the columns share and success: the share of each condition, and the expected success in it."
+        ),
     ] = None,
     strata_shots: Annotated[
         int | None,
-        typer.Option(help=f"Live shots to share out among them ({STRATA_SHOTS} otherwise).", min=1, max=10**6),
+        typer.Option(
+            help=f"Number of live shots to distribute over the conditions; {STRATA_SHOTS} by default.", min=1, max=10**6
+        ),
     ] = None,
-    unit: Annotated[str, typer.Option(help="Of coordinates whose heading states none.")] = "",
+    unit: Annotated[str, typer.Option(help="Unit of coordinates whose heading states none.")] = "",
     page: Annotated[Path | None, typer.Option("--report", help="Write a page with plots (.html).")] = None,
     seed: Seed = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
@@ -73,21 +84,21 @@ def command(
         report.check_available()
     if strata is None and strata_shots is not None:
         raise UserError("--strata-shots shares shots out among strata: name their file by --strata, or leave it out")
-    found = assess(read(simulated, unit=unit), read(live, unit=unit), discrepancy, level=level, seed=seed)
+    found = assess(read_shots(simulated, unit=unit), read_shots(live, unit=unit), discrepancy, level=level, seed=seed)
     wanted = [
         *_further("mean", mean_width, until or [], found),
         *_further("spread", spread_width, spread_until or [], found),
     ]
     conditions = _strata(strata) if strata is not None else None
-    told = _content(found, wanted, conditions, strata_shots or STRATA_SHOTS)
+    content = _content(found, wanted, conditions, strata_shots or STRATA_SHOTS)
     if page is not None:
         hashes = {"simulated shots": sha256(simulated), "live shots": sha256(live)}
         source = report.Provenance(command=shlex.join(["hybrid-sysid", *sys.argv[1:]]), hashes=hashes)
-        write_accuracy(page, found, source, [*_remarks(found, told)])
+        write_accuracy(page, found, source, [*_remarks(found, content)])
     if as_json:
-        console.print_json(json.dumps(told))
+        console.print_json(json.dumps(content))
     else:
-        _show(found, told)
+        _show(found, content)
         if page is not None:
             console.print(f"report: {page}")
     if found.contradictions:
@@ -117,7 +128,7 @@ def _wanted(text: str, shots: Shots) -> tuple[str, int, float]:
 
 
 def _strata(path: Path) -> Strata:
-    table = read(path, row="stratum")
+    table = read_shots(path, row="stratum")
     if sorted(table.names) != COLUMNS:
         raise UserError(f"{path}: has the columns {', '.join(table.names)}: it needs {' and '.join(COLUMNS)}")
     shares, successes = (table.values[:, table.names.index(name)] for name in COLUMNS)
@@ -166,7 +177,7 @@ def _known(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _show(found: Accuracy, told: dict[str, Any]) -> None:
+def _show(found: Accuracy, content: dict[str, Any]) -> None:
     live, prior = found.live, found.prior
     table = Table(
         "", "live alone", "simulated alone", "together", "narrower than live",
@@ -189,22 +200,22 @@ def _show(found: Accuracy, told: dict[str, Any]) -> None:
     values = (f"{p:.3g}" if math.isfinite(p) else "-" for p in (conflict.mean, conflict.spread))
     differs.add_row("p-value of all", *values)
     print_table(differs)
-    for remark in _remarks(found, told):
+    for remark in _remarks(found, content):
         console.print(remark)
 
 
-def _remarks(found: Accuracy, told: dict[str, Any]) -> Iterator[str]:
+def _remarks(found: Accuracy, content: dict[str, Any]) -> Iterator[str]:
     """How many more shots, and what strata save, a sentence each."""
     units = dict(zip(found.live.names, found.live.units, strict=True))
-    for item in told["further_shots"]:
+    for item in content["further_shots"]:
         unit = f" {units[item['of']]}".rstrip()
         shots = "shot" if item["shots"] == 1 else "shots"
         yield (
             f"{item['shots']} more {shots} until the interval of the {item['interval']} of {item['of']} is at most "
             f"{item['width']:g}{unit} wide, with a probability of {100.0 * ASSURANCE:g} %"
         )
-    if "strata" in told:
-        shared = told["strata"]
+    if "strata" in content:
+        shared = content["strata"]
         yield (
             f"stratified: K_a {shared['efficiency']:.3f}, {100.0 * shared['saved']:.0f} % of the live shots saved; "
             f"of {sum(shared['allocation'])} shots the strata get {', '.join(map(str, shared['allocation']))}"

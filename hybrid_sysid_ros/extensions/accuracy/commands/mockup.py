@@ -36,10 +36,14 @@ BATCH = 5
 
 def command(
     rig: Annotated[str, typer.Argument(help="Rig, by its name or by the path of its folder.")] = "",
-    out: Annotated[Path | None, typer.Option("--out", help="Folder for all of it; out/mockup_RIG.")] = None,
-    live: Annotated[int, typer.Option(help="Shots of the rig.", min=3, max=10_000)] = 10,
-    simulated: Annotated[int, typer.Option(help="Shots of the model, and of what was known before.", min=10)] = 100,
-    plants: Annotated[int, typer.Option(help="Plants over the uncertainties.", min=10)] = 200,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for the results; out/mockup_RIG by default.")
+    ] = None,
+    live: Annotated[int, typer.Option(help="Number of shots of the rig.", min=3, max=10_000)] = 10,
+    simulated: Annotated[
+        int, typer.Option(help="Number of simulated shots of the model, and of the prior.", min=10)
+    ] = 100,
+    plants: Annotated[int, typer.Option(help="Number of plants drawn from the uncertainties.", min=10)] = 200,
     mean_off: Annotated[
         float, typer.Option(help="Declared: the simulated mean is off by so many standard deviations (one sigma).")
     ] = 0.5,
@@ -47,7 +51,7 @@ def command(
         float, typer.Option(help="Declared: the simulated spread is off by a factor of e to this (one sigma).")
     ] = 0.3,
     seed: Seed = 0,
-    jobs: Annotated[int, typer.Option(help="Processes; 0 is one on each processor.", min=0)] = 0,
+    jobs: Annotated[int, typer.Option(help="Number of processes; 0: one on each processor.", min=0)] = 0,
     cluster: Annotated[
         str, typer.Option(help="Address of a Dask scheduler, such as tcp://host:8786; local starts one.")
     ] = "",
@@ -79,9 +83,9 @@ def command(
         )
     except KeyboardInterrupt:
         raise Interrupted(f"what is done is in {place}; the same command goes on from there") from None
-    told = _content(found)
+    content = _content(found)
     with written_file(place / "verdict.json") as partial:
-        partial.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+        partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     source = report.provenance(found.models[setup.plan.structure], shlex.join(["hybrid-sysid", *sys.argv[1:]]))
     write_mockup(place / "verdict.html", found, source)
     print_table(_table(found))
@@ -107,7 +111,7 @@ class Fleet:
                 found[numbers_of] = result
                 update(name, min(BATCH * len(found), count), count)
         rows = {key: np.concatenate([found[item][key] for item in items]) for key in found[items[0]]}
-        return MonteCarloRuns(where=where, miss=rows["miss"], rmse=rows["rmse"], sound=rows["sound"])
+        return MonteCarloRuns(where=where, tracking_error=rows["miss"], rmse=rows["rmse"], sound=rows["sound"])
 
     def _workers(self, work: Callable[[tuple[int, ...]], NamedArrays]) -> Workers[tuple[int, ...], NamedArrays]:
         if self.cluster:
@@ -126,19 +130,19 @@ def _content(found: Found) -> dict[str, Any]:
         "errors": {"of": found.ahead, **found.errors},
         "shots": {
             name: {
-                "count": len(fired.miss),
-                "held": int(fired.sound.all(axis=1).sum()),
+                "count": len(runs.tracking_error),
+                "held": int(runs.sound.all(axis=1).sum()),
                 **{
                     window: {
                         "unit": unit,
-                        "mean": float(fired.miss[:, k].mean()),
-                        "deviation": float(fired.miss[:, k].std(ddof=1)),
-                        "rmse": float(fired.rmse[:, k].mean()),
+                        "mean": float(runs.tracking_error[:, k].mean()),
+                        "deviation": float(runs.tracking_error[:, k].std(ddof=1)),
+                        "rmse": float(runs.rmse[:, k].mean()),
                     }
-                    for k, (window, unit) in enumerate(fired.windows.items())
+                    for k, (window, unit) in enumerate(runs.windows.items())
                 },
             }
-            for name, fired in found.fired.items()
+            for name, runs in found.runs.items()
         },
         "accuracy": [
             {"of": row.name, "live": row.live.value, "together": row.together.value, "narrower_percent": row.narrower}

@@ -58,9 +58,9 @@ def sequence(found: Accuracy, coordinate: int) -> go.Figure:
     for row, width in enumerate((mean_width, spread_width), 1):
         widths = []
         for prior, name, colour in ((nothing, "live alone", MEASURED), (found.prior, "together", MODEL)):
-            told = [width(prior.updated(shots[:count]), coordinate, 0, level, 0.5) for count in counts]
-            widths += told
-            line(figure, row, counts.astype(float), np.array(told), name, colour, legend=row == 1)
+            curve = [width(prior.updated(shots[:count]), coordinate, 0, level, 0.5) for count in counts]
+            widths += curve
+            line(figure, row, counts.astype(float), np.array(curve), name, colour, legend=row == 1)
             posterior = prior.updated(shots)
             ahead = [width(posterior, coordinate, int(more), level, 0.5) for more in further]
             widths += ahead

@@ -29,8 +29,8 @@ class Row:
 def accuracy_rows(found: Accuracy) -> Iterator[Row]:
     """Every number of an accuracy."""
 
-    def row(name: str, told: Sequence[Bounded]) -> Row:
-        return Row(name=name, live=told[0], simulated=told[1], together=told[2])
+    def row(name: str, bounds: Sequence[Bounded]) -> Row:
+        return Row(name=name, live=bounds[0], simulated=bounds[1], together=bounds[2])
 
     live, estimates = found.live, (found.live_only, found.simulated_only, found.joint)
     labels = [f"{name} [{unit}]" if unit else name for name, unit in zip(live.names, live.units, strict=True)]

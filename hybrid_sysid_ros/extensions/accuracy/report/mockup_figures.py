@@ -12,14 +12,14 @@ from hybrid_sysid_ros.report.charts import INPUT, LINES, MEASURED, REFERENCE, dr
 POINTS = 400  # of a distribution at most
 
 
-def misses(found: Found) -> go.Figure:
+def tracking_errors(found: Found) -> go.Figure:
     """Distributions of the misses, a panel for each part of the reference, a line for each kind of shots."""
-    windows = next(iter(found.fired.values())).windows
+    windows = next(iter(found.runs.values())).windows
     figure = make_subplots(rows=1, cols=len(windows), horizontal_spacing=0.08)
     dress(figure, 360)
     for k, (window, unit) in enumerate(windows.items(), start=1):
-        for colour, (name, fired) in zip(LINES, found.fired.items(), strict=False):
-            values = np.sort(fired.miss[np.isfinite(fired.miss[:, k - 1]), k - 1])
+        for colour, (name, runs) in zip(LINES, found.runs.items(), strict=False):
+            values = np.sort(runs.tracking_error[np.isfinite(runs.tracking_error[:, k - 1]), k - 1])
             values = values[:: max(1, len(values) // POINTS)]
             shares = (np.arange(len(values)) + 0.5) / max(len(values), 1)
             steps = {"color": colour, "shape": "hv", "width": 2.4 if name == "live" else 1.3}
@@ -34,7 +34,7 @@ def misses(found: Found) -> go.Figure:
 def tracking(found: Found) -> go.Figure:
     """Each followed output with its reference, and the inputs with their bounds."""
     rig, loop = found.setup.rig, found.loop
-    followed = sorted({segment.output for segment in found.fired["live"].where.schedule.segments})
+    followed = sorted({segment.output for segment in found.runs["live"].where.schedule.segments})
     weights = [0.5] * len(followed) + [0.34] * len(rig.actuators)
     figure = panels(heights=[weight / sum(weights) for weight in weights], height=round(460 * sum(weights)))
     for row, k in enumerate(followed, start=1):

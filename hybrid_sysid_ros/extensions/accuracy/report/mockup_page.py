@@ -28,7 +28,7 @@ def write_mockup(path: Path | str, found: Found, provenance: Provenance) -> Path
         "errors": list(_errors(found)),
         "parameters": list(parameter_rows(found)),
         "rows": list(accuracy_rows(found.accuracy)),
-        "misses": drawn(mockup_figures.misses(found), "misses"),
+        "misses": drawn(mockup_figures.tracking_errors(found), "misses"),
         "tracking": drawn(mockup_figures.tracking(found), "tracking"),
         "tracked": list(_tracked(found)),
         "provenance": provenance,
@@ -66,8 +66,8 @@ def parameter_rows(found: Found) -> Iterator[dict[str, Any]]:
 
 
 def _tracked(found: Found) -> Iterator[dict[str, Any]]:
-    windows = next(iter(found.fired.values())).windows
+    windows = next(iter(found.runs.values())).windows
     for k, (window, unit) in enumerate(windows.items()):
-        values = [fired.rmse[:, k] for fired in found.fired.values()]
+        values = [runs.rmse[:, k] for runs in found.runs.values()]
         rows = [{"mean": float(v.mean()), "low": float(v.min()), "high": float(v.max())} for v in values]
         yield {"window": window, "unit": unit, "numbers": rows}

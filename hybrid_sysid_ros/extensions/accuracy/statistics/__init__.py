@@ -11,7 +11,7 @@ from hybrid_sysid_ros.extensions.accuracy.statistics.estimate import (
 )
 from hybrid_sysid_ros.extensions.accuracy.statistics.normal_inverse_wishart import NormalInverseWishart
 from hybrid_sysid_ros.extensions.accuracy.statistics.sequential import mean_width, shots_until, spread_width
-from hybrid_sysid_ros.extensions.accuracy.statistics.shots import Shots, read
+from hybrid_sysid_ros.extensions.accuracy.statistics.shots import Shots, read_shots
 from hybrid_sysid_ros.extensions.accuracy.statistics.strata import Strata
 
 __all__ = [
@@ -28,7 +28,7 @@ __all__ = [
     "estimate",
     "fewest",
     "mean_width",
-    "read",
+    "read_shots",
     "shots_until",
     "spread_width",
 ]

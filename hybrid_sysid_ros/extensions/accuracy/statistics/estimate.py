@@ -154,7 +154,7 @@ def assess(simulated: Shots, live: Shots, discrepancy: Discrepancy, *, level: fl
     generator = np.random.default_rng(seed)
     circle = d == 2 and len({*live.units}) == 1
 
-    def told(posterior: NormalInverseWishart) -> AccuracyEstimate:
+    def summary(posterior: NormalInverseWishart) -> AccuracyEstimate:
         return estimate(posterior, level, generator, circle=circle)
 
     return Accuracy(
@@ -163,8 +163,8 @@ def assess(simulated: Shots, live: Shots, discrepancy: Discrepancy, *, level: fl
         discrepancy=discrepancy,
         level=level,
         prior=prior,
-        joint=told(prior.updated(live.values)),
-        live_only=told(nothing.updated(live.values)),
-        simulated_only=told(known),
+        joint=summary(prior.updated(live.values)),
+        live_only=summary(nothing.updated(live.values)),
+        simulated_only=summary(known),
         conflict=conflict(prior, live.values, generator),
     )

@@ -77,7 +77,7 @@ class Shots:
             )
 
 
-def read(path: Path | str, *, unit: str = "", row: str = "shot") -> Shots:
+def read_shots(path: Path | str, *, unit: str = "", row: str = "shot") -> Shots:
     """Shots of a file: a column (CSV), an array (NPZ) or a list (JSON) for each coordinate, named ``name [unit]``.
 
     Rows of numbers alone are coordinates 1, 2, ... unit: of coordinates whose heading states none. row: what a row is
@@ -100,8 +100,8 @@ def read(path: Path | str, *, unit: str = "", row: str = "shot") -> Shots:
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}): give a file with a row for each {row}") from error
     except Exception as error:  # of zip, numpy, json and unicode, each with its own
-        told = str(error).split(". ")[0]
-        raise UserError(f"{path}: cannot be read ({told}): it needs {FORMS[path.suffix]}") from error
+        message = str(error).split(". ")[0]
+        raise UserError(f"{path}: cannot be read ({message}): it needs {FORMS[path.suffix]}") from error
 
 
 def _shots(path: Path, columns: Mapping[str, Any], unit: str, row: str) -> Shots:

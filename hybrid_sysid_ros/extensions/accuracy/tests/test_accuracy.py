@@ -235,11 +235,11 @@ def test_stratified_shots_save_what_the_efficiency_says():
 
 
 @pytest.mark.parametrize(
-    ("shares", "successes", "told"),
+    ("shares", "successes", "reported"),
     [([0.3, 0.5], [0.2, 0.6], "1 together"), ([0.5, 0.5], [0.2, 1.0], "between 0 and 1")],
 )
-def test_strata_that_are_none_are_refused(shares, successes, told):
-    with pytest.raises(UserError, match=told):
+def test_strata_that_are_none_are_refused(shares, successes, reported):
+    with pytest.raises(UserError, match=reported):
         Strata(shares=np.array(shares), successes=np.array(successes))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.commands import app
-from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy, assess, read
+from hybrid_sysid_ros.extensions.accuracy.statistics import Discrepancy, assess, read_shots
 from hybrid_sysid_ros.report.charts import logarithmic
 from hybrid_sysid_ros.support.errors import UserError
 from tests.command_line import refused
@@ -47,14 +47,14 @@ def test_json_has_every_number(accuracy, folder: Path):
         "--json",
     )  # fmt: skip
     assert (status, error) == (0, "")
-    told = json.loads(out)
-    live = read(folder / "live.csv").values
-    assert told["live_only"]["mean"]["x"]["value"] == pytest.approx(live[:, 0].mean())
-    assert told["simulation_counts_as"]["mean"] == pytest.approx(1 / (1 / 200 + 0.25))
-    assert told["joint"]["circular_error_probable"]["low"] < told["joint"]["circular_error_probable"]["high"]
-    assert [item["of"] for item in told["further_shots"]] == ["x", "y"]
-    assert told["strata"]["allocation"] == [28, 58, 14]
-    assert told["conflict"]["contradictions"] == []
+    reported = json.loads(out)
+    live = read_shots(folder / "live.csv").values
+    assert reported["live_only"]["mean"]["x"]["value"] == pytest.approx(live[:, 0].mean())
+    assert reported["simulation_counts_as"]["mean"] == pytest.approx(1 / (1 / 200 + 0.25))
+    assert reported["joint"]["circular_error_probable"]["low"] < reported["joint"]["circular_error_probable"]["high"]
+    assert [item["of"] for item in reported["further_shots"]] == ["x", "y"]
+    assert reported["strata"]["allocation"] == [28, 58, 14]
+    assert reported["conflict"]["contradictions"] == []
 
 
 def test_the_page_shows_every_number_and_needs_no_network(accuracy, folder: Path):
@@ -80,7 +80,7 @@ def test_the_page_shows_every_number_and_needs_no_network(accuracy, folder: Path
 
 
 def test_a_file_of_each_kind_holds_the_same_shots(folder: Path):
-    values = read("live.csv").values
+    values = read_shots("live.csv").values
     named: dict[str, Any] = {"x [m]": values[:, 0], "y [m]": values[:, 1]}
     np.savez("named.npz", **named)
     np.savez("rows.npz", values)
@@ -88,14 +88,14 @@ def test_a_file_of_each_kind_holds_the_same_shots(folder: Path):
     Path("rows.json").write_text(json.dumps(values.tolist()))
     np.savetxt("rows.csv", values, delimiter="\t")
     for name in ("named.npz", "named.json", "rows.npz", "rows.json", "rows.csv"):
-        shots = read(name, unit="m")
+        shots = read_shots(name, unit="m")
         assert shots.values == pytest.approx(values)
         assert shots.names == (("x", "y") if name.startswith("named") else ("1", "2"))
         assert shots.units == ("m", "m")
 
 
 def test_coordinates_go_by_their_names(accuracy, folder: Path):
-    live = read("live.csv").values
+    live = read_shots("live.csv").values
     table("turned.csv", folder, live[:, ::-1], "y [m],x [m]")
     answers = [accuracy("simulated.csv", name, *DECLARED, "--json")[1] for name in ("live.csv", "turned.csv")]
     assert json.loads(answers[0])["joint"] == json.loads(answers[1])["joint"]
@@ -106,10 +106,10 @@ def test_nothing_need_be_believed_of_the_simulated_mean(accuracy, folder: Path):
     for off in ("inf", "1e200"):
         status, out, _ = accuracy("simulated.csv", "live.csv", "--mean-off", off, "--spread-off", "0.1", "--json")
         assert status == 0
-        told = json.loads(out)
-        assert told["simulation_counts_as"]["mean"] == 0.0
-        assert told["joint"]["mean"]["x"]["value"] == pytest.approx(told["live_only"]["mean"]["x"]["value"])
-        assert told["conflict"]["p_mean"] is None
+        reported = json.loads(out)
+        assert reported["simulation_counts_as"]["mean"] == 0.0
+        assert reported["joint"]["mean"]["x"]["value"] == pytest.approx(reported["live_only"]["mean"]["x"]["value"])
+        assert reported["conflict"]["p_mean"] is None
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_nothing_need_be_believed_of_the_simulated_mean(accuracy, folder: Path):
     [(1.0, 5.0, ("live mean contradicts", "look for the cause")), (1000.0, 0.0, ("live spread", "the same units"))],
 )
 def test_shots_that_contradict_the_simulation_are_told_of(accuracy, folder: Path, factor, offset, words):
-    table("other.csv", folder, factor * read("live.csv").values + offset)
+    table("other.csv", folder, factor * read_shots("live.csv").values + offset)
     status, out, error = accuracy("simulated.csv", "other.csv", *DECLARED)
     assert (status, error.count("\n")) == (0, 1)
     assert "together" in out
@@ -210,7 +210,7 @@ def test_the_simulation_is_not_taken_for_live_shots(accuracy, folder: Path):
 
 
 def test_shots_of_a_loop_that_ran_away_are_refused(folder: Path):
-    simulated, live = read("simulated.csv"), read("live.csv")
+    simulated, live = read_shots("simulated.csv"), read_shots("live.csv")
     values = live.values.copy()
     values[3, 1] = np.inf
     with pytest.raises(UserError, match="y of shot 4 is inf: leave that shot out"):
@@ -219,7 +219,7 @@ def test_shots_of_a_loop_that_ran_away_are_refused(folder: Path):
 
 def test_the_page_says_what_to_do_about_a_conflict_and_keeps_the_names_of_coordinates(accuracy, folder: Path):
     for name, offset in (("simulated", 0.0), ("live", 9.0)):
-        table(f"{name}.csv", folder, read(f"{name}.csv").values + offset, "Vx,Vy")
+        table(f"{name}.csv", folder, read_shots(f"{name}.csv").values + offset, "Vx,Vy")
     assert accuracy("simulated.csv", "live.csv", *DECLARED, "--report", "accuracy.html")[0] == 0
     alarm = re.search('<p class="alarm">(.*?)</p>', (folder / "accuracy.html").read_text(encoding="utf-8"))
     assert alarm is not None

@@ -54,9 +54,9 @@ def exact(sled: Rig) -> Model:
     )
 
 
-def fired(where: Range, count: int) -> MonteCarloRuns:
+def runs(where: Range, count: int) -> MonteCarloRuns:
     rows = where(range(count))
-    return MonteCarloRuns(where=where, miss=rows["miss"], rmse=rows["rmse"], sound=rows["sound"])
+    return MonteCarloRuns(where=where, tracking_error=rows["miss"], rmse=rows["rmse"], sound=rows["sound"])
 
 
 def test_a_shot_repeats_by_its_number_whatever_was_fired_before(sled, exact):
@@ -69,8 +69,8 @@ def test_a_shot_repeats_by_its_number_whatever_was_fired_before(sled, exact):
 
 def test_shots_of_a_model_that_is_the_rig_do_not_contradict_it(sled, exact):
     given = {"rig": sled, "model": exact, "schedule": sled.schedule()}
-    simulated = fired(Range(seed=0, predicted=True, **given), 40)
-    live = fired(Range(seed=1, **given), 12)
+    simulated = runs(Range(seed=0, predicted=True, **given), 40)
+    live = runs(Range(seed=1, **given), 12)
     found = assess(simulated.shots("simulated"), live.shots("live"), Discrepancy(mean=0.2, spread=0.1))
     assert not found.contradictions
     assert simulated.windows == {"steps": "mm", "sine": "mm"}
@@ -82,17 +82,19 @@ def test_a_rig_that_something_pulls_is_found_out(sled, exact):
     """The actuator ends at 20 N: more than that no controller makes up for."""
     given = {"model": exact, "schedule": sled.schedule()}
     weak = tuple(dataclasses.replace(item, low=-6.0, high=1.0) for item in sled.actuators)
-    simulated = fired(Range(rig=sled, seed=0, predicted=True, **given), 30)
-    live = fired(Range(rig=dataclasses.replace(sled, actuators=weak), seed=1, **given), 8)
+    simulated = runs(Range(rig=sled, seed=0, predicted=True, **given), 30)
+    live = runs(Range(rig=dataclasses.replace(sled, actuators=weak), seed=1, **given), 8)
     found = assess(simulated.shots("simulated"), live.shots("live"), Discrepancy(mean=0.2, spread=0.1))
     assert found.contradictions
 
 
 def test_shots_of_a_loop_that_ran_away_are_told_in_a_line(sled, exact):
     where = Range(rig=sled, model=exact, schedule=sled.schedule(), seed=1)
-    miss = np.array([[0.1, 0.2], [np.nan, 0.1], [np.inf, 0.3]])
+    tracking_error = np.array([[0.1, 0.2], [np.nan, 0.1], [np.inf, 0.3]])
     with pytest.raises(UserError, match=r"live: 2 of 3 shots ended in no numbers.* of moves.* \S*rig\.yaml"):
-        MonteCarloRuns(where=where, miss=miss, rmse=miss, sound=np.isfinite(miss)).shots("live")
+        MonteCarloRuns(
+            where=where, tracking_error=tracking_error, rmse=tracking_error, sound=np.isfinite(tracking_error)
+        ).shots("live")
 
 
 def test_parameters_are_drawn_by_their_covariance_and_kept_in_their_bounds(exact):
@@ -113,17 +115,17 @@ def test_from_a_prior_to_a_verdict_and_again_without_work(call, sled, tmp_path, 
     counts = ("--live", "5", "--simulated", "10", "--plants", "10", "--jobs", "1")
     status, _, error = mockup(*counts)
     assert status == 0, error
-    told = json.loads((tmp_path / "out" / "verdict.json").read_text())
-    assert told["structure"] == "hybrid"
-    prior, model = (told["errors"][name]["swept_sine"]["position"] for name in ("prior", "hybrid"))
+    reported = json.loads((tmp_path / "out" / "verdict.json").read_text())
+    assert reported["structure"] == "hybrid"
+    prior, model = (reported["errors"][name]["swept_sine"]["position"] for name in ("prior", "hybrid"))
     assert model < 0.5 * prior
-    assert [told["shots"][name]["count"] for name in ("prior", "simulated", "live", "uncertain")] == [10, 10, 5, 10]
-    assert told["kept"] == all(line["kept"] for line in told["verdict"])
-    assert any("sine ends within 60 mm" in line["criterion"] for line in told["verdict"])
+    assert [reported["shots"][name]["count"] for name in ("prior", "simulated", "live", "uncertain")] == [10, 10, 5, 10]
+    assert reported["kept"] == all(line["kept"] for line in reported["verdict"])
+    assert any("sine ends within 60 mm" in line["criterion"] for line in reported["verdict"])
     real = Setup.of(sled, 0).reality.named
-    for row in told["parameters"]:
+    for row in reported["parameters"]:
         assert row["real"] == real[row["name"]]
-    mass = next(row for row in told["parameters"] if row["name"] == "mass")
+    mass = next(row for row in reported["parameters"] if row["name"] == "mass")
     assert abs(mass["value"] - mass["real"]) < 0.1 * abs(mass["prior"] - mass["real"])
     page = (tmp_path / "out" / "verdict.html").read_text()
     assert "fit for use" in page
@@ -133,7 +135,7 @@ def test_from_a_prior_to_a_verdict_and_again_without_work(call, sled, tmp_path, 
     )
     status, _, error = mockup(*counts)
     assert status == 0, error
-    assert json.loads((tmp_path / "out" / "verdict.json").read_text()) == told
+    assert json.loads((tmp_path / "out" / "verdict.json").read_text()) == reported
 
 
 def test_what_the_rig_really_is_is_drawn_about_what_it_is_thought_to_be(sled):

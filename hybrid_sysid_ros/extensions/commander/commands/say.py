@@ -19,12 +19,20 @@ CLIENT = "hybrid_sysid_ros.extensions.commander.nodes.command_client"
 def command(
     text: Annotated[str, typer.Argument(help="What the rig is to do, as in 'go to 0 slowly'.")],
     rig: RigName = "",
-    dry: Annotated[bool, typer.Option("--dry", help="Simulate it from rest; nothing moves.")] = False,
-    confirm: Annotated[bool, typer.Option("--confirm", help="Confirm it where the commander waits for that.")] = False,
-    model: Annotated[Path | None, typer.Option(help="Of --dry: model folder; the shipped one by default.")] = None,
-    policy: Annotated[str, typer.Option(help="Of --dry: supervised, network or exact; the rig's by default.")] = "",
+    dry: Annotated[bool, typer.Option("--dry", help="Simulate the command from rest; nothing moves.")] = False,
+    confirm: Annotated[
+        bool, typer.Option("--confirm", help="Confirm the command if the commander waits for that.")
+    ] = False,
+    model: Annotated[Path | None, typer.Option(help="With --dry: model folder; the shipped one by default.")] = None,
+    policy: Annotated[
+        str,
+        typer.Option(
+            help="With --dry: what drives the rig, supervised, network or exact; the rig's choice by default."
+        ),
+    ] = "",
     layers: Annotated[
-        Path | None, typer.Option(help="Of --dry: layers that read pictures; the shipped ones by default.")
+        Path | None,
+        typer.Option(help="With --dry: folder of the layers that read pictures; the shipped ones by default."),
     ] = None,
     domain: Annotated[int | None, typer.Option(help="ROS domain; that of ROS_DOMAIN_ID by default.")] = None,
 ) -> None:

@@ -91,7 +91,7 @@ class _Reader:
         }  # fmt: skip
         made = makers[self.verb]()
         if self.left:
-            raise UserError(f"{self.verb} does not take {_told(self.left[0])} here: leave it out")
+            raise UserError(f"{self.verb} does not take {_described(self.left[0])} here: leave it out")
         if self.clause.names:
             name = self.clause.names[0]
             raise UserError(f"{self.verb} takes no file: say {'look like' if is_picture(name) else 'follow'} {name}")
@@ -132,7 +132,9 @@ class _Reader:
             return Wait(seconds=seconds or 0.0)
         times = [item for item in self.left if self.base(item) == TIME and item.role != words.IN]
         if times:
-            raise UserError(f"hold {_told(times[0])} is a time: say 'hold for {_told(times[0])}', or where to hold")
+            raise UserError(
+                f"hold {_described(times[0])} is a time: say 'hold for {_described(times[0])}', or where to hold"
+            )
         return replace(self.move("smooth"), hold=seconds or 0.0)
 
     def move(self, shape: str) -> Move:
@@ -141,7 +143,7 @@ class _Reader:
         seconds = self.seconds(words.IN)
         hold = self.seconds(words.FOR)
         rate = self.take(lambda item: item.role == words.AT and self.is_rate(item))
-        paces = [told for told in (self.pace, seconds and "a time", rate and "a rate") if told]
+        paces = [given for given in (self.pace, seconds and "a time", rate and "a rate") if given]
         if len(paces) > 1:
             raise UserError(f"{paces[0]} and {paces[1]} contradict one another: leave one out")
         shared = [item.unit for item in self.left if item.role == words.TO]
@@ -251,7 +253,7 @@ class _Reader:
         """The one quantity of a kind, which is then used. Raises UserError for two."""
         found = [item for item in self.left if condition(item)]
         if len(found) > 1:
-            raise UserError(f"{_told(found[0])} and {_told(found[1])} contradict one another: leave one out")
+            raise UserError(f"{_described(found[0])} and {_described(found[1])} contradict one another: leave one out")
         for item in found:
             self.left.remove(item)
         return found[0] if found else None
@@ -268,7 +270,7 @@ class _Reader:
         if found is None:
             return None
         if found.said < SHORTEST:
-            raise UserError(f"{_told(found)} is no time to plan with: give {SHORTEST:g} s or more")
+            raise UserError(f"{_described(found)} is no time to plan with: give {SHORTEST:g} s or more")
         return found.said
 
     def is_rate(self, item: Quantity) -> bool:
@@ -297,7 +299,7 @@ class _Reader:
             return tracked[0]
         alike = [k for k in tracked if item.unit is not None and any(item.unit.alike(unit) for unit in self.units(k))]
         if len(alike) != 1:
-            raise UserError(f"{_told(item)} of which output? name one of {known}")
+            raise UserError(f"{_described(item)} of which output? name one of {known}")
         return alike[0]
 
     def value(self, item: Quantity, output: int, relative: bool = False) -> float:
@@ -329,10 +331,10 @@ class _Reader:
             return item.said / own.factor
         if item.unit.alike(si):
             return item.said * si.factor / output.scale
-        raise UserError(f"{_told(item)} is no {output.name}: that is in {output.unit}{'/s' * per}")
+        raise UserError(f"{_described(item)} is no {output.name}: that is in {output.unit}{'/s' * per}")
 
 
-def _told(item: Quantity) -> str:
+def _described(item: Quantity) -> str:
     """A quantity as it was understood."""
     if item.unit is None:
         return f"{item.value:g}"

@@ -14,7 +14,7 @@ from hybrid_sysid_ros.extensions.commander.language.files import Files
 from hybrid_sysid_ros.extensions.commander.language.forecast import Forecast, Simulator, Start
 from hybrid_sysid_ros.extensions.commander.language.plan import ReferencePlan, plan_of
 from hybrid_sysid_ros.extensions.commander.language.sentence import MOST
-from hybrid_sysid_ros.extensions.commander.language.telling import told
+from hybrid_sysid_ros.extensions.commander.language.telling import description
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -74,9 +74,9 @@ class Interpreter:
             raise UserError(found.refusal)
         return found
 
-    def told(self, sentence: Sentence) -> str:
+    def description(self, sentence: Sentence) -> str:
         """A sentence as it was understood."""
-        return told(sentence, self.vocabulary)
+        return description(sentence, self.vocabulary)
 
     def rehearse(self, text: str) -> Reply:
         """The answer to a text where no loop runs: from rest at 0."""
@@ -88,5 +88,5 @@ class Interpreter:
             forecast = self.forecast(plan, self.simulator.rest)
         except UserError as error:
             return Reply(text=text, accepted=False, line=str(error))
-        line = f"{self.told(sentence)}: {forecast.line}"
+        line = f"{self.description(sentence)}: {forecast.line}"
         return Reply(text=text, accepted=True, line=line, values=forecast.values)

@@ -19,7 +19,7 @@ from hybrid_sysid_ros.extensions.commander.language.commands import (
 from hybrid_sysid_ros.extensions.commander.language.vocabulary import Vocabulary
 
 
-def told(sentence: Sentence, vocabulary: Vocabulary) -> str:
+def description(sentence: Sentence, vocabulary: Vocabulary) -> str:
     """A sentence as it was understood."""
     parts = [_TELLERS[type(command)](command, vocabulary) for command in sentence.commands]
     return ", then ".join([*parts, *(["stop"] if sentence.stops else [])])

@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 
 from hybrid_sysid_ros.extensions.commander.language.command_interface import CommandInterface, Reply
 from hybrid_sysid_ros.nodes import topics
-from hybrid_sysid_ros.nodes.middleware import prepare
+from hybrid_sysid_ros.nodes.middleware import prepare_middleware
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
@@ -41,7 +41,7 @@ class CommandClient(CommandInterface):
         self._rig, namespace = rig, rig.namespace
         self._rehearsal: CommandInterface | None = None
         if not rclpy.ok():
-            prepare()
+            prepare_middleware()
             rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self._node = Node("speaker", namespace=namespace, enable_rosout=False, start_parameter_services=False)
         self._replies: Queue[DiagnosticStatus] = Queue()

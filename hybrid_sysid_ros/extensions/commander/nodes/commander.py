@@ -24,7 +24,7 @@ from hybrid_sysid_ros.extensions.commander.language.interpreter import Interpret
 from hybrid_sysid_ros.extensions.commander.language.plan import ReferencePlan
 from hybrid_sysid_ros.extensions.commander.language.sentence import says_stop
 from hybrid_sysid_ros.extensions.commander.nodes.configured_interpreter import ConfiguredInterpreter, give_way
-from hybrid_sysid_ros.extensions.commander.nodes.loop_monitor import HEARS, LoopMonitor
+from hybrid_sysid_ros.extensions.commander.nodes.loop_monitor import SUBSCRIBES, LoopMonitor
 from hybrid_sysid_ros.extensions.commander.nodes.plan_writer import PlanWriter
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
@@ -65,7 +65,7 @@ class CommanderNode(RigNode):
 
     NAME = "commander"
     PUBLISHES = ("set_point", "command_reply", "planned")
-    HEARS = ("command_text", *HEARS)
+    SUBSCRIBES = ("command_text", *SUBSCRIBES)
 
     def __init__(self, **options: Any) -> None:
         self.ready: ReadyCommand | None = None
@@ -75,7 +75,7 @@ class CommanderNode(RigNode):
         self.stopped = self.armed = False
         self.staying = False
         """Whether the reference has yet to stay where a stop found the outputs."""
-        self.begun = self.turn = 0
+        self.started = self.turn = 0
         self._simulating = Lock()
         self._lock = RLock()
         """Nothing begins between a stop and what it drops."""
@@ -194,7 +194,7 @@ class CommanderNode(RigNode):
             self.checking = ""
             self.ready = ReadyCommand(sentence=sentence, plan=plan, forecast=forecast, since=monotonic())
             self.planned.publish(self.writer.forecast(forecast))
-            words = f"{interpreter.told(sentence)}: {forecast.line}"
+            words = f"{interpreter.description(sentence)}: {forecast.line}"
             if not self.armed:
                 self.reply(sentence.text, "waits", f"{words}; waits for confirm", WARN, forecast.values)
                 return
@@ -225,9 +225,9 @@ class CommanderNode(RigNode):
         self.stopped = self.staying = False
         self.ready, interpreter.last = None, ready.sentence
         self.running = ReadyCommand(sentence=ready.sentence, plan=plan, forecast=ready.forecast, since=monotonic())
-        self.begun = self.monitor.stamp
+        self.started = self.monitor.stamp
         self.carried_out += 1
-        words = f"{interpreter.told(ready.sentence)}: {ready.forecast.line}"
+        words = f"{interpreter.description(ready.sentence)}: {ready.forecast.line}"
         self.reply(ready.sentence.text, "begins", words, OK, ready.forecast.values)
 
     def look(self) -> None:
@@ -237,7 +237,7 @@ class CommanderNode(RigNode):
             self.staying = False
             self.stay()
         running = self.running
-        if running is None or self.monitor.stamp - self.begun < running.plan.duration * SECOND:
+        if running is None or self.monitor.stamp - self.started < running.plan.duration * SECOND:
             return
         self.running = None
         if running.plan.stops:
@@ -263,11 +263,11 @@ class CommanderNode(RigNode):
             self.call(self.stopper)
         finally:
             with self._lock:
-                begun = self.running is not None and monotonic() - self.running.since < JUST
+                started = self.running is not None and monotonic() - self.running.since < JUST
                 self.stops += 1
                 self.armed, self.stopped, self.checking = False, True, ""
                 self.ready = self.running = None
-        if begun:  # which may have enabled the controller after that
+        if started:  # which may have enabled the controller after that
             self.call(self.stopper)
         if self.active:
             self.reply(text, "stopped", "stopped: the inputs go to rest; the commander is disarmed", OK, {})
@@ -312,14 +312,14 @@ class CommanderNode(RigNode):
         """On command_reply, where the bag finds it."""
         if not self.active:
             return
-        told = {"text": text[:300], "state": state, **{name: f"{value:.6g}" for name, value in values.items()}}
+        entries = {"text": text[:300], "state": state, **{name: f"{value:.6g}" for name, value in values.items()}}
         self.replies.publish(
             DiagnosticStatus(
                 level=level,
                 name=f"{self.get_fully_qualified_name().strip('/')}: command",
                 message=line,
                 hardware_id=self.rig.name,
-                values=[KeyValue(key=key, value=value) for key, value in told.items()],
+                values=[KeyValue(key=key, value=value) for key, value in entries.items()],
             )
         )
 

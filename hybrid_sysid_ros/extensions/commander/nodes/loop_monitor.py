@@ -21,7 +21,7 @@ from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
-HEARS = ("state_estimate", "joint_command", "reference")
+SUBSCRIBES = ("state_estimate", "joint_command", "reference")
 
 
 class LoopMonitor:
@@ -30,9 +30,9 @@ class LoopMonitor:
     def __init__(self, node: ManagedNode, rig: Rig, tracked: NDArray[np.bool_], *, silence: int) -> None:
         """tracked: outputs that have references (outputs,). silence: after which another publisher is heard [ns]."""
         self.rig, self.tracked = rig, tracked
-        self.collectors = {topic: Collector(node, TYPES[topic], topic) for topic in HEARS}
+        self.collectors = {topic: Collector(node, TYPES[topic], topic) for topic in SUBSCRIBES}
         self.validators = {
-            topic: MessageValidator(TYPES[topic], steady=monotonic_ns, silence=silence) for topic in HEARS
+            topic: MessageValidator(TYPES[topic], steady=monotonic_ns, silence=silence) for topic in SUBSCRIBES
         }
         layout = SignalLayout(rig, rig.system)
         self.outputs, self.inputs = Slots(layout.outputs), Slots(layout.inputs)

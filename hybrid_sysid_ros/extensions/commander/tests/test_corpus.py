@@ -108,9 +108,9 @@ def test_a_sentence_is_understood_as_it_reads(name: str, text: str, expected: An
     assert len(sentence.commands) == len(wanted)
     for command, entry in zip(sentence.commands, wanted, strict=True):
         named = set(entry.get("to", entry.get("by", {entry.get("output", ""): 0})))
-        found, told = flat(understood(command, vocabulary, named)), flat(entry)
-        assert found.keys() == told.keys()
-        for key, value in told.items():
+        found, reported = flat(understood(command, vocabulary, named)), flat(entry)
+        assert found.keys() == reported.keys()
+        for key, value in reported.items():
             assert found[key] == (value if isinstance(value, str) else pytest.approx(value, rel=1e-9, abs=1e-12))
 
 

@@ -54,8 +54,8 @@ def test_there_are_three_tools_and_none_confirms_or_arms() -> None:
 
 def test_a_command_arrives_as_it_was_given_and_its_reply_comes_back() -> None:
     desk = Noting()
-    told = called(desk, "check_command", {"text": "go to 1 V"}).structured_content
-    assert told == {"accepted": True, "line": "go to 1 V", "values": {"seconds": 2.0}}
+    reported = called(desk, "check_command", {"text": "go to 1 V"}).structured_content
+    assert reported == {"accepted": True, "line": "go to 1 V", "values": {"seconds": 2.0}}
     refused = called(desk, "give_command", {"text": "hold 3"}).structured_content
     assert not refused["accepted"]
     assert called(desk, "stop", {}).structured_content["accepted"]

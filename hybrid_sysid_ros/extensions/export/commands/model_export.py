@@ -17,13 +17,11 @@ from hybrid_sysid_ros.support.files import check_folder
 def command(
     model: Annotated[Path, typer.Argument(help="Model folder.")],
     out: Annotated[Path, typer.Argument(help="Folder for step.casadi, output.casadi and model.json.")],
-    step: Annotated[float, typer.Option(help="Seconds that the step function covers; 0 is the model's own.")] = 0.0,
+    step: Annotated[float, typer.Option(help="Length of the exported step [s]; 0: the model's own step.")] = 0.0,
     smoothing: Annotated[
-        float, typer.Option(help="Velocity over which stick-slip is rounded, for solvers; 0 is exact.", min=0.0)
+        float, typer.Option(help="Velocity over which stick-slip is rounded, for solvers; 0: exact.", min=0.0)
     ] = 0.0,
-    rig: Annotated[
-        str, typer.Option("--rig", help="Folder of the model's rig, where it is no rig known by name.")
-    ] = "",
+    rig: Annotated[str, typer.Option("--rig", help="Folder of the model's rig, if it is not known by name.")] = "",
     overwrite: Overwrite = False,
 ) -> None:
     """Write a model as CasADi functions, for do-mpc, acados or a script."""

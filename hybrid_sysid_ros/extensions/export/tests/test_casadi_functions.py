@@ -20,9 +20,9 @@ def test_an_export_simulates_as_the_model_in_plain_casadi(tmp_path, structure):
     model = model_of(structure)
     export_casadi(model, tmp_path / "export")
     step, output = (casadi.Function.load(str(tmp_path / "export" / f"{name}.casadi")) for name in ("step", "output"))
-    told = json.loads((tmp_path / "export" / "model.json").read_text())
-    assert told["inputs"] == ["drive [V]"]
-    assert told["step"] == model.sampling.step
+    reported = json.loads((tmp_path / "export" / "model.json").read_text())
+    assert reported["inputs"] == ["drive [V]"]
+    assert reported["step"] == model.sampling.step
     drive = np.random.default_rng(1).uniform(-3.0, 3.0, (50, 1))
     x, states = np.zeros(len(model.system.states)), []
     for u in drive:

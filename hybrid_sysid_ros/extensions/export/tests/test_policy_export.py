@@ -78,7 +78,7 @@ def library(place, name):
 
 @needs_compiler
 def test_the_c_code_answers_as_the_policy_does_whatever_it_is_asked(policy, tmp_path):
-    folder.write(policy, tmp_path / "out", name="policy", seal=SEAL, form="c")
+    folder.write_export(policy, tmp_path / "out", name="policy", seal=SEAL, form="c")
     functions = library(tmp_path / "out", "policy")
     doubles = np.ctypeslib.ndpointer(dtype=float, flags="C")
     parameters = [doubles] if policy.correction is not None else []
@@ -101,20 +101,22 @@ def test_the_c_code_answers_as_the_policy_does_whatever_it_is_asked(policy, tmp_
 
 @needs_compiler
 def test_the_c_code_compiles_without_a_warning_and_its_test_passes(policy, tmp_path):
-    (check,) = folder.write(policy, tmp_path / "out", name="policy", seal=SEAL, form="c")
+    (check,) = folder.write_export(policy, tmp_path / "out", name="policy", seal=SEAL, form="c")
     assert float(check.largest_difference or 0.0) < 1e-12
     assert COMPILER in check.by
     strict = [*compiler.FLAGS, "-Werror", "-Wconversion", "-Wshadow", "-Wmissing-prototypes", "-Wdouble-promotion"]
     command = [COMPILER, *strict, "policy.c", "policy_test.c", "-o", "policy_test", "-lm"]
     subprocess.run(command, cwd=tmp_path / "out", check=True)
-    told = subprocess.run(["./policy_test"], cwd=tmp_path / "out", check=True, capture_output=True, text=True).stdout
-    assert f"0 of {len(vectors(policy))} vectors wrong" in told
+    reported = subprocess.run(
+        ["./policy_test"], cwd=tmp_path / "out", check=True, capture_output=True, text=True
+    ).stdout
+    assert f"0 of {len(vectors(policy))} vectors wrong" in reported
 
 
 @needs_compiler
 @pytest.mark.parametrize("what", ["b2[1] = {\n    ", "input_high[1] = {\n    ", "lowest[8] = {\n    "])
 def test_the_c_test_finds_a_wrong_number(what, tmp_path):
-    folder.write(POLICIES["one input"], tmp_path / "out", name="policy", seal=SEAL, form="c")
+    folder.write_export(POLICIES["one input"], tmp_path / "out", name="policy", seal=SEAL, form="c")
     source = tmp_path / "out" / "policy.c"
     text = source.read_text()
     assert text.count(what) == 1
@@ -125,7 +127,7 @@ def test_the_c_test_finds_a_wrong_number(what, tmp_path):
 
 @needs_compiler
 def test_the_c_code_refuses_to_be_compiled_without_nan(tmp_path):
-    folder.write(POLICIES["one input"], tmp_path / "out", name="policy", seal=SEAL, form="c")
+    folder.write_export(POLICIES["one input"], tmp_path / "out", name="policy", seal=SEAL, form="c")
     command = [COMPILER, "-ffast-math", "-c", "policy.c"]
     refused = subprocess.run(command, cwd=tmp_path / "out", capture_output=True, text=True, check=False)
     assert refused.returncode
@@ -148,7 +150,7 @@ def test_without_a_compiler_the_c_code_is_written_and_said_to_be_unchecked(comma
 def test_the_graph_answers_as_the_policy_does_whatever_it_is_asked(policy, tmp_path):
     """By ONNX Runtime, which shares nothing with us."""
     runtime = pytest.importorskip("onnxruntime", reason="needs ONNX Runtime: install hybrid_sysid_ros[dev]")
-    folder.write(policy, tmp_path / "out", name="policy", seal=SEAL, form="onnx")
+    folder.write_export(policy, tmp_path / "out", name="policy", seal=SEAL, form="onnx")
     session = runtime.InferenceSession(tmp_path / "out" / "policy.onnx", providers=["CPUExecutionProvider"])
     asked, known = instances(policy)
     found = session.run(["inputs", "answered", "inside"], onnx_graph.feed(policy, asked))
@@ -159,13 +161,13 @@ def test_the_graph_answers_as_the_policy_does_whatever_it_is_asked(policy, tmp_p
 
 def test_the_graph_says_where_it_comes_from(tmp_path):
     onnx = pytest.importorskip("onnx", reason="needs ONNX: install hybrid_sysid_ros[export]")
-    folder.write(POLICIES["a corrected plan"], tmp_path / "out", name="policy", seal=SEAL, form="onnx")
+    folder.write_export(POLICIES["a corrected plan"], tmp_path / "out", name="policy", seal=SEAL, form="onnx")
     whole = onnx.load(tmp_path / "out" / "policy.onnx")
-    told = {item.key: item.value for item in whole.metadata_props}
-    assert told["policy"] == SEAL
-    assert told["model"] == POLICIES["a corrected plan"].model
-    assert (told["rig"], told["period"], told["rate_limit"]) == ("cam_beam", "0.05 s", "0.7 a period")
-    assert told["state"] == "position [rad], velocity [rad/s]"
+    reported = {item.key: item.value for item in whole.metadata_props}
+    assert reported["policy"] == SEAL
+    assert reported["model"] == POLICIES["a corrected plan"].model
+    assert (reported["rig"], reported["period"], reported["rate_limit"]) == ("cam_beam", "0.05 s", "0.7 a period")
+    assert reported["state"] == "position [rad], velocity [rad/s]"
     assert [item.name for item in whole.graph.input] == ["x", "d", "u_previous", "preview", "parameters"]
 
 
@@ -189,7 +191,7 @@ def test_what_is_exported_carries_the_certificate_of_the_network(tmp_path):
         worst=[],
         made={},
     )
-    folder.write(replace(policy, certificate=certificate), tmp_path / "out", name="policy", seal=SEAL, form="c")
+    folder.write_export(replace(policy, certificate=certificate), tmp_path / "out", name="policy", seal=SEAL, form="c")
     said = "certificate: 26492 loops; rates at least (delta 0.01): input 0.9875, bounds 0.9900, all 0.9875"
     assert said in (tmp_path / "out" / "policy.h").read_text()
 
@@ -199,7 +201,7 @@ def test_without_onnx_it_says_what_to_install(tmp_path, monkeypatch):
     with pytest.raises(
         UserError, match=r"onnx is missing; install the extra: pip install 'hybrid_sysid_ros\[export\]'"
     ):
-        folder.write(POLICIES["one input"], tmp_path / "out", name="policy", seal=SEAL)
+        folder.write_export(POLICIES["one input"], tmp_path / "out", name="policy", seal=SEAL)
     assert not (tmp_path / "out").exists()
 
 
@@ -217,12 +219,14 @@ def test_plans_are_bounded_one_after_the_other():
 @pytest.mark.parametrize("place", ["features", "inputs"])
 def test_a_tampered_vector_is_found_and_nothing_is_written(form, place, tmp_path):
     policy = POLICIES["a plan"]
-    folder.write(policy, tmp_path / "out", name="policy", seal=SEAL, form=form)
+    folder.write_export(policy, tmp_path / "out", name="policy", seal=SEAL, form=form)
     before = sha256(tmp_path / "out")
     features, inputs = policy.check[0].copy(), policy.check[1].copy()
     {"features": features, "inputs": inputs}[place][3, 0] += 1e-6
     with pytest.raises(UserError, match="policy"):
-        folder.write(replace(policy, check=(features, inputs)), tmp_path / "out", name="policy", seal=SEAL, form=form)
+        folder.write_export(
+            replace(policy, check=(features, inputs)), tmp_path / "out", name="policy", seal=SEAL, form=form
+        )
     assert sha256(tmp_path / "out") == before
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
@@ -329,5 +333,5 @@ def test_a_compiler_that_fails_is_named(tmp_path, monkeypatch):
     (tmp_path / "cc").chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     with pytest.raises(UserError, match=r"policy\.c: cc does not compile it: no libc"):
-        folder.write(POLICIES["one input"], tmp_path / "out", name="policy", seal=SEAL, form="c")
+        folder.write_export(POLICIES["one input"], tmp_path / "out", name="policy", seal=SEAL, form="c")
     assert not (tmp_path / "out").exists()

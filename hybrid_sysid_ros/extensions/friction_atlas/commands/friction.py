@@ -17,10 +17,12 @@ from hybrid_sysid_ros.support.files import check_file
 
 
 def command(
-    name: Annotated[str, typer.Argument(metavar="[LAW]", help="Law; without one they are listed.")] = "",
+    name: Annotated[
+        str, typer.Argument(metavar="[LAW]", help="Name of a friction law; without it the laws are listed.")
+    ] = "",
     out: Annotated[Path, typer.Option("--out", help="Folder for the picture, LAW.svg.")] = Path(),
     settings: Annotated[
-        list[str] | None, typer.Option("--set", help="NAME=VALUE of a parameter, such as static=2.")
+        list[str] | None, typer.Option("--set", help="Value of a parameter, as NAME=VALUE, such as static=2.")
     ] = None,
 ) -> None:
     """Draw a law of friction over speed, before sliding, at break-away and in stick-slip; without a law, list them."""

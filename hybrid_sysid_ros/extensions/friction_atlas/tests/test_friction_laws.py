@@ -165,7 +165,7 @@ def test_static_friction_below_coulomb_friction_is_refused(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "values", "told"),
+    ("name", "values", "reported"),
     [
         ("sticky", {}, "unknown"),
         ("dahl", {"static": 2.0}, "no parameter 'static'"),
@@ -174,8 +174,8 @@ def test_static_friction_below_coulomb_friction_is_refused(name):
         ("coulomb", {"spring": 1.0}, "no parameter 'spring'"),
     ],
 )
-def test_what_no_law_has_is_refused(name, values, told):
-    with pytest.raises(UserError, match=told):
+def test_what_no_law_has_is_refused(name, values, reported):
+    with pytest.raises(UserError, match=reported):
         law(name, values)
 
 

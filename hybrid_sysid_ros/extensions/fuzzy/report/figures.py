@@ -13,7 +13,7 @@ from hybrid_sysid_ros.report.charts import LINES, dress
 MEMBERSHIP_POINTS = 201
 
 
-def memberships(system: TakagiSugeno) -> go.Figure:
+def membership_figure(system: TakagiSugeno) -> go.Figure:
     """Of each rule, a panel a premise variable: along it, with the other ones at the rule's centre."""
     centres, widths, names = system.centres, system.widths, [system.regressors[j] for j in system.premises]
     figure = make_subplots(rows=1, cols=len(names), horizontal_spacing=0.06)

@@ -147,7 +147,7 @@ def test_memberships_are_drawn_along_each_premise():
         outputs=(LEVEL,), inputs=(DRIVE,), output_lags=1, input_lags=1, scales=(1.0, 2.0), low=(-1.0, -2.0),
         high=(1.0, 2.0), premises=(0, 1), rules=2, premise_weights=(-0.5, 0.25, 0.0, 0.0, 0.5, -0.25, 0.0, 0.0),
     )  # fmt: skip
-    curves = figures.memberships(system).data
+    curves = figures.membership_figure(system).data
     peaks = [float(curve.x[np.argmax(curve.y)]) for curve in curves]
     np.testing.assert_allclose(peaks, [-0.5, 0.5, 0.5, -0.5])
     assert [max(curve.y) for curve in curves] == pytest.approx([1.0] * 4)
@@ -215,9 +215,9 @@ def test_rules_of_several_inputs_are_those_that_data_show(record):
 
 def test_a_tuned_network_learns_the_plant(plant, record):
     """From a tenth of the deviation to a hundredth."""
-    begun = _linked(record)
-    fitted = tuned(begun, [record]).system
-    assert free_run_error(plant, fitted) < 0.05 < 0.3 * free_run_error(plant, begun) + 0.05
+    initial = _linked(record)
+    fitted = tuned(initial, [record]).system
+    assert free_run_error(plant, fitted) < 0.05 < 0.3 * free_run_error(plant, initial) + 0.05
 
 
 # Bad input

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.estimation.extended_kalman_filter import ExtendedKalmanFilter
 from hybrid_sysid_ros.estimation.tuning import Tuning
 from hybrid_sysid_ros.extensions.narx.residual_fit import ResidualSequence, check_forgets, initial_guess, levinson
-from hybrid_sysid_ros.extensions.narx.residual_hybrid import RADIUS, ResidualHybrid, averaged, coefficients
+from hybrid_sysid_ros.extensions.narx.residual_hybrid import RADIUS, ResidualHybrid, averaged_residual, coefficients
 from hybrid_sysid_ros.extensions.narx.tests.systems import residual
 from hybrid_sysid_ros.identification import PreparedRecord, free_run
 from hybrid_sysid_ros.identification.experiment import ResampledRecord
@@ -133,7 +133,7 @@ def test_the_mean_of_models_runs_in_their_mean() -> None:
 
     inputs, members = drive(400), [deaf(first), deaf(second)]
     runs = [along(member, inputs)[1] for member in members]
-    mean = averaged(members)
+    mean = averaged_residual(members)
     assert mean.units == 2 * first.units
     np.testing.assert_allclose(along(mean, inputs)[1], np.mean(runs, axis=0), rtol=1e-9, atol=1e-12)
     assert np.std(runs[0] - runs[1]) > 1e-3
@@ -160,8 +160,8 @@ def test_every_reflection_coefficient_within_one_gives_poles_within_the_radius()
 
 def test_the_memory_of_a_series_is_that_of_the_yule_walker_equations() -> None:
     series = np.random.default_rng(0).normal(size=500).cumsum()
-    told = [np.dot(series[: 500 - lag], series[lag:]) for lag in range(4)]
-    expected = solve_toeplitz(told[:3], told[1:])
+    reported = [np.dot(series[: 500 - lag], series[lag:]) for lag in range(4)]
+    expected = solve_toeplitz(reported[:3], reported[1:])
     found = coefficients(levinson([series], 3))
     np.testing.assert_allclose(found, expected * RADIUS ** np.arange(1, 4), rtol=1e-9)
 
@@ -194,7 +194,7 @@ TRUE = np.array([1.7, -0.74])  # poles of .93 and .77, within RADIUS
 GAIN = 2e-3
 
 
-def told(seed: int, steps: int = 3000, noise: float = 1e-5) -> PreparedRecord:
+def reported(seed: int, steps: int = 3000, noise: float = 1e-5) -> PreparedRecord:
     """The belt with a residual e(k + 1) = 1.7 e(k) - .74 e(k - 1) + .002 (drive(k) - drive(k - 1) / 2) on its angle."""
     inputs = drive(steps, seed)
     _, y = along(Belt(), inputs)
@@ -212,7 +212,7 @@ def told(seed: int, steps: int = 3000, noise: float = 1e-5) -> PreparedRecord:
 
 def fitted(**options: float) -> tuple[ResidualHybrid, list[ResidualSequence]]:
     chosen = {name: option.default for name, option in options_of("residual", Belt()).items()} | options
-    sequences = [ResidualSequence.of(Belt(), told(seed)) for seed in (0, 1)]
+    sequences = [ResidualSequence.of(Belt(), reported(seed)) for seed in (0, 1)]
     system = initial_guess(Belt(), sequences, chosen)
     held = [item.name for item in Belt().parameters]
     found = fit(system, [item.initialised(system) for item in sequences], ridge=1e-6, hold=held).system
@@ -225,7 +225,7 @@ def test_a_known_residual_comes_back() -> None:
     system, sequences = fitted(units=0, output_lags=2)
     check_forgets(system, sequences)
     np.testing.assert_allclose(coefficients(system.reflections[:2]), TRUE, atol=2e-3)
-    unseen = told(7)
+    unseen = reported(7)
     prepared = replace(
         unseen, states=system.record_map().states_from_record(unseen.outputs, 0.0 * unseen.outputs, np.zeros((1501, 2)))
     )
@@ -238,7 +238,7 @@ def test_a_known_residual_comes_back() -> None:
 def test_its_three_steps_are_told() -> None:
     """What the gray box leaves follows the input, what the true recursion leaves does not."""
     system, _ = fitted(units=0, output_lags=2)
-    unseen = told(7)
+    unseen = reported(7)
     means = unseen.inputs.reshape(unseen.samples - 1, -1, 2).mean(axis=1)
     record = ResampledRecord(
         name=unseen.name,
@@ -262,7 +262,7 @@ def test_its_three_steps_are_told() -> None:
 
 def test_a_residual_that_swings_by_itself_is_refused() -> None:
     """Two levels hold themselves: e+ = .5 e + .5 S n(e), n steep: bounded, but it never forgets where it began."""
-    sequences = [ResidualSequence.of(Belt(), told(0))]
+    sequences = [ResidualSequence.of(Belt(), reported(0))]
     base = residual(Belt())
     width = len(base.regressors)
     weights = np.zeros((1, width + 3))

@@ -15,13 +15,15 @@ from hybrid_sysid_ros.runtime import processes, session
 
 def command(
     bag: Annotated[Path, typer.Argument(help="Bag to play.")],
-    rate: Annotated[float, typer.Option(help="How many times as fast as it was recorded.")] = 1.0,
-    start: Annotated[float, typer.Option(help="Seconds of the bag to leave out at its beginning.", min=0.0)] = 0.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
+    rate: Annotated[float, typer.Option(help="Speed of playing, as a multiple of the recorded speed.")] = 1.0,
+    start: Annotated[float, typer.Option(help="Time at the beginning of the bag that is left out [s].", min=0.0)] = 0.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Play the bag again when it ends.")] = False,
     clock: Annotated[bool, typer.Option("--clock", help="Publish the time of the bag on /clock.")] = False,
-    topics: Annotated[str, typer.Option(help="Names of topics to play, with spaces between; all of the bag.")] = "",
+    topics: Annotated[
+        str, typer.Option(help="Names of the topics to play, separated by spaces; all topics by default.")
+    ] = "",
     pause: Annotated[
-        bool, typer.Option("--pause", help="Wait for the space key, or step with the right arrow.")
+        bool, typer.Option("--pause", help="Start paused: the space key plays, the right arrow steps.")
     ] = False,
     recover: Recover = False,
 ) -> None:

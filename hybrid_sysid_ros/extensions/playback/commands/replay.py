@@ -25,12 +25,18 @@ BAG, NUMBERS, PAGE = "replayed", "replay.json", "report.html"
 
 
 def command(
-    bag: Annotated[Path, typer.Argument(help="Bag of a loop.")],
+    bag: Annotated[Path, typer.Argument(help="Bag of a recorded closed loop.")],
     out: Annotated[Path | None, typer.Option(help="Folder for the replayed bag, the numbers and a report.")] = None,
     rig: RigName = "",
-    model: Annotated[Path | None, typer.Option(help="Another model; the bag's own by default.")] = None,
-    policy: Annotated[str, typer.Option(help="supervised, network or exact; as it was by default.")] = "",
-    policy_path: Annotated[Path | None, typer.Option(help="Another policy folder; the bag's own by default.")] = None,
+    model: Annotated[
+        Path | None, typer.Option(help="Model folder; by default the model that the bag was recorded with.")
+    ] = None,
+    policy: Annotated[
+        str, typer.Option(help="What drives the rig: supervised, network or exact; as recorded by default.")
+    ] = "",
+    policy_path: Annotated[
+        Path | None, typer.Option(help="Policy folder; by default the policy that the bag was recorded with.")
+    ] = None,
     recover: Recover = False,
 ) -> None:
     """Send what a bag recorded of a loop through estimator and controller again, and compare the answers."""
@@ -51,8 +57,8 @@ def command(
         if plan.lockstep
         else "recorded in real time, so that references and ages differ a little"
     )
-    told = f"{bags.name_of(bag)}, {kind}; parameters: {plan.source}; {replaying.told_changes(plan.changes)}."
-    console.print(told)
+    summary = f"{bags.name_of(bag)}, {kind}; parameters: {plan.source}; {replaying.change_summary(plan.changes)}."
+    console.print(summary)
     for table in tables(comparison):
         print_table(table)
     if out is not None:
@@ -65,7 +71,7 @@ def command(
             versions=versions(),
         )
         title = f"{plan.rig.name}: replay of {bags.name_of(bag)}"
-        write_replay(out / PAGE, comparison, title, told, provenance)
+        write_replay(out / PAGE, comparison, title, summary, provenance)
         console.print(f"report: {out / PAGE}   numbers: {out / NUMBERS}   bag: {out / BAG}")
 
 

@@ -62,7 +62,7 @@ class PlayerNode(RigNode):
         self.playback = PlaybackClock(rate=settings["rate"], paused=settings["pause"])
         self.turn = Condition()
         """Of who plays and who presses keys."""
-        self.sent = self.rounds = self.told = 0
+        self.sent = self.rounds = self.announced = 0
         self.trouble: UserError | None = None
         self.ended = False
         self.outlets = {name: self.outlet(name, *offer) for name, offer in self.played.items()}
@@ -83,7 +83,7 @@ class PlayerNode(RigNode):
         for name, logged, data in bag.messages(self.outlets):
             if begin is None:
                 begin = logged + round(self.settings["start"] * SECOND)
-                self.told = 0
+                self.announced = 0
                 self.playback.go_to(begin)
             if logged >= begin:
                 yield name, logged, data
@@ -133,9 +133,9 @@ class PlayerNode(RigNode):
         if self.clock is None:
             return
         with self.turn:
-            if time <= self.told:
+            if time <= self.announced:
                 return
-            self.told = time
+            self.announced = time
             message = Clock()
             set_nanoseconds(message.clock, time)
             self.clock.publish(message)

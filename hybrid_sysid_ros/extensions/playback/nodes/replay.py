@@ -91,7 +91,7 @@ class Replay:
         }
         """Parameters that the nodes have yet to get, and the stamp of the first message that they answer with them."""
 
-    def hear(self, topic: str, logged: int, data: bytes) -> Iterator[tuple[str, bytes]]:
+    def deliver(self, topic: str, logged: int, data: bytes) -> Iterator[tuple[str, bytes]]:
         """Topic and data of what is answered to a message of a topic that was logged then [ns]."""
         if topic == "joint_states":
             self._change(self.estimator, self._stamp(data))
@@ -171,7 +171,7 @@ def replay(order: ReplayTask) -> None:
                 topic = topics[name]
                 if topic != "state_estimate":
                     out.write_raw(name, types[name], logged, data)
-                for answer, message in loop.hear(topic, logged, data):
+                for answer, message in loop.deliver(topic, logged, data):
                     out.write_raw(f"{order.namespace}/{answer}", "sensor_msgs/msg/JointState", logged, message)
         finally:
             context.try_shutdown()
@@ -180,7 +180,7 @@ def replay(order: ReplayTask) -> None:
 def main() -> int:
     """Replay what the argument says, a :class:`ReplayTask` in JSON; return the exit status, 2 where it is wrong."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that nothing half-written is left
-    middleware.prepare()
+    middleware.prepare_middleware()
     try:
         replay(ReplayTask(**json.loads(sys.argv[1])))
     except UserError as error:

@@ -9,7 +9,7 @@ from hybrid_sysid_ros.report.rendering import check_available, drawn, write_page
 from hybrid_sysid_ros.report.sections import Provenance
 
 
-def write_replay(path: Path | str, comparison: Comparison, title: str, told: str, provenance: Provenance) -> Path:
+def write_replay(path: Path | str, comparison: Comparison, title: str, summary: str, provenance: Provenance) -> Path:
     """Write the page. told: what was replayed, in a sentence.
 
     Raises:
@@ -21,7 +21,7 @@ def write_replay(path: Path | str, comparison: Comparison, title: str, told: str
     shown = [number for number in comparison.numbers if f"{AHEAD}]" not in number.field]
     content = {
         "title": title,
-        "told": told,
+        "summary": summary,
         "settled": f"{SETTLED:g}",
         "comparison": comparison,
         "figures": [

@@ -27,7 +27,7 @@ STEP = SECOND // 200
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
     """Twenty measurements and twenty references, five milliseconds apart."""
-    return bags.write(tmp_path / "run", [states(20), references(20)])
+    return bags.write_bag(tmp_path / "run", [states(20), references(20)])
 
 
 @pytest.fixture(autouse=True)
@@ -69,11 +69,11 @@ def test_a_bag_that_rests_goes_on_by_steps(bench: Bench, bag: Path) -> None:
 
 
 def test_the_clock_is_never_behind_a_message(bench: Bench, bag: Path) -> None:
-    told = bench.listen("/clock", Clock)
+    reported = bench.listen("/clock", Clock)
     node = bench.start(PlayerNode, bag=str(bag), clock=True, rate=0.2, topics="/cam_beam/joint_states")
-    bench.until(lambda: told and nanoseconds(told[-1].clock) >= START + 19 * STEP)
+    bench.until(lambda: reported and nanoseconds(reported[-1].clock) >= START + 19 * STEP)
     node.close()
-    times = [nanoseconds(message.clock) for message in told]
+    times = [nanoseconds(message.clock) for message in reported]
     assert times == sorted(times)
     assert times[0] == START
     assert len(times) > 20  # between the messages it goes on

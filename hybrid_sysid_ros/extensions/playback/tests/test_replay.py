@@ -70,11 +70,13 @@ def largest(numbers: dict[str, Any], topic: str) -> float:
 def test_a_recorded_loop_explains_itself(loop: Path, tmp_path: Path) -> None:
     """Parameters of all nodes, and the very model and policy."""
     found = bags.attached(loop)
-    told = {node: run_provenance.parameters(found, node) for node in ("plant", "reference", "estimator", "controller")}
-    assert told["plant"]["bias"] == [0.3]
-    assert told["estimator"]["process_noise"] == [0.002] * len(RIG.system.states)
-    assert told["controller"]["lockstep"] is True
-    for node, values in told.items():
+    reported = {
+        node: run_provenance.parameters(found, node) for node in ("plant", "reference", "estimator", "controller")
+    }
+    assert reported["plant"]["bias"] == [0.3]
+    assert reported["estimator"]["process_noise"] == [0.002] * len(RIG.system.states)
+    assert reported["controller"]["lockstep"] is True
+    for node, values in reported.items():
         assert values.keys() == {"rig", *configuration.parameters(RIG, node)}
     model = load_model(bags.laid_out(found, tmp_path, below="controller/model"))
     assert model.seal == load_model(shipped(RIG.name, "model")).seal
@@ -153,7 +155,7 @@ def test_another_model_is_driven_by_the_exact_mpc(command: Any, loop: Path, mode
 
 
 def test_what_a_replay_needs_is_named(command: Any, loop: Path, tmp_path: Path) -> None:
-    bag = bags.write(tmp_path / "run", [states(20)])
+    bag = bags.write_bag(tmp_path / "run", [states(20)])
     for arguments, words in (
         ((bag,), ["no messages of /cam_beam/reference", "/cam_beam/joint_states"]),
         ((tmp_path / "nowhere",), ["nowhere: no such file"]),
@@ -177,7 +179,7 @@ def test_the_comparison_finds_what_differs(tmp_path: Path) -> None:
         at, numbers = stamps(50)[skipped:], values[skipped:]
         names = ["beam", "spare"]
         series = [bags.joint_states(NAMES[t], at, names, position=numbers, effort=numbers) for t in TOPICS[2:]]
-        bags.write(tmp_path / name, [*series, references(10)])
+        bags.write_bag(tmp_path / name, [*series, references(10)])
     found = compare(tmp_path / "a", tmp_path / "b", RIG)
     assert (found.recorded["joint_command"], found.replayed["joint_command"]) == (50, 45)
     assert found.common["joint_command"] == 45

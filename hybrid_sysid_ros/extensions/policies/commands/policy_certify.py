@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import OwnRig, Seed, console, print_table, status
-from hybrid_sysid_ros.control.safety.certificate import FILE, FORMAT, LEAST_LOOPS, Certificate, find
+from hybrid_sysid_ros.control.safety.certificate import FILE, FORMAT, LEAST_LOOPS, Certificate, find_certificate
 from hybrid_sysid_ros.control.safety.supervisor import REASONS
 from hybrid_sysid_ros.extensions.policies.by_rig import certification_of
 from hybrid_sysid_ros.extensions.policies.certification import certify
@@ -32,21 +32,22 @@ CRITERIA = {
 def command(
     policy: Annotated[Path, typer.Argument(help="Policy folder; the certificate is written into it.")],
     model: Annotated[
-        Path | None, typer.Option(help="Folder of the model it imitates; the shipped one by default.")
+        Path | None,
+        typer.Option(help="Folder of the model that the policy was trained on; the shipped one by default."),
     ] = None,
     loops: Annotated[
-        int, typer.Option(help=f"Independent closed loops; {LEAST_LOOPS} for a margin of .01.", min=1)
+        int, typer.Option(help=f"Number of independent closed loops; {LEAST_LOOPS} give a margin of .01.", min=1)
     ] = LOOPS,
     seed: Seed = 0,
     seconds: Annotated[float | None, typer.Option(help="Length of a loop [s].", min=0.02, max=8.0)] = None,
     delta: Annotated[float, typer.Option(help="Probability with which a bound may be wrong.")] = 0.01,
-    workers: Annotated[int, typer.Option(help="Processes; 0 for one per core.", min=0)] = 0,
+    workers: Annotated[int, typer.Option(help="Number of processes; 0: one on each processor.", min=0)] = 0,
     again: Annotated[
         int | None,
-        typer.Option("--again", help="Run this loop again and print how it went; nothing is written.", min=0),
+        typer.Option("--again", help="Number of a loop to run again and print; nothing is written.", min=0),
     ] = None,
     driver: Annotated[
-        str, typer.Option(help="Who drives the loop of --again: network, supervised or exact.")
+        str, typer.Option(help="What drives the loop of --again: network, supervised or exact.")
     ] = "network",
     rig: OwnRig = "",
 ) -> None:
@@ -94,7 +95,7 @@ def _loops(policy: Path, certification: Certification) -> int:
     if path.is_file():  # one that was altered is nobody's to replace
         storage.load_sheet(path, kind="certificate", version=FORMAT)
     try:
-        there = find(policy, policy=certification.seal, model=certification.policy.model)
+        there = find_certificate(policy, policy=certification.seal, model=certification.policy.model)
     except UserError:
         return 0
     return 0 if there is None else there.loops

@@ -22,25 +22,26 @@ def command(
     model: Annotated[Path, typer.Argument(help="Model folder.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for the policy.")],
     seed: Seed = 0,
-    episodes: Annotated[int, typer.Option(help="Closed loops of 20 horizons in each round.", min=2)] = DEFAULT.episodes[
-        0
-    ],
-    rounds: Annotated[int, typer.Option(help="Rounds; from the second on the policy drives (DAgger).", min=1)] = len(
-        DEFAULT.episodes
-    ),
+    episodes: Annotated[
+        int, typer.Option(help="Number of closed loops of 20 horizons in each round.", min=2)
+    ] = DEFAULT.episodes[0],
+    rounds: Annotated[
+        int, typer.Option(help="Number of rounds; from the second on the policy drives (DAgger).", min=1)
+    ] = len(DEFAULT.episodes),
     epochs: Annotated[
-        int, typer.Option(help="Epochs of training in the last round; a third in those before.", min=1)
+        int, typer.Option(help="Epochs of training in the last round; the earlier rounds take a third.", min=1)
     ] = DEFAULT.epochs,
     hidden: Annotated[str, typer.Option(help="Widths of the tanh layers.")] = ",".join(map(str, DEFAULT.hidden)),
     plan: Annotated[
         bool,
         typer.Option(
-            "--plan/--first-input", help="Answer with the whole plan, which can be checked and certified, or not."
+            "--plan/--first-input",
+            help="Answer with a whole plan, which can be checked and certified, or with one input.",
         ),
     ] = DEFAULT.sequence,
     follow: Annotated[
         list[str] | None,
-        typer.Option("--follow", help="NAME=SPREAD: a parameter of the model that the policy adapts to, in its unit."),
+        typer.Option("--follow", help="Parameter of the model that the policy adapts to, as NAME=SPREAD in its unit."),
     ] = None,
     rig: OwnRig = "",
     overwrite: Overwrite = False,

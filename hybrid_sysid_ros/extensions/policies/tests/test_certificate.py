@@ -193,8 +193,8 @@ def by_hand(certification, scenario, driver):
     inputs, exact, states = [], [], [x.copy()]
     for k, disturbance in enumerate(scenario.disturbances):
         x = x + scenario.pushes[k]
-        told = disturbance + scenario.disturbance_errors[k]
-        asked = (x + scenario.state_errors[k], told, u, scenario.references[k : k + problem.horizon])
+        reported = disturbance + scenario.disturbance_errors[k]
+        asked = (x + scenario.state_errors[k], reported, u, scenario.references[k : k + problem.horizon])
         answer = judge.control(*asked)
         judge.prepare(problem.period)
         given = answer if drives is judge else drives.control(*asked)
@@ -265,7 +265,7 @@ def certified(law, tmp_path):
 
 def test_a_certificate_survives_a_round_trip(certified):
     folder, seal, found = certified
-    back = certificates.find(folder, policy=seal, model="5ea1")
+    back = certificates.find_certificate(folder, policy=seal, model="5ea1")
     assert back is not None
     assert (back.rates, back.loops, back.delta) == (found.rates, 40, 0.01)
     assert back.bounds == found.bounds
@@ -284,16 +284,16 @@ def test_a_policy_is_loaded_with_its_certificate_or_without_one(certified):
 def test_a_certificate_that_was_altered_or_is_another_s_is_refused(certified):
     folder, seal, _ = certified
     with pytest.raises(UserError, match="another policy"):
-        certificates.find(folder, policy="another", model="5ea1")
+        certificates.find_certificate(folder, policy="another", model="5ea1")
     with pytest.raises(UserError, match="another model"):
-        certificates.find(folder, policy=seal, model="another")
+        certificates.find_certificate(folder, policy=seal, model="another")
     path = folder / FILE
     path.write_text(path.read_text().replace("loops: 40", "loops: 40000"))
     with pytest.raises(UserError, match=r"certificate\.yaml: was altered"):
         policies.load(folder)
     path.write_text("loops: [")
     with pytest.raises(UserError, match="YAML"):
-        certificates.find(folder, policy=seal, model="5ea1")
+        certificates.find_certificate(folder, policy=seal, model="5ea1")
 
 
 def test_a_policy_that_changed_meanwhile_is_not_certified(certified, law):

@@ -12,7 +12,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import Variable, one_step, simulate
 from hybrid_sysid_ros.core.symbolic import symbolic_step
 from hybrid_sysid_ros.extensions.recurrent.recurrent import Recurrent, step_within
-from hybrid_sysid_ros.extensions.recurrent.training import TrainingSchedule, rollout, train, untrained
+from hybrid_sysid_ros.extensions.recurrent.training import TrainingSchedule, rollout, train_network, untrained
 from hybrid_sysid_ros.identification import free_run, prepare, score
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.errors import UserError
@@ -140,7 +140,7 @@ def spring_record(seed, *, seconds=60.0, name="spring"):
 def trained(records, rig, sampling, *, units=24, **settings):
     """A new network on the signals of a rig, trained on records."""
     network = untrained(rig, sampling.step, units)
-    return train(network, [prepare(record, network, sampling) for record in records], **settings)
+    return train_network(network, [prepare(record, network, sampling) for record in records], **settings)
 
 
 @pytest.fixture(scope="module")

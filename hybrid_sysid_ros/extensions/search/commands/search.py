@@ -12,8 +12,8 @@ from rich.table import Table
 from hybrid_sysid_ros.commands import terminal
 from hybrid_sysid_ros.commands.records import read_records
 from hybrid_sysid_ros.commands.terminal import console, print_table, status
-from hybrid_sysid_ros.extensions.search.search import Evaluate, Objective, TrialResult, named, search
-from hybrid_sysid_ros.extensions.search.study import Evaluation, Study, opened
+from hybrid_sysid_ros.extensions.search.search import Evaluate, Objective, TrialResult, search, trial_name
+from hybrid_sysid_ros.extensions.search.study import Evaluation, Study, opened_study
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.models import Options
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -27,18 +27,22 @@ SHOWN = 5
 
 
 def command(
-    bag: Annotated[list[Path], typer.Argument(help="Bags to learn from.")],
+    bag: Annotated[list[Path], typer.Argument(help="Bags to train on.")],
     study: Annotated[
         str, typer.Option(help="SQLite file that keeps the trials, or a database's URL.")
     ] = "out/search.db",
-    name: Annotated[str, typer.Option(help="Of the study in the file; the structure by default.")] = "",
+    name: Annotated[str, typer.Option(help="Name of the study in the file; the structure's name by default.")] = "",
     structure: Annotated[str, typer.Option(help=terminal.STRUCTURES_HELP)] = "hybrid",
-    trials: Annotated[int, typer.Option(help="Trials in all, those of earlier runs included.", min=1)] = 40,
-    timeout: Annotated[float, typer.Option(help="Seconds after which no trial begins; 0 is never.", min=0.0)] = 0.0,
-    jobs: Annotated[int, typer.Option(help="Processes; -1 is one on each processor.")] = -1,
+    trials: Annotated[int, typer.Option(help="Total number of trials, including those of earlier runs.", min=1)] = 40,
+    timeout: Annotated[
+        float, typer.Option(help="Time after which no further trial begins [s]; 0: no limit.", min=0.0)
+    ] = 0.0,
+    jobs: Annotated[int, typer.Option(help="Number of processes; -1: one on each processor.")] = -1,
     cluster: Annotated[
         str,
-        typer.Option(help="Address of a Dask scheduler, such as tcp://host:8786; local starts one of --jobs workers."),
+        typer.Option(
+            help="Address of a Dask scheduler, such as tcp://host:8786; local starts one with --jobs workers."
+        ),
     ] = "",
     folds: Annotated[int, typer.Option(help="Groups in which parts of the bags are held out in turn.", min=2)] = 3,
     out: Annotated[Path | None, typer.Option("--out", help="Folder for a model with the best options.")] = None,
@@ -69,7 +73,7 @@ def command(
         seed=seed,
         folds=folds,
     )
-    with opened(study, name or structure, problem=objective.problem, space=objective.space, seed=seed) as kept:
+    with opened_study(study, name or structure, problem=objective.problem, space=objective.space, seed=seed) as kept:
         try:
             with workers(objective, cluster, jobs) as found:
                 run(kept, found, trials, timeout or None)
@@ -91,8 +95,8 @@ def workers(objective: Objective, cluster: str, jobs: int) -> Workers[tuple[int,
     """Those that the command line asks for."""
     work = Evaluate(objective=objective)
     if cluster:
-        return Cluster(work, cluster, jobs=jobs, tell=status.print, name=named)
-    return Processes(work, jobs=jobs, tell=status.print, name=named)
+        return Cluster(work, cluster, jobs=jobs, tell=status.print, name=trial_name)
+    return Processes(work, jobs=jobs, tell=status.print, name=trial_name)
 
 
 def run(study: Study, found: Workers[tuple[int, Options], TrialResult], trials: int, timeout: float | None) -> None:
@@ -101,7 +105,7 @@ def run(study: Study, found: Workers[tuple[int, Options], TrialResult], trials: 
         best = max((trial.outcome.score for trial in study.ranking), default=-math.inf)
         update("trials", len(study.finished), trials)
 
-        def told(trial: Evaluation) -> None:
+        def report(trial: Evaluation) -> None:
             nonlocal best
             outcome = trial.outcome
             if outcome.error:
@@ -111,7 +115,7 @@ def run(study: Study, found: Workers[tuple[int, Options], TrialResult], trials: 
                 status.print(f"  trial {trial.number}: R2 {best:.4f} with {written(trial)}")
             update("trials", len(study.finished), trials)
 
-        search(study, found, trials=trials, timeout=timeout, told=told)
+        search(study, found, trials=trials, timeout=timeout, report=report)
 
 
 def show(study: Study, objective: Objective, title: str) -> None:

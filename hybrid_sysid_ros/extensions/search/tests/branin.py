@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hybrid_sysid_ros.extensions.search.search import Evaluate, Objective, named
-from hybrid_sysid_ros.extensions.search.study import opened
+from hybrid_sysid_ros.extensions.search.search import Evaluate, Objective, trial_name
+from hybrid_sysid_ros.extensions.search.study import opened_study
 from hybrid_sysid_ros.models import Option, Options
 from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError
@@ -94,15 +94,15 @@ class OfBranin(Objective):
 
 def here(objective) -> parallel.Here[Any, Any]:
     """Evaluates at once, in this process."""
-    return parallel.Here(Evaluate(objective=objective), name=named)
+    return parallel.Here(Evaluate(objective=objective), name=trial_name)
 
 
 def processes(objective, tell, jobs: int) -> parallel.Processes[Any, Any]:
-    return parallel.Processes(Evaluate(objective=objective), jobs=jobs, tell=tell, name=named)
+    return parallel.Processes(Evaluate(objective=objective), jobs=jobs, tell=tell, name=trial_name)
 
 
 def study_of(place: str, seed: int = 0, **problem: object):
-    return opened(place, "branin", problem={"function": "branin", **problem}, space=SPACE, seed=seed)
+    return opened_study(place, "branin", problem={"function": "branin", **problem}, space=SPACE, seed=seed)
 
 
 def wait_for(found, seconds: float = 15.0):

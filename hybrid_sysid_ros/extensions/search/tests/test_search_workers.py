@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from hybrid_sysid_ros.extensions.search.search import Evaluate, named, search
+from hybrid_sysid_ros.extensions.search.search import Evaluate, search, trial_name
 from hybrid_sysid_ros.extensions.search.tests.branin import (
     Deadly,
     Watched,
@@ -34,7 +34,7 @@ def lines() -> list[str]:
 
 
 def cluster(objective, address: str, **more) -> Cluster[Any, Any]:
-    return Cluster(Evaluate(objective=objective), address, name=named, **more)
+    return Cluster(Evaluate(objective=objective), address, name=trial_name, **more)
 
 
 def test_processes_work_at_the_same_time(place: str, tmp_path: Path, lines: list[str]) -> None:

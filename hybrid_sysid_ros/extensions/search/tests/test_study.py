@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hybrid_sysid_ros.extensions.search.search import search
-from hybrid_sysid_ros.extensions.search.study import Study, opened
+from hybrid_sysid_ros.extensions.search.study import Study, opened_study
 from hybrid_sysid_ros.extensions.search.tests.branin import (
     MINIMUM,
     SPACE,
@@ -102,7 +102,7 @@ def test_a_study_of_another_problem_is_refused(place: str) -> None:
 
 def test_one_file_keeps_several_studies(place: str) -> None:
     for name in ("first", "second"):
-        with opened(place, name, problem={"name": name}, space=SPACE) as study:
+        with opened_study(place, name, problem={"name": name}, space=SPACE) as study:
             search(study, here(branin), trials=2)
             assert len(study.finished) == 2
 
@@ -122,7 +122,7 @@ def test_a_file_of_something_else_is_not_a_study(tmp_path: Path, content: str) -
         assert file.read_text() == content * 1000
     else:
         with study_of(str(file)) as study:  # SQLite takes an empty file for an empty database
-            assert study.begun == 0
+            assert study.started == 0
 
 
 def test_a_place_that_is_none_is_refused(tmp_path: Path) -> None:
@@ -174,7 +174,7 @@ def test_options_that_were_drawn_before_are_not_evaluated_again(place: str) -> N
         return Answer(float(options["terms"]))
 
     space = {"terms": Option(default=1, low=0, high=2, kind="int", description="terms")}
-    with opened(place, "few", problem={}, space=space) as study:
+    with opened_study(place, "few", problem={}, space=space) as study:
         search(study, here(objective), trials=20)
         assert len(study.finished) == 20
         assert [trial.options["terms"] for trial in study.ranking] == [2, 1, 0]
@@ -184,7 +184,7 @@ def test_options_that_were_drawn_before_are_not_evaluated_again(place: str) -> N
 def test_no_trial_begins_after_the_timeout(place: str) -> None:
     with study_of(place) as study:
         search(study, here(branin), trials=5, timeout=0.0)
-        assert study.begun == 0
+        assert study.started == 0
 
 
 def test_options_are_of_their_kind(place: str) -> None:
@@ -192,7 +192,7 @@ def test_options_are_of_their_kind(place: str) -> None:
         "units": Option(default=4, low=2, high=12, kind="int", description="units"),
         "weight": Option(default=1.0, low=1e-4, high=1e4, kind="log", description="weight"),
     }
-    with opened(place, "kinds", problem={}, space=space) as study:
+    with opened_study(place, "kinds", problem={}, space=space) as study:
         asked = [study.ask()[1] for _ in range(40)]
     assert all(isinstance(options["units"], int) and 2 <= options["units"] <= 12 for options in asked)
     assert 10 < sum(options["weight"] < 1.0 for options in asked) < 30

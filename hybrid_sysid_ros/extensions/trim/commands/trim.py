@@ -13,7 +13,7 @@ from rich.table import Table
 from hybrid_sysid_ros.commands.terminal import console, print_table
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.trim.equilibrium import Eigenmode, Equilibrium, equilibrium
-from hybrid_sysid_ros.extensions.trim.modes import name_of, named_modes
+from hybrid_sysid_ros.extensions.trim.modes import mode_name, named_modes
 from hybrid_sysid_ros.rigs.rig import load
 from hybrid_sysid_ros.rigs.validity import check_reached, check_valid
 from hybrid_sysid_ros.support.errors import UserError
@@ -25,10 +25,11 @@ INVOLVED = 0.1
 def command(
     rig: Annotated[str, typer.Argument(help="Rig, by its name or by the path of its folder.")],
     at: Annotated[
-        list[str] | None, typer.Option("--at", help="NAME=VALUE of a state or input that is given; others are found.")
+        list[str] | None,
+        typer.Option("--at", help="Fixed value of a state or input, as NAME=VALUE; the others are computed."),
     ] = None,
-    structure: Annotated[str, typer.Option(help="One of the rig's own gray boxes in place of the rig.")] = "",
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, with the linear system.")] = False,
+    structure: Annotated[str, typer.Option(help="Use one of the rig's own gray-box models in place of the rig.")] = "",
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, including the linear system.")] = False,
 ) -> None:
     """Find an equilibrium of a rig, linearise it there, and name its poles."""
     described = load(rig)
@@ -43,7 +44,7 @@ def command(
     check_valid(described, found.states[None], "the equilibrium", system=system)
     check_reached(described, found.inputs, "the equilibrium")
     known_modes = named_modes(described)
-    named = [(mode, name_of(mode, system, known_modes)) for mode in found.modes]
+    named = [(mode, mode_name(mode, system, known_modes)) for mode in found.modes]
     if as_json:
         console.print_json(json.dumps(_content(system, found, named)))
         return

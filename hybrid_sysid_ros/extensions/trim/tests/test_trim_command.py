@@ -32,10 +32,10 @@ def test_any_rig_has_its_equilibrium(trim):
     """Beyond a dead zone w = K (u - U0), dry friction left out; the lag is a pole at -1 / tau."""
     status, out, _ = trim("wheel_motor", "--at", "speed=10", "--json")
     assert status == 0
-    told, system = json.loads(out), rigs.load("wheel_motor").system
-    assert told["at"]["speed"] == 10.0
-    assert told["at"]["pwm"] == pytest.approx(10.0 / system.named["gain"] + system.named["dead_zone"], rel=1e-3)
-    assert told["modes"][0]["pole"][0] == pytest.approx(-1.0 / system.named["time_constant"])
+    reported, system = json.loads(out), rigs.load("wheel_motor").system
+    assert reported["at"]["speed"] == 10.0
+    assert reported["at"]["pwm"] == pytest.approx(10.0 / system.named["gain"] + system.named["dead_zone"], rel=1e-3)
+    assert reported["modes"][0]["pole"][0] == pytest.approx(-1.0 / system.named["time_constant"])
 
 
 @pytest.mark.parametrize(
@@ -84,11 +84,11 @@ def test_from_a_flight_to_what_is_known_and_how_far_it_predicts(call, tmp_path: 
     """simulate, identify, evaluate: groups are told, the open run is refused, and other scores stand in its place."""
     command = partial(call, app.main, "hybrid-sysid")
     bag, model = tmp_path / "flight", tmp_path / "model"
-    told = ("--rig", "winged_cone")
-    assert command("simulate", "flight", bag, *told, "--seed", 1, "--duration", 100, "--rate", 50)[0] == 0
+    reported = ("--rig", "winged_cone")
+    assert command("simulate", "flight", bag, *reported, "--seed", 1, "--duration", 100, "--rate", 50)[0] == 0
     options = ("--structure", "known_air", "--part", "0.6:1", "--out", model)
-    refused(command("identify", bag, *told, *options), "give a period as long as the step")
-    status, out, _ = command("identify", bag, *told, *options, "--step", "0.02", "--period", "0.02")
+    refused(command("identify", bag, *reported, *options), "give a period as long as the step")
+    status, out, _ = command("identify", bag, *reported, *options, "--step", "0.02", "--period", "0.02")
     assert status == 0
     assert "known together: area density / mass" in out
     assert "known together: elevator_moment" in out

@@ -16,7 +16,7 @@ from hybrid_sysid_ros.support.files import written_file
 
 def command(
     rig: Annotated[str, typer.Argument(help="Rig, by its name or by the path of its folder.")],
-    folder: Annotated[Path, typer.Argument(help="Where the files go; those of the same names are replaced.")] = Path(),
+    folder: Annotated[Path, typer.Argument(help="Folder of the files; files of the same names are replaced.")] = Path(),
 ) -> None:
     """Write a rig's URDF, and layouts for Foxglove (or Lichtblick) and PlotJuggler."""
     described = load(rig)

@@ -62,7 +62,14 @@ class ViewNode(RigNode):
 
     NAME = "view"
     PUBLISHES = ("set_point",)
-    HEARS = ("joint_states", "state_estimate", "joint_command", "reference", "predicted_trajectory", "/diagnostics")
+    SUBSCRIBES = (
+        "joint_states",
+        "state_estimate",
+        "joint_command",
+        "reference",
+        "predicted_trajectory",
+        "/diagnostics",
+    )
 
     def configure(self) -> None:
         rig, settings = self.rig, self.settings
@@ -92,7 +99,7 @@ class ViewNode(RigNode):
         self.tables = Tables(columns, capacity=round(settings["seconds"] * rate))
 
     def activate(self) -> None:
-        self.begun, self.spent = monotonic(), process_time()
+        self.started, self.spent = monotonic(), process_time()
         self.published: dict[int, int] = {}
         """Of the last measurements: when they were published, by their stamps [ns]."""
         self.preview = np.empty((0, 1 + len(self.tracked)))
@@ -101,9 +108,9 @@ class ViewNode(RigNode):
         """Of the tables, when it came."""
         self.statuses: set[str] = set()
         """Names of the tasks that diagnostics have told of."""
-        self.collectors = {topic: Collector(self, TYPES[topic], topic) for topic in self.HEARS}
+        self.collectors = {topic: Collector(self, TYPES[topic], topic) for topic in self.SUBSCRIBES}
         silence = self.settings["silence"] * SECOND  # whatever the stamps of messages
-        for topic in self.HEARS:
+        for topic in self.SUBSCRIBES:
             self.validators[topic] = MessageValidator(TYPES[topic], steady=monotonic_ns, silence=silence)
         self.set_points = self.open("set_point")
         self.setters = {
@@ -143,7 +150,7 @@ class ViewNode(RigNode):
                 for k, item in enumerate(system.inputs)
             ],
             "joints": self.drawing.joints,
-            "drawing": self.drawing.told(),
+            "drawing": self.drawing.description(),
             "extent": list(self.drawing.extent()),
             "kinds": offer.kinds,
             "faults": offer.faults,
@@ -325,7 +332,7 @@ class ViewNode(RigNode):
         return f"{self.get_fully_qualified_name()} {os.getpid()}"
 
     def health(self) -> Sequence[Task]:
-        server, seconds = self.server, monotonic() - self.begun
+        server, seconds = self.server, monotonic() - self.started
         values = {
             "port": server.port,
             "pages": len(server.pages),

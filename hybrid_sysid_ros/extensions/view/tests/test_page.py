@@ -29,7 +29,7 @@ PERIOD = 0.005  # s
 
 
 @dataclass
-class Desk:
+class Service:
     """A rig whose output is a sine of 3 V, its estimate 1 V above and its reference at 5 V; its joint swings."""
 
     rig: Rig
@@ -50,7 +50,7 @@ class Desk:
             "outputs": [{"name": "position", "unit": "V", "tracked": True, "low": output.low, "high": output.high}],
             "inputs": [{"name": "drive", "unit": "V", "low": -10.0, "high": 10.0}],
             "joints": self.drawing.joints,
-            "drawing": self.drawing.told(),
+            "drawing": self.drawing.description(),
             "extent": list(self.drawing.extent()),
             "kinds": self.offered.kinds,
             "faults": self.offered.faults,
@@ -85,14 +85,14 @@ class Desk:
 
 
 @pytest.fixture
-def desk(rig: Rig) -> Desk:
-    return Desk(rig)
+def service(rig: Rig) -> Service:
+    return Service(rig)
 
 
 @pytest.fixture
-def shown(desk: Desk) -> Iterator[Callable[..., browser.Browser]]:
+def shown(service: Service) -> Iterator[Callable[..., browser.Browser]]:
     """Open the page of the desk; nothing is left behind, and the page had nothing to complain about."""
-    server, opened = Server(desk, port=0, pictures=30.0), []
+    server, opened = Server(service, port=0, pictures=30.0), []
     server.start()
 
     def show(**options: Any) -> browser.Browser:
@@ -146,11 +146,11 @@ def test_the_page_fits_a_laptop_without_scrolling(shown: Any) -> None:
     assert page.evaluate(outside) == 0
 
 
-def test_the_rig_moves_as_its_joint_does(desk: Desk, shown: Any) -> None:
+def test_the_rig_moves_as_its_joint_does(service: Service, shown: Any) -> None:
     page = shown()
     slopes = []
     for angle in (0.0, 0.2):
-        desk.angle = angle
+        service.angle = angle
         time.sleep(0.5)
         x, y = pixels(page, "#drawing", "moving").T
         slopes.append(-np.polyfit(x, y, 1)[0])  # pixels go down
@@ -165,7 +165,7 @@ def test_pictures_go_on_and_show_all_data(shown: Any) -> None:
     assert page.evaluate("+rate.textContent") == pytest.approx(200, abs=2)
 
 
-def test_a_curve_is_asked_for_as_it_was_drawn(desk: Desk, shown: Any) -> None:
+def test_a_curve_is_asked_for_as_it_was_drawn(service: Service, shown: Any) -> None:
     page = shown()
     left, top, right, bottom = page.rectangle(".chart.output .u-over")
     width, height = right - left, bottom - top
@@ -173,7 +173,7 @@ def test_a_curve_is_asked_for_as_it_was_drawn(desk: Desk, shown: Any) -> None:
     step = width / 11.0
     page.drag([(now + step * (0.5 + 0.05 * k), top + height * (0.3 + 0.01 * k)) for k in range(31)])
     page.until("line.textContent == 'done as asked'")
-    (asked,) = desk.acted
+    (asked,) = service.acted
     assert isinstance(asked, SetPointRequest)
     assert asked.times[0] == 0.0
     assert asked.values[0][0] == pytest.approx(5.0, abs=0.1)  # until then as it was
@@ -182,11 +182,11 @@ def test_a_curve_is_asked_for_as_it_was_drawn(desk: Desk, shown: Any) -> None:
     assert (np.diff(drawn) < 0.0).all()  # it was drawn downwards
 
 
-def test_what_is_pressed_is_asked_for(desk: Desk, shown: Any) -> None:
+def test_what_is_pressed_is_asked_for(service: Service, shown: Any) -> None:
     page = shown()
     page.click("#faults button[data-name=brake]")
     page.until("line.textContent == 'done as asked'")
-    assert desk.acted == [Fault(id=1, name="brake", on=True)]
+    assert service.acted == [Fault(id=1, name="brake", on=True)]
     assert page.evaluate("document.querySelector('#policies [aria-pressed=true]').dataset.name") == "exact"
     assert page.evaluate("health.textContent") == "1 WARN"
 

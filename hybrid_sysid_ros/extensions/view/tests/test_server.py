@@ -29,7 +29,7 @@ PATIENCE = 10.0  # s
 
 
 @dataclass
-class Desk:
+class Service:
     """A rig that says its numbers in order, and notes what it is asked for."""
 
     offered: RequestMenu
@@ -51,13 +51,13 @@ class Desk:
 
 
 @pytest.fixture
-def desk(rig: Rig) -> Desk:
-    return Desk(RequestMenu.of(rig, ("constant",)))
+def service(rig: Rig) -> Service:
+    return Service(RequestMenu.of(rig, ("constant",)))
 
 
 @pytest.fixture
-def server(desk: Desk) -> Iterator[Server]:
-    made = Server(desk, port=0, pictures=50.0)
+def server(service: Service) -> Iterator[Server]:
+    made = Server(service, port=0, pictures=50.0)
     made.start()
     yield made
     made.close()
@@ -104,12 +104,12 @@ def get(server: Server, path: str, **headers: str) -> tuple[int, bytes, http.cli
     return found.status, found.read(), found.headers
 
 
-def told(server: Server, data: bytes) -> bytes:
+def reported(server: Server, data: bytes) -> bytes:
     """What comes back for bytes that no client would send."""
-    with socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE) as stranger:
-        stranger.sendall(data)
+    with socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE) as foreigner:
+        foreigner.sendall(data)
         found = b""
-        while block := stranger.recv(65536):
+        while block := foreigner.recv(65536):
             found += block
     return found
 
@@ -176,17 +176,17 @@ def test_a_page_of_another_origin_is_refused(origin: str | None, server: Server,
 )
 def test_no_path_leads_out_of_the_page(path: str, server: Server) -> None:
     request = f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n\r\n".encode()
-    found = told(server, request)
+    found = reported(server, request)
     assert found.split(b" ", 2)[1] in (b"404", b"400")
     assert b"root:" not in found
     assert b"import" not in found
 
 
 @pytest.mark.parametrize("verb", ["POST", "PUT", "DELETE"])
-def test_nothing_can_be_uploaded(verb: str, server: Server, desk: Desk) -> None:
+def test_nothing_can_be_uploaded(verb: str, server: Server, service: Service) -> None:
     head = f"{verb} /page.js?token={server.token} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n"
-    assert b" 200 " not in told(server, f"{head}Content-Length: 4\r\n\r\nevil".encode())[:20]
-    assert not desk.acted
+    assert b" 200 " not in reported(server, f"{head}Content-Length: 4\r\n\r\nevil".encode())[:20]
+    assert not service.acted
 
 
 def test_only_this_computer_is_served(server: Server) -> None:
@@ -194,7 +194,7 @@ def test_only_this_computer_is_served(server: Server) -> None:
         pass
 
 
-def test_nonsense_gets_a_line_and_the_next_request_is_heard(page: Any, desk: Desk, server: Server) -> None:
+def test_nonsense_gets_a_line_and_the_next_request_is_heard(page: Any, service: Service, server: Server) -> None:
     mine, other = page(), page()
     before = picture(other)
     texts: list[str | bytes] = [*NONSENSE, b"\x00\x01"]
@@ -202,10 +202,10 @@ def test_nonsense_gets_a_line_and_the_next_request_is_heard(page: Any, desk: Des
         found = answer(mine, text)
         assert not found["done"]
         assert found["line"]
-    assert not desk.acted
+    assert not service.acted
     assert server.refused == len(NONSENSE) + 1
     assert answer(mine, '{"do": "policy", "policy": "exact", "id": 9}') == {"answer": 9, "done": True, "line": "done"}
-    assert len(desk.acted) == 1
+    assert len(service.acted) == 1
     assert picture(other)[0] == before[-1] + 1
 
 
@@ -268,11 +268,11 @@ def test_too_many_pages_are_refused(page: Any) -> None:
     assert picture(opened[0])
 
 
-def test_a_port_that_is_taken_is_told(server: Server, desk: Desk) -> None:
+def test_a_port_that_is_taken_is_told(server: Server, service: Service) -> None:
     with pytest.raises(UserError, match=f"port {server.port}: .*--port"):
-        Server(desk, port=server.port, pictures=10.0).start()
+        Server(service, port=server.port, pictures=10.0).start()
 
 
-def test_tokens_differ(server: Server, desk: Desk) -> None:
-    assert Server(desk, port=0, pictures=10.0).token != server.token
+def test_tokens_differ(server: Server, service: Service) -> None:
+    assert Server(service, port=0, pictures=10.0).token != server.token
     assert len(server.token) >= 20

@@ -101,8 +101,8 @@ def test_stop_and_enable_of_the_page_reach_a_running_controller(domain: int) -> 
                 page.send('{"do": "next"}')
                 answer = page.recv(timeout=PATIENCE)
                 if isinstance(answer, str):
-                    told = json.loads(answer)
-                    done[told["answer"]] = told["done"]
+                    reported = json.loads(answer)
+                    done[reported["answer"]] = reported["done"]
                     continue
                 _, arrays = unpacked(answer)
                 inputs.extend(arrays["command"][:, 1].tolist() if "command" in arrays else [])

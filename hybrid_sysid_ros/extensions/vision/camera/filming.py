@@ -11,7 +11,7 @@ import numpy as np
 from hybrid_sysid_ros.extensions.vision.camera.film import write_film
 from hybrid_sysid_ros.extensions.vision.camera.imager import Camera, Imager, Picture
 from hybrid_sysid_ros.extensions.vision.scene import Scene, scene_of
-from hybrid_sysid_ros.rigs.experiments import simulate
+from hybrid_sysid_ros.rigs.experiments import simulate_experiment
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
@@ -33,13 +33,13 @@ class SceneMotion:
 def experiment(
     rig: Rig, kind: str, bag: Path, *, seed: int, duration: float, rate: float, overwrite: bool = False
 ) -> SceneMotion:
-    """Simulate an experiment into a bag, as :func:`~hybrid_sysid_ros.rigs.experiments.simulate` does, and tell the
-    motion of its scene's joint; that of one without a position is its velocity summed up.
+    """Simulate an experiment into a bag, as :func:`~hybrid_sysid_ros.rigs.experiments.simulate_experiment` does, and
+    return the motion of its scene's joint; that of one without a position is its velocity summed up.
 
     Raises UserError as that does, and where the rig has no scene or none of its states moves the scene's joint.
     """
     scene, seen = scene_of(rig), list[Array]()
-    simulate(
+    simulate_experiment(
         rig, kind, bag, seed=seed, duration=duration, rate=rate, overwrite=overwrite,
         watch=lambda plant: seen.append(plant.state.copy()),
     )  # fmt: skip

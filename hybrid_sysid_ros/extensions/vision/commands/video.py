@@ -32,21 +32,26 @@ from hybrid_sysid_ros.support.files import check_file, check_folder, sha256
 
 
 def command(
-    video: Annotated[Path, typer.Argument(help="Film of the rig: mp4, MOV or what FFmpeg reads.")],
+    video: Annotated[Path, typer.Argument(help="Film of the rig, in a format that FFmpeg reads, such as mp4 or mov.")],
     out: Annotated[Path, typer.Option("--out", help="Bag to write.")],
     rig: RigName = "",
-    bag: Annotated[Path | None, typer.Option(help="Bag recorded meanwhile, to synchronise with.")] = None,
-    layers: Annotated[
-        Path | None, typer.Option(help="Folder of learned layers: used where it is there, else written.")
+    bag: Annotated[
+        Path | None, typer.Option(help="Bag that was recorded during the film, to synchronise with.")
     ] = None,
-    again: Annotated[bool, typer.Option("--learn", help="Learn the layers anew.")] = False,
-    exposure: Annotated[float, typer.Option(help="Of a row [s].", min=0.0, max=1.0)] = 0.008,
+    layers: Annotated[
+        Path | None, typer.Option(help="Folder of learned layers; it is used if it exists, and written otherwise.")
+    ] = None,
+    again: Annotated[
+        bool, typer.Option("--learn", help="Learn the layers again, and replace those in the folder.")
+    ] = False,
+    exposure: Annotated[float, typer.Option(help="Exposure time of a row [s].", min=0.0, max=1.0)] = 0.008,
     readout: Annotated[
-        float, typer.Option(help="Of the rolling shutter, first row to last [s].", min=0.0, max=1.0)
+        float,
+        typer.Option(help="Readout time of the rolling shutter, from the first row to the last [s].", min=0.0, max=1.0),
     ] = 0.016,
     rate: Annotated[
         float,
-        typer.Option(help="Positions per second in the bag, by a spline between frames; 0: the frames.", min=0),
+        typer.Option(help="Positions per second in the bag, interpolated by a spline; 0: one for each frame.", min=0),
     ] = 0.0,
     model: Annotated[
         Path | None,
@@ -74,7 +79,7 @@ def command(
     if page is not None:
         report.check_available()
         check_file(page, suffix=".html")
-    with status.status("looking at the film") as spinner, _told_of(video, bag, layers):
+    with status.status("looking at the film") as spinner, _named_in_errors(video, bag, layers):
         known = layers is not None and (layers / f"{KIND}.yaml").exists() and not again
         if known and layers is not None:
             found = PictureLayers.load(layers)
@@ -94,9 +99,9 @@ def command(
         if dynamics is not None and bag is not None:
             spinner.update("predicting")
             ahead = image_prediction.of_video(video, dynamics, described, bag, record, found, exposure=exposure)
-    told = shlex.join(["hybrid-sysid", *sys.argv[1:]])
+    command_line = shlex.join(["hybrid-sysid", *sys.argv[1:]])
     written = video_record.at_rate(record, rate) if rate else record
-    video_record.write(written, described, scene.joint, bag, out, replace=overwrite, made_by=told)
+    video_record.write(written, described, scene.joint, bag, out, replace=overwrite, made_by=command_line)
     for remark in [*footage.remarks(), *video_record.contradictions(record)]:
         console.print(f"note: {remark}")
     print_table(table_of(record))
@@ -106,13 +111,13 @@ def command(
     if page is not None:
         sources = {"film": video} | ({"bag": bag} if bag is not None else {})
         hashes = {f"{kind}, {path.name}": sha256(path) for kind, path in sources.items()}
-        provenance = report.Provenance(command=told, hashes=hashes, versions=versions())
+        provenance = report.Provenance(command=command_line, hashes=hashes, versions=versions())
         write_video(page, record, found, f"{described.name}: {video.name}", provenance, ahead=ahead)
         console.print(f"report: {page}")
 
 
 @contextmanager
-def _told_of(video: Path, *others: Path | None) -> Iterator[None]:
+def _named_in_errors(video: Path, *others: Path | None) -> Iterator[None]:
     """A refusal names the film, where it does not name a file already."""
     try:
         yield

@@ -11,7 +11,7 @@ from typing import Any
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.vision.camera import jpeg
 from hybrid_sysid_ros.extensions.vision.camera.imager import Picture
-from hybrid_sysid_ros.extensions.vision.goal.picture_mpc import ImageErrorModel, PictureMpc, pictured
+from hybrid_sysid_ros.extensions.vision.goal.picture_mpc import ImageErrorModel, PictureMpc, error_model
 from hybrid_sysid_ros.extensions.vision.reading.angle_reader import STANDS, AngleReader
 from hybrid_sysid_ros.extensions.vision.reading.layers import PictureLayers
 from hybrid_sysid_ros.extensions.vision.reading.renderer import LayerRenderer
@@ -44,22 +44,22 @@ def shown_in(path: Path, reader: AngleReader, name: str = "") -> tuple[Picture, 
     Raises UserError where it is no picture, of another size, of another place or by a camera that was moved, or does
     not show the joint where the layers know it.
     """
-    told, geometry = name[:LONGEST] or str(path), reader.layers.geometry
+    label, geometry = name[:LONGEST] or str(path), reader.layers.geometry
     try:
         picture = jpeg.opened(path)
         reading = reader.read(picture)
     except UserError as error:
-        raise UserError(f"{told}: {error}") from error
+        raise UserError(f"{label}: {error}") from error
     known = reader.layers.full_turn or geometry.low - BEYOND <= reading.angle <= geometry.high + BEYOND
     if not (reading.found and known):
         low, high = (math.degrees(reader.layers.position(end)) for end in (geometry.low, geometry.high))
         raise UserError(
-            f"{told}: does not show the {geometry.joint} of {geometry.rig} where its layers know it, from {low:.3g} to "
-            f"{high:.3g} degrees"
+            f"{label}: does not show the {geometry.joint} of {geometry.rig} where its layers know it, from {low:.3g} "
+            f"to {high:.3g} degrees"
         )
     if reader.standing([reader.scenery(picture)]) < STANDS:
         raise UserError(
-            f"{told}: what stands in it does not look as it should: it is of another place, or the camera was moved "
+            f"{label}: what stands in it does not look as it should: it is of another place, or the camera was moved "
             "since the layers were learned"
         )
     return picture, reader.layers.position(reading.angle)
@@ -114,4 +114,4 @@ def goal_of(rig: Rig, system: System, settings: Mapping[str, Any]) -> ImageError
         )
     renderer = LayerRenderer(reader.layers, exposure=defaults(rig, "camera")["exposure"])
     low, high = output.scale * output.low, output.scale * output.high
-    return pictured(system, shown, renderer, picture, reader.swept, low=low, high=high)
+    return error_model(system, shown, renderer, picture, reader.swept, low=low, high=high)

@@ -94,7 +94,7 @@ class PictureMpc(ExactMpc):
         return super().control(state, disturbance, previous_input, np.zeros_like(preview))
 
 
-def pictured(
+def error_model(
     system: System, position: str, renderer: Renderer, goal: Picture, band: NDArray[np.bool_], *,
     low: float, high: float,
 ) -> ImageErrorModel:  # fmt: skip

@@ -41,7 +41,7 @@ class CameraNode(RigNode):
 
     NAME = "camera"
     PUBLISHES = ("camera/image_raw/compressed", "camera/camera_info")
-    HEARS = ("motion",)
+    SUBSCRIBES = ("motion",)
 
     def configure(self) -> None:
         jpeg.check_available()

@@ -45,7 +45,7 @@ class VisionNode(RigNode):
 
     NAME = "vision"
     PUBLISHES = ("camera/joint_states",)
-    HEARS = ("camera/image_raw/compressed",)
+    SUBSCRIBES = ("camera/image_raw/compressed",)
 
     def configure(self) -> None:
         jpeg.check_available()

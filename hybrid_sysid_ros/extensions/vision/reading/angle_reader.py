@@ -171,7 +171,7 @@ class AngleReader:
         layers, (rows, columns) = self.layers, self.layers.alpha.shape
         v, u = np.mgrid[:rows, :columns].astype(np.float64)
         u, v = u + layers.first[0], v + layers.first[1]
-        told = np.zeros(layers.alpha.shape)
+        information = np.zeros(layers.alpha.shape)
         looks = np.linspace(layers.geometry.low, layers.geometry.high, 5)
         for angle in looks:
             c, s = math.cos(angle), -math.sin(angle)
@@ -179,14 +179,14 @@ class AngleReader:
             shown = interpolated(layers.background, x, y) * (1.0 - layers.alpha) + layers.texture
             edge = (x < 1) | (y < 1) | (x > layers.background.shape[1] - 2) | (y > layers.background.shape[0] - 2)
             by_v, by_u = np.gradient(shown)
-            told += np.where(edge, 0.0, (by_v * u - by_u * v) ** 2)
+            information += np.where(edge, 0.0, (by_v * u - by_u * v) ** 2)
         covered = layers.alpha > COVERED
         near = covered.copy()
         for axis in (0, 1):
             for shift in (-1, 1):
                 near |= np.roll(covered, shift, axis)
-        order = np.argsort(np.where(near, told, 0.0), axis=None)[::-1]
-        sums = np.cumsum(told.ravel()[order])
+        order = np.argsort(np.where(near, information, 0.0), axis=None)[::-1]
+        sums = np.cumsum(information.ravel()[order])
         enough = int(np.searchsorted(sums, 0.97 * sums[-1])) + 1
         chosen = np.sort(order[:enough])
         chosen = chosen[:: max(math.ceil(len(chosen) / POINTS), 1)]

@@ -48,7 +48,7 @@ def test_the_truth_stands_in_for_a_sensor_that_was_out(tmp_path: Path) -> None:
         ),
     ]
     with pytest.raises(UserError, match=r"position\[beam\] is nan"):
-        LoopRecord.from_bag(bags.write(tmp_path / "blind", series), RIG)
+        LoopRecord.from_bag(bags.write_bag(tmp_path / "blind", series), RIG)
     first = bags.joint_trajectories(
         "/cam_beam/motion", stamps[:1], ["beam"], positions=true[None, :1, None], times=np.zeros(1)
     )

@@ -101,21 +101,21 @@ def test_a_camera_that_was_moved_or_hangs_tells_nothing(bench: Bench, layers: Pa
     def picture(move: int = 0) -> bytes:
         return jpeg.encoded(np.roll(imager.take(0.0, *rest), move, axis=1), 80)
 
-    def told(data: bytes) -> bool:
+    def reported(data: bytes) -> bool:
         """Whether the node says a position by a picture."""
         count = len(readings)
         images.publish(CompressedImage(format="jpeg", data=array("B", data)))
         return math.isfinite(bench.until(lambda: readings[count:])[0].position[0])
 
-    assert all(told(picture()) for _ in range(12))
+    assert all(reported(picture()) for _ in range(12))
     if spoilt == "moved":
-        assert not any([told(picture(21)) for _ in range(70)][60:])
+        assert not any([reported(picture(21)) for _ in range(70)][60:])
         assert vision.displaced > 10
     else:
         last = picture()
-        assert [told(last) for _ in range(6)] == [True, True, False, False, False, False]
+        assert [reported(last) for _ in range(6)] == [True, True, False, False, False, False]
         assert vision.frozen == 4
-    assert all([told(picture()) for _ in range(70)][60:])
+    assert all([reported(picture()) for _ in range(70)][60:])
 
 
 def test_a_camera_alone_gives_the_first_value(bench: Bench, model_folder: Path) -> None:

@@ -182,6 +182,6 @@ def test_pictures_of_a_film_are_predicted_and_shown(model_folder: Path, tmp_path
     with pytest.raises(UserError, match="without a bag there are no inputs"):
         of_video(film, model, RIG, bag, alone, layers, exposure=CAMERA.exposure)
     early = replace(footage, times=footage.times - 5.0, seen=footage.seen - 5.0)
-    beginning = replace(record, footage=early)
+    initial = replace(record, footage=early)
     with pytest.raises(UserError, match="too short to predict"):
-        of_video(film, model, RIG, bag, beginning, layers, exposure=CAMERA.exposure)
+        of_video(film, model, RIG, bag, initial, layers, exposure=CAMERA.exposure)

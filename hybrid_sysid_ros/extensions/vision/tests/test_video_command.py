@@ -85,10 +85,10 @@ def _each(frames: Frames, change: Callable[[Picture], Picture]) -> Frames:
 
 
 def test_positions_of_a_film_come_into_the_bag(video: Video, beam: Filmed, tmp_path: Path) -> None:
-    status, told, error = video(beam.frames)
+    status, reported, error = video(beam.frames)
     assert status == 0, error
-    assert "note" not in told
-    shift = re.search(r"shift[^-0-9]+(-?[0-9.]+)", told)
+    assert "note" not in reported
+    shift = re.search(r"shift[^-0-9]+(-?[0-9.]+)", reported)
     assert shift is not None
     assert float(shift[1]) == pytest.approx(-BEFORE, abs=1e-3)
     assert "/cam_beam/camera/joint_states" in bags.topics(tmp_path / "out")
@@ -142,10 +142,10 @@ def test_layers_of_a_film_that_is_refused_are_not_written(video: Video, beam: Fi
 
 def test_a_black_picture_does_not_hide_the_lamp(video: Video, beam: Filmed) -> None:
     frames = [(time, 0 * picture if k == 100 else picture) for k, (time, picture) in enumerate(beam.frames)]
-    status, told, error = video(frames)
+    status, reported, error = video(frames)
     assert status == 0, error
-    assert "1 of" in told
-    assert "lamp on" in told
+    assert "1 of" in reported
+    assert "lamp on" in reported
 
 
 def test_a_camera_that_is_moved_meanwhile_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None:
@@ -164,9 +164,9 @@ def test_a_lamp_at_another_time_is_noted(video: Video, beam: Filmed, onset: floa
     times = np.append([-BEFORE - 1.0, -1e-9], motion.times)
     angles = np.append([motion.angles[0]] * 2, motion.angles)
     taken = [(time, imager.take(time - BEFORE, times, angles, onset=onset)) for time, _ in beam.frames]
-    status, told, error = video(taken)
+    status, reported, error = video(taken)
     assert status == 0, error
-    found = re.search(r"the lamp goes on ([0-9.]+) s (after|before) the bag begins", " ".join(told.split()))
+    found = re.search(r"the lamp goes on ([0-9.]+) s (after|before) the bag begins", " ".join(reported.split()))
     assert found is not None
     assert (1 if found[2] == "after" else -1) * float(found[1]) == pytest.approx(
         onset, abs=0.02
@@ -175,18 +175,18 @@ def test_a_lamp_at_another_time_is_noted(video: Video, beam: Filmed, onset: floa
 
 def test_times_that_run_as_no_clock_does_are_noted(video: Video, beam: Filmed) -> None:
     """31 pictures a second were written of a film of 30."""
-    status, told, error = video([(time * 30 / 31, picture) for time, picture in beam.frames])
+    status, reported, error = video([(time * 30 / 31, picture) for time, picture in beam.frames])
     assert status == 0, error
-    found = re.search(r"run ([\d.]+)% slow beside the bag's", " ".join(told.split()))
+    found = re.search(r"run ([\d.]+)% slow beside the bag's", " ".join(reported.split()))
     assert found is not None
     assert float(found[1]) == pytest.approx(100 * (31 / 30 - 1), abs=0.01)  # of a film of 6 s; 3.335 is on its edge
 
 
 def test_times_that_a_film_rounds_are_no_other_rate(video: Video, beam: Filmed) -> None:
     """Matroska counts milliseconds: pictures of 30 a second are 33 or 34 apart."""
-    status, told, error = video(beam.frames, suffix=".mkv")
+    status, reported, error = video(beam.frames, suffix=".mkv")
     assert status == 0, error
-    assert "note" not in told
+    assert "note" not in reported
 
 
 def test_a_film_whose_times_are_of_another_rate_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None:
@@ -196,9 +196,9 @@ def test_a_film_whose_times_are_of_another_rate_is_told(video: Video, beam: Film
 
 
 def test_a_head_with_another_rate_than_the_times_is_noted(video: Video, beam: Filmed) -> None:
-    status, told, error = video(beam.frames[::2], suffix=".mkv")  # 15 of the 30 that the head says
+    status, reported, error = video(beam.frames[::2], suffix=".mkv")  # 15 of the 30 that the head says
     assert status == 0, error
-    assert "these count" in told
+    assert "these count" in reported
 
 
 def test_another_bag_is_told(video: Video, beam: Filmed, tmp_path: Path) -> None:

@@ -1,0 +1,74 @@
+"""One name has one meaning in the whole package, and names that have gone do not come back."""
+
+import ast
+import io
+import re
+import tokenize
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FILES = sorted({path.resolve() for folder in ("hybrid_sysid_ros", "nodes") for path in (ROOT / folder).rglob("*.py")})
+PUBLIC = [path for path in FILES if "tests" not in path.parts]
+FRONT_DOOR = {"Model", "Policy", "identify", "certify", "export", "simulate"}
+"""Of ``import hybrid_sysid_ros as hs``, beside what they wrap."""
+SHARED = FRONT_DOOR | {"FreeRun", "EXTENSION"}
+GONE = re.compile(
+    r"told|_told\w*|sloped|stepped|fly|flown|hears|HEARS|aside|patient|strangers?|way_of|Leftover|beginning|Desk|Pictured"
+    r"|Fired|Shooting|Whereabouts|Understanding|Inquiry|Playhead|Drifting|belongings|Border|Pilot|Plan|Problem|Prediction"
+    r"|Observer|Experiment|Outcome|Motion|Layout|Place|Order|Mode|Form|Format"
+)
+"""Names that had several meanings, or that nobody outside of this project would have guessed."""
+
+
+def _module(path: Path) -> str:
+    name = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    return name if name.startswith("hybrid_sysid_ros") else f"hybrid_sysid_ros.{name}"
+
+
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def _types(tree: ast.Module) -> list[str]:
+    """Classes and aliases of types at the top of a file, without private ones."""
+    assigned = [target for node in tree.body if isinstance(node, ast.Assign) for target in node.targets]
+    names = [node.name for node in tree.body if isinstance(node, ast.ClassDef)]
+    names += [
+        node.target.id for node in tree.body if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+    ]
+    names += [target.id for target in assigned if isinstance(target, ast.Name)]
+    return [name for name in names if re.match(r"[A-Z]\w*[a-z]", name)]
+
+
+def test_a_type_has_a_name_of_its_own():
+    found = defaultdict(list)
+    for path in PUBLIC:
+        for name in _types(_tree(path)):
+            found[name].append(_module(path))
+    assert {name: where for name, where in found.items() if len(where) > 1 and name not in SHARED} == {}
+
+
+def test_a_function_that_is_imported_by_its_name_is_one():
+    """Functions of one name are called by their modules: ``metadata.load``, ``policy.load``."""
+    defined, imported = defaultdict(set), defaultdict(set)
+    for path in PUBLIC:
+        for made in _tree(path).body:
+            if isinstance(made, ast.FunctionDef):
+                defined[made.name].add(_module(path))
+    for path in PUBLIC:
+        for node in ast.walk(_tree(path)):
+            if isinstance(node, ast.ImportFrom) and path.name != "__init__.py":
+                for item in node.names:
+                    if node.module in defined.get(item.name, ()):
+                        imported[item.name].add(node.module)
+    assert {name: where for name, where in imported.items() if len(where) > 1 and name not in FRONT_DOOR} == {}
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_names_that_have_gone_do_not_come_back(path):
+    tokens = tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline)
+    names = {token.string for token in tokens if token.type == tokenize.NAME}
+    assert sorted(name for name in names if GONE.fullmatch(name)) == []
