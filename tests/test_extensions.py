@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -284,32 +285,43 @@ def trunk_modules() -> list[str]:
     )
 
 
-@pytest.mark.parametrize(
-    "away",
-    [*(pytest.param([name], id=name, marks=pytest.mark.slow) for name in OURS), pytest.param(OURS, id="all")],
-)
-def test_the_trunk_works_without(away: list[str], tmp_path: Path, call: Call) -> None:
-    package = tmp_path / "site" / "hybrid_sysid_ros"
-    (package / "extensions").mkdir(parents=True)
-    for path in PACKAGE.iterdir():
-        if path.name not in ("extensions", "__pycache__"):
-            (package / path.name).symlink_to(path.resolve() if path.name == "nodes" else path)
-    for path in HOME.iterdir():
-        if path.name not in (*away, "__pycache__"):
-            (package / "extensions" / path.name).symlink_to(path)
-    alone = away == OURS
-    code = ALONE.format(away={*away}, modules=trunk_modules() if alone else [], ros=has_ros())
-    lines = ("--help", "run --help", "demo --help", "parameters", *(["rig check cam_beam"] if alone else []))
-    found = call(code=COMMANDS + code, lines=lines)
-    assert found.returncode == 0, found.stderr
-    assert found.stderr == ""
-    if not alone:
-        return
-    assert "cam_beam: no problems" in found.stdout
+HELP = ("--help", "run --help", "demo --help", "parameters")
+
+
+@pytest.fixture
+def without(tmp_path: Path, call: Call) -> Callable[..., str]:
+    """What command lines print, and code after them, where the folders of some extensions were taken away."""
+
+    def printed(away: list[str], *lines: str, modules: Sequence[str] = ()) -> str:
+        package = tmp_path / "site" / "hybrid_sysid_ros"
+        shutil.rmtree(package, ignore_errors=True)  # links
+        (package / "extensions").mkdir(parents=True)
+        for path in PACKAGE.iterdir():
+            if path.name not in ("extensions", "__pycache__"):
+                (package / path.name).symlink_to(path.resolve() if path.name == "nodes" else path)
+        for path in HOME.iterdir():
+            if path.name not in (*away, "__pycache__"):
+                (package / "extensions" / path.name).symlink_to(path)
+        found = call(code=COMMANDS + ALONE.format(away={*away}, modules=modules, ros=has_ros()), lines=lines)
+        assert (found.returncode, found.stderr) == (0, ""), (away, found.stderr)
+        return found.stdout
+
+    return printed
+
+
+@pytest.mark.slow
+def test_the_rest_works_without_one(without: Callable[..., str]) -> None:
+    for name in OURS:
+        assert "hybrid-sysid" in without([name], *HELP)
+
+
+def test_the_trunk_works_alone(without: Callable[..., str]) -> None:
+    printed = without(OURS, *HELP, "rig check cam_beam", modules=trunk_modules())
+    assert "cam_beam: no problems" in printed
     sections = {name: item.name for item in extensions.installed() for name in item.provides.get("sections", ())}
-    reported = set(re.findall(r"^note: (\w+): no extension", found.stdout, re.M))
+    reported = set(re.findall(r"^note: (\w+): no extension", printed, re.M))
     known = yaml.safe_load((PACKAGE / "rigs" / "cam_beam" / "rig.yaml").read_text(encoding="utf-8"))
-    assert reported == {name for name, owner in sections.items() if owner in away and name in known}
+    assert reported == {name for name, owner in sections.items() if owner in OURS and name in known}
 
 
 def test_sections_of_ours_are_known_without_them() -> None:

@@ -57,6 +57,7 @@ class Visitor(threading.Thread):
             raise self.trouble
 
 
+@pytest.mark.slow
 def test_a_run_is_seen_and_driven_from_its_page(domain: int) -> None:
     rows: dict[str, int] = {}
     nodes: set[str] = set()
@@ -90,6 +91,7 @@ def test_a_run_is_seen_and_driven_from_its_page(domain: int) -> None:
     assert 0.0 < outcome.diagnostics["view"]["cpu_share"] < 0.5  # no message wakes it
 
 
+@pytest.mark.slow
 def test_stop_and_enable_of_the_page_reach_a_running_controller(domain: int) -> None:
     def press(page: ClientConnection) -> None:
         page.recv(timeout=PATIENCE)

@@ -21,6 +21,7 @@ RIG = load("cam_beam")
 SECONDS = 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_a_camera_takes_the_sensor_s_place(domain: int, tmp_path: Path, lockstep: bool) -> None:
     painted_layers(RIG, Camera()).save(tmp_path / "layers")
