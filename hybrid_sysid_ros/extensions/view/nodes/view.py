@@ -63,13 +63,8 @@ class ViewNode(RigNode):
     NAME = "view"
     PUBLISHES = ("set_point",)
     SUBSCRIBES = (
-        "joint_states",
-        "state_estimate",
-        "joint_command",
-        "reference",
-        "predicted_trajectory",
-        "/diagnostics",
-    )
+        "joint_states", "state_estimate", "joint_command", "reference", "predicted_trajectory", "/diagnostics",
+    )  # fmt: skip
 
     def configure(self) -> None:
         rig, settings = self.rig, self.settings
@@ -95,8 +90,7 @@ class ViewNode(RigNode):
             "command": 1 + inputs + 1,
             "asked": 1 + len(self.tracked),
         }
-        rate = defaults(rig, "plant")["rate"]
-        self.tables = Tables(columns, capacity=round(settings["seconds"] * rate))
+        self.tables = Tables(columns, capacity=round(settings["seconds"] * defaults(rig, "plant")["rate"]))
 
     def activate(self) -> None:
         self.started, self.spent = monotonic(), process_time()
@@ -109,9 +103,8 @@ class ViewNode(RigNode):
         self.statuses: set[str] = set()
         """Names of the tasks that diagnostics have told of."""
         self.collectors = {topic: Collector(self, TYPES[topic], topic) for topic in self.SUBSCRIBES}
-        silence = self.settings["silence"] * SECOND  # whatever the stamps of messages
-        for topic in self.SUBSCRIBES:
-            self.validators[topic] = MessageValidator(TYPES[topic], steady=monotonic_ns, silence=silence)
+        given = {"steady": monotonic_ns, "silence": self.settings["silence"] * SECOND}  # whatever the stamps
+        self.validators |= {topic: MessageValidator(TYPES[topic], **given) for topic in self.SUBSCRIBES}
         self.set_points = self.open("set_point")
         self.setters = {
             node: self._client(SetParameters, f"{node}/set_parameters") for node in ("plant", "controller", "reference")
