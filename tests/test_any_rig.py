@@ -102,8 +102,8 @@ def test_every_structure_learns_it(press, records, structure, monkeypatch):
     pytest.importorskip("sysidentpy" if structure == "narx" else "torch" if structure == "recurrent" else "numpy")
     if structure == "recurrent":  # a linear motion, nearly: the extension's own tests train at length
         training = pytest.importorskip("hybrid_sysid_ros.extensions.recurrent.training")
-        short = partial(training.train, schedule=training.TrainingSchedule(stages=((20, 150), (40, 150))))
-        monkeypatch.setattr(training, "train", short)
+        short = partial(training.train_network, schedule=training.TrainingSchedule(stages=((20, 150), (40, 150))))
+        monkeypatch.setattr(training, "train_network", short)
     few = {"narx": {"degree": 1, "terms": 0, "output_lags": 3}, "difnn": {"terms": 2}}
     options = few.get(structure, {})
     model = identify(records[:2], press, structure, sampling=SAMPLING, options=options)

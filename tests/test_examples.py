@@ -64,7 +64,7 @@ def test_the_page_runs_block_by_block(tmp_path: Path) -> None:
     first, *others = re.findall(r"```python\n(.*?)```", text, re.S)
     assert len(list(filter(None, first.splitlines()))) == 5, "from a bag to a score"
     printed = _run("\n".join([first, *others]), tmp_path)
-    assert float(re.findall(r"r2=([\d.]+)", printed)[0]) > 0.9
+    assert float(re.findall(r"R2 ([\d.]+)", printed)[0]) > 0.9
 
 
 SCRIPT = """

@@ -92,7 +92,7 @@ from hybrid_sysid_ros.runtime.recorded_loop import LoopRecord
 rig = load("./sled")
 model = models.load("model")
 loop = report.closed_loop_section(LoopRecord.from_bag("loop", rig))
-report.write("report.html", report.identification_section(model, []), loop, report.provenance(model, "test"))
+report.write_report("report.html", report.identification_section(model, []), loop, report.provenance(model, "test"))
 """
 
 

@@ -46,7 +46,7 @@ class Calls(list[tuple[object, ...]]):
     def __init__(self, monkeypatch: pytest.MonkeyPatch, cost: float, *, solvable: bool = True) -> None:
         super().__init__()
         answers = {"expand": 100.0, "follow": (cost, 0.0), "solve": "about the state itself"}
-        for name in ("evaluate", "expand", "apply_step", "follow", "assign", "solve"):
+        for name in ("evaluate_program", "expand", "apply_step", "follow", "assign", "solve"):
             monkeypatch.setattr(shooting, name, self._noted(name, answers.get(name)))
         program = SimpleNamespace(solve=lambda *_: solvable, keep_working_set=self._noted("keep", None))
         monkeypatch.setattr(shooting, "quadratic", program)
@@ -70,7 +70,7 @@ def test_a_step_that_costs_what_was_predicted_is_taken(monkeypatch, cost):
     assert (found.iterations, found.solved) == (1, False)
     assert [call for call in calls if call[0] == "apply_step"] == [("apply_step", 1.0)]
     assert not [call for call in calls if call[0] == "solve"]
-    assert calls[0] == ("evaluate", True)
+    assert calls[0] == ("evaluate_program", True)
 
 
 @pytest.mark.parametrize("cost", [100.0 * (1.0 + 1.1 * shooting.DOUBT), np.inf, np.nan])

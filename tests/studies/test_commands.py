@@ -106,7 +106,7 @@ def test_a_protocol_that_is_interrupted_at_once_says_so(command, monkeypatch):
         (["1", BAGS, "--structure", "banana"], ["banana", "linear"]),
         (["1", BAGS, "--option", "input_bias"], ["input_bias", "NAME=NUMBER"]),
         (["1", BAGS, "--structure", "linear", "--option", "input_bias=1"], ["input_bias = 1 is outside 0 to 0.05"]),
-        (["1", BAGS, "--option", "starts=2"], ["narx has no option starts"]),
+        (["1", BAGS, "--option", "starts=2"], ["has no option starts"]),
         (["1", BAGS, "--input", "guessed"], ["guessed", "averaged", "sampled"]),
         (["1", BAGS, "--period", "0.033"], ["0.033"]),
         (["1", BAGS, "--step", "nan"], ["nan"]),
