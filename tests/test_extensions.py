@@ -221,6 +221,7 @@ def test_what_can_t_be_imported_is_named_when_it_is_needed(tmp_path: Path, call:
         ("nodes: {tides: {high: {default: 5.0, range: [0, 1], description: High.}}}", "high is 5.0"),
         ("nodes: {tides: {high: {default: 5.0, above: moon, description: High.}}}", "above is moon"),
         ("nodes: {tides: {high: {default: a, choices: 5, description: High.}}}", "tides.high.choices is 5"),
+        ("topics: [moon]", "topics needs keys"),
         ("nodes: {controller: {horizon: {default: 1, description: High.}}}", "horizon is declared already"),
     ],
 )
@@ -281,6 +282,25 @@ def test_code_that_is_wrong_is_named_in_a_line(tmp_path: Path, call: Call, given
     assert (found.returncode, found.stderr.count("\n")) == (2, 1), found.stderr
     assert "tides.code" in found.stderr or "tides.nowhere" in found.stderr
     assert why in found.stderr
+
+
+@pytest.mark.skipif(not has_ros(), reason="needs ROS 2")
+def test_a_topic_of_an_unknown_type_is_left_out(tmp_path: Path, call: Call) -> None:
+    given = "declarations=__import__('pathlib').Path(__file__).with_name('nodes.yaml')"
+    offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=MANIFEST.format("tides", given))
+    path = tmp_path / "site" / "tides" / "nodes.yaml"
+    path.write_text("topics: {height: {type: std_msgs/msg/Nothing}, level: {type: std_msgs/msg/Float64}}")
+    code = """
+from hybrid_sysid_ros.nodes.topics import TYPES
+from hybrid_sysid_ros.support.errors import UserError
+assert "level" in TYPES
+try:
+    TYPES["height"]
+except UserError as error:
+    print(error)
+"""
+    found = call(code=code)
+    assert f"{path}: topics.height: std_msgs/msg/Nothing is not installed" in found.stdout, found.stderr
 
 
 def test_an_interrupt_while_extensions_are_looked_for_stays_one(tmp_path: Path, call: Call) -> None:

@@ -63,7 +63,7 @@ class NodeParameter:
     each: str = ""
     """input, output or state: a list with a number for each of the rig's; "": one value."""
     count: int = 0
-    """Length of the list."""
+    """Length of the list; 0 where no rig tells it."""
 
     def __post_init__(self) -> None:
         items = self.default if self.each and isinstance(self.default, list) else [self.default]
@@ -100,11 +100,11 @@ class NodeParameter:
         if isinstance(value, str | bytes) or not isinstance(value, Sequence):
             value = value.tolist() if hasattr(value, "tolist") else [value]
         items = [self._one(item) for item in value]
-        if len(items) not in (1, self.count):
+        if self.count and len(items) not in (1, self.count):
             raise UserError(
                 f"parameter {self.name} has {len(items)} numbers: it needs one for each {self.each}, {self.count}"
             )
-        return items * (self.count if len(items) == 1 else 1)
+        return items * (self.count if self.count and len(items) == 1 else 1)
 
     def _one(self, value: Any) -> Any:
         kind: Any = self.kind
@@ -144,21 +144,18 @@ def parameters(rig: Rig | str, node: str) -> dict[str, NodeParameter]:
                 found[name] = replace(found[name], default=found[name].checked(values[name]))
             except UserError as error:
                 raise UserError(f"{where}: nodes.{node}: {error}") from error
-    try:
-        check_rules(found, {name: item.default for name, item in found.items()})
-    except UserError as error:
-        raise UserError(f"{where}: nodes.{node}: {error}") from error
+    check_rules(found, {name: item.default for name, item in found.items()}, f"{where}: nodes.{node}: ")
     return found
 
 
-def check_rules(known: Mapping[str, NodeParameter], values: Mapping[str, Any]) -> None:
-    """Raise UserError where values (by name) are against a rule that two parameters share."""
+def check_rules(known: Mapping[str, NodeParameter], values: Mapping[str, Any], where: str = "") -> None:
+    """Raise UserError, which begins with where, where values (by name) are against a rule that two parameters share."""
     for name, item in known.items():
         if item.above and (item.above not in known or isinstance(values[item.above], str | list)):
-            raise UserError(f"parameter {name}: above is {item.above}, which is no number of the node")
+            raise UserError(f"{where}parameter {name}: above is {item.above}, which is no number of the node")
         if item.above and not values[name] > values[item.above]:
             raise UserError(
-                f"parameter {name} is {_with_unit(item, values)}: it must be more than {item.above}, "
+                f"{where}parameter {name} is {_with_unit(item, values)}: it must be more than {item.above}, "
                 f"{_with_unit(known[item.above], values)}"
             )
 
@@ -199,14 +196,9 @@ def declarations() -> Declarations:
     return read_declarations()[1]
 
 
-def declaration_files() -> list[Path]:
-    """The files that declare parameters and topics: the trunk's, then those of the extensions that are used."""
-    return read_declarations()[0]
-
-
 @cache
 def read_declarations() -> tuple[list[Path], Declarations]:
-    """The files that declare parameters and topics, and the nodes of all. Raises UserError for the trunk's own."""
+    """The files that declare parameters and topics, the trunk's first, and the nodes of all of them."""
     every = section(read_mapping(DECLARATIONS), "every", str(DECLARATIONS))
     files, found = [DECLARATIONS], _joined(DECLARATIONS, {}, every)
     for name, path in ((item.name, item.declarations) for item in extensions.installed() if item.declarations):
@@ -222,27 +214,17 @@ def _joined(path: Path, known: Declarations, every: Mapping[str, Any]) -> Declar
     """The nodes of a file, with what is known of them. Raises UserError where that makes no sense on any rig."""
     where, content, joined = str(path), read_mapping(path), Declarations()
     refuse_unknown(content, ("nodes", "qos", "topics", *(("every",) if path == DECLARATIONS else ())), where)
+    _ = section(content, "topics", where), section(content, "qos", where)
     for node in (nodes := section(content, "nodes", where)):
-        entries, there = section(nodes, node, where), {**known.get(node, {}), **every}
+        here, entries = f"{where}: nodes.{node}", section(nodes, node, where)
+        there = {**known.get(node, {}), **every}
         if twice := entries.keys() & there.keys():
-            raise UserError(f"{where}: nodes.{node}.{min(twice)} is declared already: give it another name")
-        joined[node] = {name: section(entries, name, f"{where}: nodes.{node}", needed=True) for name in entries}
-        joined[node] = {**{name: there[name] for name in there if name not in every}, **joined[node], **every}
-        found = {
-            name: _on_any_rig(name, entry, f"{where}: nodes.{node}.{name}") for name, entry in joined[node].items()
-        }
-        try:
-            check_rules(found, {name: item.default for name, item in found.items()})
-        except UserError as error:
-            raise UserError(f"{where}: nodes.{node}: {error}") from error
+            raise UserError(f"{here}.{min(twice)} is declared already: give it another name")
+        new = {name: section(entries, name, here, needed=True) for name in entries}
+        joined[node] = {**{name: there[name] for name in there if name not in every}, **new, **every}
+        found = {name: _parameter(name, entry, f"{here}.{name}") for name, entry in joined[node].items()}
+        check_rules(found, {name: item.default for name, item in found.items()}, f"{here}: ")
     return joined
-
-
-def _on_any_rig(name: str, entry: Mapping[str, Any], where: str) -> NodeParameter:
-    """A parameter as far as no rig says more of it."""
-    kept = {key: value for key, value in entry.items() if (key, value) != ("range", "ACTUATOR")}
-    default = entry.get("default")
-    return _parameter(name, {**kept, "count": len(default) if isinstance(default, list) else 1}, where)
 
 
 def _count(entry: Mapping[str, Any], rig: Rig) -> int:
@@ -267,6 +249,6 @@ def _unit(entry: Mapping[str, Any], rig: Rig) -> str:
 
 def _parameter(name: str, entry: Mapping[str, Any], where: str) -> NodeParameter:
     content = {"name": name, **entry}
-    if "range" in content:
-        content["low"], content["high"] = numbers(content.pop("range"), f"{where}.range", count=2)
+    if (limits := content.pop("range", "ACTUATOR")) != "ACTUATOR":  # those that a rig tells
+        content["low"], content["high"] = numbers(limits, f"{where}.range", count=2)
     return built(NodeParameter, content, where)

@@ -103,9 +103,7 @@ def installed() -> tuple[Extension, ...]:
 
 def commands() -> dict[str, tuple[str, str]]:
     """Module and summary of every command, the trunk's first, by its words."""
-    return {
-        words: description for extension in registry().extensions for words, description in extension.commands.items()
-    }
+    return {words: told for item in registry().extensions for words, told in item.commands.items()}
 
 
 def node_module(name: str) -> str:
@@ -118,9 +116,7 @@ def node_module(name: str) -> str:
 
 def targets(kind: str) -> dict[str, str]:
     """Where each thing of a kind is, as "module:attribute" by name; nothing is imported."""
-    return {
-        name: target for extension in registry().extensions for name, target in extension.provides.get(kind, {}).items()
-    }
+    return {name: target for item in registry().extensions for name, target in item.provides.get(kind, {}).items()}
 
 
 def provided(kind: str) -> dict[str, Any]:
@@ -147,6 +143,11 @@ def leave_out(what: str, why: UserError) -> None:
         registry().problems.append(line)
 
 
+def left_out() -> str:
+    """End of a line that refuses what an extension may have: which are left out, and why."""
+    return "".join(f"; {line}" for line in registry().problems)
+
+
 def loaded(target: str) -> Any:
     """What "module:attribute" names. Raises UserError where it can't be imported, whatever it raises."""
     module, _, attribute = target.partition(":")
@@ -161,10 +162,8 @@ def blaming(what: str, module: str = "") -> Iterator[None]:
     """
     try:
         yield
-    except (UserError, Interrupted):
-        raise
     except (Exception, SystemExit) as error:
-        if module.startswith(f"{PACKAGE}."):
+        if isinstance(error, UserError | Interrupted) or module.startswith(f"{PACKAGE}."):
             raise
         raise UserError(f"{what}: {type(error).__name__}: {' '.join(str(error).split())[:200]}") from error
 
