@@ -303,6 +303,13 @@ except UserError as error:
     assert f"{path}: topics.height: std_msgs/msg/Nothing is not installed" in found.stdout, found.stderr
 
 
+def test_a_mistake_of_this_package_stays_as_it_is() -> None:
+    with pytest.raises(ZeroDivisionError), extensions.blaming("moon", "hybrid_sysid_ros.moon"):
+        _ = 1 / 0
+    with pytest.raises(UserError, match="moon: ZeroDivisionError"), extensions.blaming("moon", "tides.moon"):
+        _ = 1 / 0
+
+
 def test_an_interrupt_while_extensions_are_looked_for_stays_one(tmp_path: Path, call: Call) -> None:
     offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension="raise KeyboardInterrupt")
     found = call("--help")
