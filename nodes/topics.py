@@ -19,7 +19,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from hybrid_sysid_ros.bags import Quality
 from hybrid_sysid_ros.nodes.validation import LARGEST
-from hybrid_sysid_ros.runtime.parameters import DECLARATIONS, declaration_files
+from hybrid_sysid_ros.runtime.parameters import DECLARATIONS, read_declarations
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import built, read_mapping, section
@@ -68,7 +68,7 @@ def _further() -> Iterator[tuple[str, FurtherTopic, Any]]:
     """Name, declaration and message class of the topics of the extensions; one that is not told as it should be, or
     whose message is not installed, is left out.
     """
-    for path in declaration_files()[1:]:
+    for path in read_declarations()[0][1:]:
         topics = read_mapping(path).get("topics") or {}
         for name in topics:
             try:
@@ -91,8 +91,15 @@ def type_of(name: str) -> Any | None:
         return None
 
 
+class Types(dict[str, Any]):
+    """Message classes by topic. Raises UserError for a topic that is left out."""
+
+    def __missing__(self, topic: str) -> Any:
+        raise UserError(f"topic {topic}: no extension that is used declares it{extensions.left_out()}")
+
+
 FURTHER = tuple(_further())
-TYPES: Mapping[str, Any] = {**OWN, **{name: kind for name, _, kind in FURTHER}}
+TYPES: Mapping[str, Any] = Types({**OWN, **{name: kind for name, _, kind in FURTHER}})
 """Of all topics."""
 LARGEST_OF: Mapping[str, int] = {name: topic.largest for name, topic, _ in FURTHER}
 RECORDED = (*(name for name in OWN if name not in UNRECORDED), *(name for name, topic, _ in FURTHER if topic.recorded))
@@ -127,7 +134,7 @@ def qualities(*files: Path) -> dict[str, dict[str, Any]]:
     Raises UserError where a class is not described as it should be, or names a topic that another has.
     """
     found: dict[str, dict[str, Any]] = {}
-    classes = [(path, section(read_mapping(path), "qos", str(path))) for path in files or declaration_files()]
+    classes = [(path, section(read_mapping(path), "qos", str(path))) for path in files or read_declarations()[0]]
     for path, name, entry in ((path, name, entry) for path, entries in classes for name, entry in entries.items()):
         try:
             policies = {"reliability": ReliabilityPolicy, "durability": DurabilityPolicy}

@@ -242,21 +242,6 @@ def test_a_truncated_bag_is_readable_on_request(command, linear_model, tmp_path)
     assert status == 0, error
 
 
-def test_a_policy_needs_a_model(command, tmp_path):
-    refused(command("policy", "train", tmp_path / "nowhere", "--out", tmp_path / "policy"), "nowhere")
-
-
-def test_wrong_settings_of_a_policy_get_one_line(command, linear_model, tmp_path):
-    train = ("policy", "train", linear_model, "--out", tmp_path / "policy")
-    refused(command(*train, "--hidden", "64;64"), "--hidden", "64,64")
-    refused(command(*train, "--follow", "coulomb"), "coulomb")
-    for spread in ("-1", "0", "nan", "inf"):
-        refused(command(*train, "--follow", f"gain={spread}"), "gain", spread)
-    refused(command(*train, "--hidden", "10000000"), "10000000")
-    refused(command(*train, "--hidden", ",".join(["8"] * 9)), "8")
-    refused(command(*train, "--follow", "mass=1"), "mass")
-
-
 def test_a_policy_of_another_model_is_refused(linear_model):
     from hybrid_sysid_ros.control.policy import policy
     from hybrid_sysid_ros.runtime import configuration
@@ -282,10 +267,6 @@ def test_an_unknown_experiment_gets_one_line(command, tmp_path):
         (("identify", MULTISINE, "--out", "model", "--seed", "-1"), ["--seed", "see hybrid-sysid identify --help"]),
         (("identify", MULTISINE, "--out", "model", "--step", "five"), ["--step", "number"]),
         (("identify", MULTISINE, "--color", "red"), ["--color", "see hybrid-sysid identify --help"]),
-        (
-            ("policy", "train", "model", "--out", "p", "--episodes", "1"),
-            ["--episodes", "hybrid-sysid policy train --help"],
-        ),
         (("policy", "banana"), ["banana", "see hybrid-sysid policy --help"]),
         (("banana",), ["banana", "see hybrid-sysid --help"]),
         (("--banana",), ["--banana", "see hybrid-sysid --help"]),

@@ -30,14 +30,14 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """Write declarations of nodes."""
     path = tmp_path / "nodes.yaml"
     monkeypatch.setattr(parameters, "DECLARATIONS", path)
-    parameters.declarations.cache_clear()
+    parameters.read_declarations.cache_clear()
 
     def written(content: dict[str, Any]) -> Path:
         path.write_text(yaml.safe_dump(content), encoding="utf-8")
         return path
 
     yield written
-    parameters.declarations.cache_clear()
+    parameters.read_declarations.cache_clear()
 
 
 def test_parameters_are_followed_by_a_pattern_of_their_names(rig: Rig) -> None:

@@ -24,6 +24,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "hybrid_sysid_ros"
 PAGE = (ROOT / "docs" / "extend.md").read_text(encoding="utf-8")
 FILES = dict(re.findall(r'^```\w+ title="([^"]+)"\n(.*?)^```$', PAGE, re.M | re.S))
+BAG = ROOT / "bags" / "beam_multisine"
 OURS = sorted(path.parent.name for path in HOME.glob("*/extension.py"))
 Call = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -164,6 +165,12 @@ MANIFEST = "from hybrid_sysid_ros.support.extensions import Extension\nEXTENSION
         (MANIFEST.format("tides", "nodes={'plant': 'tides'}"), "node plant"),
         (MANIFEST.format("tides", "provides={'sections': {'sensors': 'tides:check'}}"), "sections sensors"),
         (MANIFEST.format("hybrid_sysid_ros", ""), "extension hybrid_sysid_ros"),
+        (MANIFEST.format(5, ""), "name is 5"),
+        (MANIFEST.format("tides", "commands={'tide': 'tides.command'}"), "commands is"),
+        (MANIFEST.format("tides", "commands=['tide']"), "commands is"),
+        (MANIFEST.format("tides", "provides={'structures': ['x']}"), "provides is"),
+        (MANIFEST.format("tides", "provides={'struktures': {}}"), "unknown kind 'struktures'"),
+        (MANIFEST.format("tides", "declarations='nodes.yaml'"), "declarations is"),
     ],
 )
 def test_a_bad_extension_is_named_in_a_line_and_the_rest_works(
@@ -208,6 +215,14 @@ def test_what_can_t_be_imported_is_named_when_it_is_needed(tmp_path: Path, call:
         (None, "cannot be read"),
         ("nodes: [", "nodes.yaml"),
         ("parameters: {}", "unknown key 'parameters'"),
+        ("nodes: {tides: 3}", "tides needs keys"),
+        ("nodes: {tides: {high: {default: 1.0, range: big, description: High.}}}", "tides.high.range is 'big'"),
+        ("nodes: {tides: {high: {default: ten, range: [0, 1], description: High.}}}", "'ten'"),
+        ("nodes: {tides: {high: {default: 5.0, range: [0, 1], description: High.}}}", "high is 5.0"),
+        ("nodes: {tides: {high: {default: 5.0, above: moon, description: High.}}}", "above is moon"),
+        ("nodes: {tides: {high: {default: a, choices: 5, description: High.}}}", "tides.high.choices is 5"),
+        ("topics: [moon]", "topics needs keys"),
+        ("nodes: {controller: {horizon: {default: 1, description: High.}}}", "horizon is declared already"),
     ],
 )
 def test_declarations_that_can_t_be_read_are_named_and_the_rest_works(
@@ -221,7 +236,90 @@ def test_declarations_that_can_t_be_read_are_named_and_the_rest_works(
     assert found.returncode == 0
     assert "/**/plant:" in found.stdout
     assert found.stderr.count("\n") == 1
+    assert "extension tides" in found.stderr
+    assert str(tmp_path / "site" / "tides" / "nodes.yaml") in found.stderr
     assert why in found.stderr
+
+
+CODE = """
+from hybrid_sysid_ros.models import Structure
+class Tides(Structure):
+    def fit(self, context):
+        raise ValueError("no moon")
+    def assemble(self, design, weights):
+        raise ValueError("no moon")
+def check(rig):
+    raise ValueError("no moon")
+NUMBER = 5
+"""
+
+
+@pytest.mark.parametrize(
+    ("given", "line", "why"),
+    [
+        ("commands={'tide': ('tides.nowhere', '')}", "tide", "tides.nowhere"),
+        ("commands={'tide': ('tides.code', '')}", "tide", "no attribute 'command'"),
+        ("provides={'sections': {'travel_of_moon': 'tides.code:check'}}", "rig check ./sled", "no moon"),
+        (
+            "provides={'structures': {'tides': 'tides.code:Tides'}}",
+            f"identify {BAG} --structure tides --out m",
+            "no moon",
+        ),
+        (
+            "provides={'structures': {'tides': 'tides.code:NUMBER'}}",
+            f"identify {BAG} --structure tides --out m",
+            "is 5",
+        ),
+    ],
+)
+def test_code_that_is_wrong_is_named_in_a_line(tmp_path: Path, call: Call, given: str, line: str, why: str) -> None:
+    offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=MANIFEST.format("tides", given), code=CODE)
+    if "sled" in line:
+        assert call("rig", "new", tmp_path / "sled").returncode == 0
+        with (tmp_path / "sled" / "rig.yaml").open("a", encoding="utf-8") as file:
+            file.write("\ntravel_of_moon: {}\n")
+    found = call(*line.split())
+    assert (found.returncode, found.stderr.count("\n")) == (2, 1), found.stderr
+    assert "tides.code" in found.stderr or "tides.nowhere" in found.stderr
+    assert why in found.stderr
+
+
+@pytest.mark.skipif(not has_ros(), reason="needs ROS 2")
+def test_a_topic_of_an_unknown_type_is_left_out(tmp_path: Path, call: Call) -> None:
+    given = "declarations=__import__('pathlib').Path(__file__).with_name('nodes.yaml')"
+    offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=MANIFEST.format("tides", given))
+    path = tmp_path / "site" / "tides" / "nodes.yaml"
+    path.write_text("topics: {height: {type: std_msgs/msg/Nothing}, level: {type: std_msgs/msg/Float64}}")
+    code = """
+from hybrid_sysid_ros.nodes.topics import TYPES
+from hybrid_sysid_ros.support.errors import UserError
+assert "level" in TYPES
+try:
+    TYPES["height"]
+except UserError as error:
+    print(error)
+"""
+    found = call(code=code)
+    assert f"{path}: topics.height: std_msgs/msg/Nothing is not installed" in found.stdout, found.stderr
+
+
+def test_a_mistake_of_this_package_stays_as_it_is() -> None:
+    with pytest.raises(ZeroDivisionError), extensions.blaming("moon", "hybrid_sysid_ros.moon"):
+        _ = 1 / 0
+    with pytest.raises(UserError, match="moon: ZeroDivisionError"), extensions.blaming("moon", "tides.moon"):
+        _ = 1 / 0
+
+
+def test_an_interrupt_while_extensions_are_looked_for_stays_one(tmp_path: Path, call: Call) -> None:
+    offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension="raise KeyboardInterrupt")
+    found = call("--help")
+    assert (found.returncode, found.stdout, found.stderr) == (130, "", "interrupted\n")
+
+
+def test_an_unknown_structure_says_which_extension_is_left_out(tmp_path: Path, call: Call) -> None:
+    offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension="1 / 0")
+    code = "import hybrid_sysid_ros.models as m; m.structure_of('tides', None)"
+    assert "extension tides (tides.extension:EXTENSION) is left out" in call(code=code).stderr
 
 
 # Companions

@@ -22,4 +22,4 @@ def program() -> Commands:
 
 def main() -> None:
     """Run a command of the command line."""
-    run_program(program())
+    run_program(program)

@@ -30,10 +30,11 @@ class LateCommand(TyperCommand):
     def made(self) -> Any:
         """The command itself, with the options that extensions add to it."""
         app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
-        module = importlib.import_module(self.module)
-        kind = getattr(module, "EXTENDED_BY", "")
-        app.command(self.name)(extended(module.command, kind) if kind else module.command)
-        return typer.main.get_command(app)
+        with extensions.blaming(f"command {self.name} ({self.module})", self.module):
+            module = importlib.import_module(self.module)
+            kind = getattr(module, "EXTENDED_BY", "")
+            app.command(self.name)(extended(module.command, kind) if kind else module.command)
+            return typer.main.get_command(app)
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         made = self.made()
@@ -100,14 +101,15 @@ def _usage(error: typer.BadParameter) -> str:
     return f"error: {line[0].lower()}{line[1:]}{f': see {context.command_path} --help' if context else ''}"
 
 
-def run_program(program: Commands) -> None:
-    """Run a command of a program; exit with 2 and one line for what a user can cause, with 130 and one for an
-    interrupt.
+def run_program(make: Callable[[], Commands]) -> None:
+    """Make a program and run a command of it; exit with 2 and one line for what a user can cause, with 130 and one for
+    an interrupt.
     """
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
-    reported = 0
+    reported = None
     try:
         reported = _tell_problems(0)
+        program = make()
         sys.exit(program(prog_name=program.name, standalone_mode=False))
     except UsageError as error:
         sys.stderr.write(_usage(error) + "\n")
@@ -122,7 +124,7 @@ def run_program(program: Commands) -> None:
         sys.stderr.write(": ".join(filter(None, ("interrupted", str(error)))) + "\n")
         sys.exit(130)
     finally:
-        _tell_problems(reported)
+        _ = reported is None or _tell_problems(reported)  # an interrupt may come before any is found
 
 
 def _tell_problems(reported: int) -> int:

@@ -17,7 +17,7 @@ from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.parameters import declarations, defaults
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.extensions import loaded, targets
+from hybrid_sysid_ros.support.extensions import blaming, loaded, targets
 
 BLOCKS = "▁▂▃▄▅▆▇█"
 SAMPLES = 24
@@ -97,7 +97,8 @@ def _values(rig: Rig) -> Iterator[str]:
 
 def _of_extension(target: str, rig: Rig) -> None:
     """Let an extension look at its section."""
-    loaded(target)(rig)
+    with blaming(target, target):
+        loaded(target)(rig)
 
 
 def _demo(rig: Rig) -> None:

@@ -25,6 +25,7 @@ from hybrid_sysid_ros.models.structure import structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.validity import check_valid
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.extensions import blaming
 
 
 def identify(
@@ -56,7 +57,10 @@ def identify(
     context = Context(
         rig=rig, sampling=holds, options=chosen, seed=seed, progress=progress, records=used, resampled=resampled
     )
-    fitted = found.fit(context)
+    with blaming(f"structure {structure} ({found.__module__})", found.__module__):
+        fitted = found.fit(context)
+        if not isinstance(fitted, Fit):
+            raise TypeError(f"its fit gave {fitted!r}, which is no Fit")
     known_together = groups(fitted)
     experiments, shown = context.experiments(fitted.system), context.experiments(rig.system)
     columns = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from inspect import isabstract
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -149,12 +150,14 @@ def structure_of(name: str, physics: System, boxes: Boxes | None = None) -> Stru
             return _class_of(place)(**given, chosen_box=box)
     raise UserError(
         f"structure {name!r} is unknown; choose one of {', '.join(dict.fromkeys((*table, *own)))}, or hybrid_NAME or "
-        "residual_NAME of a gray box, or install the extension that provides it"
+        f"residual_NAME of a gray box, or install the extension that provides it{extensions.left_out()}"
     )
 
 
 def _class_of(target: str) -> type[Structure]:
     found: type[Structure] = extensions.loaded(target)
+    if not (isinstance(found, type) and issubclass(found, Structure)) or isabstract(found):
+        raise UserError(f"{target} is {found!r}: it needs a Structure that has fit and assemble")
     return found
 
 

@@ -19,6 +19,8 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import KINDS, built, numbers, read_mapping, refuse_unknown, section
 
 DECLARATIONS = Path(__file__).parents[1] / "msgs_config" / "nodes.yaml"
+Declarations = dict[str, dict[str, dict[str, Any]]]
+"""By node and parameter."""
 EACH = ("input", "output", "state")
 OPTIONS = {"model": "--model", "policy": "--policy-path", "layers": "--layers"}
 """Options of commands by which a user gives another folder than the shipped one."""
@@ -61,7 +63,7 @@ class NodeParameter:
     each: str = ""
     """input, output or state: a list with a number for each of the rig's; "": one value."""
     count: int = 0
-    """Length of the list."""
+    """Length of the list; 0 where no rig tells it."""
 
     def __post_init__(self) -> None:
         items = self.default if self.each and isinstance(self.default, list) else [self.default]
@@ -69,6 +71,8 @@ class NodeParameter:
             raise UserError(f"parameter {self.name}: the default {self.default!r} is of no known kind")
         if self.each not in ("", *EACH):
             raise UserError(f"parameter {self.name}: each is {self.each!r}: choose one of {', '.join(EACH)}")
+        if (self.above or math.isfinite(self.low)) and self.kind not in (int, float):
+            raise UserError(f"parameter {self.name}: the default {self.default!r} is compared: it needs a number")
         object.__setattr__(self, "default", self.checked(self.default))
 
     @property
@@ -96,11 +100,11 @@ class NodeParameter:
         if isinstance(value, str | bytes) or not isinstance(value, Sequence):
             value = value.tolist() if hasattr(value, "tolist") else [value]
         items = [self._one(item) for item in value]
-        if len(items) not in (1, self.count):
+        if self.count and len(items) not in (1, self.count):
             raise UserError(
                 f"parameter {self.name} has {len(items)} numbers: it needs one for each {self.each}, {self.count}"
             )
-        return items * (self.count if len(items) == 1 else 1)
+        return items * (self.count if self.count and len(items) == 1 else 1)
 
     def _one(self, value: Any) -> Any:
         kind: Any = self.kind
@@ -134,28 +138,24 @@ def parameters(rig: Rig | str, node: str) -> dict[str, NodeParameter]:
         if entry.get("range") == "ACTUATOR":
             largest = max(max(abs(item.low), abs(item.high)) for item in rig.actuators)
             fitted["range"] = [-largest, largest]
-        found[name] = _parameter(name, fitted, f"{DECLARATIONS}: nodes.{node}.{name}")
+        found[name] = _parameter(name, fitted, f"{rig.name}: nodes.{node}.{name}")
         if name in values:
             try:
                 found[name] = replace(found[name], default=found[name].checked(values[name]))
             except UserError as error:
                 raise UserError(f"{where}: nodes.{node}: {error}") from error
-    for name, item in found.items():
-        if item.above and item.above not in found:
-            raise UserError(f"{DECLARATIONS}: nodes.{node}.{name}: above is {item.above}, which the node does not have")
-    try:
-        check_rules(found, {name: item.default for name, item in found.items()})
-    except UserError as error:
-        raise UserError(f"{where}: nodes.{node}: {error}") from error
+    check_rules(found, {name: item.default for name, item in found.items()}, f"{where}: nodes.{node}: ")
     return found
 
 
-def check_rules(known: Mapping[str, NodeParameter], values: Mapping[str, Any]) -> None:
-    """Raise UserError where values (by name) are against a rule that two parameters share."""
+def check_rules(known: Mapping[str, NodeParameter], values: Mapping[str, Any], where: str = "") -> None:
+    """Raise UserError, which begins with where, where values (by name) are against a rule that two parameters share."""
     for name, item in known.items():
+        if item.above and (item.above not in known or isinstance(values[item.above], str | list)):
+            raise UserError(f"{where}parameter {name}: above is {item.above}, which is no number of the node")
         if item.above and not values[name] > values[item.above]:
             raise UserError(
-                f"parameter {name} is {_with_unit(item, values)}: it must be more than {item.above}, "
+                f"{where}parameter {name} is {_with_unit(item, values)}: it must be more than {item.above}, "
                 f"{_with_unit(known[item.above], values)}"
             )
 
@@ -189,39 +189,42 @@ def parameter_file(rig: Rig | str) -> str:
     return "\n".join(lines) + "\n"
 
 
-@cache
-def declarations() -> dict[str, dict[str, dict[str, Any]]]:
-    """What nodes.yaml and the files of the extensions declare: by node and parameter. An extension may give further
-    parameters to a node that is not its own. Raises UserError where two files declare the same one.
+def declarations() -> Declarations:
+    """What nodes.yaml and the files of the extensions declare. An extension may give further parameters to a node that
+    is not its own; its file is left out where it is wrong or declares one of those that are there.
     """
-    every, found = section(read_mapping(DECLARATIONS), "every", str(DECLARATIONS)), dict[str, dict[str, Any]]()
-    for path in declaration_files():
-        where = str(path)
-        nodes = section(read_mapping(path), "nodes", where, needed=path == DECLARATIONS)
-        for node in nodes:
-            entries, known = section(nodes, node, where), found.setdefault(node, {})
-            if twice := entries.keys() & (known.keys() | every.keys()):
-                raise UserError(f"{where}: nodes.{node}.{min(twice)} is declared already: give it another name")
-            known |= {name: section(entries, name, f"{where}: nodes.{node}", needed=True) for name in entries}
-    return {node: {**entries, **every} for node, entries in found.items()}
-
-
-def declaration_files() -> list[Path]:
-    """The files that declare parameters and topics: the trunk's, then those of the extensions that can be read."""
-    return [DECLARATIONS, *_further_files()]
+    return read_declarations()[1]
 
 
 @cache
-def _further_files() -> tuple[Path, ...]:
-    found = []
-    for name, path in ((item.name, item.declarations) for item in extensions.installed()):
+def read_declarations() -> tuple[list[Path], Declarations]:
+    """The files that declare parameters and topics, the trunk's first, and the nodes of all of them."""
+    every = section(read_mapping(DECLARATIONS), "every", str(DECLARATIONS))
+    files, found = [DECLARATIONS], _joined(DECLARATIONS, {}, every)
+    for name, path in ((item.name, item.declarations) for item in extensions.installed() if item.declarations):
         try:
-            if path is not None:
-                refuse_unknown(read_mapping(path), ("nodes", "qos", "topics"), str(path))
-                found.append(path)
+            found |= _joined(path, found, every)
+            files.append(path)
         except UserError as error:
             extensions.leave_out(f"what extension {name} declares of its nodes", error)
-    return tuple(found)
+    return files, found
+
+
+def _joined(path: Path, known: Declarations, every: Mapping[str, Any]) -> Declarations:
+    """The nodes of a file, with what is known of them. Raises UserError where that makes no sense on any rig."""
+    where, content, joined = str(path), read_mapping(path), Declarations()
+    refuse_unknown(content, ("nodes", "qos", "topics", *(("every",) if path == DECLARATIONS else ())), where)
+    _ = section(content, "topics", where), section(content, "qos", where)
+    for node in (nodes := section(content, "nodes", where)):
+        here, entries = f"{where}: nodes.{node}", section(nodes, node, where)
+        there = {**known.get(node, {}), **every}
+        if twice := entries.keys() & there.keys():
+            raise UserError(f"{here}.{min(twice)} is declared already: give it another name")
+        new = {name: section(entries, name, here, needed=True) for name in entries}
+        joined[node] = {**{name: there[name] for name in there if name not in every}, **new, **every}
+        found = {name: _parameter(name, entry, f"{here}.{name}") for name, entry in joined[node].items()}
+        check_rules(found, {name: item.default for name, item in found.items()}, f"{here}: ")
+    return joined
 
 
 def _count(entry: Mapping[str, Any], rig: Rig) -> int:
@@ -246,6 +249,6 @@ def _unit(entry: Mapping[str, Any], rig: Rig) -> str:
 
 def _parameter(name: str, entry: Mapping[str, Any], where: str) -> NodeParameter:
     content = {"name": name, **entry}
-    if "range" in content:
-        content["low"], content["high"] = numbers(content.pop("range"), f"{where}.range", count=2)
-    return built(NodeParameter, {**content, "choices": tuple(content.get("choices", ()))}, where)
+    if (limits := content.pop("range", "ACTUATOR")) != "ACTUATOR":  # those that a rig tells
+        content["low"], content["high"] = numbers(limits, f"{where}.range", count=2)
+    return built(NodeParameter, content, where)

@@ -8,38 +8,54 @@ until somebody asks for it.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
 from hybrid_sysid_ros.support import errors
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import Interrupted, UserError
 
 GROUP = "hybrid_sysid_ros.extensions"
 """Of the entry points of other packages; the value is the manifest, MODULE:EXTENSION."""
 HOME = Path(__file__).parents[1] / "extensions"
 MANIFEST = "extension.py"
-Names = Mapping[str, str]
+PACKAGE = __name__.partition(".")[0]
+KINDS = (
+    "sections", "report", "companions", "demos", "controllers", "pictures", "structures", "blocks", "solvers",
+    "policies", "exporters",
+)  # fmt: skip
+"""Of what an extension may provide."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Extension:
-    """A manifest: what an extension adds, by name. See docs/extend.md for what each kind needs."""
+    """A manifest: what an extension adds, by name. See docs/extend.md for what each kind needs.
+
+    Raises UserError for a field of another type, and for an unknown kind.
+    """
 
     name: str
     summary: str
     commands: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """By words, as "say" or "rig layouts": a module with a function ``command``, and a summary of one line."""
-    nodes: Names = field(default_factory=dict)
+    nodes: Mapping[str, str] = field(default_factory=dict)
     """ROS 2 nodes by name: a module with a function ``main``."""
     declarations: Path | None = None
     """YAML file of the form of msgs_config/nodes.yaml: parameters of its nodes, further ones of others, and topics."""
-    provides: Mapping[str, Names] = field(default_factory=dict)
-    """By kind and name: what is used, as "module:attribute". The kinds are those that :func:`provided` is asked for."""
+    provides: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    """By kind and name: what is used, as "module:attribute"."""
+
+    def __post_init__(self) -> None:
+        for name, hint in get_type_hints(type(self)).items():
+            if not _fits(value := getattr(self, name), hint):
+                raise UserError(f"its {name} is {value!r}: it needs {self.__annotations__[name]}")
+        for kind in set(self.provides) - set(KINDS):
+            raise UserError(f"its provides has an unknown kind {kind!r}: {errors.known(kind, KINDS)}")
 
     def claims(self) -> Iterator[tuple[str, str]]:
         """What no other extension may have: a kind and a name each."""
@@ -87,9 +103,7 @@ def installed() -> tuple[Extension, ...]:
 
 def commands() -> dict[str, tuple[str, str]]:
     """Module and summary of every command, the trunk's first, by its words."""
-    return {
-        words: description for extension in registry().extensions for words, description in extension.commands.items()
-    }
+    return {words: told for item in registry().extensions for words, told in item.commands.items()}
 
 
 def node_module(name: str) -> str:
@@ -102,9 +116,7 @@ def node_module(name: str) -> str:
 
 def targets(kind: str) -> dict[str, str]:
     """Where each thing of a kind is, as "module:attribute" by name; nothing is imported."""
-    return {
-        name: target for extension in registry().extensions for name, target in extension.provides.get(kind, {}).items()
-    }
+    return {name: target for item in registry().extensions for name, target in item.provides.get(kind, {}).items()}
 
 
 def provided(kind: str) -> dict[str, Any]:
@@ -131,14 +143,39 @@ def leave_out(what: str, why: UserError) -> None:
         registry().problems.append(line)
 
 
+def left_out() -> str:
+    """End of a line that refuses what an extension may have: which are left out, and why."""
+    return "".join(f"; {line}" for line in registry().problems)
+
+
 def loaded(target: str) -> Any:
     """What "module:attribute" names. Raises UserError where it can't be imported, whatever it raises."""
     module, _, attribute = target.partition(":")
-    try:
+    with blaming(f"{target} can't be imported"):
         return attrgetter(attribute)(import_module(module))
-    except (Exception, SystemExit) as error:  # another package's code can raise anything
-        kind = "" if isinstance(error, UserError) else f"{type(error).__name__}: "
-        raise UserError(f"{target} can't be imported: {kind}{' '.join(str(error).split())[:200]}") from error
+
+
+@contextmanager
+def blaming(what: str, module: str = "") -> Iterator[None]:
+    """Where code is used that may be another package's: whatever it raises leaves as a UserError of one line that says
+    what it is. Mistakes of modules of this package leave as they are.
+    """
+    try:
+        yield
+    except (Exception, SystemExit) as error:
+        if isinstance(error, UserError | Interrupted) or module.startswith(f"{PACKAGE}."):
+            raise
+        raise UserError(f"{what}: {type(error).__name__}: {' '.join(str(error).split())[:200]}") from error
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether plain data has a type: a class, or a tuple or mapping of such."""
+    kinds, kind = get_args(hint), get_origin(hint)
+    if kind is tuple:
+        return isinstance(value, tuple) and len(value) == len(kinds) and all(map(_fits, value, kinds))
+    if kind is Mapping:
+        return isinstance(value, Mapping) and all(_fits(item, tuple[kinds]) for item in value.items())  # type: ignore[valid-type]
+    return isinstance(value, hint)
 
 
 def _targets() -> Iterator[tuple[str, str]]:
