@@ -19,15 +19,14 @@ from hybrid_sysid_ros.library.arguments import (
     array_of,
     choice_of,
     given_model,
+    guarded,
     number_of,
     rig_of,
     seed_of,
-    shown,
     within,
 )
 from hybrid_sysid_ros.library.models import Model, load_model, sealed
 from hybrid_sysid_ros.models import Model as AnyModel
-from hybrid_sysid_ros.rigs.excitation import constant
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import defaults, mpc_problem, shipped
@@ -37,7 +36,7 @@ from hybrid_sysid_ros.runtime.parameters import check_rules
 from hybrid_sysid_ros.runtime.references import KINDS, signal_of
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, shown
 from hybrid_sysid_ros.support.text_table import text_table
 
 ReferenceLike: TypeAlias = str | float | ArrayLike | Callable[[Array], ArrayLike]
@@ -107,7 +106,7 @@ class Loop:
             (f"largest {item.name}", f"{np.abs(column).max():.4g}", item.unit, "")
             for item, column in zip(self.rig.system.inputs, self.inputs.T, strict=True)
         ]
-        rows.append(("cost", f"{self.cost:.6g}", "", "by the controller's problem"))
+        rows.append(("cost", f"{self.cost:.6g}", "", "as the controller weighs it"))
         rows += [(f"answers: {status.value}", str(count), "", "") for status, count in self.statuses.items()]
         title = f"loop of {self.rig.name}, {len(self.time)} samples"
         return text_table(title, ("quantity", "value", "unit", ""), rows, most=8, rest="loop.score and loop.statuses")
@@ -240,34 +239,45 @@ def _controller(
 def _reference(rig: Rig, reference: ReferenceLike, settings: Mapping[str, Any]) -> tuple[OutputReference, float]:
     """The reference as outputs are shown, and how long a loop along it lasts where nobody says so [s]."""
     outputs = len(rig.system.outputs)
-    if callable(reference):
-        probe = array_of(reference(np.linspace(0.0, 1.0, 3)), "reference")
-        if probe.shape != (3, outputs):
-            raise UserError(
-                f"reference gives an array of shape {probe.shape} for 3 times; it needs (3, {outputs}), a column for "
-                "each output"
-            )
-        return lambda times: np.asarray(reference(times), dtype=float), 10.0
     if isinstance(reference, str):
         kind = choice_of(reference or rig.reference, "reference", (*KINDS, *rig.references))
         schedule = rig.references.get(kind)
         with within("reference"):
             return signal_of(kind, settings, rig), schedule.duration if schedule else 10.0
+    if callable(reference):
+        asked = guarded(reference, "reference", f"times (samples,) that returns outputs (samples, {outputs})")
+        return _checked(rig, asked), 10.0
     levels = np.atleast_1d(array_of(reference, "reference"))
     if levels.shape != (outputs,):
         raise UserError(
             f"reference has shape {levels.shape}; give a set-point for each output, ({outputs},), a kind such as "
             "'steps', or a function of time"
         )
+    return _checked(rig, lambda times: np.tile(levels, (len(times), 1))), 10.0
+
+
+def _checked(rig: Rig, asked: Callable[[Array], ArrayLike]) -> OutputReference:
+    """A reference, held against the rig whenever the loop asks; for the first time here."""
     low, high = np.sort(rig.reach / np.array([display.scale for display in rig.display]), axis=0)
-    for item, display, level, least, most in zip(rig.system.outputs, rig.display, levels, low, high, strict=True):
-        if not least <= level <= most:
+
+    def outputs(times: Array) -> Array:
+        found = array_of(asked(times), f"reference from {times[0]:.6g} s on")
+        if found.shape != (wanted := (len(times), len(low))):
             raise UserError(
-                f"reference of {item.name} is {level:g} {display.unit}, outside of the rig's {least:.4g} to {most:.4g} "
-                f"{display.unit}"
+                f"reference gives an array of shape {found.shape} for {len(times)} times; it needs {wanted}, a column "
+                "for each output"
             )
-    signals = [constant(level=level) for level in levels]
-    return lambda times: np.stack([signal(times) for signal in signals], axis=-1), 10.0
+        if (beyond := (found < low) | (found > high)).any():
+            row, column = np.argwhere(beyond)[0]
+            name, unit = rig.system.outputs[column].name, rig.display[column].unit
+            raise UserError(
+                f"reference of {name} is {found[row, column]:g} {unit} at {times[row]:.6g} s; "
+                f"give {low[column]:.4g} to {high[column]:.4g} {unit}, which the rig can do"
+            )
+        return found
+
+    outputs(np.linspace(0.0, 1.0, 3))
+    return outputs
 
 
 def _warn(line: str) -> None:

@@ -29,17 +29,16 @@ from hybrid_sysid_ros.library.arguments import (
     given_records,
     given_sampling,
     part_of,
-    path_of,
     record_of,
     rig_of,
     seed_of,
-    shown,
 )
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, shown
+from hybrid_sysid_ros.support.files import path_of
 from hybrid_sysid_ros.support.text_table import text_table
 
 

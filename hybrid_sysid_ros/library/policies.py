@@ -17,15 +17,15 @@ from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.safety.certificate import Certificate
 from hybrid_sysid_ros.library.arguments import (
     RigLike,
+    array_of,
     callable_of,
     choice_of,
+    flag_of,
     given_model,
     given_options,
     number_of,
-    path_of,
     rig_of,
     seed_of,
-    shown,
     whole_of,
 )
 from hybrid_sysid_ros.library.models import Model, load_model, sealed
@@ -34,7 +34,8 @@ from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, shown
+from hybrid_sysid_ros.support.files import path_of
 from hybrid_sysid_ros.support.progress import StageProgress
 from hybrid_sysid_ros.support.text_table import text_table
 
@@ -71,6 +72,8 @@ class Policy(policies.Policy):
         shapes = (self.states,), (self.inputs,), (self.inputs,), (self.horizon, self.outputs)
         parts = state, disturbance, previous_input, preview
         for name, part, shape in zip(PARTS, parts, shapes, strict=True):
+            if not (isinstance(part, np.ndarray) and part.dtype.kind in "iuf"):
+                array_of(part, f"control: {name}")
             if np.shape(part) != shape:
                 raise UserError(f"control: {name} has shape {np.shape(part)}; it needs {shape}")
         return super().control(*parts)
@@ -118,7 +121,7 @@ def train_policy(
         epochs=whole_of(epochs, "epochs", low=1, high=MOST),
         hidden=_widths(hidden),
         workers=whole_of(workers, "workers", low=0, high=MOST),
-        sequence=bool(plan),
+        sequence=flag_of(plan, "plan"),
         followed=given_options(follow, "follow"),
     )
     given: dict[str, Any] = {
@@ -126,7 +129,9 @@ def train_policy(
         "samples": None if samples is None else path_of(samples, "samples"),
         "progress": callable_of(progress, "progress", "stage, done, of"),
     }
-    trained: policies.Policy = extensions.one("policies", "train")(used, settings, **given)
+    trained: policies.Policy = extensions.one("policies", "train", "hs.train_policy needs the extension policies")(
+        used, settings, **given
+    )
     return Policy.of(trained, used)
 
 
@@ -178,12 +183,14 @@ def certify(
         "seconds": length,
         "seed": seed_of(seed),
         "loops": whole_of(loops, "loops", low=1, high=MOST),
-        "delta": number_of(delta, "delta", low=0.0, high=1.0, above=True),
+        "delta": number_of(delta, "delta", low=0.0, high=0.999, above=True),
         "workers": whole_of(workers, "workers", low=0, high=MOST),
         "store": None if store is None else path_of(store, "store"),
         "progress": callable_of(progress, "progress", "stage, done, of"),
     }
-    found: Certificate = extensions.one("policies", "certify")(policy, _seal(policy), used, **given)
+    found: Certificate = extensions.one("policies", "certify", "hs.certify needs the extension policies")(
+        policy, _seal(policy), used, **given
+    )
     return found
 
 
@@ -202,18 +209,25 @@ def export(
     smoothing: of a model, the velocity over which stick-slip is rounded, 0 for none. overwrite: replace what is there.
     What is written was checked against the original. Raises UserError for a place that can't be written.
     """
-    folder = path_of(out, "out")
+    folder, form, replaced = path_of(out, "out"), choice_of(format, "format", FORMATS), flag_of(overwrite, "overwrite")
+    needs = "hs.export needs the extension export"
     if isinstance(model, policies.Policy):
-        form = choice_of(format, "format", FORMATS)
-        extensions.one("exporters", "policy")(model, folder, seal=_seal(model), form=form, overwrite=bool(overwrite))
+        for name, value in (("step", step), ("smoothing", smoothing)):
+            if value != 0.0:
+                raise UserError(f"{name} is {shown(value)}; it is for a model: leave it out for a policy")
+        extensions.one("exporters", "policy", needs)(model, folder, seal=_seal(model), form=form, overwrite=replaced)
         return folder
     if not isinstance(model, AnyModel):
         raise UserError(f"model is {shown(model)}; give a model or a policy")
+    if form != "both":
+        raise UserError(
+            f"format is {form!r}; it is for a policy: leave it out for a model, which is written for CasADi"
+        )
     given = {
         "step": number_of(step, "step", low=0.0, unit="s"),
         "smoothing": number_of(smoothing, "smoothing", low=0.0),
     }
-    extensions.one("exporters", "model")(sealed(given_model(model)), folder, **given, overwrite=bool(overwrite))
+    extensions.one("exporters", "model", needs)(sealed(given_model(model)), folder, **given, overwrite=replaced)
     return folder
 
 

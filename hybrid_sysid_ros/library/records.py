@@ -15,11 +15,20 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import UNIFORMITY, Record
 from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.identification.plausibility import check_limits, check_travel, spikes, strangeness
-from hybrid_sysid_ros.library.arguments import RigLike, array_of, given_columns, number_of, path_of, rig_of, shown
+from hybrid_sysid_ros.library.arguments import (
+    RigLike,
+    array_of,
+    flag_of,
+    given_columns,
+    name_of,
+    number_of,
+    rig_of,
+)
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, shown
+from hybrid_sysid_ros.support.files import path_of
 
 Doubtful = Callable[[str], object]
 """Gets what is strange in a record."""
@@ -51,7 +60,8 @@ def read_bag(
     described, place = rig_of(rig), path_of(path, "path")
     chosen = None if signals is None else path_of(signals, "signals")
     kept = number_of(period, "period", low=0.0, unit="s")
-    return checked_bag(place, described, signals=chosen, period=kept, recover=bool(recover), doubtful=_warn)
+    cut = flag_of(recover, "recover")
+    return checked_bag(place, described, signals=chosen, period=kept, recover=cut, doubtful=_warn)
 
 
 def checked_bag(
@@ -97,8 +107,6 @@ def record(
 
     Raises UserError for another shape, unit or size than the rig's, for what is not finite, and for uneven times.
     """
-    if not isinstance(name, str) or not name:
-        raise UserError(f"name is {shown(name)}; give what tables are to call the record")
     described = None if rig is None else rig_of(rig)
     times = _times(time)
     names: dict[str, list[str]] = {"inputs": [], "outputs": []}
@@ -109,11 +117,14 @@ def record(
     if units is not None:
         y = y * _scales(units, described)
     found = Record(
-        name=name,
+        name=name_of(name, "name"),
         time=times,
         input=u,
         output=y,
-        channels={key: _column(value, key, len(times)) for key, value in _mapping(channels, "channels").items()},
+        channels={
+            name_of(key, "a name in channels"): given_columns(value, f"channels[{key!r}]", [key], len(times))[:, 0]
+            for key, value in _mapping(channels, "channels").items()
+        },
         rig="" if described is None else described.name,
     )
     if described is not None:
@@ -133,7 +144,11 @@ def _times(value: ArrayLike) -> Array:
     uniform = np.arange(len(times)) * step
     away = np.abs(times - times[0] - uniform)
     rounding = 4.0 * np.spacing(np.abs(times).max())  # of stamps since 1970
-    if not step > 0.0 or away.max() > UNIFORMITY * step + rounding:
+    if not step > 0.0:
+        raise UserError(
+            f"time runs from {times[0]:.9g} s to {times[-1]:.9g} s, backwards; sort the samples by their time"
+        )
+    if away.max() > UNIFORMITY * step + rounding:
         worst = int(np.argmax(away))
         raise UserError(
             f"time is not uniform at sample {worst}: {times[worst]:.9g} s, where steps of {step:.6g} s lead to "
@@ -154,7 +169,7 @@ def _scales(units: Mapping[str, str], rig: Rig | None) -> Array:
         read = [
             display.unit for item, display in zip(rig.system.outputs, rig.display, strict=True) if item.name == name
         ]
-        if unit not in (items[name], *read):
+        if not isinstance(unit, str) or unit not in (items[name], *read):
             known = " or ".join(dict.fromkeys([items[name], *read]))
             raise UserError(f"units of {name} is {shown(unit)}; {rig.name} takes {known}: convert the values")
     return np.array(
@@ -169,13 +184,6 @@ def _mapping(value: object, argument: str) -> dict[str, Any]:
     if value is not None and not isinstance(value, Mapping):
         raise UserError(f"{argument} is {shown(value)}; give a mapping by name")
     return dict(value or {})
-
-
-def _column(value: ArrayLike, name: str, rows: int) -> Array:
-    found = np.asarray(value, dtype=float) if np.asarray(value).dtype.kind in "iuf" else None
-    if found is None or found.shape != (rows,):
-        raise UserError(f"channels[{name!r}] has shape {np.shape(value)}; it needs ({rows},) numbers")
-    return found
 
 
 def _warn(line: str) -> None:
