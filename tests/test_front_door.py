@@ -215,7 +215,7 @@ WRONG: list[Case] = [
     ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=np.sin)),
     ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=lambda t: 0.1 if t > 1 else 0.0)),
     ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=lambda t: 1 / 0)),
-    ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=lambda: 0.0)),
+    ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=lambda: 0.0)),  # type: ignore[arg-type,misc]
     ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=turning(np.nan), seconds=2)),
     ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=turning(1e9), seconds=2)),
     ("give finite numbers", lambda t: hs.simulate("cam_beam", t.model, reference=np.nan)),
@@ -312,7 +312,7 @@ def test_what_needs_an_extension_says_which(
 ) -> None:
     there = extensions.targets
     monkeypatch.setattr(extensions, "targets", lambda name: {} if name == kind else there(name))
-    needs = {
+    needs: dict[str, list[Callable[[], object]]] = {
         "exporters": [lambda: hs.export(things.model, tmp_path / "x")],
         "policies": [lambda: hs.train_policy("cam_beam", things.model), lambda: hs.certify(things.policy)],
     }

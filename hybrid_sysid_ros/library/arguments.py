@@ -68,9 +68,7 @@ def rig_of(value: RigLike, argument: str = "rig") -> Rig:
 
 def given_records(value: object, rig: Rig, argument: str = "records") -> list[Record]:
     """One record or several, of a rig."""
-    found = [value] if isinstance(value, Record) else value
-    if isinstance(found, str | Path):
-        raise UserError(f"{argument} is {shown(value)}; read it first: read_bag({str(value)!r}, rig)")
+    found = [value] if isinstance(value, Record | str | Path) else value
     if isinstance(found, np.ndarray) or not isinstance(found, Sequence):
         raise UserError(
             f"{argument} is {shown(value)}; give a record or a list of them: read_bag makes one of a bag, record of "
@@ -166,6 +164,13 @@ def choice_of(value: object, argument: str, names: Collection[str]) -> str:
     return value
 
 
+def mapping_of(value: object, argument: str, example: str) -> dict[str, Any]:
+    """What is given by name, or nothing."""
+    if value is not None and not isinstance(value, Mapping):
+        raise UserError(f"{argument} is {shown(value)}; give a mapping by name, such as {example}")
+    return dict(value or {})
+
+
 def part_of(value: PartLike, argument: str = "part") -> Part:
     """A part of a record, as fractions of it."""
     if isinstance(value, np.ndarray):
@@ -203,9 +208,7 @@ def given_sampling(value: SamplingLike | None, rig: Rig) -> Sampling:
         return Sampling(**own)
     if isinstance(value, Sampling):
         return value
-    if not isinstance(value, Mapping):
-        raise UserError(f'sampling is {shown(value)}; give its numbers, as in {{"step": 0.005, "period": 0.05}}')
-    for name, item in value.items():
+    for name, item in mapping_of(value, "sampling", '{"step": 0.005, "period": 0.05}').items():
         choice_of(name, "a name in sampling", ("step", "period", "input"))
         if name == "input":
             choice_of(item, "sampling.input", ("averaged", "sampled"))
@@ -216,13 +219,10 @@ def given_sampling(value: SamplingLike | None, rig: Rig) -> Sampling:
 
 def given_options(value: Mapping[str, Any] | None, argument: str = "options") -> Options:
     """Numbers by name."""
-    if value is None:
-        return {}
-    if not isinstance(value, Mapping):
-        raise UserError(f'{argument} is {shown(value)}; give numbers by name, as in {{"units": 8}}')
-    for name, item in value.items():
+    given = mapping_of(value, argument, '{"units": 8}')
+    for name, item in given.items():
         number_of(item, f"{argument}[{name!r}]")
-    return dict(value)
+    return given
 
 
 def callable_of(value: object, argument: str, arguments: str) -> Any:
@@ -259,10 +259,10 @@ def given_columns(value: Any, argument: str, names: Sequence[str], rows: int) ->
     names: what the columns are called; without names any number of columns will do.
     """
     if isinstance(value, Mapping) or hasattr(value, "columns"):
-        found = list(getattr(value, "columns", value))
-        if sorted(map(str, found)) != sorted(names):
+        given = list(getattr(value, "columns", value))
+        if sorted(map(str, given)) != sorted(names):
             expected = f"; give {', '.join(names)}" if names else "; columns have names where a rig is given"
-            raise UserError(f"{argument} has the names {', '.join(map(str, found))}{expected}")
+            raise UserError(f"{argument} has the names {', '.join(map(str, given))}{expected}")
         return np.hstack([given_columns(value[name], f"{argument}[{name!r}]", (name,), rows) for name in names])
     found = array_of(value, argument, "cut them off, or repair the measurement")
     if found.ndim == 1:

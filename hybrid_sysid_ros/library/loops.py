@@ -14,17 +14,8 @@ from numpy.typing import ArrayLike
 from hybrid_sysid_ros.control import Controller, ControlProblem, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop, OutputReference
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.library.arguments import (
-    RigLike,
-    array_of,
-    choice_of,
-    given_model,
-    guarded,
-    number_of,
-    rig_of,
-    seed_of,
-    within,
-)
+from hybrid_sysid_ros.library import arguments
+from hybrid_sysid_ros.library.arguments import RigLike
 from hybrid_sysid_ros.library.models import Model, load_model, sealed
 from hybrid_sysid_ros.models import Model as AnyModel
 from hybrid_sysid_ros.rigs.plant import Plant
@@ -146,12 +137,16 @@ def simulate(
     No clock is read and no answer is late, so a loop repeats bit by bit. Raises UserError where rig, model, policy and
     parameters do not go together.
     """
-    described = rig_of(rig)
+    described = arguments.rig_of(rig)
     used = _model(described, model)
     values = _parameters(described, parameters)
     problem, driver = _controller(described, used, controller, policy, values["controller"])
     signal, length = _reference(described, reference, values["reference"])
-    duration = length if seconds is None else number_of(seconds, "seconds", low=0.0, high=LONGEST, above=True, unit="s")
+    duration = (
+        length
+        if seconds is None
+        else arguments.number_of(seconds, "seconds", low=0.0, high=LONGEST, above=True, unit="s")
+    )
     if duration < problem.period:
         raise UserError(f"seconds is {duration:g}; give at least the controller's period, {problem.period:g} s")
     loop = simulated_loop(
@@ -160,7 +155,7 @@ def simulate(
         driver,
         signal,
         duration=duration,
-        plant=_plant(described, plant, seed_of(seed)),
+        plant=_plant(described, plant, arguments.seed_of(seed)),
         settings=values["estimator"],
     )
     return Loop(
@@ -179,26 +174,26 @@ def simulate(
 def _model(rig: Rig, model: AnyModel | None) -> Model:
     if model is None:
         return load_model(shipped(rig.name, "model"), rig=rig.source)
-    return sealed(given_model(model, rig))
+    return sealed(arguments.given_model(model, rig))
 
 
 def _plant(rig: Rig, plant: AnyModel | None, seed: int) -> Plant:
     if plant is None:
         return Plant(rig, seed=seed, bias=rig.bias)
-    return predicted_plant(rig, given_model(plant, rig, "plant").system, disturbance=rig.bias, seed=seed, noisy=True)
+    return predicted_plant(
+        rig, arguments.given_model(plant, rig, "plant").system, disturbance=rig.bias, seed=seed, noisy=True
+    )
 
 
 def _parameters(rig: Rig, given: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
     """Values of the nodes' parameters; in lockstep, for nothing here is late."""
     values = {node: defaults(rig, node) for node in NODES}
-    if given is not None and not isinstance(given, Mapping):
-        raise UserError(f'parameters is {shown(given)}; give values by name, as in {{"controller.horizon": 10}}')
-    for name, value in (given or {}).items():
+    for name, value in arguments.mapping_of(given, "parameters", '{"controller.horizon": 10}').items():
         node, _, key = str(name).partition(".")
-        choice_of(node, f"the node of parameters[{name!r}]", NODES)
+        arguments.choice_of(node, f"the node of parameters[{name!r}]", NODES)
         known = parameters_of(rig, node)
-        choice_of(key, f"the parameter of parameters[{name!r}]", known)
-        with within(f"parameters[{name!r}]"):
+        arguments.choice_of(key, f"the parameter of parameters[{name!r}]", known)
+        with arguments.within(f"parameters[{name!r}]"):
             values[node][key] = known[key].checked(value)
             check_rules(known, values[node])
     for node in NODES:
@@ -221,7 +216,7 @@ def _controller(
         return problem if isinstance(problem, ControlProblem) else mpc_problem(settings, rig, model.system), controller
     if isinstance(controller, Policy):
         policy, controller = controller, "network"
-    name = choice_of(controller, "controller", CONTROLLERS)
+    name = arguments.choice_of(controller, "controller", CONTROLLERS)
     if policy is not None:
         if not isinstance(policy, Policy) or name == "exact":
             raise UserError(
@@ -240,14 +235,14 @@ def _reference(rig: Rig, reference: ReferenceLike, settings: Mapping[str, Any]) 
     """The reference as outputs are shown, and how long a loop along it lasts where nobody says so [s]."""
     outputs = len(rig.system.outputs)
     if isinstance(reference, str):
-        kind = choice_of(reference or rig.reference, "reference", (*KINDS, *rig.references))
+        kind = arguments.choice_of(reference or rig.reference, "reference", (*KINDS, *rig.references))
         schedule = rig.references.get(kind)
-        with within("reference"):
+        with arguments.within("reference"):
             return signal_of(kind, settings, rig), schedule.duration if schedule else 10.0
     if callable(reference):
-        asked = guarded(reference, "reference", f"times (samples,) that returns outputs (samples, {outputs})")
+        asked = arguments.guarded(reference, "reference", f"times (samples,) that returns outputs (samples, {outputs})")
         return _checked(rig, asked), 10.0
-    levels = np.atleast_1d(array_of(reference, "reference"))
+    levels = np.atleast_1d(arguments.array_of(reference, "reference"))
     if levels.shape != (outputs,):
         raise UserError(
             f"reference has shape {levels.shape}; give a set-point for each output, ({outputs},), a kind such as "
@@ -261,7 +256,7 @@ def _checked(rig: Rig, asked: Callable[[Array], ArrayLike]) -> OutputReference:
     low, high = np.sort(rig.reach / np.array([display.scale for display in rig.display]), axis=0)
 
     def outputs(times: Array) -> Array:
-        found = array_of(asked(times), f"reference from {times[0]:.6g} s on")
+        found = arguments.array_of(asked(times), f"reference from {times[0]:.6g} s on")
         if found.shape != (wanted := (len(times), len(low))):
             raise UserError(
                 f"reference gives an array of shape {found.shape} for {len(times)} times; it needs {wanted}, a column "
