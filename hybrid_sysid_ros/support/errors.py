@@ -39,8 +39,8 @@ def shown(value: object) -> str:
         return repr(str(value) if len(str(value)) <= WIDE else f"{str(value)[:WIDE]}...")
     if isinstance(value, int | float | None):
         return repr(value)
-    if hasattr(value, "shape"):
-        return f"an array of shape {value.shape}"
+    if shape := getattr(value, "shape", ()):
+        return f"an array of shape {shape}"
     return f"a {type(value).__name__}" + (f" of {len(value)}" if isinstance(value, list | tuple | dict) else "")
 
 
