@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,11 @@ import plotly.offline
 LIBRARY = "plotly.js"
 OWN = re.compile(r"<script>/\*\*\n\* plotly\.js v.*?</script>", re.S)
 FOREIGN = re.compile(r'<script src="(https://[^"]*)?"> ?</script>')
+
+
+def on_startup(**_: Any) -> None:
+    """Let the notebooks draw their plots as HTML: what a notebook's own page shows is nothing on another page."""
+    os.environ["PLOTLY_RENDERER"] = "notebook"
 
 
 def on_post_page(output: str, page: Any, **_: Any) -> str:
