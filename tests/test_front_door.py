@@ -6,6 +6,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Callable
+from decimal import Decimal
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,6 +19,7 @@ from hybrid_sysid_ros import models
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification import evaluate
 from hybrid_sysid_ros.library.arguments import given_columns
+from hybrid_sysid_ros.support import extensions
 
 ROOT = Path(__file__).parents[1]
 BAGS, TRAINED = ROOT / "bags", ROOT / "trained"
@@ -29,6 +31,28 @@ def made(**changes: Any) -> Record:
     """A record of a beam, but for what is changed."""
     given: dict[str, Any] = {"time": TIME, "inputs": WAVE, "outputs": 0.1 * WAVE, "rig": "cam_beam"}
     return hs.record(**{**given, **changes})
+
+
+def beam() -> Record:
+    return hs.read_bag(BAGS / "beam_multisine", "cam_beam")
+
+
+def turning(value: float) -> Callable[[Any], Any]:
+    """A reference that is wrong from 1.5 s on."""
+    return lambda times: np.where(times > 1.5, value, 0.0)[:, None]
+
+
+class Frame:
+    """Columns by name that numpy takes for an array, as those of pandas and polars."""
+
+    def __init__(self, **columns: Any) -> None:
+        self.columns, self.by_name = list(columns), columns
+
+    def __getitem__(self, name: str) -> Any:
+        return self.by_name[name]
+
+    def __array__(self, *_: object, **__: object) -> Any:
+        return np.column_stack(list(self.by_name.values()))
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +104,9 @@ WRONG: list[Case] = [
     ("rig", lambda t: hs.load_rig("./nowhere")),
     ("rig", lambda t: hs.load_rig(BAGS / "beam_multisine")),
     ("rig", lambda t: hs.load_rig(t.model)),
+    ("rig", lambda t: hs.load_rig("./a\0b")),
+    ("rig", lambda t: hs.load_rig("./" + "a" * 5000)),
+    ("rig", lambda t: hs.load_rig("~nosuchuser/x")),
     ("rig", lambda t: hs.read_bag(BAGS / "beam_multisine", t.record)),
     ("path", lambda t: hs.read_bag(t.record, "cam_beam")),
     ("nowhere", lambda t: hs.read_bag("nowhere", "cam_beam")),
@@ -87,11 +114,17 @@ WRONG: list[Case] = [
     ("period", lambda t: hs.read_bag(BAGS / "beam_multisine", "cam_beam", period=-1.0)),
     ("period", lambda t: hs.read_bag(BAGS / "beam_multisine", "cam_beam", period="1")),  # type: ignore[arg-type]
     ("signals", lambda t: hs.read_bag(BAGS / "beam_multisine", "cam_beam", signals=3)),  # type: ignore[arg-type]
+    ("recover", lambda t: hs.read_bag(BAGS / "beam_multisine", "cam_beam", recover="no")),  # type: ignore[arg-type]
+    ("period", lambda t: hs.read_bag(BAGS / "beam_multisine", "cam_beam", period=10**400)),
+    ("path", lambda t: hs.read_bag("~nosuchuser/x", "cam_beam")),
+    ("path", lambda t: hs.read_bag("./a\0b", "cam_beam")),
+    ("path", lambda t: hs.read_bag("./" + "a" * 5000, "cam_beam")),
     # arrays
     ("time", lambda t: made(time=TIME[:, None])),
     ("time", lambda t: made(time="now")),
     ("time", lambda t: made(time=TIME**2)),
     ("time", lambda t: made(time=-TIME)),
+    ("backwards", lambda t: made(time=TIME[::-1])),
     ("time", lambda t: made(time=[0.0])),
     ("inputs", lambda t: made(inputs=WAVE[:-1])),
     ("inputs", lambda t: made(inputs=np.stack([WAVE, WAVE]).T)),
@@ -99,15 +132,29 @@ WRONG: list[Case] = [
     ("inputs", lambda t: made(inputs=np.where(TIME < 1.0, WAVE, np.nan))),
     ("inputs", lambda t: made(inputs=["a"] * 400)),
     ("inputs", lambda t: made(inputs={"force": WAVE})),
+    ("inputs['drive']", lambda t: made(inputs={"drive": np.stack([WAVE, WAVE]).T})),
+    ("masked", lambda t: made(inputs=np.ma.masked_greater(WAVE, 0.5))),
+    ("inputs has the names", lambda t: made(inputs=Frame(force=WAVE))),
+    ("outputs has the names", lambda t: made(outputs=Frame(position=WAVE, speed=WAVE))),
+    ("dtype bool", lambda t: made(inputs=WAVE > 0)),
+    ("dtype datetime64", lambda t: made(time=TIME.astype("datetime64[s]"))),
+    ("dtype object", lambda t: made(inputs=[Decimal(1)] * 400)),
+    ("differ in length", lambda t: made(inputs=[[1.0], [1.0, 2.0]])),
     ("input drive", lambda t: made(inputs=100.0 * WAVE)),
     ("outputs", lambda t: made(outputs=3.0)),
-    ("outputs", lambda t: made(outputs=WAVE.astype(complex))),
+    ("dtype complex128", lambda t: made(outputs=WAVE.astype(complex))),
     ("output position", lambda t: made(outputs=5.0 * WAVE)),
     ("units", lambda t: made(units={"position": "deg"})),
     ("units", lambda t: made(units={"speed": "V"})),
     ("units", lambda t: made(units="V")),
     ("units", lambda t: made(units={"position": "V"}, rig=None)),
     ("channels", lambda t: made(channels={"reference": WAVE[:3]})),
+    ("channels", lambda t: made(channels={"a": [[1], [1, 2]]})),  # type: ignore[dict-item]
+    ("channels", lambda t: made(channels={"a": np.full(400, np.nan)})),
+    ("channels", lambda t: made(channels={3: WAVE})),  # type: ignore[dict-item]
+    ("units of position", lambda t: made(units={"position": np.array(["V", "V"])})),
+    ("name", lambda t: made(name="a\nb")),
+    ("name", lambda t: made(name="../../x")),
     ("name", lambda t: made(name="")),
     # identify
     ("records", lambda t: hs.identify([], "cam_beam")),
@@ -126,9 +173,12 @@ WRONG: list[Case] = [
     ("option", lambda t: hs.identify(t.record, "cam_beam", "gray", options={"neurons": 3})),
     ("options", lambda t: hs.identify(t.record, "cam_beam", options={"units": "8"})),  # type: ignore[dict-item]
     ("options", lambda t: hs.identify(t.record, "cam_beam", options=8)),  # type: ignore[arg-type]
+    ("options", lambda t: hs.identify(t.record, "cam_beam", options={"units": 10**400})),
+    ("options", lambda t: hs.identify(t.record, "cam_beam", options={"units": np.complex128(8)})),
     ("part", lambda t: hs.identify(t.record, "cam_beam", part=(0.5, 0.2))),
     ("part", lambda t: hs.identify(t.record, "cam_beam", part=(0, 50))),
     ("part", lambda t: hs.identify(t.record, "cam_beam", part=0.5)),  # type: ignore[arg-type]
+    ("part", lambda t: hs.identify(t.record, "cam_beam", part=np.array(0.5))),
     ("part", lambda t: hs.identify(t.record, "cam_beam", part=[(0, 0.5), (0.5, 1)])),
     ("sampling", lambda t: hs.identify(t.record, "cam_beam", sampling=0.05)),  # type: ignore[arg-type]
     ("sampling", lambda t: hs.identify(t.record, "cam_beam", sampling={"rate": 20})),
@@ -136,13 +186,21 @@ WRONG: list[Case] = [
     ("seed", lambda t: hs.identify(t.record, "cam_beam", seed=-1)),
     ("seed", lambda t: hs.identify(t.record, "cam_beam", seed=0.5)),  # type: ignore[arg-type]
     ("progress", lambda t: hs.identify(t.record, "cam_beam", progress=True)),  # type: ignore[arg-type]
+    ("progress", lambda t: hs.identify(beam(), "cam_beam", "gray", part=(0, 0.1), progress=lambda a: None)),  # type: ignore[arg-type,misc]
+    ("seconds", lambda t: hs.identify(made(time=1e3 * TIME), "cam_beam")),
     # models
     ("folder", lambda t: hs.load_model(t.model)),
+    ("folder", lambda t: t.model.save(None)),
+    ("folder", lambda t: t.model.save(5)),
+    ("folder", lambda t: t.policy.save(None)),
+    ("folder", lambda t: t.policy.certificate.save(None)),
+    ("is a file", lambda t: t.model.save(__file__)),
     ("model", lambda t: hs.load_model(TRAINED / "cam_beam")),
     ("record", lambda t: t.model.score("bags/beam_multisine")),
     ("record", lambda t: t.model.score([t.record])),
     ("record", lambda t: t.other.free_run(t.record)),
     ("part", lambda t: t.model.plot(t.record, part=(0.0, np.nan))),
+    ("of at least 0 and at most 1", lambda t: t.model.score(t.record, part=(0, np.nan))),
     # loops
     ("model", lambda t: hs.simulate("cam_beam", t.other)),
     ("model", lambda t: hs.simulate("cam_beam", TRAINED / "cam_beam" / "model")),  # type: ignore[arg-type]
@@ -155,7 +213,15 @@ WRONG: list[Case] = [
     ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=[1.0, 2.0])),
     ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=99.0)),
     ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=np.sin)),
+    ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=lambda t: 0.1 if t > 1 else 0.0)),
+    ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=lambda t: 1 / 0)),
+    ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=lambda: 0.0)),  # type: ignore[arg-type,misc]
+    ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=turning(np.nan), seconds=2)),
+    ("reference", lambda t: hs.simulate("cam_beam", t.model, reference=turning(1e9), seconds=2)),
+    ("give finite numbers", lambda t: hs.simulate("cam_beam", t.model, reference=np.nan)),
     ("seconds", lambda t: hs.simulate("cam_beam", t.model, seconds=0)),
+    ("seconds", lambda t: hs.simulate("cam_beam", t.model, seconds=10**400)),
+    ("seed", lambda t: hs.simulate("cam_beam", t.model, seed=10**5000, seconds=1)),
     ("seconds", lambda t: hs.simulate("cam_beam", t.model, seconds="ten")),  # type: ignore[arg-type]
     ("seed", lambda t: hs.simulate("cam_beam", t.model, seed="1", seconds=1)),  # type: ignore[arg-type]
     ("parameters", lambda t: hs.simulate("cam_beam", t.model, parameters={"horizon": 10})),
@@ -172,12 +238,19 @@ WRONG: list[Case] = [
     ("policy", lambda t: hs.certify(TRAINED / "cam_beam" / "policy")),  # type: ignore[arg-type]
     ("loops", lambda t: hs.certify(t.policy, loops=0)),
     ("delta", lambda t: hs.certify(t.policy, loops=10, delta="1 %")),  # type: ignore[arg-type]
+    ("at most 0.999", lambda t: hs.certify(t.policy, loops=10, delta=1)),
     ("seconds", lambda t: hs.certify(t.policy, seconds=99.0)),
     ("model", lambda t: hs.export("trained/cam_beam/model", "out")),  # type: ignore[arg-type]
     ("out", lambda t: hs.export(t.model, 3)),  # type: ignore[arg-type]
     ("format", lambda t: hs.export(t.policy, "out", format="matlab")),
+    ("format", lambda t: hs.export(t.model, "out", format="banana")),
+    ("format", lambda t: hs.export(t.model, "out", format="c")),
+    ("step", lambda t: hs.export(t.policy, "out", step=-3)),
+    ("step", lambda t: hs.export(t.policy, "out", step=0.1)),
+    ("overwrite", lambda t: hs.export(t.policy, "out", overwrite="no")),  # type: ignore[arg-type]
     ("state", lambda t: t.policy.control(0.0, np.zeros(1), np.zeros(1), np.zeros((20, 1)))),
     ("preview", lambda t: t.policy.control(np.zeros(2), np.zeros(1), np.zeros(1), np.zeros(20))),
+    ("disturbance", lambda t: t.policy.control(np.zeros(2), ["a"], np.zeros(1), np.zeros((20, 1)))),
 ]
 
 
@@ -219,6 +292,33 @@ def test_records_of_arrays_are_those_of_their_bag() -> None:
 def test_columns_by_name_come_in_the_rigs_order() -> None:
     found = given_columns({"b": [3.0, 4.0], "a": [1.0, 2.0]}, "inputs", ["a", "b"], 2)
     np.testing.assert_array_equal(found, [[1.0, 3.0], [2.0, 4.0]])
+    frame = given_columns(Frame(b=[3.0, 4.0], a=[1.0, 2.0]), "inputs", ["a", "b"], 2)
+    np.testing.assert_array_equal(frame, found)
+
+
+def test_a_home_is_a_home_wherever_a_folder_is_given(
+    things: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    things.model.save("~/x")
+    assert (tmp_path / "x" / "model.yaml").is_file()
+    assert hs.load_model("~/x").parameters == things.model.parameters
+
+
+@pytest.mark.parametrize("kind", ["exporters", "policies"])
+def test_what_needs_an_extension_says_which(
+    things: SimpleNamespace, kind: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    there = extensions.targets
+    monkeypatch.setattr(extensions, "targets", lambda name: {} if name == kind else there(name))
+    needs: dict[str, list[Callable[[], object]]] = {
+        "exporters": [lambda: hs.export(things.model, tmp_path / "x")],
+        "policies": [lambda: hs.train_policy("cam_beam", things.model), lambda: hs.certify(things.policy)],
+    }
+    for call in needs[kind]:
+        with pytest.raises(hs.UserError, match=r"hs\.\w+ needs the extension \w+"):
+            call()
 
 
 def test_a_spike_is_warned_of() -> None:

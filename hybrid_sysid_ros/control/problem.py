@@ -173,7 +173,7 @@ class ControlProblem:
         if own is not None and abs(step - own) > 1e-9:
             raise UserError(
                 f"mpc: {type(system).__name__} steps by {own:g} s, the problem by {step:g} s: set mpc's period to "
-                f"whole steps of the model and its substeps to their number, or identify with --period {step:g}"
+                f"whole steps of the model and its substeps to their number, or identify with that period (--period)"
             )
         each = (_PER_OUTPUT, system.outputs), (_PER_INPUT, system.inputs), (_PER_STATE, system.states)
         found = {

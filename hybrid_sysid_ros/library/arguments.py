@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -18,7 +18,7 @@ from hybrid_sysid_ros.models.options import Options
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError, known
+from hybrid_sysid_ros.support.errors import Interrupted, UserError, known, shown
 from hybrid_sysid_ros.support.structured import section
 
 RigLike: TypeAlias = Rig | str | Path
@@ -31,17 +31,6 @@ SamplingLike: TypeAlias = Sampling | Mapping[str, Any]
 LARGEST_SEED = 2**63 - 1
 
 
-def shown(value: object) -> str:
-    """An argument in a few words, for an error: never a whole array."""
-    if isinstance(value, np.ndarray):
-        return f"an array of shape {value.shape}"
-    if isinstance(value, str | int | float | Path | None):
-        return repr(str(value)) if isinstance(value, str | Path) else repr(value)
-    if isinstance(value, list | tuple | dict):
-        return f"a {type(value).__name__} of {len(value)}"
-    return f"a {type(value).__name__}"
-
-
 @contextmanager
 def within(argument: str) -> Iterator[None]:
     """Say which argument it was that the library below refuses."""
@@ -49,6 +38,20 @@ def within(argument: str) -> Iterator[None]:
         yield
     except UserError as error:
         raise UserError(f"{argument}: {error}") from error
+
+
+def guarded(function: Callable[..., Any], argument: str, gives: str) -> Callable[..., Any]:
+    """A function of the user's, whose own errors are those of the argument."""
+
+    def called(*given: Any) -> Any:
+        try:
+            return function(*given)
+        except (UserError, Interrupted):
+            raise
+        except Exception as error:  # their code can raise anything
+            raise UserError(f"{argument} fails: {type(error).__name__}: {error}; give a function of {gives}") from error
+
+    return called
 
 
 def rig_of(value: RigLike, argument: str = "rig") -> Rig:
@@ -63,18 +66,9 @@ def rig_of(value: RigLike, argument: str = "rig") -> Rig:
         return rigs.load(value)
 
 
-def path_of(value: str | Path, argument: str) -> Path:
-    """A path that is text or a path."""
-    if not isinstance(value, str | Path) or not str(value):
-        raise UserError(f"{argument} is {shown(value)}; give a path, as text or pathlib.Path")
-    return Path(value).expanduser()
-
-
 def given_records(value: object, rig: Rig, argument: str = "records") -> list[Record]:
     """One record or several, of a rig."""
-    found = [value] if isinstance(value, Record) else value
-    if isinstance(found, str | Path):
-        raise UserError(f"{argument} is {shown(value)}; read it first: read_bag({str(value)!r}, rig)")
+    found = [value] if isinstance(value, Record | str | Path) else value
     if isinstance(found, np.ndarray) or not isinstance(found, Sequence):
         raise UserError(
             f"{argument} is {shown(value)}; give a record or a list of them: read_bag makes one of a bag, record of "
@@ -123,13 +117,16 @@ def number_of(
     value: object, argument: str, *, low: float = -math.inf, high: float = math.inf, unit: str = "", above: bool = False
 ) -> float:
     """A finite number within low and high; above: low itself is not among them."""
-    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.number):
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
         raise UserError(f"{argument} is {shown(value)}; give a number{f' [{unit}]' if unit else ''}")
-    number = float(value)  # type: ignore[arg-type]
+    try:
+        number = float(value)
+    except OverflowError:  # of a whole number
+        number = math.inf
     if not (math.isfinite(number) and low <= number <= high and (number > low or not above)):
-        least = f"above {low:g}" if above else f"of at least {low:g}"
-        most = f" and at most {high:g}" if math.isfinite(high) else ""
-        raise UserError(f"{argument} is {number:g}; give a number {least}{most}{f' [{unit}]' if unit else ''}")
+        least = [f"above {low:g}" if above else f"of at least {low:g}"] if math.isfinite(low) else []
+        ends = " and ".join(least + ([f"at most {high:g}"] if math.isfinite(high) else [])) or "that is finite"
+        raise UserError(f"{argument} is {number:g}; give a number {ends}{f' [{unit}]' if unit else ''}")
     return number
 
 
@@ -138,6 +135,20 @@ def whole_of(value: object, argument: str, *, low: int, high: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not low <= value <= high:
         raise UserError(f"{argument} is {shown(value)}; give a whole number from {low} to {high}")
     return int(value)
+
+
+def flag_of(value: object, argument: str) -> bool:
+    """True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise UserError(f"{argument} is {shown(value)}; give True or False")
+    return bool(value)
+
+
+def name_of(value: object, argument: str) -> str:
+    """What tables and files call something: a line of text, and no path."""
+    if not isinstance(value, str) or not value.isprintable() or Path(value).name != value or value in ("", ".."):
+        raise UserError(f"{argument} is {shown(value)}; give a name in a line of text, without a slash")
+    return value
 
 
 def seed_of(value: object) -> int:
@@ -153,15 +164,24 @@ def choice_of(value: object, argument: str, names: Collection[str]) -> str:
     return value
 
 
+def mapping_of(value: object, argument: str, example: str) -> dict[str, Any]:
+    """What is given by name, or nothing."""
+    if value is not None and not isinstance(value, Mapping):
+        raise UserError(f"{argument} is {shown(value)}; give a mapping by name, such as {example}")
+    return dict(value or {})
+
+
 def part_of(value: PartLike, argument: str = "part") -> Part:
     """A part of a record, as fractions of it."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
     if isinstance(value, Part):
         start, stop = value.start, value.stop
     elif isinstance(value, str):
         with within(argument):
             return Part.parse(value)
-    elif isinstance(value, Sequence | np.ndarray) and len(value) == 2:
-        start, stop = (number_of(end, f"{argument}[{index}]") for index, end in enumerate(value))
+    elif isinstance(value, Sequence) and len(value) == 2:
+        start, stop = (number_of(end, f"{argument}[{index}]", low=0.0, high=1.0) for index, end in enumerate(value))
     else:
         raise UserError(f"{argument} is {shown(value)}; give two fractions, such as (0, 0.5)")
     if not 0.0 <= start < stop <= 1.0:
@@ -188,9 +208,7 @@ def given_sampling(value: SamplingLike | None, rig: Rig) -> Sampling:
         return Sampling(**own)
     if isinstance(value, Sampling):
         return value
-    if not isinstance(value, Mapping):
-        raise UserError(f'sampling is {shown(value)}; give its numbers, as in {{"step": 0.005, "period": 0.05}}')
-    for name, item in value.items():
+    for name, item in mapping_of(value, "sampling", '{"step": 0.005, "period": 0.05}').items():
         choice_of(name, "a name in sampling", ("step", "period", "input"))
         if name == "input":
             choice_of(item, "sampling.input", ("averaged", "sampled"))
@@ -201,38 +219,36 @@ def given_sampling(value: SamplingLike | None, rig: Rig) -> Sampling:
 
 def given_options(value: Mapping[str, Any] | None, argument: str = "options") -> Options:
     """Numbers by name."""
-    if value is None:
-        return {}
-    if not isinstance(value, Mapping):
-        raise UserError(f'{argument} is {shown(value)}; give numbers by name, as in {{"units": 8}}')
-    for name, item in value.items():
+    given = mapping_of(value, argument, '{"units": 8}')
+    for name, item in given.items():
         number_of(item, f"{argument}[{name!r}]")
-    return dict(value)
+    return given
 
 
 def callable_of(value: object, argument: str, arguments: str) -> Any:
     """A function that is told how far the work is, or None."""
     if value is not None and not callable(value):
         raise UserError(f"{argument} is {shown(value)}; give a function of {arguments}, or None")
-    return value
+    return None if value is None else guarded(value, argument, arguments)
 
 
-def array_of(value: object, argument: str) -> Array:
-    """Finite numbers, of any shape."""
+def array_of(value: object, argument: str, remedy: str = "give finite numbers") -> Array:
+    """Finite numbers, of any shape. remedy: what to do where they are not finite."""
     try:
         found = np.asarray(value)
-        numeric = found.dtype.kind in "iuf"
-    except ValueError:  # rows of several lengths
-        numeric = False
-    if not numeric:
-        raise UserError(f"{argument} is {shown(value)}; give an array of numbers")
+    except ValueError as error:
+        raise UserError(f"{argument} is {shown(value)}, whose rows differ in length; give an array") from error
+    if found.dtype.kind not in "iuf":
+        raise UserError(f"{argument} is {shown(value)} of dtype {found.dtype.name}; give real numbers, float or int")
+    if np.ma.is_masked(value):
+        raise UserError(f"{argument} has masked values; {remedy}")
     found = found.astype(float)
     if not np.isfinite(found).all():
         wrong = ~np.isfinite(found)
         first = tuple(np.argwhere(wrong)[0].tolist())
         raise UserError(
             f"{argument} is {found[first]} at {list(first)}, one of {np.count_nonzero(wrong)} values that are not "
-            "finite; cut them off, or repair the measurement"
+            f"finite; {remedy}"
         )
     return found
 
@@ -242,12 +258,13 @@ def given_columns(value: Any, argument: str, names: Sequence[str], rows: int) ->
 
     names: what the columns are called; without names any number of columns will do.
     """
-    if isinstance(value, Mapping):
-        if set(value) != set(names):
+    if isinstance(value, Mapping) or hasattr(value, "columns"):
+        given = list(getattr(value, "columns", value))
+        if sorted(map(str, given)) != sorted(names):
             expected = f"; give {', '.join(names)}" if names else "; columns have names where a rig is given"
-            raise UserError(f"{argument} has the names {', '.join(map(str, value))}{expected}")
-        return np.column_stack([given_columns(value[name], f"{argument}[{name!r}]", (), rows)[:, 0] for name in names])
-    found = array_of(value, argument)
+            raise UserError(f"{argument} has the names {', '.join(map(str, given))}{expected}")
+        return np.hstack([given_columns(value[name], f"{argument}[{name!r}]", (name,), rows) for name in names])
+    found = array_of(value, argument, "cut them off, or repair the measurement")
     if found.ndim == 1:
         found = found[:, None]
     wanted = f"({rows}, {len(names) or 'columns'})"

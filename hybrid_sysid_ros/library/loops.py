@@ -14,20 +14,10 @@ from numpy.typing import ArrayLike
 from hybrid_sysid_ros.control import Controller, ControlProblem, Status
 from hybrid_sysid_ros.control.closed_loop import ClosedLoop, OutputReference
 from hybrid_sysid_ros.control.policy.policy import Policy
-from hybrid_sysid_ros.library.arguments import (
-    RigLike,
-    array_of,
-    choice_of,
-    given_model,
-    number_of,
-    rig_of,
-    seed_of,
-    shown,
-    within,
-)
+from hybrid_sysid_ros.library import arguments
+from hybrid_sysid_ros.library.arguments import RigLike
 from hybrid_sysid_ros.library.models import Model, load_model, sealed
 from hybrid_sysid_ros.models import Model as AnyModel
-from hybrid_sysid_ros.rigs.excitation import constant
 from hybrid_sysid_ros.rigs.plant import Plant
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime.configuration import defaults, mpc_problem, shipped
@@ -37,7 +27,7 @@ from hybrid_sysid_ros.runtime.parameters import check_rules
 from hybrid_sysid_ros.runtime.references import KINDS, signal_of
 from hybrid_sysid_ros.runtime.simulated_loop import predicted_plant, simulated_loop
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, shown
 from hybrid_sysid_ros.support.text_table import text_table
 
 ReferenceLike: TypeAlias = str | float | ArrayLike | Callable[[Array], ArrayLike]
@@ -107,7 +97,7 @@ class Loop:
             (f"largest {item.name}", f"{np.abs(column).max():.4g}", item.unit, "")
             for item, column in zip(self.rig.system.inputs, self.inputs.T, strict=True)
         ]
-        rows.append(("cost", f"{self.cost:.6g}", "", "by the controller's problem"))
+        rows.append(("cost", f"{self.cost:.6g}", "", "as the controller weighs it"))
         rows += [(f"answers: {status.value}", str(count), "", "") for status, count in self.statuses.items()]
         title = f"loop of {self.rig.name}, {len(self.time)} samples"
         return text_table(title, ("quantity", "value", "unit", ""), rows, most=8, rest="loop.score and loop.statuses")
@@ -147,12 +137,16 @@ def simulate(
     No clock is read and no answer is late, so a loop repeats bit by bit. Raises UserError where rig, model, policy and
     parameters do not go together.
     """
-    described = rig_of(rig)
+    described = arguments.rig_of(rig)
     used = _model(described, model)
     values = _parameters(described, parameters)
     problem, driver = _controller(described, used, controller, policy, values["controller"])
     signal, length = _reference(described, reference, values["reference"])
-    duration = length if seconds is None else number_of(seconds, "seconds", low=0.0, high=LONGEST, above=True, unit="s")
+    duration = (
+        length
+        if seconds is None
+        else arguments.number_of(seconds, "seconds", low=0.0, high=LONGEST, above=True, unit="s")
+    )
     if duration < problem.period:
         raise UserError(f"seconds is {duration:g}; give at least the controller's period, {problem.period:g} s")
     loop = simulated_loop(
@@ -161,7 +155,7 @@ def simulate(
         driver,
         signal,
         duration=duration,
-        plant=_plant(described, plant, seed_of(seed)),
+        plant=_plant(described, plant, arguments.seed_of(seed)),
         settings=values["estimator"],
     )
     return Loop(
@@ -180,26 +174,26 @@ def simulate(
 def _model(rig: Rig, model: AnyModel | None) -> Model:
     if model is None:
         return load_model(shipped(rig.name, "model"), rig=rig.source)
-    return sealed(given_model(model, rig))
+    return sealed(arguments.given_model(model, rig))
 
 
 def _plant(rig: Rig, plant: AnyModel | None, seed: int) -> Plant:
     if plant is None:
         return Plant(rig, seed=seed, bias=rig.bias)
-    return predicted_plant(rig, given_model(plant, rig, "plant").system, disturbance=rig.bias, seed=seed, noisy=True)
+    return predicted_plant(
+        rig, arguments.given_model(plant, rig, "plant").system, disturbance=rig.bias, seed=seed, noisy=True
+    )
 
 
 def _parameters(rig: Rig, given: Mapping[str, Any] | None) -> dict[str, dict[str, Any]]:
     """Values of the nodes' parameters; in lockstep, for nothing here is late."""
     values = {node: defaults(rig, node) for node in NODES}
-    if given is not None and not isinstance(given, Mapping):
-        raise UserError(f'parameters is {shown(given)}; give values by name, as in {{"controller.horizon": 10}}')
-    for name, value in (given or {}).items():
+    for name, value in arguments.mapping_of(given, "parameters", '{"controller.horizon": 10}').items():
         node, _, key = str(name).partition(".")
-        choice_of(node, f"the node of parameters[{name!r}]", NODES)
+        arguments.choice_of(node, f"the node of parameters[{name!r}]", NODES)
         known = parameters_of(rig, node)
-        choice_of(key, f"the parameter of parameters[{name!r}]", known)
-        with within(f"parameters[{name!r}]"):
+        arguments.choice_of(key, f"the parameter of parameters[{name!r}]", known)
+        with arguments.within(f"parameters[{name!r}]"):
             values[node][key] = known[key].checked(value)
             check_rules(known, values[node])
     for node in NODES:
@@ -222,7 +216,7 @@ def _controller(
         return problem if isinstance(problem, ControlProblem) else mpc_problem(settings, rig, model.system), controller
     if isinstance(controller, Policy):
         policy, controller = controller, "network"
-    name = choice_of(controller, "controller", CONTROLLERS)
+    name = arguments.choice_of(controller, "controller", CONTROLLERS)
     if policy is not None:
         if not isinstance(policy, Policy) or name == "exact":
             raise UserError(
@@ -240,34 +234,45 @@ def _controller(
 def _reference(rig: Rig, reference: ReferenceLike, settings: Mapping[str, Any]) -> tuple[OutputReference, float]:
     """The reference as outputs are shown, and how long a loop along it lasts where nobody says so [s]."""
     outputs = len(rig.system.outputs)
-    if callable(reference):
-        probe = array_of(reference(np.linspace(0.0, 1.0, 3)), "reference")
-        if probe.shape != (3, outputs):
-            raise UserError(
-                f"reference gives an array of shape {probe.shape} for 3 times; it needs (3, {outputs}), a column for "
-                "each output"
-            )
-        return lambda times: np.asarray(reference(times), dtype=float), 10.0
     if isinstance(reference, str):
-        kind = choice_of(reference or rig.reference, "reference", (*KINDS, *rig.references))
+        kind = arguments.choice_of(reference or rig.reference, "reference", (*KINDS, *rig.references))
         schedule = rig.references.get(kind)
-        with within("reference"):
+        with arguments.within("reference"):
             return signal_of(kind, settings, rig), schedule.duration if schedule else 10.0
-    levels = np.atleast_1d(array_of(reference, "reference"))
+    if callable(reference):
+        asked = arguments.guarded(reference, "reference", f"times (samples,) that returns outputs (samples, {outputs})")
+        return _checked(rig, asked), 10.0
+    levels = np.atleast_1d(arguments.array_of(reference, "reference"))
     if levels.shape != (outputs,):
         raise UserError(
             f"reference has shape {levels.shape}; give a set-point for each output, ({outputs},), a kind such as "
             "'steps', or a function of time"
         )
+    return _checked(rig, lambda times: np.tile(levels, (len(times), 1))), 10.0
+
+
+def _checked(rig: Rig, asked: Callable[[Array], ArrayLike]) -> OutputReference:
+    """A reference, held against the rig whenever the loop asks; for the first time here."""
     low, high = np.sort(rig.reach / np.array([display.scale for display in rig.display]), axis=0)
-    for item, display, level, least, most in zip(rig.system.outputs, rig.display, levels, low, high, strict=True):
-        if not least <= level <= most:
+
+    def outputs(times: Array) -> Array:
+        found = arguments.array_of(asked(times), f"reference from {times[0]:.6g} s on")
+        if found.shape != (wanted := (len(times), len(low))):
             raise UserError(
-                f"reference of {item.name} is {level:g} {display.unit}, outside of the rig's {least:.4g} to {most:.4g} "
-                f"{display.unit}"
+                f"reference gives an array of shape {found.shape} for {len(times)} times; it needs {wanted}, a column "
+                "for each output"
             )
-    signals = [constant(level=level) for level in levels]
-    return lambda times: np.stack([signal(times) for signal in signals], axis=-1), 10.0
+        if (beyond := (found < low) | (found > high)).any():
+            row, column = np.argwhere(beyond)[0]
+            name, unit = rig.system.outputs[column].name, rig.display[column].unit
+            raise UserError(
+                f"reference of {name} is {found[row, column]:g} {unit} at {times[row]:.6g} s; "
+                f"give {low[column]:.4g} to {high[column]:.4g} {unit}, which the rig can do"
+            )
+        return found
+
+    outputs(np.linspace(0.0, 1.0, 3))
+    return outputs
 
 
 def _warn(line: str) -> None:

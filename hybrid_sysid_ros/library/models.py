@@ -18,28 +18,14 @@ from hybrid_sysid_ros.identification.identify import experiment_of
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
 from hybrid_sysid_ros.identification.validation.scores import Scores, free_run_states
 from hybrid_sysid_ros.identification.validation.unstable import check_free_run, stabilised_run
-from hybrid_sysid_ros.library.arguments import (
-    PartLike,
-    RigLike,
-    SamplingLike,
-    callable_of,
-    given_model,
-    given_options,
-    given_parts,
-    given_records,
-    given_sampling,
-    part_of,
-    path_of,
-    record_of,
-    rig_of,
-    seed_of,
-    shown,
-)
+from hybrid_sysid_ros.library import arguments
+from hybrid_sysid_ros.library.arguments import PartLike, RigLike, SamplingLike
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, shown
+from hybrid_sysid_ros.support.files import path_of
 from hybrid_sysid_ros.support.text_table import text_table
 
 
@@ -80,7 +66,7 @@ class Model(models.Model):
     def free_run(self, record: Record, *, part: PartLike = (0.0, 1.0)) -> FreeRun:
         """Simulate a part of a record from one initial state, never corrected. Raises UserError as :meth:`score`."""
         rig = rigs.load(self.rig)
-        experiment = experiment_of(self, record_of(record, rig), part=part_of(part))
+        experiment = experiment_of(self, arguments.record_of(record, rig), part=arguments.part_of(part))
         if rig.experiments.stabiliser is None:
             check_free_run(self.system, experiment)
             states, outputs = free_run_states(self.system, experiment)
@@ -169,8 +155,8 @@ def identify(
     Raises UserError for records that don't fit the rig, its sampling or one another or don't excite it, and for an
     unknown structure or option.
     """
-    described = rig_of(rig)
-    used = given_records(records, described)
+    described = arguments.rig_of(rig)
+    used = arguments.given_records(records, described)
     if not isinstance(structure, str) or not structure:
         raise UserError(f"structure is {shown(structure)}; give its name, such as 'hybrid'")
     names = [record.name for record in used]
@@ -183,11 +169,11 @@ def identify(
             used,
             described,
             structure,
-            sampling=given_sampling(sampling, described),
-            part=given_parts(part, len(used)),
-            options=given_options(options),
-            seed=seed_of(seed),
-            progress=callable_of(progress, "progress", "stage, evaluations, error"),
+            sampling=arguments.given_sampling(sampling, described),
+            part=arguments.given_parts(part, len(used)),
+            options=arguments.given_options(options),
+            seed=arguments.seed_of(seed),
+            progress=arguments.callable_of(progress, "progress", "stage, evaluations, error"),
         )
     )
 
@@ -196,9 +182,9 @@ def load_model(folder: str | Path, *, rig: str | Path = "") -> Model:
     """Read a model folder. rig: the folder of its rig, where that is not known by name. Raises UserError where a file
     is missing, altered or newer, or the model does not fit its rig.
     """
-    return Model.of(models.load(path_of(folder, "folder"), rig=rig_of(rig).source if rig else ""))
+    return Model.of(models.load(path_of(folder, "folder"), rig=arguments.rig_of(rig).source if rig else ""))
 
 
 def sealed(model: object, rig: Rig | None = None) -> Model:
     """A model out of an argument, with its seal."""
-    return Model.of(given_model(model, rig)).sealed()
+    return Model.of(arguments.given_model(model, rig)).sealed()

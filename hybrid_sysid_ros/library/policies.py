@@ -15,26 +15,16 @@ from hybrid_sysid_ros.control.mpc.horizon import PARTS
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.training_settings import Settings
 from hybrid_sysid_ros.control.safety.certificate import Certificate
-from hybrid_sysid_ros.library.arguments import (
-    RigLike,
-    callable_of,
-    choice_of,
-    given_model,
-    given_options,
-    number_of,
-    path_of,
-    rig_of,
-    seed_of,
-    shown,
-    whole_of,
-)
+from hybrid_sysid_ros.library import arguments
+from hybrid_sysid_ros.library.arguments import RigLike
 from hybrid_sysid_ros.library.models import Model, load_model, sealed
 from hybrid_sysid_ros.models import Model as AnyModel
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.runtime.configuration import shipped
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, shown
+from hybrid_sysid_ros.support.files import path_of
 from hybrid_sysid_ros.support.progress import StageProgress
 from hybrid_sysid_ros.support.text_table import text_table
 
@@ -71,6 +61,8 @@ class Policy(policies.Policy):
         shapes = (self.states,), (self.inputs,), (self.inputs,), (self.horizon, self.outputs)
         parts = state, disturbance, previous_input, preview
         for name, part, shape in zip(PARTS, parts, shapes, strict=True):
+            if not (isinstance(part, np.ndarray) and part.dtype.kind in "iuf"):
+                arguments.array_of(part, f"control: {name}")
             if np.shape(part) != shape:
                 raise UserError(f"control: {name} has shape {np.shape(part)}; it needs {shape}")
         return super().control(*parts)
@@ -112,21 +104,24 @@ def train_policy(
 
     The defaults take an hour on a few cores. Raises UserError where torch is missing, or a number is out of range.
     """
-    used = sealed(model, rig_of(rig))
+    used = sealed(model, arguments.rig_of(rig))
     settings = Settings(
-        episodes=(whole_of(episodes, "episodes", low=2, high=MOST),) * whole_of(rounds, "rounds", low=1, high=100),
-        epochs=whole_of(epochs, "epochs", low=1, high=MOST),
+        episodes=(arguments.whole_of(episodes, "episodes", low=2, high=MOST),)
+        * arguments.whole_of(rounds, "rounds", low=1, high=100),
+        epochs=arguments.whole_of(epochs, "epochs", low=1, high=MOST),
         hidden=_widths(hidden),
-        workers=whole_of(workers, "workers", low=0, high=MOST),
-        sequence=bool(plan),
-        followed=given_options(follow, "follow"),
+        workers=arguments.whole_of(workers, "workers", low=0, high=MOST),
+        sequence=arguments.flag_of(plan, "plan"),
+        followed=arguments.given_options(follow, "follow"),
     )
     given: dict[str, Any] = {
-        "seed": seed_of(seed),
+        "seed": arguments.seed_of(seed),
         "samples": None if samples is None else path_of(samples, "samples"),
-        "progress": callable_of(progress, "progress", "stage, done, of"),
+        "progress": arguments.callable_of(progress, "progress", "stage, done, of"),
     }
-    trained: policies.Policy = extensions.one("policies", "train")(used, settings, **given)
+    trained: policies.Policy = extensions.one("policies", "train", "hs.train_policy needs the extension policies")(
+        used, settings, **given
+    )
     return Policy.of(trained, used)
 
 
@@ -138,9 +133,9 @@ def load_policy(folder: str | Path, model: AnyModel | None = None, *, rig: str |
     """
     place = path_of(folder, "folder")
     if rig:
-        rig_of(rig)
+        arguments.rig_of(rig)
     own = policies.load(place, certified=False).rig
-    used = load_model(shipped(own, "model")) if model is None else sealed(model, rig_of(own))
+    used = load_model(shipped(own, "model")) if model is None else sealed(model, arguments.rig_of(own))
     return Policy.of(policies.load(place, model=used), used)
 
 
@@ -169,21 +164,25 @@ def certify(
         raise UserError(f"policy is {shown(policy)}; give a policy: train_policy makes one, load_policy reads one")
     if model is None and not isinstance(policy, Policy):
         raise UserError("model is missing; give the model that the policy imitates")
-    used = policy.imitates if isinstance(policy, Policy) and model is None else sealed(model, rig_of(policy.rig))
+    used = (
+        policy.imitates if isinstance(policy, Policy) and model is None else sealed(model, arguments.rig_of(policy.rig))
+    )
     if used.seal != policy.model:
         raise UserError(f"model is another one than the policy's of {policy.rig}; give the one that it was trained for")
     low, high = SECONDS
-    length = None if seconds is None else number_of(seconds, "seconds", low=low, high=high, unit="s")
+    length = None if seconds is None else arguments.number_of(seconds, "seconds", low=low, high=high, unit="s")
     given: dict[str, Any] = {
         "seconds": length,
-        "seed": seed_of(seed),
-        "loops": whole_of(loops, "loops", low=1, high=MOST),
-        "delta": number_of(delta, "delta", low=0.0, high=1.0, above=True),
-        "workers": whole_of(workers, "workers", low=0, high=MOST),
+        "seed": arguments.seed_of(seed),
+        "loops": arguments.whole_of(loops, "loops", low=1, high=MOST),
+        "delta": arguments.number_of(delta, "delta", low=0.0, high=0.999, above=True),
+        "workers": arguments.whole_of(workers, "workers", low=0, high=MOST),
         "store": None if store is None else path_of(store, "store"),
-        "progress": callable_of(progress, "progress", "stage, done, of"),
+        "progress": arguments.callable_of(progress, "progress", "stage, done, of"),
     }
-    found: Certificate = extensions.one("policies", "certify")(policy, _seal(policy), used, **given)
+    found: Certificate = extensions.one("policies", "certify", "hs.certify needs the extension policies")(
+        policy, _seal(policy), used, **given
+    )
     return found
 
 
@@ -202,18 +201,31 @@ def export(
     smoothing: of a model, the velocity over which stick-slip is rounded, 0 for none. overwrite: replace what is there.
     What is written was checked against the original. Raises UserError for a place that can't be written.
     """
-    folder = path_of(out, "out")
+    folder, form, replaced = (
+        path_of(out, "out"),
+        arguments.choice_of(format, "format", FORMATS),
+        arguments.flag_of(overwrite, "overwrite"),
+    )
+    needs = "hs.export needs the extension export"
     if isinstance(model, policies.Policy):
-        form = choice_of(format, "format", FORMATS)
-        extensions.one("exporters", "policy")(model, folder, seal=_seal(model), form=form, overwrite=bool(overwrite))
+        for name, value in (("step", step), ("smoothing", smoothing)):
+            if value != 0.0:
+                raise UserError(f"{name} is {shown(value)}; it is for a model: leave it out for a policy")
+        extensions.one("exporters", "policy", needs)(model, folder, seal=_seal(model), form=form, overwrite=replaced)
         return folder
     if not isinstance(model, AnyModel):
         raise UserError(f"model is {shown(model)}; give a model or a policy")
+    if form != "both":
+        raise UserError(
+            f"format is {form!r}; it is for a policy: leave it out for a model, which is written for CasADi"
+        )
     given = {
-        "step": number_of(step, "step", low=0.0, unit="s"),
-        "smoothing": number_of(smoothing, "smoothing", low=0.0),
+        "step": arguments.number_of(step, "step", low=0.0, unit="s"),
+        "smoothing": arguments.number_of(smoothing, "smoothing", low=0.0),
     }
-    extensions.one("exporters", "model")(sealed(given_model(model)), folder, **given, overwrite=bool(overwrite))
+    extensions.one("exporters", "model", needs)(
+        sealed(arguments.given_model(model)), folder, **given, overwrite=replaced
+    )
     return folder
 
 
@@ -227,4 +239,4 @@ def _seal(policy: policies.Policy) -> str:
 def _widths(value: object) -> tuple[int, ...]:
     if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str):
         raise UserError(f"hidden is {shown(value)}; give the widths of the layers, such as (64, 64)")
-    return tuple(whole_of(width, f"hidden[{index}]", low=1, high=MOST) for index, width in enumerate(value))
+    return tuple(arguments.whole_of(width, f"hidden[{index}]", low=1, high=MOST) for index, width in enumerate(value))

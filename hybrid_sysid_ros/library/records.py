@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,11 +14,13 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import UNIFORMITY, Record
 from hybrid_sysid_ros.bags.signals import Signals
 from hybrid_sysid_ros.identification.plausibility import check_limits, check_travel, spikes, strangeness
-from hybrid_sysid_ros.library.arguments import RigLike, array_of, given_columns, number_of, path_of, rig_of, shown
+from hybrid_sysid_ros.library import arguments
+from hybrid_sysid_ros.library.arguments import RigLike
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.arrays import Array
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, shown
+from hybrid_sysid_ros.support.files import path_of
 
 Doubtful = Callable[[str], object]
 """Gets what is strange in a record."""
@@ -31,7 +32,7 @@ def load_rig(rig: str | Path) -> Rig:
     rig: a name that ``hybrid-sysid rig list`` shows, or the path of a folder, such as "./my_rig", whose Python then
     runs with your rights. Raises UserError where there is no such rig, or a file of it is wrong.
     """
-    return rig_of(rig)
+    return arguments.rig_of(rig)
 
 
 def read_bag(
@@ -48,10 +49,11 @@ def read_bag(
     keep one sample in so many seconds, 0 for all. recover: read what can be read of a cut bag. What is strange in the
     record is warned of. Raises UserError for a bag that is missing, damaged, or does not fit the rig.
     """
-    described, place = rig_of(rig), path_of(path, "path")
+    described, place = arguments.rig_of(rig), path_of(path, "path")
     chosen = None if signals is None else path_of(signals, "signals")
-    kept = number_of(period, "period", low=0.0, unit="s")
-    return checked_bag(place, described, signals=chosen, period=kept, recover=bool(recover), doubtful=_warn)
+    kept = arguments.number_of(period, "period", low=0.0, unit="s")
+    cut = arguments.flag_of(recover, "recover")
+    return checked_bag(place, described, signals=chosen, period=kept, recover=cut, doubtful=_warn)
 
 
 def checked_bag(
@@ -97,23 +99,26 @@ def record(
 
     Raises UserError for another shape, unit or size than the rig's, for what is not finite, and for uneven times.
     """
-    if not isinstance(name, str) or not name:
-        raise UserError(f"name is {shown(name)}; give what tables are to call the record")
-    described = None if rig is None else rig_of(rig)
+    described = None if rig is None else arguments.rig_of(rig)
     times = _times(time)
     names: dict[str, list[str]] = {"inputs": [], "outputs": []}
     if described is not None:
         names = {kind: [item.name for item in getattr(described.system, kind)] for kind in names}
-    u = given_columns(inputs, "inputs", names["inputs"], len(times))
-    y = given_columns(outputs, "outputs", names["outputs"], len(times))
+    u = arguments.given_columns(inputs, "inputs", names["inputs"], len(times))
+    y = arguments.given_columns(outputs, "outputs", names["outputs"], len(times))
     if units is not None:
         y = y * _scales(units, described)
     found = Record(
-        name=name,
+        name=arguments.name_of(name, "name"),
         time=times,
         input=u,
         output=y,
-        channels={key: _column(value, key, len(times)) for key, value in _mapping(channels, "channels").items()},
+        channels={
+            arguments.name_of(key, "a name in channels"): arguments.given_columns(
+                value, f"channels[{key!r}]", [key], len(times)
+            )[:, 0]
+            for key, value in arguments.mapping_of(channels, "channels", '{"speed": speed}').items()
+        },
         rig="" if described is None else described.name,
     )
     if described is not None:
@@ -126,14 +131,18 @@ def record(
 
 def _times(value: ArrayLike) -> Array:
     """Times from 0 on, exactly uniform."""
-    times = array_of(value, "time")
+    times = arguments.array_of(value, "time")
     if times.ndim != 1 or len(times) < 2:
         raise UserError(f"time has shape {times.shape}; it needs (samples,), with 2 samples or more")
     step = (times[-1] - times[0]) / (len(times) - 1)
     uniform = np.arange(len(times)) * step
     away = np.abs(times - times[0] - uniform)
     rounding = 4.0 * np.spacing(np.abs(times).max())  # of stamps since 1970
-    if not step > 0.0 or away.max() > UNIFORMITY * step + rounding:
+    if not step > 0.0:
+        raise UserError(
+            f"time runs from {times[0]:.9g} s to {times[-1]:.9g} s, backwards; sort the samples by their time"
+        )
+    if away.max() > UNIFORMITY * step + rounding:
         worst = int(np.argmax(away))
         raise UserError(
             f"time is not uniform at sample {worst}: {times[worst]:.9g} s, where steps of {step:.6g} s lead to "
@@ -147,14 +156,14 @@ def _scales(units: Mapping[str, str], rig: Rig | None) -> Array:
     if rig is None:
         raise UserError("units need a rig that they can be held against; give rig, too")
     items = {item.name: item.unit for item in (*rig.system.inputs, *rig.system.outputs)}
-    given = _mapping(units, "units")
+    given = arguments.mapping_of(units, "units", '{"position": "mm"}')
     for name, unit in given.items():
         if name not in items:
             raise UserError(f"units names {name!r}; {rig.name} has {', '.join(items)}")
         read = [
             display.unit for item, display in zip(rig.system.outputs, rig.display, strict=True) if item.name == name
         ]
-        if unit not in (items[name], *read):
+        if not isinstance(unit, str) or unit not in (items[name], *read):
             known = " or ".join(dict.fromkeys([items[name], *read]))
             raise UserError(f"units of {name} is {shown(unit)}; {rig.name} takes {known}: convert the values")
     return np.array(
@@ -163,19 +172,6 @@ def _scales(units: Mapping[str, str], rig: Rig | None) -> Array:
             for item, display in zip(rig.system.outputs, rig.display, strict=True)
         ]
     )
-
-
-def _mapping(value: object, argument: str) -> dict[str, Any]:
-    if value is not None and not isinstance(value, Mapping):
-        raise UserError(f"{argument} is {shown(value)}; give a mapping by name")
-    return dict(value or {})
-
-
-def _column(value: ArrayLike, name: str, rows: int) -> Array:
-    found = np.asarray(value, dtype=float) if np.asarray(value).dtype.kind in "iuf" else None
-    if found is None or found.shape != (rows,):
-        raise UserError(f"channels[{name!r}] has shape {np.shape(value)}; it needs ({rows},) numbers")
-    return found
 
 
 def _warn(line: str) -> None:

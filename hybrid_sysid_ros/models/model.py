@@ -206,7 +206,9 @@ def _rig_of(content: Mapping[str, Any], given: str | Path) -> rigs.Rig:
     except UserError as error:
         if given or not place:
             raise
-        raise UserError(f"its rig {name} is no known one, it was in {place}: give it, as in --rig {place}") from error
+        raise UserError(
+            f"its rig {name} is no known one, it was in {place}: give its folder, {place}, as its rig (--rig)"
+        ) from error
     if rig.name != name:
         raise UserError(f"is a model of rig {name}, not of {rig.name}")
     return rig

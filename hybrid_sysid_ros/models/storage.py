@@ -18,7 +18,7 @@ from safetensors.numpy import save as serialised
 from hybrid_sysid_ros.support import yaml_text
 from hybrid_sysid_ros.support.arrays import NamedArrays
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.files import sha256, written_file, written_folder
+from hybrid_sysid_ros.support.files import path_of, sha256, written_file, written_folder
 from hybrid_sysid_ros.support.structured import read_mapping
 
 ARRAYS = "weights.safetensors"
@@ -31,7 +31,7 @@ def save(folder: Path | str, *, kind: str, version: int, content: dict[str, Any]
 
     Raises UserError where the place can't be written or holds something else.
     """
-    with written_folder(folder, marker=f"{kind}.yaml") as partial:
+    with written_folder(path_of(folder, "folder"), marker=f"{kind}.yaml") as partial:
         save_arrays(partial / ARRAYS, arrays)
         body = {**content, "arrays": {"file": ARRAYS, "sha256": sha256(partial / ARRAYS)}}
         (partial / f"{kind}.yaml").write_text(_text(version, body), encoding="utf-8")

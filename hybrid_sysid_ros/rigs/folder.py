@@ -19,6 +19,7 @@ from typing import Any
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.rigs import outside
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import path_of
 
 GROUP = "hybrid_sysid_ros.rigs"
 """Of the entry points of other packages; the value is a module, in whose folder the two files are."""
@@ -49,7 +50,7 @@ def find(rig: str | Path) -> RigFolder:
     """
     text = str(rig)
     if isinstance(rig, Path) or "/" in text or text.startswith((".", "~")):
-        return _by_path(Path(rig).expanduser())
+        return _by_path(path_of(rig, "its folder"))
     if path := next((path for path in outside.chosen_paths() if path.name == text), None):
         return _by_path(path)
     if text in names():

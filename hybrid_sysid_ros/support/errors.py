@@ -2,9 +2,12 @@
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from pathlib import Path
 
 LONGEST = 2000
 """Characters of an error."""
+WIDE = 100
+"""Characters of an argument."""
 FEW = 12
 """Names that a line tells one by one."""
 
@@ -26,6 +29,19 @@ def known(name: str, names: Iterable[str]) -> str:
     found = list(names)
     near = get_close_matches(name, found) if len(found) > FEW else []
     return f"the nearest of {len(found)} are {', '.join(near)}" if near else f"known are {', '.join(found)}"
+
+
+def shown(value: object) -> str:
+    """An argument in a few words, for an error: never a whole array."""
+    if isinstance(value, int) and value.bit_length() > 64:
+        return f"a whole number of {value.bit_length()} bits"
+    if isinstance(value, str | Path):
+        return repr(str(value) if len(str(value)) <= WIDE else f"{str(value)[:WIDE]}...")
+    if isinstance(value, int | float | None):
+        return repr(value)
+    if shape := getattr(value, "shape", ()):
+        return f"an array of shape {shape}"
+    return f"a {type(value).__name__}" + (f" of {len(value)}" if isinstance(value, list | tuple | dict) else "")
 
 
 class Interrupted(Exception):

@@ -130,10 +130,14 @@ def provided(kind: str) -> dict[str, Any]:
     return found
 
 
-def one(kind: str, name: str) -> Any:
-    """The thing of a kind that has a name. Raises UserError where no extension provides it, or it can't be imported."""
+def one(kind: str, name: str, needs: str = "") -> Any:
+    """The thing of a kind that has a name. needs: who asks for which extension. Raises UserError where no extension
+    provides it, or it can't be imported.
+    """
     if (target := targets(kind).get(name)) is None:
-        raise UserError(f"{kind} {name}: no extension that provides it is installed: install one that does")
+        raise UserError(
+            f"{needs or f'{kind} {name}'}: no extension that provides it is installed: install one that does"
+        )
     return loaded(target)
 
 

@@ -7,10 +7,26 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, shown
+
+
+def path_of(value: str | Path, argument: str) -> Path:
+    """A path out of an argument, "~" a home. Raises UserError for what can be none."""
+    if not isinstance(value, str | Path) or not str(value):
+        raise UserError(f"{argument} is {shown(value)}; give a path, as text or pathlib.Path")
+    try:
+        path = Path(value).expanduser()
+        with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
+            path.lstat()
+    except (RuntimeError, ValueError, OSError) as error:
+        raise UserError(
+            f"{argument} is {shown(value)}, which can be no path ({getattr(error, 'strerror', None) or error}); give "
+            "another"
+        ) from error
+    return path
 
 
 @contextmanager
@@ -162,7 +178,7 @@ def _check_replaceable(path: Path, target: Path, *, marker: str | tuple[str, ...
     if not any(os.path.isfile(target / name) for name in markers):
         raise UserError(f"{path}: holds other files (no {markers[0]}), so it is not replaced: choose another name")
     if not replace:
-        raise UserError(f"{path}: exists already: choose another name, or replace it (--overwrite)")
+        raise UserError(f"{path}: exists already: choose another name, or replace it (overwrite=True, --overwrite)")
 
 
 def _check_writable(target: Path) -> None:

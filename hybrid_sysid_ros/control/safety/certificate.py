@@ -10,6 +10,7 @@ from typing import Any
 
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.files import path_of
 from hybrid_sysid_ros.support.text_table import text_table
 
 FailureRates = Mapping[str, Mapping[str, float]]
@@ -119,10 +120,11 @@ class Certificate:
 
     def save(self, folder: Path | str) -> None:
         """Write it into the folder of its policy. Raises UserError where that is another policy by now."""
+        folder = path_of(folder, "folder")
         if storage.digest(folder, kind="policy") != self.policy:
             raise UserError(f"{folder}: is another policy than the one that was certified; certify it again")
         content = {**asdict(self), "margin": self.margin}
-        storage.save_sheet(Path(folder) / FILE, version=FORMAT, content=content)
+        storage.save_sheet(folder / FILE, version=FORMAT, content=content)
 
 
 def _criteria(rates: Any) -> dict[str, set[str]]:
