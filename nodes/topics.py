@@ -91,7 +91,7 @@ def type_of(name: str) -> Any | None:
         return None
 
 
-class Types(dict[str, Any]):
+class MessageTypes(dict[str, Any]):
     """Message classes by topic. Raises UserError for a topic that is left out."""
 
     def __missing__(self, topic: str) -> Any:
@@ -99,7 +99,7 @@ class Types(dict[str, Any]):
 
 
 FURTHER = tuple(_further())
-TYPES: Mapping[str, Any] = Types({**OWN, **{name: kind for name, _, kind in FURTHER}})
+TYPES: Mapping[str, Any] = MessageTypes({**OWN, **{name: kind for name, _, kind in FURTHER}})
 """Of all topics."""
 LARGEST_OF: Mapping[str, int] = {name: topic.largest for name, topic, _ in FURTHER}
 RECORDED = (*(name for name in OWN if name not in UNRECORDED), *(name for name, topic, _ in FURTHER if topic.recorded))

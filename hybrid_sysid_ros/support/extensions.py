@@ -103,7 +103,7 @@ def installed() -> tuple[Extension, ...]:
 
 def commands() -> dict[str, tuple[str, str]]:
     """Module and summary of every command, the trunk's first, by its words."""
-    return {words: told for item in registry().extensions for words, told in item.commands.items()}
+    return {words: entry for item in registry().extensions for words, entry in item.commands.items()}
 
 
 def node_module(name: str) -> str:
