@@ -9,7 +9,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from hybrid_sysid_ros.report.ticks import ticks
+from hybrid_sysid_ros.extensions.friction_atlas.line_plots import ticks
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.files import written_file
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import mkdocs_gen_files
 
 import hybrid_sysid_ros as hs
-from hybrid_sysid_ros.commands.program import LateCommand
+from hybrid_sysid_ros.commands.app import LateCommand
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.rigs import rig as rigs

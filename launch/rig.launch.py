@@ -11,7 +11,7 @@ from launch.logging import get_logger
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from hybrid_sysid_ros.commands.program import arguments_of
+from hybrid_sysid_ros.commands.app import arguments_of
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.companion import Companion, RequestedLoop, join
 from hybrid_sysid_ros.runtime.parameters import defaults

@@ -11,8 +11,7 @@ import pytest
 from hybrid_sysid_ros.core import Bristles, Sensitivities, System, bounded, rollouts
 from hybrid_sysid_ros.core.mathematics import Scalar
 from hybrid_sysid_ros.identification import PreparedRecord
-from hybrid_sysid_ros.identification.biased import Biased
-from hybrid_sysid_ros.identification.fitting import fit
+from hybrid_sysid_ros.identification.fitting import Biased, fit
 from hybrid_sysid_ros.models import Sampling
 
 SAMPLING = Sampling(step=0.005, period=0.01)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hybrid_sysid_ros.identification.covariance import LONGEST_LAG, covariances
+from hybrid_sysid_ros.identification.fitting import LONGEST_LAG, covariances
 
 
 def by_double_sum(jacobian, residuals, edges, lags):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hybrid_sysid_ros.commands.program import LateCommand
+from hybrid_sysid_ros.commands.app import LateCommand
 from hybrid_sysid_ros.support import extensions
 
 ROOT = Path(__file__).parents[1]

@@ -17,8 +17,7 @@ from hybrid_sysid_ros.core import simulate
 from hybrid_sysid_ros.models import Model, Sampling, build, storage, structure_names
 from hybrid_sysid_ros.models.linear import Linear
 from hybrid_sysid_ros.models.model import FORMAT
-from hybrid_sysid_ros.models.options import parse
-from hybrid_sysid_ros.models.structure import assemble, options_of
+from hybrid_sysid_ros.models.structure import assemble, options_of, parse
 from hybrid_sysid_ros.rigs.cam_beam.system import CamBeam
 from hybrid_sysid_ros.support.errors import UserError
 from tests.structures import FURTHER, RANGE

@@ -1,9 +1,139 @@
-"""The command line: which commands there are. Each is imported when it is called."""
+"""The command line as a program: its commands, each imported when it is called; an error or interrupt is one line."""
 
 from __future__ import annotations
 
-from hybrid_sysid_ros.commands.program import Commands, LateCommand, run_program
+import importlib
+import inspect
+import logging
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, cast, get_type_hints
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
 from hybrid_sysid_ros.support import extensions
+from hybrid_sysid_ros.support.errors import Interrupted, UserError
+
+UsageError = cast(type[typer.BadParameter], typer.BadParameter.__mro__[1])
+"""What typer raises for wrong arguments of any kind; it gives a name to this kind only."""
+
+
+class LateCommand(TyperCommand):
+    """A command that is imported when it is called: the list of all needs its summary only."""
+
+    def __init__(self, name: str, module: str, summary: str) -> None:
+        """module: its full name; its function ``command`` is the command."""
+        super().__init__(name, short_help=summary)
+        self.module = module
+
+    def made(self) -> Any:
+        """The command itself, with the options that extensions add to it."""
+        app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+        with extensions.blaming(f"command {self.name} ({self.module})", self.module):
+            module = importlib.import_module(self.module)
+            kind = getattr(module, "EXTENDED_BY", "")
+            app.command(self.name)(extended(module.command, kind) if kind else module.command)
+            return typer.main.get_command(app)
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        made = self.made()
+        if "--help" in args:
+            from hybrid_sysid_ros.rigs.rig import default
+
+            for option in made.params:
+                if option.name == "rig" and not option.required and not option.callback:
+                    option.show_default = default()
+        return made.make_context(info_name, args, parent=parent, **extra)
+
+
+def extended(function: Callable[..., None], kind: str) -> Callable[..., None]:
+    """A command with the options that extensions add to it.
+
+    kind: of what extensions provide for it, and the name of the argument by which it gets a list of that: functions
+    whose arguments are further options, or some of the command's own by their names. An option that two functions
+    declare is one option. What a function returns goes into the list, but for None.
+    """
+    makers = list(extensions.provided(kind).values())
+    own = {name: item for name, item in arguments_of(function).items() if name != kind}
+    options = dict(own)
+    for make in makers:
+        options |= {name: item for name, item in arguments_of(make).items() if name not in options}
+
+    def command(**given: Any) -> None:
+        made = [make(**{name: given[name] for name in arguments_of(make)}) for make in makers]
+        function(**{name: given[name] for name in own}, **{kind: [item for item in made if item is not None]})
+
+    command.__doc__ = function.__doc__
+    command.__annotations__ = {name: item.annotation for name, item in options.items()}
+    command.__signature__ = inspect.Signature(list(options.values()))  # type: ignore[attr-defined]
+    return command
+
+
+def arguments_of(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    """Of a function, by name, with their types; given by name."""
+    hints = get_type_hints(function, include_extras=True)
+    return {
+        name: item.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY)
+        for name, item in inspect.signature(function).parameters.items()
+    }
+
+
+class Commands(TyperGroup):
+    """All commands. An interrupt leaves them by a name of its own: at KeyboardInterrupt typer ends without a word."""
+
+    def __init__(self, name: str, commands: Sequence[TyperCommand | TyperGroup], **settings: Any) -> None:
+        super().__init__(name=name, commands=commands, no_args_is_help=True, rich_markup_mode=None, **settings)
+
+    def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            raise Interrupted from error
+
+
+def _usage(error: typer.BadParameter) -> str:
+    """What is wrong with the arguments, in one line; the help where there are none."""
+    message, context = error.format_message(), error.ctx
+    if context is not None and message == context.get_help():
+        return message
+    line = " ".join(message.split()).rstrip(".")
+    return f"error: {line[0].lower()}{line[1:]}{f': see {context.command_path} --help' if context else ''}"
+
+
+def run_program(make: Callable[[], Commands]) -> None:
+    """Make a program and run a command of it; exit with 2 and one line for what a user can cause, with 130 and one for
+    an interrupt.
+    """
+    logging.basicConfig(level=logging.WARNING, format="%(message)s")
+    reported = None
+    try:
+        reported = _tell_problems(0)
+        program = make()
+        sys.exit(program(prog_name=program.name, standalone_mode=False))
+    except UsageError as error:
+        sys.stderr.write(_usage(error) + "\n")
+        sys.exit(2)
+    except UserError as error:
+        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
+        sys.exit(2)
+    except OSError as error:  # such as a full disk behind standard output, or a pipe that closed
+        sys.stderr.write(f"error: {error.filename or 'standard output'}: {error.strerror or error}\n")
+        sys.exit(2)
+    except (Interrupted, KeyboardInterrupt) as error:
+        sys.stderr.write(": ".join(filter(None, ("interrupted", str(error)))) + "\n")
+        sys.exit(130)
+    finally:
+        _ = reported is None or _tell_problems(reported)  # an interrupt may come before any is found
+
+
+def _tell_problems(reported: int) -> int:
+    """Say which extensions are left out, but for those that were told before; return how many are told now."""
+    problems = extensions.registry().problems
+    for line in problems[reported:]:
+        sys.stderr.write(f"warning: {UserError(line)}\n")
+    return len(problems)
+
 
 GROUPS = {"model": "Models elsewhere.", "policy": "Approximate MPC.", "rig": "Rigs: a folder each."}
 """First words of commands of two words, and what those are about."""

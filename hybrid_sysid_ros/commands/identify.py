@@ -23,7 +23,7 @@ from hybrid_sysid_ros.identification.validation.stages import StageResiduals
 from hybrid_sysid_ros.library.models import identify
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.models import load as load_model
-from hybrid_sysid_ros.models.options import parse
+from hybrid_sysid_ros.models.structure import parse
 from hybrid_sysid_ros.report.sections import stages_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig

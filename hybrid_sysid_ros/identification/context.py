@@ -11,9 +11,8 @@ import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.identification.biased import Biased
 from hybrid_sysid_ros.identification.experiment import ResampledRecord, resample
-from hybrid_sysid_ros.identification.fitting import FitProgress, fit
+from hybrid_sysid_ros.identification.fitting import Biased, FitProgress, fit
 from hybrid_sysid_ros.identification.shooting import UnstableFitSettings, unstable_settings
 from hybrid_sysid_ros.identification.starting import magnitudes
 from hybrid_sysid_ros.models import Sampling

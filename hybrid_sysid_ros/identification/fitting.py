@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
-from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.core import System, Variable
+from hybrid_sysid_ros.core.mathematics import Scalar
+from hybrid_sysid_ros.core.record_map import RecordMap
+from hybrid_sysid_ros.core.wrappers import Wrapper
 from hybrid_sysid_ros.identification.condensing import CondensedResiduals
-from hybrid_sysid_ros.identification.covariance import covariances
 from hybrid_sysid_ros.identification.experiment import check_range
 from hybrid_sysid_ros.identification.problem import FitProblem, Map
 from hybrid_sysid_ros.identification.shooting import MultipleShootingProblem, UnstableFitSettings
@@ -21,6 +26,69 @@ from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
 from hybrid_sysid_ros.support import threads
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Biased(Wrapper):
+    """x' = f(x, u + S b),  b' = 0: a state b for each input, which no record shows and each begins with one of its own.
+
+    As a fit's initial states are nuisances with priors, so is b, which counts in its prior deviation S.
+    """
+
+    spreads: tuple[float, ...]
+    """S, prior deviations of the biases in the inputs' units, (inputs,)."""
+
+    @property
+    def added_states(self) -> tuple[Variable, ...]:
+        return tuple(Variable(name=f"bias_{item.name}", unit="") for item in self.inputs)
+
+    def acting(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> list[Scalar]:
+        biases = x[self._physical :]
+        return [value + spread * b for value, spread, b in zip(u, self.spreads, biases, strict=False)]
+
+    def biases(self, nuisances: Mapping[str, Array]) -> dict[str, Array]:
+        """Of each input in each record, (records,) in its unit, from what a fit added to the initial states."""
+        return {
+            item.name: spread * nuisances[f"bias_{item.name}"]
+            for item, spread in zip(self.inputs, self.spreads, strict=True)
+        }
+
+    def record_map(self) -> RecordMap:
+        """That of the physics, with the biases among what no record tells."""
+        at = range(self._physical, self._physical + len(self.inputs))
+        return replace(super().record_map(), unobserved=[*self.physics.record_map().unobserved, *at])
+
+
+LONGEST_LAG = 200
+"""Samples after which errors of a free run count as unrelated, at most; 10 s of the usual 50 ms."""
+
+
+def covariances(jacobian: Array, residuals: Array, edges: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Covariance of a solution twice: as if the residuals were independent of deviation one, and robust.
+
+    jacobian (rows, n), residuals (rows,): the rows of record i are edges[i] to edges[i + 1], in time; those after
+    edges[-1] are priors. With H = J' J and the scores s_t = J_t e_t the robust one is
+
+        H^-1 (sum_k w_k sum_t s_t s_{t+k}' + J_prior' J_prior) H^-1,   w_k = 1 - |k| / (L + 1), within a record,
+
+    which holds whatever the colour of the errors: Newey & West (1987), Econometrica 55(3); for free runs, whose errors
+    are never white, Ljung (1999), System Identification, 2nd ed., section 9.2. L: a quarter of the shortest record, at
+    most LONGEST_LAG.
+    """
+    inverse = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True)
+    priors = jacobian[edges[-1] :]
+    middle = priors.T @ priors
+    lags = int(max(0, min(LONGEST_LAG, np.min(np.diff(edges)) // 4)))
+    for begin, end in pairwise(edges):
+        scores = jacobian[begin:end] * residuals[begin:end, None]
+        # Sums over L + 1 samples, squared: the same as the weighted sum over lags.
+        total = np.cumsum(
+            np.concatenate([np.zeros((lags + 1, scores.shape[1])), scores, np.zeros((lags, scores.shape[1]))]), 0
+        )
+        sums = total[lags + 1 :] - total[: -lags - 1]
+        middle = middle + sums.T @ sums / (lags + 1)
+    return inverse, inverse @ middle @ inverse
+
 
 FitProgress = Callable[[str, int, float], None]
 """progress(stage, evaluations, root mean square error relative to the output's deviation)"""

@@ -20,8 +20,7 @@ from hybrid_sysid_ros.identification.validation.scores import Scores, score_free
 from hybrid_sysid_ros.identification.validation.unstable import check_free_run, stabilised_run
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models.fit import Fit, PreparedRecord
-from hybrid_sysid_ros.models.options import Options, complete
-from hybrid_sysid_ros.models.structure import structure_of
+from hybrid_sysid_ros.models.structure import Options, complete, structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.validity import check_valid
 from hybrid_sysid_ros.support.errors import UserError

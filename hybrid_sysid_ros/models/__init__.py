@@ -1,9 +1,16 @@
 """Structures to identify, and the models they become."""
 
 from hybrid_sysid_ros.models.model import Model, load
-from hybrid_sysid_ros.models.options import Option, Options
 from hybrid_sysid_ros.models.sampling import InputHandling, Sampling
-from hybrid_sysid_ros.models.structure import Structure, build, options_of, structure_names, structure_of
+from hybrid_sysid_ros.models.structure import (
+    Option,
+    Options,
+    Structure,
+    build,
+    options_of,
+    structure_names,
+    structure_of,
+)
 
 __all__ = [
     "InputHandling",

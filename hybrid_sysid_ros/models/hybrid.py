@@ -15,8 +15,8 @@ from hybrid_sysid_ros.core.mathematics import Scalar, clip
 from hybrid_sysid_ros.core.parameters import of_data
 from hybrid_sysid_ros.core.steppers import Rates
 from hybrid_sysid_ros.core.wrappers import Wrapper
-from hybrid_sysid_ros.models.options import Option
 from hybrid_sysid_ros.models.region import Region
+from hybrid_sysid_ros.models.structure import Option
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError

@@ -6,16 +6,58 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from inspect import isabstract
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.models.options import Option, Options, complete
 from hybrid_sysid_ros.models.sampling import Sampling
 from hybrid_sysid_ros.support import extensions
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
+
+Options = Mapping[str, float | int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Option:
+    """default, within low and high; kind "log" is a positive number whose magnitude matters."""
+
+    default: float | int
+    low: float | int
+    high: float | int
+    kind: Literal["int", "float", "log"]
+    description: str
+
+
+def complete(given: Options, known: Mapping[str, Option], structure: str) -> dict[str, float | int]:
+    """All options, the given ones over the defaults.
+
+    Raises UserError for an option that the structure does not have, or a value outside its range.
+    """
+    for name, value in given.items():
+        if name not in known:
+            raise UserError(f"structure {structure} has no option {name}; it has {', '.join(known) or 'none'}")
+        option = known[name]
+        if not option.low <= value <= option.high:
+            raise UserError(f"option {name} = {value:g} is outside {option.low:g} to {option.high:g}")
+        if option.kind == "int" and value != int(value):
+            raise UserError(f"option {name} = {value:g} must be a whole number")
+    chosen = {name: given.get(name, option.default) for name, option in known.items()}
+    return {name: int(value) if known[name].kind == "int" else float(value) for name, value in chosen.items()}
+
+
+def parse(texts: list[str]) -> dict[str, float]:
+    """Options from NAME=VALUE. Raises UserError for anything else."""
+    options = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            options[name.strip()] = float(value)
+        except ValueError:
+            raise UserError(f"option {text!r}: write NAME=NUMBER, such as units=8") from None
+    return options
+
 
 if TYPE_CHECKING:
     from hybrid_sysid_ros.models.fit import Fit, FitContext
@@ -124,9 +166,6 @@ class Structure(ABC):
         return {}
 
 
-# ---------------------------------------------------------------------- by name
-
-
 def structure_names() -> tuple[str, ...]:
     """The names of all structures. Any gray box G has further ones, such as hybrid_G and residual_G."""
     return tuple(extensions.targets("structures"))
@@ -159,9 +198,6 @@ def _class_of(target: str) -> type[Structure]:
     if not (isinstance(found, type) and issubclass(found, Structure)) or isabstract(found):
         raise UserError(f"{target} is {found!r}: it needs a Structure that has fit and assemble")
     return found
-
-
-# ---------------------------------------------------------------------- by name, on a system
 
 
 def options_of(structure: str, physics: System, boxes: Boxes | None = None) -> dict[str, Option]:

@@ -11,7 +11,7 @@ from hybrid_sysid_ros import bags
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification import Part
 from hybrid_sysid_ros.models import Sampling
-from hybrid_sysid_ros.models.options import Options
+from hybrid_sysid_ros.models.structure import Options
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import named_numbers, numbers, refuse_unknown, section

@@ -13,8 +13,7 @@ from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.core.symbolic import linearised
 from hybrid_sysid_ros.models.fit import Fit, FitContext
 from hybrid_sysid_ros.models.linear import REACH, Friction, Linear
-from hybrid_sysid_ros.models.options import Option, Options
-from hybrid_sysid_ros.models.structure import Magnitudes, Structure
+from hybrid_sysid_ros.models.structure import Magnitudes, Option, Options, Structure
 from hybrid_sysid_ros.support.arrays import Array
 
 FIT_OPTIONS = {

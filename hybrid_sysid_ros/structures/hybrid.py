@@ -12,9 +12,8 @@ from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.parameters import scale_of
 from hybrid_sysid_ros.models.fit import Fit, FitContext
 from hybrid_sysid_ros.models.hybrid import Hybrid, averaged_hybrid, block_kinds, block_of, features_of, kind_of
-from hybrid_sysid_ros.models.options import Option, Options
 from hybrid_sysid_ros.models.region import Region
-from hybrid_sysid_ros.models.structure import Magnitudes, Structure
+from hybrid_sysid_ros.models.structure import Magnitudes, Option, Options, Structure
 from hybrid_sysid_ros.structures.gray_box import FIT_OPTIONS, STRAIGHT, GrayBox, LinearisedLaw
 from hybrid_sysid_ros.support.arrays import Array
 

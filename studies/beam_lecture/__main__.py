@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hybrid_sysid_ros.commands.program import Commands, LateCommand, run_program
+from hybrid_sysid_ros.commands.app import Commands, LateCommand, run_program
 from hybrid_sysid_ros.support import interruption
 
 HERE = "studies.beam_lecture"

@@ -15,7 +15,7 @@ from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.identification.selection.cross_validation import Validation, cross_validate
 from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.models.model import versions
-from hybrid_sysid_ros.models.options import Options
+from hybrid_sysid_ros.models.structure import Options
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.parallel import Store

@@ -11,8 +11,7 @@ import numpy as np
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification.part import Part
 from hybrid_sysid_ros.models import Model, Sampling
-from hybrid_sysid_ros.models.options import Options
-from hybrid_sysid_ros.models.structure import structure_of
+from hybrid_sysid_ros.models.structure import Options, structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.errors import UserError

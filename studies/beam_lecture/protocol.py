@@ -23,8 +23,7 @@ from hybrid_sysid_ros.commands.terminal import (
     status,
 )
 from hybrid_sysid_ros.models import structure_names
-from hybrid_sysid_ros.models.options import complete, parse
-from hybrid_sysid_ros.models.structure import options_of
+from hybrid_sysid_ros.models.structure import complete, options_of, parse
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import beside, check_file, check_folder, written_file

@@ -9,7 +9,7 @@ from hybrid_sysid_ros.extensions.fuzzy.affine_rules import AffineRules
 from hybrid_sysid_ros.extensions.fuzzy.linked_rules import LinkedRules
 from hybrid_sysid_ros.extensions.fuzzy.memberships import packed
 from hybrid_sysid_ros.models.hybrid import BlockKind
-from hybrid_sysid_ros.models.options import Option
+from hybrid_sysid_ros.models.structure import Option
 from hybrid_sysid_ros.support.arrays import Array
 
 CLUSTERED = 2000

@@ -15,9 +15,8 @@ from hybrid_sysid_ros.extensions.fuzzy.difnn import Difnn
 from hybrid_sysid_ros.extensions.fuzzy.takagi_sugeno import TakagiSugeno
 from hybrid_sysid_ros.models.fit import Fit, FitContext
 from hybrid_sysid_ros.models.lagged import Lagged
-from hybrid_sysid_ros.models.options import Option
 from hybrid_sysid_ros.models.sampling import Sampling
-from hybrid_sysid_ros.models.structure import Structure
+from hybrid_sysid_ros.models.structure import Option, Structure
 
 LAGS = {
     "output_lags": Option(default=2, low=0, high=6, kind="int", description="past outputs, 0: of inputs alone"),

@@ -23,7 +23,7 @@ from hybrid_sysid_ros.identification.starting import FEATURE_SCALE
 from hybrid_sysid_ros.identification.validation.scores import initial_state
 from hybrid_sysid_ros.models.fit import PreparedRecord
 from hybrid_sysid_ros.models.hybrid import CLIP
-from hybrid_sysid_ros.models.options import Options
+from hybrid_sysid_ros.models.structure import Options
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 

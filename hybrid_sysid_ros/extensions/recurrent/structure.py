@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.extensions.recurrent.recurrent import Recurrent, step_within
 from hybrid_sysid_ros.models.fit import Fit, FitContext
-from hybrid_sysid_ros.models.options import Option
 from hybrid_sysid_ros.models.sampling import Sampling
-from hybrid_sysid_ros.models.structure import Structure
+from hybrid_sysid_ros.models.structure import Option, Structure
 
 
 class RecurrentStructure(Structure):

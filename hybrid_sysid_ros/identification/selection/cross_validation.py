@@ -15,8 +15,7 @@ from hybrid_sysid_ros.identification.identify import checked
 from hybrid_sysid_ros.identification.part import Part, parts_of
 from hybrid_sysid_ros.identification.validation.scores import score_free_run
 from hybrid_sysid_ros.models import Options, Sampling
-from hybrid_sysid_ros.models.options import complete
-from hybrid_sysid_ros.models.structure import structure_of
+from hybrid_sysid_ros.models.structure import complete, structure_of
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.support.errors import UserError
 
