@@ -15,7 +15,7 @@ COMMANDS = [
 
 def main() -> None:
     """Run a command of the study."""
-    run_program(Commands(f"python -m {HERE}", COMMANDS))
+    run_program(lambda: Commands(f"python -m {HERE}", COMMANDS))
 
 
 if __name__ == "__main__":
