@@ -383,7 +383,6 @@ def taken() -> tuple[int, int, float]:
     return len(os.listdir("/proc/self/task")), len(os.listdir("/proc/self/fd")), resident / 1024
 
 
-@pytest.mark.slow
 def test_a_hundred_nodes_one_after_the_other_leave_nothing_behind(domain: int) -> None:
     """Each goes through its states twice. No other node is there: beside one, the middleware keeps some 100 kB of every
     node, also of one that rclpy alone makes.
