@@ -188,19 +188,24 @@ def linear_records() -> list[Record]:
     return found
 
 
-@pytest.fixture(scope="session")
-def model_folder(rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A model that is the rig itself."""
-    folder = tmp_path_factory.mktemp("trained") / "model"
-    Model(
+def exact_model(rig: Rig, system: System | None = None) -> Model:
+    """A model that is the rig itself, or another system of its signature: nothing was fitted."""
+    return Model(
         rig=rig.name,
         structure="gray",
-        system=rig.system,
+        system=system or rig.system,
         sampling=Sampling(),
         names=(),
         covariance=np.zeros((0, 0)),
         training_range={},
-    ).save(folder)
+    )
+
+
+@pytest.fixture(scope="session")
+def model_folder(rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model that is the rig itself."""
+    folder = tmp_path_factory.mktemp("trained") / "model"
+    exact_model(rig).save(folder)
     return folder
 
 

@@ -29,6 +29,7 @@ from hybrid_sysid_ros.rigs import rig as rigs
 from tests import two_carts
 from tests.compiling import compiled_functions
 from tests.node_bench import Bench, stamp_of
+from tests.shared import exact_model
 
 SECOND = 1_000_000_000
 
@@ -63,7 +64,8 @@ class Lockstep:
 
 
 def test_two_inputs_drive_two_outputs_to_their_references(domain: int, carts: Path, tmp_path: Path) -> None:
-    model = two_carts.exact_model(carts, tmp_path / "model")
+    model = tmp_path / "model"
+    exact_model(rigs.load(carts)).save(model)
     bench = Bench(domain, namespace="two_carts")
     try:
         loop = Lockstep(bench, carts, model)
@@ -98,7 +100,8 @@ def test_two_inputs_drive_two_outputs_to_their_references(domain: int, carts: Pa
 
 def test_the_flexible_joint_s_link_follows_speeds_in_lockstep(domain: int, tmp_path: Path) -> None:
     """Two outputs, a place and a speed; of five states one is a deflection that belongs to no joint."""
-    model = two_carts.exact_model("flexible_joint", tmp_path / "model")
+    model = tmp_path / "model"
+    exact_model(rigs.load("flexible_joint")).save(model)
     bench = Bench(domain, namespace="flexible_joint")
     try:
         loop = Lockstep(bench, "flexible_joint", model)
@@ -124,7 +127,8 @@ def test_the_flexible_joint_s_link_follows_speeds_in_lockstep(domain: int, tmp_p
 
 def test_ipopt_commands_what_the_compiled_solver_does(domain: int, carts: Path, tmp_path: Path) -> None:
     pytest.importorskip("hybrid_sysid_ros.extensions.ipopt")
-    model = two_carts.exact_model(carts, tmp_path / "model")
+    model = tmp_path / "model"
+    exact_model(rigs.load(carts)).save(model)
     found = []
     for solver in ("sqp", "ipopt"):
         bench = Bench(domain, namespace="two_carts")

@@ -4,11 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from hybrid_sysid_ros.models import Model, Sampling
-from hybrid_sysid_ros.rigs import rig as rigs
-
 SYSTEM = '''
 from dataclasses import dataclass
 
@@ -83,19 +78,4 @@ def write(folder: Path) -> Path:
     folder.mkdir(parents=True)
     (folder / "system.py").write_text(SYSTEM, encoding="utf-8")
     (folder / "rig.yaml").write_text(VALUES, encoding="utf-8")
-    return folder
-
-
-def exact_model(rig: str | Path, folder: Path) -> Path:
-    """A model of a rig that is the rig itself."""
-    loaded = rigs.load(rig)
-    Model(
-        rig=loaded.name,
-        structure="gray",
-        system=loaded.system,
-        sampling=Sampling(),
-        names=(),
-        covariance=np.zeros((0, 0)),
-        training_range={},
-    ).save(folder)
     return folder

@@ -14,6 +14,7 @@ from hybrid_sysid_ros.models import Model, Sampling, load
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime.parameters import shipped
 from hybrid_sysid_ros.support.errors import UserError
+from tests.shared import exact_model
 
 BAGS = Path(__file__).parents[4] / "bags"
 MULTISINE = BAGS / "beam_multisine"
@@ -41,15 +42,7 @@ def test_members_that_err_alike_do_not_hold_the_measurement() -> None:
 def beams() -> list[Model]:
     """The beam itself, and one whose drive is weaker by a tenth."""
     rig = rigs.load("cam_beam")
-    model = Model(
-        rig=rig.name,
-        structure="gray",
-        system=rig.system,
-        sampling=Sampling(),
-        names=(),
-        covariance=np.zeros((0, 0)),
-        training_range={},
-    )
+    model = exact_model(rig)
     weaker = [0.9 * value if name == "gain" else value for name, value in rig.system.named.items()]
     return [model, replace(model, system=rig.system.with_values(weaker))]
 

@@ -14,27 +14,20 @@ from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.safety.certificate import FILE
 from hybrid_sysid_ros.extensions.policies.by_rig import certification_of
 from hybrid_sysid_ros.extensions.policies.commands import policy_certify
-from hybrid_sysid_ros.models import Model, Sampling, load
+from hybrid_sysid_ros.models import load
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.runtime.configuration import check_tolerances
 from tests.linear_policies import BEAM, broken_policy, checked
+from tests.shared import exact_model
 from tests.straight_beam import straight
 
 
 @pytest.fixture(scope="module")
-def linear_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def linear_folder(rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The rig with nothing bent, which is linear."""
     folder = tmp_path_factory.mktemp("linear") / "model"
-    Model(
-        rig="cam_beam",
-        structure="gray",
-        system=straight(BEAM.system),
-        sampling=Sampling(),
-        names=(),
-        covariance=np.zeros((0, 0)),
-        training_range={},
-    ).save(folder)
+    exact_model(rig, straight(BEAM.system)).save(folder)
     return folder
 
 
