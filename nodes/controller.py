@@ -133,6 +133,8 @@ class ControllerNode(RigNode):
         self.input = self.adapter.rest.copy()
         self.preview: Preview | None = None
         self.waiting: JointStates | None = None
+        self.command: bytes | None = None
+        """The newest; none before the first answer."""
 
     def turn_to(self, mode: ControllerMode) -> None:
         """Drive, hold the outputs where they are now, or bring the inputs to rest and leave them there."""
@@ -195,7 +197,7 @@ class ControllerNode(RigNode):
 
     def wait(self, joints: JointStates, reach: int) -> None:
         """In lockstep: keep an estimate until the reference reaches far enough [ns]."""
-        if self.waiting is not None and self.preview is not None:
+        if self.preview is not None and self.preview.times[-1] - self.preview.times[0] < reach:
             self.get_logger().warning(
                 f"the reference does not reach {reach / SECOND:g} s ahead: raise its preview_seconds", once=True
             )
@@ -297,6 +299,8 @@ class ControllerNode(RigNode):
 
     def publish(self) -> None:
         """Publish the newest command."""
+        if self.command is None:  # asked again for the answer to an estimate that waits
+            return
         if self.commands is not None:
             self.commands.publish(self.command)
         if self.numbered:

@@ -37,8 +37,8 @@ def announce(word: str) -> None:
 
 
 def run(make: Callable[[], RigNode | Sequence[RigNode]], *, together: bool = False) -> int:
-    """Run a node, or several in one loop, until one is finished or SIGINT or SIGTERM comes, once or more often; return
-    the exit status.
+    """Run a node, or several in one loop, until one is finished or a signal that ends it comes, once or more often;
+    return the exit status.
 
     together: messages between them go by an exchange, and the middleware leaves them alone.
 
@@ -169,7 +169,7 @@ def peak_memory() -> float:
 
 
 class Interruption:
-    """SIGINT and SIGTERM, however often they come: a call of an action, as soon as there is one.
+    """The signals that end a process, however often they come: a call of an action, as soon as there is one.
 
     A start that takes long, as it does where code is compiled, ends by KeyboardInterrupt after PATIENCE; a short one is
     not cut, for a recorder has a bag and a thread to close.
@@ -183,7 +183,7 @@ class Interruption:
         self._ours, self._theirs = socket.socketpair()
         self._theirs.setblocking(False)
         signal.set_wakeup_fd(self._theirs.fileno(), warn_on_full_buffer=False)
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in interruption.ending():
             signal.signal(number, self._note)
         interruption.repeat_unheard()
 

@@ -94,6 +94,16 @@ def test_in_lockstep_an_estimate_waits_for_a_reference_that_covers_its_preview(w
     assert wheel.commands[0].effort[0] == pytest.approx(1.0 + 3.0)
 
 
+def test_an_estimate_that_waits_may_come_again(wheel: Wheel) -> None:
+    wheel.estimate(0.0)
+    wheel.bench.until(lambda: wheel.controller.waiting)
+    wheel.estimate(0.0)  # of a plant that lacks an answer
+    wheel.bench.until(lambda: wheel.controller.repeated)
+    assert not wheel.commands
+    wheel.refer([VOLT] * 2)
+    wheel.bench.until(lambda: wheel.commands)
+
+
 def test_a_policy_drives_the_beam_to_its_reference(wheel: Wheel) -> None:
     wheel.refer([VOLT] * 3)
     assert wheel.command(0.0) == pytest.approx(4.0)

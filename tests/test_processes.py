@@ -109,12 +109,12 @@ def test_nothing_is_compiled_once_the_nodes_are_ready(run: Seen) -> None:
         assert run.outcome.diagnostics[node]["execution_ms_max"] < 500.0
 
 
-@pytest.mark.parametrize("interrupts", [1, 2])
-def test_a_node_ends_well_on_one_or_two_interrupts(start, interrupts: int) -> None:
+@pytest.mark.parametrize("numbers", [(signal.SIGINT,), (signal.SIGINT, signal.SIGINT), (signal.SIGHUP,)])
+def test_a_node_ends_well_on_an_interrupt_or_two_or_when_its_terminal_closes(start, numbers: tuple[int, ...]) -> None:
     process = start("reference")
     wait_until_ready(process)
-    for _ in range(interrupts):
-        process.send_signal(signal.SIGINT)
+    for number in numbers:
+        process.send_signal(number)
     out, complaints = process.communicate(timeout=TIMEOUT)
     assert process.returncode == 0
     assert complaints == ""

@@ -19,11 +19,10 @@ from hybrid_sysid_ros.runtime import configuration, processes
 from hybrid_sysid_ros.runtime.companion import LOOP, RECORDER, Companion, NodeValues, RequestedLoop, join
 from hybrid_sysid_ros.runtime.processes import COMPOSED
 from hybrid_sysid_ros.runtime.session import READY_TIMEOUT, START_TIMEOUT, Session
+from hybrid_sysid_ros.support import interruption
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import check_folder
 from hybrid_sysid_ros.support.progress import Report
-
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a run
 
 RunProgress = Callable[[float, float], None]
 
@@ -191,7 +190,7 @@ def _number(path: Path | str) -> int | None:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Any of the SIGNALS interrupts once; further ones do nothing, so that no node is left behind."""
+    """Any signal that ends a loop interrupts once; further ones do nothing, so that no node is left behind."""
     if threading.current_thread() is not threading.main_thread():
         return (yield)
 
@@ -200,7 +199,7 @@ def interruptible() -> Iterator[None]:
             signal.signal(each, signal.SIG_IGN)
         raise KeyboardInterrupt
 
-    before = {each: signal.getsignal(each) for each in SIGNALS}
+    before = {each: signal.getsignal(each) for each in interruption.ending()}
     for each in before:
         signal.signal(each, interrupt)
     try:

@@ -15,6 +15,14 @@ TETHER = "HYBRID_SYSID_TETHER"
 """Set in the environment of a process that is to end when its standard input does: when its starter is gone."""
 
 
+def ending() -> tuple[signal.Signals, ...]:
+    """Signals that end a loop well, its inputs at rest: of Ctrl-C, of a manager, and of a terminal that closes, unless
+    nohup has that one ignored.
+    """
+    hangup = () if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN else (signal.SIGHUP,)
+    return (signal.SIGINT, signal.SIGTERM, *hangup)
+
+
 def install() -> None:
     """From now on SIGINT raises KeyboardInterrupt where it is heard, see :func:`interrupt`, unless it is ignored, as in
     the background of a script. For the main thread.
