@@ -38,10 +38,10 @@ class JointMotion:
         self._rows.append(self._sums.copy())
 
     def message(self, stamp: int) -> bytes:
-        """The message about the steps since the last one, of which the newest is at a stamp [ns]; before the first step
-        about the beginning alone.
+        """The message about the last steps, of which the newest is at a stamp [ns]; before the first step about the
+        beginning alone.
         """
         rows, self._rows = self._rows or [self._sums.copy()], []
-        if len(rows) != self._steps:
+        if len(rows) < self._steps:
             return self._first.pack(stamp, rows[-1:])
-        return self._further.pack(stamp - round(self._steps * self._step * SECOND), rows)
+        return self._further.pack(stamp - round(self._steps * self._step * SECOND), rows[-self._steps :])

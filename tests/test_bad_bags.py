@@ -119,7 +119,11 @@ def wrong_numbers(output=(), effort=()):
         (lambda: wrong_numbers(effort=[99]), r"effort\[beam\] is nan at sample 99"),
         (lambda: states(100, at=changed(stamps(100), 30, stamps(100)[29])), "repeated stamp at sample 30"),
         (lambda: states(100, at=changed(stamps(100), 30, stamps(100)[28] - 1)), "reversed stamp at sample 30"),
-        (lambda: states(100, at=np.delete(stamps(105), slice(60, 65))), r"gap of 0.03 s after sample 59 .*5 samples"),
+        (
+            lambda: states(100, at=np.delete(stamps(160), slice(60, 120))),
+            r"gap of 0.305 s after sample 59 .*60 samples",
+        ),
+        (lambda: states(100, at=np.delete(stamps(120), slice(60, 80))), r"20 of 120 samples are missing, in 1 gap"),
         (
             lambda: states(100, at=changed(stamps(100), 70, stamps(100)[70] + 2_000_000)),
             "sampling is not uniform: sample 70",

@@ -8,18 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hybrid_sysid_ros.bags.gaps import GAP, LONGEST_GAP, SamplingError, missing_before
 from hybrid_sysid_ros.bags.record import UNIFORMITY, Record
-from hybrid_sysid_ros.bags.sampling import (
-    FEWEST,
-    GAP,
-    JITTER,
-    PERIOD_TOLERANCE,
-    SamplingError,
-    check_gaps,
-    check_order,
-    multiple,
-    uniform_period,
-)
+from hybrid_sysid_ros.bags.sampling import FEWEST, JITTER, PERIOD_TOLERANCE, check_order, multiple, uniform_period
 from hybrid_sysid_ros.control.policy.kernels import TrainingRange
 from hybrid_sysid_ros.estimation import Tuning
 from hybrid_sysid_ros.identification import Part
@@ -90,10 +81,15 @@ def test_stamps_rise(step, words):
 
 
 def test_an_interval_that_leaves_out_a_sample_is_a_gap():
-    check_gaps(stamps((100, GAP - 1.0 - HAIR)), 0.01)
-    with pytest.raises(SamplingError, match=r"after sample 99 .* about 1 samples missing"):
-        check_gaps(stamps((100, 1.0)), 0.01)
-    assert not opens(lambda: check_gaps(stamps((100, GAP - 1.0 + HAIR)), 0.01))
+    assert not missing_before(stamps((100, GAP - 1.0 - HAIR)), 0.01).any()
+    for shift in (GAP - 1.0 + HAIR, 1.0):
+        assert np.flatnonzero(missing_before(stamps((100, shift)), 0.01)).tolist() == [99]
+
+
+def test_a_gap_is_short():
+    assert missing_before(stamps((100, float(LONGEST_GAP))), 0.01).sum() == LONGEST_GAP
+    with pytest.raises(SamplingError, match=rf"after sample 99 .* about {LONGEST_GAP + 1} samples missing"):
+        missing_before(stamps((100, LONGEST_GAP + 1.0)), 0.01)
 
 
 @pytest.mark.parametrize(

@@ -84,8 +84,26 @@ def test_in_real_time_the_input_is_zero_once_commands_stop(bench: Bench) -> None
     bench.until(lambda: drill.measurements[-1].effort[0] == 0.0)
     assert drill.plant.drive.timeouts == 1
     assert drill.plant.answers.missed > 0
-    stamps = np.array([stamp_of(message) for message in drill.measurements])
-    assert (np.diff(stamps) == SECOND // 100).all()  # the nominal grid without a gap, however late the timer is
+    steps = np.diff([stamp_of(message) for message in drill.measurements])
+    assert (steps % (SECOND // 100) == 0).all()  # the nominal grid, however late the timer is
+    assert sum(steps // (SECOND // 100) - 1) == drill.plant.overruns
+
+
+def test_a_plant_that_was_held_up_leaves_out_what_it_missed(bench: Bench) -> None:
+    drill = Drill(bench, rate=100.0, command_timeout=10.0)
+    drill.answer(2.0)
+    bench.until(lambda: drill.measurements[-1].effort[0] == 2.0)
+    before, time, latest = drill.plant.overruns, drill.plant.plant.time, drill.plant.answers.latest
+    late = drill.plant.time + 0.3
+    while drill.plant.time < late:  # nobody turns the loop
+        pass
+    drill.plant.tick()
+    newest = drill.plant.answers.latest
+    stamp = drill.plant.answers.stamp(newest)
+    assert drill.plant.overruns - before == newest - latest - 1 >= 29
+    assert drill.plant.plant.time - time == pytest.approx((newest - latest) * 0.01)
+    first = bench.until(lambda: [message for message in drill.measurements if stamp_of(message) == stamp])[0]
+    assert first.effort[0] == 2.0
 
 
 def test_a_person_drives_where_no_controller_does_and_stops_it_where_one_does(bench: Bench) -> None:

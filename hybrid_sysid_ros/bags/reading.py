@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hybrid_sysid_ros.bags.bag import Bag, name_of, opened
 from hybrid_sysid_ros.bags.columns import MissingInMessageError, TopicColumns
+from hybrid_sysid_ros.bags.gaps import FilledBlock, Filler, SamplingError
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.bags.sampling import (
     FEWEST,
@@ -21,7 +22,6 @@ from hybrid_sysid_ros.bags.sampling import (
     HeldMean,
     RecordSamples,
     Resampled,
-    SamplingError,
 )
 from hybrid_sysid_ros.bags.signals import Signal, Signals
 from hybrid_sysid_ros.support.errors import UserError
@@ -38,7 +38,8 @@ def read(path: Path | str, signals: Signals, *, period: float | None = None, rec
     Time is that of the output's topic (header stamps, or time of logging without a header) on the uniform grid. An
     input from the same topic is taken sample by sample; from another topic it is held between its messages and
     averaged over each interval, and samples for which it is not known are cut off. Channels of other topics are held,
-    NaN before their first message; channels that the bag has not got are left out.
+    NaN before their first message; channels that the bag has not got are left out. Short gaps are filled in: outputs on
+    a straight line, inputs held, channels NaN; the record knows which samples were measured, and a line says so.
 
     The bag is read in blocks, in one pass, or in two where signals come from other topics than the output's. What grows
     with it are the record's arrays only.
@@ -71,6 +72,8 @@ class _Reading:
         self.found: dict[Key, Resampled] = {}
         self.stamped: dict[str, bool] = {}  # by topic: whether headers have stamps
         self.origins: dict[str, int] = {}  # by topic: the first stamp [ns]
+        self.block: FilledBlock | None = None  # where the messages lie among the samples, of a topic that gives them
+        self.last: dict[Key, float] = {}  # newest value of its signals
 
     def record(self) -> Record:
         for signal in (*self.signals.output, *self.signals.input):
@@ -79,10 +82,13 @@ class _Reading:
         topic = self.signals.topic(first)
         for columns in self.columns({topic}):
             with self.clear(first):
-                self.samples.add(self.stamps(columns, first))
+                self.block = self.samples.add(self.stamps(columns, first))
             self.add(columns)
+        self.block = None
         with self.clear(first):
-            period = self.samples.period
+            period, missing = self.samples.period, self.samples.missing()
+        if missing:
+            logger.warning("%s: %s", self.at(first), missing)
         for columns in self.columns({self.signals.topic(signal) for signal in self.wanted.values()} - {topic}):
             self.add(columns)
         for number, signal in enumerate(self.signals.input):
@@ -99,6 +105,7 @@ class _Reading:
                 for name in self.signals.channels
                 if ("channel", name) in self.found
             },
+            measured=None if self.samples.measured is None else self.samples.measured[known],
             source=str(self.bag.path),
             digest=sha256(self.bag.path),
         )
@@ -127,8 +134,17 @@ class _Reading:
                 self.found[key] = self.resampled(key, signal)
             if key[0] != "channel":
                 self.check_finite(columns, signal, values, input=key[0] == "input")
+            if self.block is not None:
+                before, self.last[key] = self.last.get(key, np.nan), float(values[-1])
+                values = self.block.filled(values, before, self.filler(key, signal))
             with self.clear(signal):
                 self.found[key].add(stamps, values)
+
+    def filler(self, key: Key, signal: Signal) -> Filler:
+        """What stands in the gaps of a signal."""
+        if key[0] == "output":
+            return "line"
+        return "unknown" if key[0] == "channel" else "preceding" if signal.holds == "preceding" else "following"
 
     def resampled(self, key: Key, signal: Signal) -> Resampled:
         """How a signal comes onto the samples."""

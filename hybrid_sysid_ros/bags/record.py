@@ -24,6 +24,7 @@ class Record:
     input: (samples, inputs), in the drive's unit; input[k] holds over [time[k], time[k+1]) (its mean there).
     output: (samples, outputs), SI units, measured at time[k].
     channels: further signals by name, each (samples,), measured at time[k]; NaN where the bag does not tell.
+    measured: which samples were measured, (samples,), the others being filled in; None for all.
     source: path it came from; digest: SHA-256 of the content there. rig: name of the rig it is of, where that is known.
 
     Raises UserError, naming record and sample, when shapes disagree, time is not uniform or input or output not finite.
@@ -34,6 +35,7 @@ class Record:
     input: NDArray[np.float64]
     output: NDArray[np.float64]
     channels: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    measured: NDArray[np.bool_] | None = None
     source: str = ""
     digest: str = ""
     rig: str = ""
@@ -92,11 +94,17 @@ class Record:
         chosen = slice(self.cut(start, every), self.cut(stop, every))
         if chosen.stop - chosen.start < 2:
             raise UserError(f"record {self.name}: no samples from {start:g} to {stop:g} of {self.samples} samples")
+        return self.between(chosen.start, chosen.stop)
+
+    def between(self, first: int, stop: int) -> Record:
+        """The samples from `first` on, `stop` not among them; two or more. Time starts at 0 again."""
+        chosen = slice(first, stop)
         changes: dict[str, Any] = {
-            "time": self.time[: chosen.stop - chosen.start],
+            "time": self.time[: stop - first],
             "input": self.input[chosen],
             "output": self.output[chosen],
             "channels": {key: value[chosen] for key, value in self.channels.items()},
+            "measured": None if self.measured is None or self.measured[chosen].all() else self.measured[chosen],
         }
         return replace(self, **changes)
 
@@ -111,9 +119,12 @@ class Record:
             shape = getattr(self, key).shape
             if len(shape) != 2 or shape[0] != self.samples or shape[1] < 1:
                 raise UserError(f"record {self.name}: {key} has shape {shape}: it needs ({self.samples}, {key}s)")
-        for key, value in self.channels.items():
+        named: dict[str, NDArray[Any]] = {f"channel {key}": value for key, value in self.channels.items()}
+        if self.measured is not None:
+            named["measured"] = self.measured
+        for key, value in named.items():
             if value.shape != (self.samples,):
-                raise UserError(f"record {self.name}: channel {key} has shape {value.shape}, not ({self.samples},)")
+                raise UserError(f"record {self.name}: {key} has shape {value.shape}, not ({self.samples},)")
 
     def _check_time(self) -> None:
         if not np.isfinite(self.time).all():

@@ -8,27 +8,20 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from hybrid_sysid_ros.bags.gaps import MOST_MISSING, FilledBlock, SamplingError, missing_before
+
 JITTER = 0.2  # largest distance of a stamp from the uniform grid, in sampling times
-GAP = 1.5  # an interval longer than this many sampling times is a gap
 PERIOD_TOLERANCE = 0.02  # relative deviation from the expected sampling time
 FEWEST = 3  # samples of a record
-
-
-class SamplingError(ValueError):
-    """The stamps are not those of a uniform sampling; the text says where and what to do."""
 
 
 def uniform_period(stamps: NDArray[np.int64], *, expected: float | None = None) -> float:
     """Sampling time [s] of stamps (samples,) [ns] that lie on a uniform grid but for a little jitter.
 
     Raises:
-        SamplingError: too few samples, reversed or repeated stamps, a gap, irregular sampling, or not the expected one.
+        SamplingError: too few samples, reversed or repeated stamps, irregular sampling, or not the expected one.
     """
-    if len(stamps) < FEWEST:
-        raise SamplingError(f"only {len(stamps)} samples: a record needs {FEWEST} or more")
-    check_order(stamps)
-    median = float(np.median(np.diff(stamps))) * 1e-9
-    check_gaps(stamps, median)
+    median = median_step(stamps)
     seconds = (stamps - stamps[0]) * 1e-9
     number = np.arange(len(seconds)) - 0.5 * (len(seconds) - 1)
     period = float(number @ seconds / (number @ number))
@@ -42,6 +35,18 @@ def uniform_period(stamps: NDArray[np.int64], *, expected: float | None = None) 
     if expected is not None and abs(period - expected) > PERIOD_TOLERANCE * expected:
         raise SamplingError(f"sampling time is {period:.6g} s where {expected:.6g} s is expected: check signals.period")
     return _rounded(period, len(stamps))
+
+
+def median_step(stamps: NDArray[np.int64]) -> float:
+    """Median of the steps of stamps (samples,) [ns], in s.
+
+    Raises:
+        SamplingError: too few samples, reversed or repeated stamps.
+    """
+    if len(stamps) < FEWEST:
+        raise SamplingError(f"only {len(stamps)} samples: a record needs {FEWEST} or more")
+    check_order(stamps)
+    return float(np.median(np.diff(stamps))) * 1e-9
 
 
 def check_order(stamps: NDArray[np.int64], *, what: str = "sample", number: int = 0, origin: int | None = None) -> None:
@@ -68,25 +73,6 @@ def check_order(stamps: NDArray[np.int64], *, what: str = "sample", number: int 
     )
 
 
-def check_gaps(stamps: NDArray[np.int64], period: float, *, number: int = 0, origin: int | None = None) -> None:
-    """Check that rising stamps (samples,) [ns] with a sampling time of `period` [s] leave none out.
-
-    number, origin: see check_order().
-
-    Raises:
-        SamplingError: there is a gap.
-    """
-    steps = np.diff(stamps) * 1e-9
-    if (steps <= GAP * period).all():
-        return
-    k = int(np.argmax(steps > GAP * period))
-    seconds = (stamps[k] - (stamps[0] if origin is None else origin)) * 1e-9
-    raise SamplingError(
-        f"gap of {steps[k]:.6g} s after sample {number + k} ({seconds:.6g} s), about {round(steps[k] / period) - 1} "
-        f"samples missing: cut the bag there or record it again"
-    )
-
-
 def multiple(period: float, sampling_time: float) -> int:
     """How many samples make a period [s].
 
@@ -106,34 +92,65 @@ class RecordSamples:
     """The samples of a record, from stamps that come in blocks: every n-th, where the record is to be slower.
 
     expected: sampling time of the stamps [s], None for any; period: of the record, None for that of the stamps.
-    every: n. step: sampling time of the stamps, as the first block of them shows it [s].
+    every: n. step: sampling time of the stamps, as the first block of them shows it [s]. gaps: lengths of the gaps.
     """
 
     def __init__(self, *, expected: float | None, period: float | None) -> None:
         self.every = 1
+        self.gaps: list[int] = []
         self._expected = expected
         self._period = period
         self._kept: list[NDArray[np.int64]] = []
-        self._taken = self._origin = self._last = 0
+        self._measured: list[NDArray[np.bool_]] = []
+        self._taken = self._messages = self._origin = self._last = 0
         self.step = 0.0
 
-    def add(self, stamps: NDArray[np.int64]) -> None:
-        """Take the stamps that follow, (messages,) [ns].
+    def add(self, stamps: NDArray[np.int64]) -> FilledBlock:
+        """Take the stamps that follow, (messages,) [ns]; return where they lie among the samples.
 
         Raises:
             SamplingError: they are not those of a uniform sampling, or the period is no multiple of it.
         """
-        if self._taken:
-            joined, number = np.append(self._last, stamps), self._taken - 1
-            check_order(joined, number=number, origin=self._origin)
-            check_gaps(joined, self.step, number=number, origin=self._origin)
+        begins, step = not self._taken, self.step
+        if begins:
+            self._origin, step, joined = int(stamps[0]), median_step(stamps), stamps
         else:
-            self._origin = int(stamps[0])
-            self.step = uniform_period(stamps, expected=self._expected)
+            joined = np.append(self._last, stamps)
+            check_order(joined, number=self._messages - 1, origin=self._origin)
+        missing = missing_before(joined, step, number=max(self._messages - 1, 0), origin=self._origin)
+        block = FilledBlock(np.append(0, missing) if begins else missing)
+        since = block.filled(np.float64(stamps - self._origin), float(self._last - self._origin), "line")
+        samples = self._origin + np.round(since).astype(np.int64)
+        if begins:
+            self.step = uniform_period(samples, expected=self._expected)
             self.every = 1 if self._period is None else multiple(self._period, self.step)
-        self._kept.append(stamps[-self._taken % self.every :: self.every].copy())  # a view would keep all of them
-        self._taken += len(stamps)
+        chosen = slice(-self._taken % self.every, None, self.every)
+        self._kept.append(samples[chosen].copy())  # a view would keep all of them
+        self._measured.append(block.measured[chosen].copy())
+        self.gaps += missing[missing > 0].tolist()
+        self._taken += len(samples)
+        self._messages += len(stamps)
         self._last = int(stamps[-1])
+        return block
+
+    def missing(self) -> str:
+        """How much is missing, in a line; "" where nothing is.
+
+        Raises:
+            SamplingError: it is more than a share of MOST_MISSING.
+        """
+        if not self.gaps:
+            return ""
+        lost, gaps = sum(self.gaps), len(self.gaps)
+        words = f"{lost} of {self._taken} samples are missing, in {gaps} gap{'s' * (gaps > 1)}"
+        if lost > MOST_MISSING * self._taken:
+            raise SamplingError(f"{words}: the driver or the recorder could not keep up: record it again")
+        return f"{words} of up to {max(self.gaps)}: filled in, and left out by fits and scores"
+
+    @cached_property
+    def measured(self) -> NDArray[np.bool_] | None:
+        """Which samples were measured, (samples,); None for all."""
+        return np.concatenate(self._measured) if self.gaps else None
 
     @cached_property
     def stamps(self) -> NDArray[np.int64]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from hybrid_sysid_ros.bags.record import Record
@@ -33,13 +34,20 @@ class ResampledRecord:
     """Savitzky-Golay rates of the outputs there, (samples, outputs)."""
     means: Array
     """Mean inputs from each sample to the next, the last one twice, (samples, inputs)."""
+    measured: NDArray[np.bool_] | None
+    """Which samples were measured, (samples,); None for all."""
 
     def experiment(self, system: System) -> PreparedRecord:
         """With the states of a system. Raises UserError where the record's channels are not those of the system."""
         _check_channels(self.name, self.inputs, self.outputs, system)
         states = system.record_map().states_from_record(self.outputs, self.rates, self.means)
         return PreparedRecord(
-            name=self.name, sampling=self.sampling, inputs=self.inputs, outputs=self.outputs, states=states
+            name=self.name,
+            sampling=self.sampling,
+            inputs=self.inputs,
+            outputs=self.outputs,
+            states=states,
+            measured=self.measured,
         )
 
 
@@ -80,6 +88,7 @@ def resample(record: Record, sampling: Sampling) -> ResampledRecord:
         outputs=np.ascontiguousarray(record.output[::every][:samples]),
         rates=rates(record)[::every][:samples],
         means=np.concatenate([means, means[-1:]]),
+        measured=None if record.measured is None else record.measured[::every][:samples],
     )
 
 

@@ -14,7 +14,7 @@ from hybrid_sysid_ros.identification.context import Context
 from hybrid_sysid_ros.identification.experiment import ResampledRecord, check_range, prepare, resample
 from hybrid_sysid_ros.identification.fitting import FitProgress
 from hybrid_sysid_ros.identification.grouping import groups
-from hybrid_sysid_ros.identification.part import Part, parts_of
+from hybrid_sysid_ros.identification.part import Part, parts_of, without_gaps
 from hybrid_sysid_ros.identification.shooting import check_sampling
 from hybrid_sysid_ros.identification.validation.scores import Scores, score_free_run
 from hybrid_sysid_ros.identification.validation.unstable import check_free_run, stabilised_run
@@ -50,7 +50,7 @@ def identify(
         check_sampling(sampling, f"identification of {rig.name}")
     found = structure_of(structure, rig.system, rig.structures)
     chosen, holds = complete(options or {}, found.options, structure), found.sampling(sampling)
-    used = parts_of(records, part, sampling)
+    used = without_gaps(parts_of(records, part, sampling), sampling)
     parts = [part] * len(records) if isinstance(part, Part) else part
     resampled = [checked(record, rig, holds) for record in used]
     context = Context(
@@ -86,7 +86,7 @@ def identify(
             "seconds": round(fitted.seconds, 3),
             "evaluations": fitted.evaluations,
             "seed": seed,
-            **_biases(fitted, [record.name for record in records]),
+            **_biases(fitted, [record.name for record in used]),
             **({} if fitted.chi_squared is None else {"chi_squared": fitted.chi_squared}),
             **({"groups": [group.content for group in known_together]} if known_together else {}),
         },

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.models import Sampling
 from hybrid_sysid_ros.support.errors import UserError
+
+SHORTEST_PIECE = 20
+"""Scored samples of a piece of a record between two gaps: 1 s of the usual 50 ms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +50,26 @@ def parts_of(records: Sequence[Record], part: Part | Sequence[Part], sampling: S
     """A part of each record: one for all, or one for each. Raises UserError as :meth:`Part.of` does."""
     parts = [part] * len(records) if isinstance(part, Part) else part
     return [item.of(record, sampling) for record, item in zip(records, parts, strict=True)]
+
+
+def without_gaps(records: Sequence[Record], sampling: Sampling) -> list[Record]:
+    """Records, split where scored samples were not measured; of their pieces those that are long enough to tell
+    something. Raises UserError where nothing is left.
+    """
+    found = [piece for record in records for piece in _pieces(record, scored_every(record, sampling))]
+    if records and not found:
+        raise UserError(f"{records[0].name}: no {SHORTEST_PIECE} scored samples without a gap: record it again")
+    return found
+
+
+def _pieces(record: Record, every: int) -> list[Record]:
+    scored = np.ones(1, dtype=bool) if record.measured is None else record.measured[::every]
+    if scored.all():
+        return [record]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], scored, [False]]).astype(np.int8)))
+    found = [(first, stop) for first, stop in edges.reshape(-1, 2).tolist() if stop - first >= SHORTEST_PIECE]
+    cut = [record.between(first * every, min(stop * every, record.samples)) for first, stop in found]
+    return [replace(piece, name=f"{record.name} piece {number}") for number, piece in enumerate(cut, 1)]
 
 
 def scored_every(record: Record, sampling: Sampling) -> int:

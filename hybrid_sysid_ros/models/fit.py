@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.models.sampling import Sampling
@@ -29,6 +30,8 @@ class PreparedRecord:
     """Raw ones at the scored samples, (samples, outputs)."""
     states: Array
     """As far as the raw outputs and their Savitzky-Golay rates show them, (samples, states): initial states only."""
+    measured: NDArray[np.bool_] | None = None
+    """Which samples are scored, (samples,): those that were measured; None for all."""
 
     @property
     def samples(self) -> int:

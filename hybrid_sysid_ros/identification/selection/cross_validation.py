@@ -12,7 +12,7 @@ from hybrid_sysid_ros.bags.record import Record
 from hybrid_sysid_ros.identification.context import Context
 from hybrid_sysid_ros.identification.experiment import prepare
 from hybrid_sysid_ros.identification.identify import checked
-from hybrid_sysid_ros.identification.part import Part, parts_of
+from hybrid_sysid_ros.identification.part import Part, parts_of, without_gaps
 from hybrid_sysid_ros.identification.validation.scores import score_free_run
 from hybrid_sysid_ros.models import Options, Sampling
 from hybrid_sysid_ros.models.structure import complete, structure_of
@@ -103,7 +103,7 @@ def cross_validate(
     began = time.perf_counter()
     scores = {}
     for held in _of_each(blocks, folds) if alike else np.array_split(np.arange(len(blocks)), folds):
-        learned = [block for i, block in enumerate(blocks) if i not in held]
+        learned = without_gaps([block for i, block in enumerate(blocks) if i not in held], sampling)
         context = Context(rig=rig, sampling=holds, options=chosen, seed=seed, records=learned)
         system = found.fit(context).system
         for i in held:

@@ -76,9 +76,13 @@ def score(measured: Array, simulated: Array) -> Scores:
 
 
 def score_free_run(system: System, experiment: PreparedRecord) -> Scores:
-    """Scores of the strict free run on raw outputs. Raises UserError for a constant output, naming the record."""
+    """Scores of the strict free run on raw outputs, where they were measured. Raises UserError for a constant output,
+    naming the record.
+    """
+    measured = slice(None) if experiment.measured is None else experiment.measured
+    names, simulated = [item.name for item in system.outputs], free_run(system, experiment)
     try:
-        return Scores.of([item.name for item in system.outputs], experiment.outputs, free_run(system, experiment))
+        return Scores.of(names, experiment.outputs[measured], simulated[measured])
     except UserError as error:
         raise UserError(f"{experiment.name}: {error}; leave the record out") from None
 
