@@ -143,7 +143,7 @@ def set_points(count: int) -> dict[str, Any]:
     def send() -> None:
         try:
             shown.opened.wait()
-            address = shown.address.replace("http://", "ws://").replace("/?", "/live?")
+            address = shown.address.replace("http://", "ws://").replace("/#", "/live?")
             origin: Any = address.replace("ws://", "http://").partition("/live")[0]
             with heard(domain, f"/{rig.namespace}/reference") as found, connect(address, origin=origin) as page:
                 page.recv()

@@ -6,7 +6,6 @@ import asyncio
 import hmac
 import json
 import logging
-import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from http import HTTPStatus
@@ -15,6 +14,7 @@ from threading import Event, Thread
 from typing import Any, Protocol
 from urllib.parse import parse_qs
 
+from hybrid_sysid_ros.extensions.view.page_token import NONCE, page_token, proof
 from hybrid_sysid_ros.extensions.view.requests import LARGEST, Next, Request, RequestMenu, read_request
 from hybrid_sysid_ros.extensions.view.tables import Cursor
 from hybrid_sysid_ros.support.errors import UserError
@@ -30,10 +30,13 @@ with extra("view"):
 
 ADDRESS = "127.0.0.1"
 LIVE = "/live"
-"""Path of the websocket; everything else is one of the FILES."""
+"""Path of the websocket, which needs the token."""
+PROOF = "/proof"
+"""Path by which a page asks whether this is the server of its token; everything else is one of the FILES."""
 FILES = {
     "/": ("index.html", "text/html"),
     "/page.js": ("page.js", "text/javascript"),
+    "/connection.js": ("connection.js", "text/javascript"),
     "/charts.js": ("charts.js", "text/javascript"),
     "/drawing.js": ("drawing.js", "text/javascript"),
     "/style.css": ("style.css", "text/css"),
@@ -86,7 +89,7 @@ class Server:
 
     def __init__(self, service: ViewService, *, port: int, pictures: float) -> None:
         """port: 0 for any that is free. pictures: a second, at most."""
-        self.token = secrets.token_urlsafe(16)
+        self.token = page_token(port)
         self.port = port
         self.pages: set[Page] = set()
         self.sent = self.refused = 0
@@ -99,8 +102,10 @@ class Server:
 
     @property
     def url(self) -> str:
-        """Where the page is."""
-        return f"http://{ADDRESS}:{self.port}/?token={self.token}"
+        """Where the page is. A browser tells no server what stands behind the #: the page keeps it, and tells it to a
+        server that knows it already.
+        """
+        return f"http://{ADDRESS}:{self.port}/#token={self.token}"
 
     @property
     def hosts(self) -> tuple[str, str]:
@@ -162,9 +167,11 @@ class Server:
         if len(hosts) != 1 or hosts[0] not in self.hosts:
             return _response(HTTPStatus.FORBIDDEN, "this page is served to this computer only\n")
         path, _, query = request.path.partition("?")
-        if path not in (*FILES, LIVE):
+        if path not in (*FILES, LIVE, PROOF):
             return _response(HTTPStatus.NOT_FOUND, "no such page\n")
-        if path in ("/", LIVE) and not self._is_known(query):
+        if path == PROOF:
+            return self._proof(query)
+        if path == LIVE and not self._is_known(query):
             return _response(
                 HTTPStatus.FORBIDDEN,
                 "the token is missing or old: open the address that hybrid-sysid view has printed\n",
@@ -179,6 +186,12 @@ class Server:
         if len(self.pages) >= PAGES:
             return _response(HTTPStatus.SERVICE_UNAVAILABLE, f"{PAGES} pages are open: close one\n")
         return None
+
+    def _proof(self, query: str) -> Response:
+        nonce = query.removeprefix("nonce=")
+        if not NONCE.fullmatch(nonce):
+            return _response(HTTPStatus.BAD_REQUEST, "a proof needs nonce=, and 32 hexadecimal digits\n")
+        return _response(HTTPStatus.OK, proof(self.token, nonce))
 
     def _is_known(self, query: str) -> bool:
         tokens = parse_qs(query, max_num_fields=4).get("token", []) if query.count("&") < 4 else []

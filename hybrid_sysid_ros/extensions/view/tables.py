@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,8 +15,8 @@ from hybrid_sysid_ros.support.arrays import Array
 
 ALIGNMENT = 8
 """Of the numbers in a frame [bytes]."""
-RESTART = 1.0
-"""A time so far before the last one begins anew [s]."""
+RESTART, JUMP = 1.0, 10.0
+"""A time so far before, and so far after the last one begins anew [s]: a clock that was set is no axis."""
 
 
 class Table:
@@ -52,7 +53,7 @@ class Cursor:
 
 class Tables:
     """Tables that grow by rows, arrays of which the newest counts, and texts likewise. Times are in seconds since the
-    first row; where they go back by RESTART a new epoch begins, without what was before.
+    first row; where they go back by RESTART, or leap by JUMP, a new epoch begins, without what was before.
     """
 
     def __init__(self, columns: Mapping[str, int], *, capacity: int) -> None:
@@ -65,8 +66,13 @@ class Tables:
         self._latest: dict[str, tuple[int, Any]] = {}
 
     def time(self, stamp: int, *, leads: bool = False) -> float:
-        """Seconds since the first stamp [ns] of an epoch; leads: such stamps tell where a new one begins."""
-        if self.zero is None or (leads and stamp < self._newest - RESTART * 1e9):
+        """Seconds since the first stamp [ns] of an epoch, NaN for one of another epoch; leads: such stamps tell where a
+        new one begins.
+        """
+        near = self.zero is not None and -RESTART <= (stamp - self._newest) * 1e-9 <= JUMP
+        if not near and self.zero is not None and not leads:
+            return math.nan
+        if not near:
             self.epoch += self.zero is not None
             self.zero = self._newest = stamp
             for table in self.tables.values():
@@ -74,7 +80,7 @@ class Tables:
             self._latest = {name: item for name, item in self._latest.items() if not isinstance(item[1], np.ndarray)}
         if leads:
             self._newest = max(self._newest, stamp)
-        return (stamp - self.zero) * 1e-9
+        return (stamp - (self.zero or 0)) * 1e-9
 
     def replace(self, name: str, value: Any) -> None:
         """An array (rows, columns) or plain data instead of the one before."""

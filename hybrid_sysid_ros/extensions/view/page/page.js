@@ -2,6 +2,7 @@
 // before, so that a slow or hidden page costs nothing. The server checks all it says.
 
 import { Chart, Rows, at, colour, fixed, forgetColours } from "./charts.js";
+import { Connection } from "./connection.js";
 import { Drawing } from "./drawing.js";
 
 const element = (id) => document.getElementById(id);
@@ -13,7 +14,7 @@ const SILENT = 2000; // ms without diagnostics of a node
 const LAYERS = { policy: "predicted", exact: "estimate", feedback: "measured", shifted_plan: "warn", held: "warn", zeroed: "error", stopped: "error" };
 const OTHER = "stale"; // colour of other layers
 
-let rig = null, socket = null, asked = 0;
+let rig = null;
 let tables = {}, latest = {}, charts = [], drawing = null;
 let statuses = new Map(), shares = [], counted = null;
 let epoch = -1;
@@ -39,21 +40,12 @@ function say(line, tone = "") {
 }
 
 function ask(request) {
-  if (socket?.readyState !== WebSocket.OPEN) return say("no connection", "bad");
-  socket.send(JSON.stringify({ id: ++asked, ...request }));
+  if (!connection.ask(request)) say("no connection", "bad");
 }
 
-function connect() {
-  const address = new URL("live" + location.search, location.href);
-  address.protocol = "ws:";
-  socket = new WebSocket(address);
-  socket.binaryType = "arraybuffer";
-  socket.onmessage = ({ data }) => (typeof data === "string" ? hear(JSON.parse(data)) : take(data));
-  socket.onclose = ({ reason }) => {
-    badge("no connection", "error");
-    say(reason || "the connection is lost: trying again; if the view was started anew, open the address it printed", "bad");
-    setTimeout(connect, 1000);
-  };
+function lost(reason) {
+  badge("no connection", "error");
+  say(reason || "the connection is lost: trying again", "bad");
 }
 
 function hear(message) {
@@ -79,10 +71,8 @@ function greet(greeting) {
   buildCharts();
   buildControls();
   say("");
-  wantNext();
+  connection.wantNext();
 }
-
-const wantNext = () => socket.readyState === WebSocket.OPEN && socket.send('{"do":"next"}');
 
 // A frame: the length of its head, the head as JSON, and the numbers that it names.
 function take(buffer) {
@@ -343,7 +333,7 @@ function picture(time) {
   pictures.push(time);
   while (pictures[0] < time - 2000) pictures.shift();
   if (!words.told || time - words.told > 250) words(time, positions);
-  wantNext();
+  connection.wantNext();
 }
 
 function words(time, positions) {
@@ -430,4 +420,4 @@ paint(dark.matches ? "dark" : "light");
 dark.addEventListener("change", () => paint(dark.matches ? "dark" : "light"));
 element("theme").addEventListener("click", () => paint(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
 for (const one of document.querySelectorAll(".call")) one.addEventListener("click", () => ask({ do: "call", service: one.dataset.service }));
-connect();
+const connection = new Connection({ hear, take, lost });

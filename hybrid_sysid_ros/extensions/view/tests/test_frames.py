@@ -68,6 +68,18 @@ def test_time_begins_anew_where_stamps_go_back() -> None:
     np.testing.assert_allclose(arrays["b"][:, 0], [0.0])
 
 
+def test_time_begins_anew_where_the_clock_was_set() -> None:
+    """From a simulated clock to the system's: no axis shows the seconds since 1970."""
+    made, cursor, epoch = tables(), Cursor(), 1_700_000_000 * SECOND
+    for stamp in (5 * SECOND, 6 * SECOND, epoch, epoch + SECOND):
+        made.tables["b"].add([made.time(stamp, leads=True), 0.0])
+    head, arrays = unpacked(made.frame(cursor))
+    assert head["epoch"] == 1
+    np.testing.assert_allclose(arrays["b"][:, 0], [0.0, 1.0])
+    assert np.isnan(made.time(6 * SECOND))  # an answer to a measurement before
+    assert made.time(epoch + 3 * SECOND) == pytest.approx(3.0)  # a preview
+
+
 @pytest.mark.parametrize("words", ["", "a", "äöü", "x" * 7, "\u2028\ud7ff"])
 def test_numbers_in_a_frame_are_aligned(words: str) -> None:
     """As Float64Array of JavaScript needs them."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hmac
 import http.client
 import json
 import socket
@@ -9,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -53,6 +55,12 @@ class Service:
 @pytest.fixture
 def service(rig: Rig) -> Service:
     return Service(RequestMenu.of(rig, ("constant",)))
+
+
+@pytest.fixture(autouse=True)
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tokens of tests lie elsewhere than those of this user."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
 
 
 @pytest.fixture
@@ -131,13 +139,13 @@ def test_the_page_loads_nothing_from_elsewhere(server: Server) -> None:
 
 
 @pytest.mark.parametrize("query", ["", "?token=", "?token=guess", "?token=%80", "?tok&&&&&&&&&", "?token=a&token=b"])
-def test_without_the_token_there_is_no_page(query: str, server: Server, page: Any) -> None:
-    status, body, _ = get(server, f"/{query}")
-    assert status == 403
-    assert b"token" in body
+def test_without_the_token_there_is_no_rig(query: str, server: Server, page: Any) -> None:
+    """The files of the page are the package's, and tell nothing of it."""
+    assert get(server, f"/{query}")[1] == get(server, f"/?token={server.token}")[1]
     with pytest.raises(InvalidStatus) as refused:
         page(query.removeprefix("?"))
     assert refused.value.response.status_code == 403
+    assert b"token" in (refused.value.response.body or b"")
 
 
 @pytest.mark.parametrize(
@@ -271,6 +279,19 @@ def test_too_many_pages_are_refused(page: Any) -> None:
 def test_a_port_that_is_taken_is_told(server: Server, service: Service) -> None:
     with pytest.raises(UserError, match=f"port {server.port}: .*--port"):
         Server(service, port=server.port, pictures=10.0).start()
+
+
+def test_a_server_proves_that_it_knows_the_token(server: Server) -> None:
+    nonce = "0123456789abcdef" * 2
+    status, body, _ = get(server, f"/proof?nonce={nonce}")
+    assert status == 200
+    assert body.decode() == hmac.new(server.token.encode(), nonce.encode(), "sha256").hexdigest()
+    assert get(server, f"/proof?nonce={nonce}", Host="evil.example")[0] == 403
+
+
+@pytest.mark.parametrize("query", ["", "nonce=", "nonce=zz", "nonce=" + "0" * 33, "nonce=" + "0" * 32 + "&more=1"])
+def test_a_proof_is_of_a_nonce_and_of_nothing_else(query: str, server: Server) -> None:
+    assert get(server, f"/proof?{query}")[0] == 400
 
 
 def test_tokens_differ(server: Server, service: Service) -> None:

@@ -45,8 +45,8 @@ class Visitor(threading.Thread):
         try:
             assert self.there.wait(PATIENCE)
             address = next(line for line in self.lines if line.startswith("live view: ")).removeprefix("live view: ")
-            origin: Any = address.partition("/?")[0]
-            with connect(address.replace("http://", "ws://").replace("/?", "/live?"), origin=origin) as page:
+            origin: Any = address.partition("/#")[0]
+            with connect(address.replace("http://", "ws://").replace("/#", "/live?"), origin=origin) as page:
                 self.action(page)
         except BaseException as error:
             self.trouble = error
