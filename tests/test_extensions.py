@@ -8,12 +8,14 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from hybrid_sysid_ros import models
 from hybrid_sysid_ros.runtime.companion import Companion, NodeValues, RequestedLoop, join
 from hybrid_sysid_ros.runtime.session import has_ros
 from hybrid_sysid_ros.support import extensions
@@ -316,10 +318,22 @@ def test_an_interrupt_while_extensions_are_looked_for_stays_one(tmp_path: Path, 
     assert (found.returncode, found.stdout, found.stderr) == (130, "", "interrupted\n")
 
 
-def test_an_unknown_structure_says_which_extension_is_left_out(tmp_path: Path, call: Call) -> None:
-    offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension="1 / 0")
-    code = "import hybrid_sysid_ros.models as m; m.structure_of('tides', None)"
-    assert "extension tides (tides.extension:EXTENSION) is left out" in call(code=code).stderr
+@pytest.mark.parametrize(
+    ("manifest", "why"),
+    [
+        ("1 / 0", "extension tides (tides.extension:EXTENSION) is left out: "),
+        (MANIFEST.format("tides", "provides={'structures': {'tides': 'tides.nowhere:Tides'}}"), "tides.nowhere:Tides"),
+    ],
+)
+def test_a_model_of_a_structure_that_is_left_out_names_its_extension(
+    tmp_path: Path, call: Call, manifest: str, why: str
+) -> None:
+    replace(models.load(ROOT / "trained" / "cam_beam" / "model"), structure="tides").save(tmp_path / "m")
+    offer(tmp_path / "site", "tides", "tides.extension:EXTENSION", extension=manifest)
+    found = call("evaluate", tmp_path / "m", BAG)
+    *_, line = found.stderr.splitlines()
+    assert (found.returncode, line.startswith(f"error: {tmp_path / 'm' / 'model.yaml'}: ")) == (2, True)
+    assert why in line
 
 
 # Companions

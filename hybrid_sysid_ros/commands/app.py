@@ -85,6 +85,14 @@ class Commands(TyperGroup):
     def __init__(self, name: str, commands: Sequence[TyperCommand | TyperGroup], **settings: Any) -> None:
         super().__init__(name=name, commands=commands, no_args_is_help=True, rich_markup_mode=None, **settings)
 
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command of a name. Raises UserError for one of an extension of ours that is missing."""
+        found = super().get_command(ctx, cmd_name)
+        words = " ".join([*ctx.command_path.split()[1:], cmd_name])
+        if found is None and (why := extensions.missing(words)):
+            raise UserError(f"command {words}: {why}")
+        return found
+
     def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
         try:
             return super().invoke(ctx)

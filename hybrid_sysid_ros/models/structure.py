@@ -187,6 +187,8 @@ def structure_of(name: str, physics: System, boxes: Boxes | None = None) -> Stru
         known = box in own or (box in table and _class_of(table[box]).is_gray_box)
         if box != name and known and _class_of(place).combines:
             return _class_of(place)(**given, chosen_box=box)
+    if why := extensions.missing(name):
+        raise UserError(f"structure {name!r}: {why}")
     raise UserError(
         f"structure {name!r} is unknown; choose one of {', '.join(dict.fromkeys((*table, *own)))}, or hybrid_NAME or "
         f"residual_NAME of a gray box, or install the extension that provides it{extensions.left_out()}"

@@ -110,7 +110,7 @@ def node_module(name: str) -> str:
     """Full name of the module that runs a node. Raises UserError where there is none."""
     nodes = {node: module for extension in registry().extensions for node, module in extension.nodes.items()}
     if name not in nodes:
-        raise UserError(f"no node {name}: {errors.known(name, nodes)}")
+        raise UserError(f"no node {name}: {missing(name) or errors.known(name, nodes)}")
     return nodes[name]
 
 
@@ -145,6 +145,18 @@ def leave_out(what: str, why: UserError) -> None:
     """Note that something of an extension is not used; the command line tells it."""
     if (line := f"{what} is left out: {why}") not in registry().problems:
         registry().problems.append(line)
+
+
+def missing(name: str) -> str:
+    """Why a command, node or structure of an extension of ours is not there; empty where that is not the reason."""
+    from hybrid_sysid_ros.support.trunk import NEIGHBOURS
+
+    for owner, names in NEIGHBOURS.items():
+        if any(name == known or name.startswith(f"{known}_") for known in names):
+            reasons = [line for line in registry().problems if line.startswith(f"extension {owner} ")]
+            absent = f"its extension {owner} is missing: {HOME / owner} is not there; install hybrid_sysid_ros again"
+            return next(iter(reasons), "" if (HOME / owner / MANIFEST).exists() else absent)
+    return ""
 
 
 def left_out() -> str:

@@ -1,4 +1,4 @@
-"""Trunk: what this package offers by name without any extension, told as an extension tells it."""
+"""The trunk: what this package offers by name without any extension, declared as an extension declares it."""
 
 from hybrid_sysid_ros.support.extensions import Extension
 
@@ -9,6 +9,15 @@ SECTIONS = (
     "default", "namespace", "step", "sensors", "actuators", "joints", "signals", "experiments", "references", "nodes",
     "policy_training", "policy_certificate", "demo", "travel", "disturbances", "validity", "offsets",
 )  # fmt: skip
+
+NEIGHBOURS = {
+    "accuracy": ("accuracy", "mockup"), "commander": ("say", "mcp", "commander"), "ensemble": ("ensemble",),
+    "export": ("model export", "policy export"), "friction_atlas": ("friction",), "fuzzy": ("takagi_sugeno", "difnn"),
+    "narx": ("narx", "residual"), "playback": ("play", "replay", "player"), "recurrent": ("recurrent",),
+    "policies": ("policy train", "policy certify"), "search": ("search",), "trim": ("trim",),
+    "view": ("view", "rig layouts"), "vision": ("film", "video", "camera", "vision"),
+}  # fmt: skip
+"""Commands, nodes and structures of the extensions that come with this package, for errors that name a missing one."""
 
 TRUNK = Extension(
     name="hybrid_sysid_ros",
