@@ -31,11 +31,17 @@ def _title(page: Path) -> str:
 
 
 def on_config(config: Any) -> Any:
-    """Put the pages of the extensions that are there into the group of that name."""
+    """Put the pages of the extensions that are there where mkdocs.yml names their folders, or at the end."""
     group = next(entry["Extensions"] for entry in config.nav if "Extensions" in entry)
-    for name, pages in _extensions().items():
-        entries: list[dict[str, Any]] = [{_title(path): address} for address, path in pages.items()]
-        group.extend(entries if len(entries) == 1 else [{name: entries}])
+    found = {
+        name: [{_title(path): address} for address, path in pages.items()] for name, pages in _extensions().items()
+    }
+    for entry in [entry for entry in group if isinstance(next(iter(entry.values())), list)]:
+        ((title, names),) = entry.items()
+        entry[title] = [page for name in names for page in found.pop(name, [])]
+        if not entry[title]:
+            group.remove(entry)
+    group.extend({name: pages} for name, pages in found.items())
     return config
 
 

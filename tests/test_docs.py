@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 
 from hybrid_sysid_ros.commands.app import LateCommand
 from hybrid_sysid_ros.support import extensions
@@ -54,6 +55,19 @@ def _parse(words: list[str]) -> None:
 @pytest.mark.parametrize(("page", "line"), LINES, ids=[f"{page}-{k}" for k, (page, _) in enumerate(LINES)])
 def test_a_command_line_has_options_that_there_are(page: str, line: str) -> None:
     _parse(shlex.split(line, comments=True)[1:])
+
+
+def _groups(entries: list) -> Iterator[list]:
+    yield entries
+    for entry in entries:
+        if isinstance(entry, dict) and isinstance(found := next(iter(entry.values())), list):
+            yield from _groups(found)
+
+
+def test_no_group_of_the_site_has_more_than_seven_entries() -> None:
+    navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[2]
+    groups = list(_groups(yaml.safe_load(navigation.partition("\n")[2])))
+    assert [group for group in groups if len(group) > 7] == []
 
 
 def test_every_command_is_on_some_page() -> None:
