@@ -3,13 +3,13 @@
 
 import os
 
-WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
-
 # Threads of linear algebra spin while they wait: with a busy neighbour the small problems here take ten times as long.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
+import socket
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -236,14 +236,20 @@ def policy_folder(rig: Rig, model_folder: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def domain() -> Iterator[int]:
-    """A ROS domain of this process's own, on this machine only. Beyond 100 its ports may be taken by others."""
+    """A ROS domain of this process's own, on this machine only. Beyond 100 its ports may be taken by others.
+
+    DDS speaks UDP: by listening on the domain's first port by TCP, this process has it until it ends.
+    """
     pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]")
-    with pytest.MonkeyPatch.context() as monkeypatch:
+    with ExitStack() as stack:
+        for number in (1 + (os.getpid() + k) % 100 for k in range(100)):
+            with suppress(OSError):  # another run has it
+                stack.enter_context(socket.create_server(("127.0.0.1", 7400 + 250 * number)))
+                break
+        monkeypatch = stack.enter_context(pytest.MonkeyPatch.context())
         monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        if WORKER:  # those of one run have one parent
-            yield 1 + (os.getppid() + int(WORKER.removeprefix("gw"))) % 100
-        else:
-            yield 1 + os.getpid() % 100
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
+        yield number
 
 
 @pytest.fixture
