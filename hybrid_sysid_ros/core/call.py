@@ -9,7 +9,7 @@ from llvmlite import ir
 from numba import cfunc, types
 from numba.extending import intrinsic
 
-from hybrid_sysid_ros.core.compilation import inner
+from hybrid_sysid_ros.core.compilation import inner, is_kept
 from hybrid_sysid_ros.core.registers import address_of
 
 __all__ = ["JACOBIAN", "VALUE", "call_jacobian", "call_value", "compiled", "inner", "pointer"]
@@ -26,7 +26,7 @@ JACOBIAN = types.void(_NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, types.float64, typ
 def compiled(signature: Any) -> Callable[[Any], Any]:
     """Decorator of a function with an address: compiled at once, or loaded from the cache on disk."""
     options = {"error_model": "numpy", "fastmath": {"contract"}}
-    return cfunc(signature, cache=True, **options)  # type: ignore[no-any-return]
+    return cfunc(signature, cache=is_kept(), **options)  # type: ignore[no-any-return]
 
 
 @intrinsic

@@ -7,7 +7,6 @@ leaves old code of its callers, and leaves the compiled code of everything else.
 from __future__ import annotations
 
 import atexit
-import fcntl
 import hashlib
 import os
 import re
@@ -22,8 +21,10 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import caching
 from numba.extending import register_jitable
 
+from hybrid_sysid_ros.core.code_cache import CheckedCacheFile, missing_names
 from hybrid_sysid_ros.support.versions import NUMBA_CACHE, NUMBA_COMPILER
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
@@ -61,40 +62,28 @@ def kernel(function: Callable[..., Any], signature: str | None = None) -> Any:
     """Decorator of a loop that Python calls: compiled at its first call, or loaded from the cache on disk. With a
     signature at once, and for its arguments alone.
     """
-    place = folder(function.__module__, digest(function.__module__))
-    with kept_in(place):
-        made = numba.njit(cache=True, fastmath={"contract"}, **OPTIONS)(function)
-        # Two processes that keep code for other arguments at the same time could give one the other's.
-        file: Any = getattr(getattr(made, "_cache", None), "_cache_file", None)
-        if NUMBA_CACHE.usable([] if hasattr(file, "save") else ["Dispatcher._cache._cache_file.save"]):
-            file.save = _in_turn(file.save, place / "lock")
-        else:
-            made = numba.njit(fastmath={"contract"}, **OPTIONS)(function)
+    with kept_in(folder(function.__module__, digest(function.__module__))):
+        made = numba.njit(cache=is_kept(), fastmath={"contract"}, **OPTIONS)(function)
         if signature is not None:
             made.compile(signature)
             made.disable_compile()
     return made
 
 
-def _in_turn(function: Callable[..., None], lock: Path) -> Callable[..., None]:
-    """One process at a time."""
-
-    def waiting(*arguments: Any) -> None:
-        with lock.open("w") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            function(*arguments)
-
-    return waiting
+def is_kept() -> bool:
+    """Whether compiled code is kept on disk: where its files can have checksums."""
+    return NUMBA_CACHE.usable(missing_names())
 
 
 @contextmanager
 def kept_in(place: Path) -> Iterator[None]:
-    """Functions that are decorated meanwhile have their compiled code kept there."""
+    """Functions that are decorated meanwhile have their compiled code kept there, with checksums."""
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(place)
+    plain, caching.IndexDataCacheFile = caching.IndexDataCacheFile, CheckedCacheFile
     try:
         yield
     finally:
-        numba.config.CACHE_DIR = before
+        numba.config.CACHE_DIR, caching.IndexDataCacheFile = before, plain
 
 
 def digest(*modules: str) -> str:

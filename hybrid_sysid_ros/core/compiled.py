@@ -8,12 +8,15 @@ import os
 import sys
 import tempfile
 from functools import cached_property
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
+from types import CodeType
 from typing import Any
 
 from hybrid_sysid_ros.core.compilation import folder, kept_in
 from hybrid_sysid_ros.core.printing import JacobianColumns, jacobian_columns, source_of
 from hybrid_sysid_ros.core.system import System
+from hybrid_sysid_ros.support.errors import warn
 
 
 class Compiled:
@@ -56,14 +59,14 @@ class Compiled:
         name = f"printed_{version}"
         if name not in sys.modules:
             path = _kept(folder(type(self._system).__name__, version), source)
-            specification = importlib.util.spec_from_file_location(name, path)
+            loader = _SourceLoader(name, str(path))
+            specification = importlib.util.spec_from_loader(name, loader)
             assert specification is not None
-            assert specification.loader is not None
             module = importlib.util.module_from_spec(specification)
             sys.modules[name] = module  # compiled code that is loaded asks for its module by name
             try:
                 with kept_in(path.parent):
-                    specification.loader.exec_module(module)
+                    loader.exec_module(module)
             except BaseException:
                 del sys.modules[name]  # not half of it, when Ctrl-C comes in the middle
                 raise
@@ -81,11 +84,20 @@ def compiled(system: System) -> Compiled:
     return _COMPILED[form]
 
 
+class _SourceLoader(SourceFileLoader):
+    """Keeps no bytecode beside the source, which would need a checksum, too."""
+
+    def get_code(self, fullname: str) -> CodeType:
+        return self.source_to_code(self.get_data(self.path), self.path)
+
+
 def _kept(place: Path, source: str) -> Path:
     """The file of a printed module, the same whichever process writes it: compiled code goes by its time."""
     path = place / "printed.py"
-    if path.is_file() and path.read_text(encoding="utf-8") == source:
-        return path
+    if path.exists():
+        if path.read_bytes() == source.encode():
+            return path
+        warn(f"{path} is damaged: it is printed again")
     handle, partial = tempfile.mkstemp(dir=place, suffix=".partial")
     with os.fdopen(handle, "w", encoding="utf-8") as file:
         file.write(source)

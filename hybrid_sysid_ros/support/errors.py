@@ -1,5 +1,6 @@
 """What a user can cause: an error, and an early end."""
 
+import warnings
 from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
@@ -22,6 +23,11 @@ class UserError(Exception):
     def __init__(self, text: str) -> None:
         line = "".join(one if one.isprintable() else " " for one in text[:LONGEST])
         super().__init__(line if len(text) <= LONGEST else f"{line} ...")
+
+
+def warn(words: str) -> None:
+    """Warn in one line, as if by the package: no line of a source is shown with it."""
+    warnings.warn_explicit(words, RuntimeWarning, __name__.partition(".")[0], 1)
 
 
 def known(name: str, names: Iterable[str]) -> str:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, warn
 
 FALL_BACK = "HYBRID_SYSID_FALL_BACK"
 """Environment variable: names of guarded parts, separated by commas, that are not used, as if they were unknown."""
 WARNED = "HYBRID_SYSID_FALL_BACK_WARNED"
 """Environment variable: those of which this process, or the one that started it, has warned already."""
-_HERE = __name__.partition(".")[0]
 
 
 @cache
@@ -59,8 +57,7 @@ class Guarded:
         warned = os.environ.get(WARNED, "").split(",")
         if self.name not in warned:
             os.environ[WARNED] = ",".join([*warned, self.name])
-            # As if by the package: no line of a source is shown with it.
-            warnings.warn_explicit(f"{trouble}: {self.cost}", RuntimeWarning, _HERE, 1)
+            warn(f"{trouble}: {self.cost}")
         return False
 
     def _trouble(self, missing: Sequence[str]) -> str:

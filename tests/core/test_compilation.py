@@ -1,6 +1,7 @@
 """Compiled code: kept on disk by what it is made of, found again by the next process, and safe to share."""
 
 import os
+import shutil
 import stat
 import subprocess
 import sys
@@ -10,6 +11,8 @@ from pathlib import Path
 import pytest
 
 from hybrid_sysid_ros.core import compilation
+from hybrid_sysid_ros.core.code_cache import CheckedCacheFile
+from hybrid_sysid_ros.core.compiled import _kept as printed_file
 from hybrid_sysid_ros.support.versions import FALL_BACK, WARNED
 
 PROGRAM = """
@@ -53,8 +56,10 @@ print(len(passes.buffer), found)
 """
 
 
-def run(cache, home=None, *, program=PROGRAM, without=""):
-    """Passes of the compiler, and the numbers of the program, in a process of its own, without some private parts."""
+def run(cache, home=None, *, program=PROGRAM, without="", damaged=0):
+    """Passes of the compiler, and the numbers of the program, in a process of its own, without some private parts, and
+    with a line for each file that is damaged.
+    """
     environment = {
         **os.environ,
         "HYBRID_SYSID_CACHE": str(cache),
@@ -64,7 +69,8 @@ def run(cache, home=None, *, program=PROGRAM, without=""):
     }
     found = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
     passes, *numbers = found.stdout.split()
-    assert found.stderr.count("\n") == len(list(filter(None, without.split(","))))  # a warning each
+    assert found.stderr.count("\n") == len(list(filter(None, without.split(",")))) + damaged  # a warning each
+    assert found.stderr.count("made again") == damaged
     return int(passes), numbers
 
 
@@ -104,6 +110,60 @@ def test_where_nothing_can_be_kept_it_is_compiled_for_this_process(tmp_path):
     first = run(tmp_path / "cache", tmp_path / "temporary", program=SMALL)
     assert first[0] > 10
     assert run(tmp_path / "cache", tmp_path / "temporary", program=SMALL) == (0, first[1])  # with temporary files
+
+
+def test_code_that_is_damaged_on_disk_is_made_again_with_a_line(tmp_path):
+    first = run(tmp_path, program=SMALL)
+    (index,) = tmp_path.rglob("*.nbi")
+    (code,) = tmp_path.rglob("*.nbc")
+    for path, at in ((index, 40), (code, 3000)):
+        content = bytearray(path.read_bytes())
+        content[at] ^= 4
+        path.write_bytes(content)
+        assert run(tmp_path, program=SMALL, damaged=1) == first
+    assert run(tmp_path, program=SMALL) == (0, first[1])
+
+
+def flipped(content, at):
+    return bytes(one ^ 255 if k == at % len(content) else one for k, one in enumerate(content))
+
+
+@pytest.mark.parametrize("damage", ["empty", "half", "longer", 0, 30, -17, -1])
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+def test_what_is_damaged_is_not_unpacked(tmp_path, damage, ending):
+    file = CheckedCacheFile(str(tmp_path), "twice", 1.0)
+    file.save("key", list(range(100)))
+    assert file.load("key") == list(range(100))
+    (path,) = tmp_path.glob(f"*.{ending}")
+    content = path.read_bytes()
+    other = {"empty": b"", "half": content[: len(content) // 2], "longer": content + b"."}
+    path.write_bytes(other[damage] if damage in other else flipped(content, damage))
+    with pytest.warns(RuntimeWarning, match=r"is damaged: its compiled code is made again"):
+        assert file.load("key") is None
+    file.save("key", [1.0])
+    assert file.load("key") == [1.0]
+
+
+def test_code_in_another_function_s_place_is_not_taken(tmp_path):
+    files = [CheckedCacheFile(str(tmp_path), name, 1.0) for name in ("one", "other")]
+    for file in files:
+        file.save("key", file._index_name)
+    for path in tmp_path.glob("one*"):
+        shutil.copy(path, tmp_path / path.name.replace("one", "other"))
+    with pytest.warns(RuntimeWarning, match="damaged"):
+        assert files[1].load("key") is None
+
+
+def test_what_cannot_be_kept_is_told(tmp_path):
+    with pytest.warns(RuntimeWarning, match="the next process compiles anew"):
+        CheckedCacheFile(str(tmp_path / "gone"), "twice", 1.0).save("key", 1.0)
+
+
+def test_a_printed_source_that_is_damaged_is_printed_again(root):
+    path = printed_file(compilation.folder("thing", "1"), "one = 1.0\n")
+    path.write_bytes(b"one = \xff\n")
+    with pytest.warns(RuntimeWarning, match=r"printed.py is damaged"):
+        assert printed_file(path.parent, "one = 1.0\n").read_text() == "one = 1.0\n"
 
 
 def test_processes_that_start_at_once_agree(tmp_path):

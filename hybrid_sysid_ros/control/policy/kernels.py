@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from hybrid_sysid_ros.core.compilation import OPTIONS, inner, kernel
+from hybrid_sysid_ros.core.compilation import inner, kernel
 from hybrid_sysid_ros.core.networks import NetworkLayers
 from hybrid_sysid_ros.core.networks.tanh_layers import WIDEST, forward, packed_columns, widths_of
 from hybrid_sysid_ros.core.registers import scratch
@@ -276,5 +275,5 @@ def answer_in_parts() -> Callable[..., bool]:
     numbers and the plan. Raises ValueError for parts of other sizes and TypeError for other arrays.
     """
     signature = "b1(f8[:], f8[:], f8[:], f8[:, :], i8[::1], f8[::1], f8[:, ::1])"
-    made: Callable[..., bool] = numba.njit(signature, cache=True, fastmath={"contract"}, **OPTIONS)(_answer_in_parts)
+    made: Callable[..., bool] = kernel(_answer_in_parts, signature)
     return made
