@@ -1,4 +1,4 @@
-"""Systems: their law written once, stepped, compiled, simulated with derivatives, and exported to CasADi."""
+"""Systems: a law is written once, then stepped, compiled, simulated with derivatives and exported to CasADi."""
 
 from hybrid_sysid_ros.core.compiled import compiled
 from hybrid_sysid_ros.core.declaration import Variable

@@ -30,7 +30,7 @@ class BlockCall:
     features: casadi.SX
     """(features,)."""
     outputs: casadi.SX
-    """Symbols (outputs,) that stand for what the block gives."""
+    """Symbols (outputs,) that stand for the block's outputs."""
     jacobian: casadi.SX
     """Symbols (outputs, features) that stand for its derivatives."""
 
@@ -40,7 +40,7 @@ class Calls:
     """What a trace has called so far."""
 
     weights: casadi.SX | None = None
-    """Where blocks are to be written out: the weights (weights,) to do it with; None: they stay opaque."""
+    """Weights (weights,) with which blocks are written out as expressions; None: blocks stay opaque."""
     made: list[BlockCall] = field(default_factory=list)
 
 
@@ -49,7 +49,7 @@ _current: ContextVar[Calls | None] = ContextVar("calls", default=None)
 
 @contextmanager
 def tracing(calls: Calls) -> Iterator[Calls]:
-    """Collect the calls of blocks here."""
+    """Collect the calls of blocks that are made within this context."""
     token = _current.set(calls)
     try:
         yield calls
@@ -60,8 +60,8 @@ def tracing(calls: Calls) -> Iterator[Calls]:
 Kernels = tuple[Callable[..., None], Callable[..., None], Callable[..., None]]
 """The kernels of a block.
 
-value(w, at, z, y): y (outputs,) from the features z (features,) with the weights w[at:]. jacobian(w, at, z, y, by_z): y
-and its derivatives (outputs x features) along rows. weight_gradient(w, at, z, factors, row, start): adds
+value(w, at, z, y) computes y (outputs,) from the features z (features,) with the weights w[at:]. jacobian(w, at, z, y,
+by_z) also computes the derivatives (outputs x features) along rows. weight_gradient(w, at, z, factors, row, start) adds
 sum_k factors[k] dy_k/dw to row[start:], one entry for each weight.
 """
 
@@ -72,13 +72,13 @@ class Block(ABC):
     features: int
     outputs: int
     size: int
-    """Number of its weights."""
+    """Number of the block's weights."""
     at: int = 0
-    """Where they begin among the weights of the system."""
+    """Index of its first weight among the weights of the system."""
 
     @property
     def code(self) -> str:
-        """A Python expression that makes the block again, wherever its weights begin. Subclasses are dataclasses."""
+        """A Python expression that makes the block again, whatever the index of its first weight."""
         block: Any = self
         names = (item.name for item in dataclasses.fields(block))
         given = ", ".join(f"{name}={getattr(self, name)!r}" for name in names if name != "at")
@@ -86,9 +86,9 @@ class Block(ABC):
 
     @property
     def functions(self) -> Kernels:
-        """The kernels for printed code. Those of another shape, and what they call, have another name: compiled code
-        that is kept by several processes may number functions alike, and what is loaded later would then be linked to
-        what was loaded before.
+        """The kernels for printed code. Kernels of another shape, and the functions that they call, have other names:
+        several processes may give cached functions the same number, and a function that is loaded later would then be
+        linked to an earlier one.
         """
         found, shape = self.kernels, re.sub("[^0-9A-Za-z]+", "_", self.code)
         waiting: list[Any] = list(found)
@@ -103,17 +103,17 @@ class Block(ABC):
     @property
     @abstractmethod
     def kernels(self) -> Kernels:
-        """Its functions for compiled code."""
+        """The kernels for compiled code."""
 
     @abstractmethod
     def symbolic(self, z: Sequence[Scalar], w: Sequence[Scalar]) -> Sequence[Scalar]:
-        """The outputs written out, from features and its own weights (size,)."""
+        """The outputs as expressions of the features (features,) and of the block's own weights (size,)."""
 
     def __call__(self, z: Sequence[Scalar]) -> list[Scalar]:
-        """The outputs for features (features,), inside a law that is being traced."""
+        """The outputs for features (features,), inside a traced law. Raises ValueError for other sizes."""
         calls = _current.get()
         if calls is None:
-            raise RuntimeError("a block can be called in a law that is traced only")
+            raise RuntimeError("a block can be called only inside a law that is being traced")
         if len(z) != self.features:
             raise ValueError(f"a block of {self.features} features was given {len(z)}")
         if calls.weights is not None:
@@ -132,9 +132,9 @@ class Block(ABC):
 
 @inner
 def not_learnt(w: Any, at: int, z: Any, factors: Any, row: Any, start: int) -> None:
-    """Derivatives by the weights of blocks that are trained by other means."""
+    """Add nothing: the weight gradient of blocks that are trained by other means."""
 
 
 def weighed(row: Any, values: Any, start: Any) -> Any:
-    """Start + row . values, written out."""
+    """Return start + row . values, written out."""
     return sum((a * value for a, value in zip(row, values, strict=True)), start)

@@ -17,21 +17,21 @@ __all__ = ["JACOBIAN", "VALUE", "call_jacobian", "call_value", "compiled", "inne
 _NUMBERS = types.CPointer(types.float64)
 VALUE = types.void(_NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, types.float64, types.float64, _NUMBERS)
 """function(x, u, p, w, h, s, out): x (states,), u (inputs,), p (parameters,), w (weights,), h the step [s], s the
-smoothing; ``out`` receives the states after the step, or the outputs. No array may be another one.
+smoothing; ``out`` receives the states after the step, or the outputs. No two arrays may share memory.
 """
 JACOBIAN = types.void(_NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS, types.float64, types.float64, _NUMBERS, _NUMBERS)
-"""function(x, u, p, w, h, s, out, jacobian): and the derivatives along rows, see :class:`~.printing.Columns`."""
+"""function(x, u, p, w, h, s, out, jacobian), with derivatives along rows; see :class:`~.printing.JacobianColumns`."""
 
 
 def compiled(signature: Any) -> Callable[[Any], Any]:
-    """Decorator of a function with an address: compiled at once, or loaded from the cache on disk."""
+    """Decorate a function that is called by its address: it is compiled at once, or loaded from the cache on disk."""
     options = {"error_model": "numpy", "fastmath": {"contract"}}
     return cfunc(signature, cache=is_kept(), **options)  # type: ignore[no-any-return]
 
 
 @intrinsic
 def pointer(typingctx, array):  # type: ignore[no-untyped-def]
-    """Where the numbers of a whole array begin."""
+    """The address of the first number of a contiguous array."""
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return address_of(context, builder, signature.args[0], arguments[0])
@@ -40,13 +40,13 @@ def pointer(typingctx, array):  # type: ignore[no-untyped-def]
 
 
 def _by_address(arrays: int, more: int) -> Any:
-    """The compiler's code of a call with so many arrays, h, s, and more arrays."""
+    """The compiler's code for a call with ``arrays`` arrays, then h and s, then ``more`` arrays."""
 
     def typed(typingctx: Any, address: Any, *arguments: Any) -> Any:
         for kind in (*arguments[:arrays], *arguments[arrays + 2 :]):
             whole = isinstance(kind, types.Array) and kind.layout == "C" and kind.dtype == types.float64
             if not whole and kind != _NUMBERS:
-                raise TypeError(f"a call by address takes whole arrays of numbers, not {kind}")
+                raise TypeError(f"a call by address takes contiguous arrays of numbers, not {kind}")
 
         def build(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             double, pointer = ir.DoubleType(), ir.DoubleType().as_pointer()
@@ -67,11 +67,11 @@ def _by_address(arrays: int, more: int) -> Any:
 
 @intrinsic
 def call_value(typingctx, address, x, u, p, w, h, s, out):  # type: ignore[no-untyped-def]
-    """Call a function of the signature VALUE; the arrays are whole and of numbers."""
+    """Call a function of the signature VALUE; the arrays are contiguous arrays of numbers."""
     return _by_address(4, 1)(typingctx, address, x, u, p, w, h, s, out)
 
 
 @intrinsic
 def call_jacobian(typingctx, address, x, u, p, w, h, s, out, jacobian):  # type: ignore[no-untyped-def]
-    """Call a function of the signature JACOBIAN; the arrays are whole and of numbers."""
+    """Call a function of the signature JACOBIAN; the arrays are contiguous arrays of numbers."""
     return _by_address(4, 2)(typingctx, address, x, u, p, w, h, s, out, jacobian)

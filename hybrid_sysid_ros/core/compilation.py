@@ -1,7 +1,7 @@
-"""How functions are compiled, and where the compiled ones are kept.
+"""How functions are compiled, and where compiled code is cached.
 
-Compiled code is kept in a folder that is named after the sources it is made of, so that a change of a function never
-leaves old code of its callers, and leaves the compiled code of everything else.
+The cache folder is named after the sources of the compiled code. So a change of a function never leaves old code of its
+callers behind, and keeps the compiled code of everything else.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from hybrid_sysid_ros.core.code_cache import CheckedCacheFile, missing_names
 from hybrid_sysid_ros.support.versions import NUMBA_CACHE, NUMBA_COMPILER
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
-"""For ``numba.njit`` of a function that Python calls; no C code calls one. Without the entries that nobody uses,
+"""Options of ``numba.njit`` for a function that Python calls. No C code calls one: without the entry points for C,
 compiling takes a quarter less memory and a tenth less time in a node.
 """
 
@@ -47,20 +47,20 @@ def _part_options() -> dict[str, Any]:
 _PART_OPTIONS = _part_options()
 
 inner = register_jitable(**OPTIONS, no_cpython_wrapper=True, **_PART_OPTIONS)
-"""Decorator of a function that only compiled code calls. Called from Python it runs as it is written there."""
+"""Decorator of a function that only compiled code calls. A call from Python runs it uncompiled."""
 
 UNUSED_DAYS = 30.0
-"""After which compiled code that no process asked for is cleared away."""
+"""Cached code that no process has used for so many days is removed."""
 
 _DAY = 86400.0
 _PACKAGE = __name__.partition(".")[0]
 _IMPORT = re.compile(r"^(?:from +([\w.]+) +import +(\([^)]*\)|[^\n]*)|import +([\w.]+))", re.MULTILINE)
-"""Those of a module, not those in its functions: compiled code is made of what its module names."""
+"""Imports at the top of a module, not those inside functions: compiled code depends only on the former."""
 
 
 def kernel(function: Callable[..., Any], signature: str | None = None) -> Any:
-    """Decorator of a loop that Python calls: compiled at its first call, or loaded from the cache on disk. With a
-    signature at once, and for its arguments alone.
+    """Decorate a loop that Python calls: it is compiled at its first call, or loaded from the cache on disk. With a
+    signature it is compiled at once, and only for the arguments of that signature.
     """
     with kept_in(folder(function.__module__, digest(function.__module__))):
         made = numba.njit(cache=is_kept(), fastmath={"contract"}, **OPTIONS)(function)
@@ -77,7 +77,7 @@ def is_kept() -> bool:
 
 @contextmanager
 def kept_in(place: Path) -> Iterator[None]:
-    """Functions that are decorated meanwhile have their compiled code kept there, with checksums."""
+    """Keep the compiled code of functions that are decorated within this context in a folder, with checksums."""
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(place)
     plain, caching.IndexDataCacheFile = caching.IndexDataCacheFile, CheckedCacheFile
     try:
@@ -87,9 +87,9 @@ def kept_in(place: Path) -> Iterator[None]:
 
 
 def digest(*modules: str) -> str:
-    """Of the sources of modules and of all that they import, of this package and of their own, and of the compiler.
+    """Digest of the sources of modules, of what they import from this package and their own, and of the compiler.
 
-    The modules are loaded, or being loaded behind their first imports.
+    The modules must be loaded, or past their first imports.
     """
     found = hashlib.sha256(f"{numba.__version__} {len(_PART_OPTIONS)}".encode())
     packages = {_PACKAGE, *(name.partition(".")[0] for name in modules)}
@@ -107,7 +107,7 @@ def digest(*modules: str) -> str:
 
 @cache
 def _source(name: str) -> tuple[bytes, tuple[str, ...]]:
-    """The source of a loaded module, and the loaded modules that it names in imports."""
+    """The source of a loaded module, and the names of the loaded modules that it imports."""
     path = getattr(sys.modules.get(name), "__file__", None)
     if path is None or not path.endswith(".py"):
         return b"", ()
@@ -120,7 +120,7 @@ def _source(name: str) -> tuple[bytes, tuple[str, ...]]:
 
 
 def folder(name: str, version: str) -> Path:
-    """A folder for compiled code of that name and version, which is there and may be written to."""
+    """The cache folder of a name and version; it exists and can be written to."""
     found = _root() / f"{name}-{version}"
     try:
         age = time.time() - found.stat().st_mtime
@@ -135,9 +135,9 @@ def folder(name: str, version: str) -> Path:
 
 @cache
 def _root() -> Path:
-    """Where all compiled code is kept: HYBRID_SYSID_CACHE names the place, which is the user's cache otherwise.
+    """The folder of all compiled code: HYBRID_SYSID_CACHE, or else the user's cache folder.
 
-    Where nothing can be written there it is kept with temporary files, and at worst for this process only.
+    Where neither can be written to, it is a folder for temporary files, at worst of this process only.
     """
     named = os.environ.get("HYBRID_SYSID_CACHE") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     for place in (Path(named) / _PACKAGE, Path(tempfile.gettempdir()) / f"{_PACKAGE}_{os.getuid()}"):
@@ -149,7 +149,7 @@ def _root() -> Path:
 
 
 def _usable(place: Path) -> bool:
-    """Whether it is a folder of this user's own where files can be made: compiled code of others is never run."""
+    """Whether a folder belongs to this user and can be written to: compiled code of others is never run."""
     try:
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = place.lstat()
@@ -163,7 +163,7 @@ def _usable(place: Path) -> bool:
 
 @cache
 def _clear() -> None:
-    """Remove what no process has asked for in a long time; once in a process, and when something new is kept."""
+    """Remove cached code that no process has used for long; once in a process, when new code is cached."""
     oldest = time.time() - UNUSED_DAYS * _DAY
     for other in _root().iterdir():
         try:

@@ -1,4 +1,4 @@
-"""A system compiled: the addresses of its printed functions, made when they are asked for and kept on disk."""
+"""A compiled system: the addresses of its printed functions, which are compiled at first use and cached on disk."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from hybrid_sysid_ros.support.errors import warn
 
 
 class Compiled:
-    """The compiled functions of a form of system, by address; values of parameters and weights are arguments.
+    """Addresses of the compiled functions of a system's form; values of parameters and weights are their arguments.
 
-    step, output: functions of the signature :data:`~.call.VALUE`. The others are of :data:`~.call.JACOBIAN`.
+    step and output have the signature :data:`~.call.VALUE`, the others :data:`~.call.JACOBIAN`.
     """
 
     def __init__(self, system: System) -> None:
@@ -31,20 +31,20 @@ class Compiled:
 
     @cached_property
     def step(self) -> int:
-        """One step."""
+        """Address of one step."""
         return self._address(source_of(self._system))
 
     @cached_property
     def output(self) -> int:
-        """The output map."""
+        """Address of the output map."""
         return self._address(source_of(self._system, output=True))
 
     def jacobian(
         self, *, output: bool = False, smooth: bool = False, learn: bool = False
     ) -> tuple[int, JacobianColumns]:
-        """The step or the output map with its Jacobian by states and inputs, for fits also by parameters and weights.
+        """Address of the step or the output map with its Jacobian by states and inputs, and the Jacobian's columns.
 
-        smooth: stick-slip is rounded.
+        learn: also by parameters and weights, for fits. smooth: the corners of stick-slip are rounded.
         """
         key = (output, smooth, learn)
         if key not in self._jacobians:
@@ -63,12 +63,12 @@ class Compiled:
             specification = importlib.util.spec_from_loader(name, loader)
             assert specification is not None
             module = importlib.util.module_from_spec(specification)
-            sys.modules[name] = module  # compiled code that is loaded asks for its module by name
+            sys.modules[name] = module  # cached code looks up its module by name
             try:
                 with kept_in(path.parent):
                     loader.exec_module(module)
             except BaseException:
-                del sys.modules[name]  # not half of it, when Ctrl-C comes in the middle
+                del sys.modules[name]  # Ctrl-C must not leave half of a module
                 raise
         return int(sys.modules[name].function.address)
 
@@ -77,7 +77,7 @@ _COMPILED: dict[Any, Compiled] = {}
 
 
 def compiled(system: System) -> Compiled:
-    """The compiled functions of a system's form, one set in a process."""
+    """The compiled functions of a system's form, one set for each process."""
     form = system.form
     if form not in _COMPILED:
         _COMPILED[form] = Compiled(system)
@@ -92,7 +92,7 @@ class _SourceLoader(SourceFileLoader):
 
 
 def _kept(place: Path, source: str) -> Path:
-    """The file of a printed module, the same whichever process writes it: compiled code goes by its time."""
+    """The file of a printed module. Every process gives it the same time, on which cached code depends."""
     path = place / "printed.py"
     if path.exists():
         if path.read_bytes() == source.encode():

@@ -1,4 +1,4 @@
-"""What a class of systems declares: named variables, contacts and delays, read and checked when the class is made."""
+"""Declarations of a class of systems: named variables, contacts and delays, checked when the class is made."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Variable:
 
     @classmethod
     def of(cls, text: str | Variable) -> Variable:
-        """From "position [rad]"; without a unit it has none."""
+        """A variable from a text such as "position [rad]"; the unit may be left out."""
         if isinstance(text, Variable):
             return text
         name, _, rest = text.partition("[")
@@ -31,7 +31,7 @@ class Variable:
 
 
 def variables(kind: str, what: str, given: Iterable[str | Variable]) -> tuple[Variable, ...]:
-    """The states, inputs or outputs as a class writes them. Raises UserError for one name and for names twice."""
+    """The states, inputs or outputs that a class declares. Raises UserError for a bare text and for equal names."""
     if isinstance(given, str):
         raise UserError(f'{kind}: {what} are given as "{given}"; write ("{given}",)')
     found = tuple(Variable.of(text) for text in given)
@@ -42,8 +42,8 @@ def variables(kind: str, what: str, given: Iterable[str | Variable]) -> tuple[Va
 
 
 def hidden_states(kind: str, contacts: Iterable[Contact], states: Iterable[Variable]) -> Iterator[Variable]:
-    """The hidden states of the contacts; without a unit of its own one is a way (a deflection), or what the contact
-    says, in the unit of its velocity.
+    """The hidden states of the contacts. One that is declared without a unit is a displacement, or what the contact's
+    ``hidden_power`` says, by the unit of its velocity.
     """
     units = {item.name: item.unit for item in states}
     for contact in contacts:
@@ -57,19 +57,19 @@ def hidden_states(kind: str, contacts: Iterable[Contact], states: Iterable[Varia
 
 
 def integral_unit(unit: str) -> str:
-    """The unit of what a rate makes of time."""
+    """The unit of the integral of a rate over time."""
     return unit.removesuffix("/s") if unit.endswith("/s") else f"{unit} s".strip()
 
 
 def rate_of(unit: str) -> str:
-    """The unit of a rate of change."""
+    """The unit of a variable's rate of change."""
     if unit.endswith("/s"):
         return f"{unit.removesuffix('/s')}/s^2"
     return f"{unit}/s" if " " not in unit else f"({unit})/s"
 
 
 def check_declaration(kind: Any) -> None:
-    """Raise UserError for contacts, delays and outputs of a class that its states, inputs and parameters don't fit."""
+    """Raise UserError for contacts, delays and outputs of a class that don't fit its states, inputs and parameters."""
     called = kind.__name__
     states, inputs = ([item.name for item in group] for group in (kind.states, kind.inputs))
     for item in kind.closures:
@@ -103,6 +103,6 @@ def check_declaration(kind: Any) -> None:
 
 
 def _parameters(kind: Any) -> set[str]:
-    """Names of the parameters of a class that is being made, and so is no dataclass yet."""
+    """Names of the parameters of a class that is still being made, so that it is no dataclass yet."""
     fields = {**getattr(kind, "__dataclass_fields__", {}), **vars(kind)}
     return {name for name, item in fields.items() if "parameter" in getattr(item, "metadata", ())}

@@ -1,4 +1,4 @@
-"""The mathematics of a law: works on numbers and on the symbols with which a law is traced."""
+"""Functions for laws: they work on numbers and on the symbols with which a law is traced."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ROUNDED = ContextVar("_ROUNDED", default=False)
 
 @contextmanager
 def rounded(yes: bool = True) -> Iterator[None]:
-    """Within it, corners that a law gives a width ``over`` are rounded over it, for solvers that need derivatives."""
+    """Within this context, corners are rounded over the width ``over`` that a law gives them, for solvers."""
     token = _ROUNDED.set(yes)
     try:
         yield
@@ -37,7 +37,7 @@ def rounded(yes: bool = True) -> Iterator[None]:
 
 
 def _magnitude(x: Scalar, over: float) -> Scalar:
-    """|x|; rounded it is over (3 + 6 t^2 - t^4) / 8, t = x / over, for |t| < 1, twice differentiable at |t| = 1."""
+    """|x|; rounded: over (3 + 6 t^2 - t^4) / 8 with t = x / over for |t| < 1, twice differentiable at |t| = 1."""
     if not (over and _ROUNDED.get()):
         return casadi.fabs(x)
     squared = (x * (1.0 / over)) ** 2
@@ -50,21 +50,21 @@ def sided(x: Scalar, above: Scalar, below: Scalar, *, over: float = 0.0) -> Scal
 
 
 def select(condition: Scalar, if_true: Scalar, if_false: Scalar) -> Scalar:
-    """The one or the other; both are evaluated, and where one is not finite the other still counts."""
+    """One of two values; both are evaluated, and one that is not finite does not spoil the other."""
     return casadi.if_else(condition, if_true, if_false)
 
 
 def clip(x: Scalar, low: Scalar, high: Scalar, *, over: float = 0.0) -> Scalar:
-    """The value within low and high; over: width of the corners where they are rounded [unit of x]."""
+    """The value limited to low and high; over: width of the corners where they are rounded [unit of x]."""
     if over and _ROUNDED.get():
         return 0.5 * (low + high + _magnitude(x - low, over) - _magnitude(x - high, over))
     return casadi.fmin(casadi.fmax(x, low), high)
 
 
 def saturate(x: Scalar, limit: Scalar, smoothing: Scalar | None = None) -> Scalar:
-    """The value within +-limit; with ``smoothing`` its corners are rounded over that much, in the unit of x.
+    """The value limited to +-limit; ``smoothing`` is the width of its rounded corners, in the unit of x.
 
-    (sqrt((x + L)^2 + s^2) - sqrt((x - L)^2 + s^2)) / 2, which tends to the exact one as s -> 0.
+    (sqrt((x + L)^2 + s^2) - sqrt((x - L)^2 + s^2)) / 2, which tends to the exact limit as s -> 0.
     """
     if smoothing is None:
         return casadi.fmax(casadi.fmin(x, limit), -limit)
@@ -73,8 +73,8 @@ def saturate(x: Scalar, limit: Scalar, smoothing: Scalar | None = None) -> Scala
 
 
 def rows(values: Scalar | Iterable[Scalar], count: int, what: str, of: str) -> list[Scalar]:
-    """The values of a sequence, or of a column as CasADi has it, that ``what`` gives. Raises UserError where these are
-    not ``count`` scalars.
+    """The values of a sequence or of a CasADi column that ``what`` returns. Raises UserError where they are not
+    ``count`` scalars.
     """
     if isinstance(values, casadi.SX):
         found = list(casadi.vertsplit(values))

@@ -20,39 +20,39 @@ class Parameter:
     unit: str
     low: float
     high: float
-    """Bounds that hold in every fit."""
+    """Bounds, which hold in every fit."""
     start: float
-    """Where a fit begins."""
+    """Initial value of a fit."""
     spread: float | None = None
-    """Standard deviation of a prior about ``start``, for shape parameters that data may leave undetermined."""
+    """Standard deviation of a prior around ``start``, for shape parameters that data may not determine."""
     fixed: bool = False
-    """Set from the range of the training data, not fitted."""
+    """Whether it is set from the training data and not fitted."""
     learned: bool = False
-    """One of many that mean something together only: no single one is told, and none is doubted."""
+    """Whether it is one of many that have a meaning only together: none is reported or doubted by itself."""
     term: str = ""
-    """The part of the law that goes when the parameter is neutral, "" for none."""
+    """The term of the law that vanishes when the parameter is neutral; "" for none."""
     description: str = ""
     """The docstring under the field."""
 
     @property
     def scale(self) -> float:
-        """A typical change of the parameter: the unit in which a fit measures it."""
+        """A typical change of the parameter, in which a fit scales it."""
         return self.spread or max(abs(self.start), 1e-3 * (self.high - self.low))
 
     @property
     def neutral(self) -> float:
-        """The value that switches its term off: zero where that is allowed."""
+        """The value that switches the term off: zero where the bounds allow it, else ``start``."""
         return 0.0 if self.low <= 0.0 <= self.high else self.start
 
 
 def of_data(name: str, unit: str, *, low: float = 0.0) -> Parameter:
-    """A parameter that training data set and no fit moves, such as the scale of a signal."""
-    description = "Of the training data."
+    """A parameter that is set from training data and not fitted, such as the scale of a signal."""
+    description = "Set from the training data."
     return Parameter(name=name, unit=unit, low=low, high=1e12, start=1.0, fixed=True, description=description)
 
 
 def scale_of(value: float) -> float:
-    """The scale of a signal of a magnitude: four digits of it, 1 where it is zero."""
+    """The scale of a signal of a magnitude: the magnitude to four digits, or 1 where it is zero."""
     return float(f"{value:.4g}") or 1.0
 
 
@@ -67,9 +67,9 @@ def bounded(
     fixed: bool = False,
     term: str = "",
 ) -> Any:
-    """Declare a field of a system as a parameter: its value, bounds and unit. The docstring under it says what it is.
+    """Declare a field of a system as a parameter, with value, bounds and unit. The docstring under it describes it.
 
-    start: where a fit begins, the value by default; see :class:`Parameter` for the others.
+    start: the initial value of a fit, ``value`` by default; see :class:`Parameter` for the others.
     Raises ValueError for a value or a start outside of the bounds.
     """
     begin = value if start is None else start
@@ -81,7 +81,7 @@ def bounded(
 
 @cache
 def declared(kind: type) -> tuple[Parameter, ...]:
-    """The parameters that a dataclass declares, in order; read from its source once."""
+    """The parameters that a dataclass declares, in order. Its source is read once."""
     docstrings = _docstrings(kind)
     return tuple(
         Parameter(name=field.name, description=docstrings.get(field.name, ""), **field.metadata["parameter"])
@@ -91,7 +91,7 @@ def declared(kind: type) -> tuple[Parameter, ...]:
 
 
 def _docstrings(kind: type) -> dict[str, str]:
-    """The docstring under each field of a class and its bases, where the source is there."""
+    """The docstring under each field of a class and its bases, where the source is available."""
     found: dict[str, str] = {}
     for base in reversed(kind.__mro__[:-1]):
         try:

@@ -1,8 +1,8 @@
-"""Functions that only become parts of compiled code: compiled once, with their callers, not at every level of calls.
+"""Functions that are only called by compiled code: they are compiled once, with their callers.
 
-numba optimises each function together with all that it calls, and makes machine code of it, before its callers do the
-same again: what is six calls deep is compiled six times. Here such a function is typed and lowered to LLVM's language,
-and the rest is left to the function that Python calls.
+numba optimises each function together with all that it calls and makes machine code of it, and its callers repeat that:
+a function six calls deep is compiled six times. Here it is only typed and lowered to LLVM's intermediate language, and
+the function that Python calls does the rest.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numba.core.typed_passes import NativeLowering
 
 
 class _Part(JITCodeLibrary):
-    """The code of such a function and nothing else: callers link it and, beside it, what it calls."""
+    """The code of one such function alone: callers link it and, separately, what it calls."""
 
     def finalize(self) -> None:
         self._raise_if_finalized()
@@ -45,7 +45,7 @@ class _PartLowering(NativeLowering):
         state.flags.no_compile = True
         super().run_pass(state)
         made = state["cr"]
-        # What callers find the function by; there is nothing to call.
+        # Callers find the function by this; there is nothing to call.
         entry = _dynfunc.make_function(made.fndesc.lookup_module(), made.fndesc.qualname, "", 0, made.env, (library,))
         state.targetctx.insert_user_function(entry, made.fndesc, [library, *library._linking_libraries])
         state.reload_init.extend(library._reload_init)
@@ -54,7 +54,7 @@ class _PartLowering(NativeLowering):
 
 
 class PartCompiler(Compiler):
-    """For ``pipeline_class`` of ``numba.extending.register_jitable``."""
+    """The compiler to give as ``pipeline_class`` to ``numba.extending.register_jitable``."""
 
     def define_pipelines(self) -> list[Any]:
         manager = DefaultPassBuilder.define_nopython_pipeline(self.state)

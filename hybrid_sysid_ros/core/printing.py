@@ -1,7 +1,7 @@
-"""Printing: a trace as the source of compiled functions, a line an operation.
+"""Printing: a trace becomes the source of compiled functions, one line for each operation.
 
-Every printed function has the signature of :data:`VALUE` or :data:`JACOBIAN`, whatever the system, so that loops over
-steps (rollouts, filters, shooting) are compiled once for all and take functions by their addresses.
+Every printed function has the signature :data:`VALUE` or :data:`JACOBIAN`, whatever the system. So loops over steps
+(rollouts, filters, shooting) are compiled once for all systems, and take functions by their addresses.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class JacobianColumns:
 
 
 def jacobian_columns(system: System, *, learn: bool) -> JacobianColumns:
-    """Columns by states and inputs; for a fit (learn) also by all parameters that are not fixed, and by the weights."""
+    """Columns by states and inputs; with ``learn`` also by all parameters that are not fixed, and by the weights."""
     free = tuple(i for i, item in enumerate(system.parameters) if not item.fixed) if learn else ()
     weights = len(system.weights) if learn else 0
     return JacobianColumns(states=len(system.states), inputs=len(system.inputs), parameters=free, weights=weights)
@@ -92,9 +92,9 @@ def jacobian_columns(system: System, *, learn: bool) -> JacobianColumns:
 def source_of(
     system: System, columns: JacobianColumns | None = None, *, output: bool = False, smooth: bool = False
 ) -> str:
-    """Source of the module whose ``function`` is the step, or the output map, with its Jacobian by the columns if any.
+    """Source of the module whose ``function`` is the step or the output map, with its Jacobian by ``columns`` if given.
 
-    Raises UserError for a wrong law.
+    Raises UserError for a law that can't be traced or compiled.
     """
     staged = system.stepper.staged and not output
     if output:
@@ -114,7 +114,7 @@ def source_of(
 
 
 def _head(system: System, calls: Sequence[BlockCall]) -> str:
-    """Imports, and the compiled functions of each kind of block. Other sources of what is imported: another module."""
+    """Imports, and the compiled functions of each kind of block. The digest of the imports is part of the source."""
     makers = {call.block.code: type(call.block) for call in calls}
     modules = {kind.__module__ for kind in makers.values()}
     lines = [PRELUDE.format(name=type(system).__name__, digest=digest(call_module.__name__, *modules)).rstrip()]
@@ -125,12 +125,12 @@ def _head(system: System, calls: Sequence[BlockCall]) -> str:
 
 
 def _kinds(calls: Sequence[BlockCall]) -> list[str]:
-    """Blocks that differ in where their weights begin only share their compiled functions."""
+    """The kinds of blocks: those that differ only in the index of their weights share compiled functions."""
     return list(dict.fromkeys(call.block.code for call in calls))
 
 
 Known = list[tuple[str, casadi.SX]]
-"""What printed lines may read, by name."""
+"""Names and expressions that printed lines may read."""
 
 
 def _body(traced: Trace, columns: JacobianColumns | None) -> Iterator[str]:
@@ -163,7 +163,7 @@ def _body(traced: Trace, columns: JacobianColumns | None) -> Iterator[str]:
     if columns.parameters:
         seeds.append(traced.p[list(columns.parameters)])
     seed = casadi.vertcat(*seeds)
-    through: list[casadi.SX] = []  # derivative of each call's outputs by the seed
+    through: list[casadi.SX] = []  # derivatives of each call's outputs by the seed
     for number, call in enumerate(calls):
         total = casadi.jacobian(call.features, seed)
         for before, slope in zip(calls[:number], through, strict=False):
@@ -183,10 +183,10 @@ def _body(traced: Trace, columns: JacobianColumns | None) -> Iterator[str]:
 def _by_weights(
     traced: Trace, columns: JacobianColumns, known: Known, by_call: Sequence[casadi.SX], names: Iterator[str]
 ) -> Iterator[str]:
-    """Derivatives by the weights: those of each call, by how the result depends on its outputs."""
+    """Derivatives by the weights of each call, by the chain rule over the call's outputs."""
     calls, kinds = traced.calls, _kinds(traced.calls)
     total = list(by_call)
-    for later in range(len(calls) - 1, -1, -1):  # what a call gives, later calls may read
+    for later in range(len(calls) - 1, -1, -1):  # later calls may read the outputs of a call
         for number in range(later):
             through = casadi.mtimes(
                 calls[later].jacobian, casadi.jacobian(calls[later].features, calls[number].outputs)
@@ -222,7 +222,7 @@ def _assigned(known: Known, targets: dict[str, casadi.SX], names: Iterator[str])
             places.append([f"{name}[{row}]" for row in rows])
             for row in sorted(set(range(expression.numel())) - set(rows)):
                 yield f"{name}[{row}] = 0.0"
-    at: dict[int, str] = {}  # what CasADi's registers hold: each value gets a name of its own, which compiles faster
+    at: dict[int, str] = {}  # by CasADi's register; each value gets a name of its own, which compiles faster
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         to, of = function.instruction_output(k), function.instruction_input(k)
@@ -243,7 +243,7 @@ def _assigned(known: Known, targets: dict[str, casadi.SX], names: Iterator[str])
 
 
 def _name_of(operation: int) -> str:
-    """CasADi's."""
+    """CasADi's name of an operation."""
     return next(name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == operation)
 
 

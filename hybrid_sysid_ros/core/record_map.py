@@ -1,4 +1,4 @@
-"""The record map: which states of a system the outputs and inputs of a record tell, and how."""
+"""The record map: which states of a system follow from the outputs and inputs of a record, and how."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from hybrid_sysid_ros.support.arrays import Array
 
 @dataclass(frozen=True, kw_only=True)
 class RecordMap:
-    """What a record tells of the states of a system. States are indices; a system's own map replaces single fields."""
+    """How the states of a system follow from a record. States are indices; a system may replace single fields."""
 
     reconstructible: Mapping[int, tuple[int, bool]]
-    """States that a record shows: state -> the output, and whether the state is the output's rate of change."""
+    """States that a record shows: state -> output, and whether the state is that output's rate of change."""
     delay_line: range = range(0)
-    """States that hold earlier outputs and inputs, so that the past of a record tells where they begin."""
+    """States that hold earlier outputs and inputs; their initial values follow from the past of a record."""
     unobserved: Sequence[int]
-    """States of the law that no record tells: a fit estimates where they begin."""
+    """States of the law that no record shows; a fit estimates their initial values."""
     states_from_record: Callable[[Array, Array, Array], Array]
-    """(outputs, rates, inputs) -> states (samples, states) where simulations begin, zero where nothing is known.
+    """(outputs, rates, inputs) -> initial states of simulations (samples, states), zero where they are unknown.
 
-    outputs and rates (samples, outputs): the measured ones and their rates of change; inputs (samples, inputs): the
-    means since each sample.
+    outputs, rates (samples, outputs): measured outputs and their rates of change. inputs (samples, inputs): mean
+    inputs since each sample.
     """
 
 
 def record_map(
     states: Sequence[Variable], outputs: Sequence[Variable], kinematics: Mapping[int, int], declared: int
 ) -> RecordMap:
-    """The map of a system whose outputs are states by their names: these are known, and the rates of positions among
+    """The map of a system whose outputs have names of states: these are known, and so are the rates of positions among
     them. kinematics: position state -> velocity state. declared: number of the states of the law, which come first.
     """
     names = [item.name for item in states]

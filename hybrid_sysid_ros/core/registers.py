@@ -1,7 +1,7 @@
 """Vector registers in compiled code: several numbers that one instruction works on.
 
-The compiler makes vectors of plain loops only where it can prove that nothing overlaps, which it mostly can't. Here the
-code says what it means; a register wider than the machine's becomes several of them.
+The compiler makes vectors of plain loops only where it can prove that nothing overlaps, which it mostly can't. Here
+vectors are explicit; a register that is wider than the machine's becomes several of them.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic, models, register_model
 
 FUSED = ("contract",)
-"""A product and a sum may become one operation: it rounds once instead of twice."""
+"""Flag that lets a product and a sum become one operation, which rounds once instead of twice."""
 
 ROUNDER = 1.5 * 2.0**52
-"""Added to a number and taken away again, it rounds to a whole number; the sum's low bits are that number."""
+"""Adding and subtracting it rounds to a whole number, which is also in the low bits of the sum."""
 
 LOG2_HIGH, LOG2_LOW = 0.6931471803691238, 1.9082149292705877e-10
 """log 2 in two parts, the first short enough for exact products (Cody & Waite 1980)."""
 
 
 class Register(types.Type):  # type: ignore[misc]
-    """The compiler's type of so many numbers side by side."""
+    """The compiler's type of several numbers side by side."""
 
     def __init__(self, lanes: int) -> None:
         self.lanes = lanes
@@ -34,7 +34,7 @@ class Register(types.Type):  # type: ignore[misc]
 
 @register_model(Register)
 class RegisterModel(models.PrimitiveModel):  # type: ignore[misc]
-    """A register is what LLVM calls a vector."""
+    """A register as LLVM's vector."""
 
     def __init__(self, manager: Any, register: Register) -> None:
         super().__init__(manager, register, vector(register.lanes))
@@ -46,12 +46,12 @@ def vector(lanes: int) -> ir.VectorType:
 
 
 def constant(value: float, lanes: int) -> ir.Constant:
-    """A register with one number in every lane, known beforehand."""
+    """A register with the same constant in every lane."""
     return ir.Constant(vector(lanes), [value] * lanes)
 
 
 def splat(builder: Any, value: Any, lanes: int) -> Any:
-    """One number in every lane."""
+    """A register with the same number in every lane."""
     one = builder.insert_element(ir.Constant(vector(lanes), ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
     lane = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes)
     return builder.shuffle_vector(one, ir.Constant(vector(lanes), ir.Undefined), lane)
@@ -63,7 +63,7 @@ def fused(builder: Any, a: Any, b: Any, c: Any) -> Any:
 
 
 def address_of(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """Where the numbers of an array or a scratch begin."""
+    """The address of the first number of an array or a scratch."""
     return value if isinstance(kind, types.CPointer) else context.make_array(kind)(context, builder, value).data
 
 
@@ -74,7 +74,7 @@ def _place(context: Any, builder: Any, kind: Any, memory: Any, at: Any, lanes: i
 
 @intrinsic
 def scratch(typingctx, numbers):  # type: ignore[no-untyped-def]
-    """Memory for a literal number of numbers, gone when the function returns."""
+    """Memory on the stack for a literal number of numbers, which is freed when the function returns."""
     if not isinstance(numbers, types.IntegerLiteral):
         return None
 
@@ -147,7 +147,7 @@ tanh_derivative = _elementwise(
 
 @intrinsic
 def zero(typingctx, lanes):  # type: ignore[no-untyped-def]
-    """Zeros; lanes: a literal."""
+    """A register of zeros; lanes: a literal."""
     if not isinstance(lanes, types.IntegerLiteral):
         return None
     count = lanes.literal_value
@@ -156,7 +156,7 @@ def zero(typingctx, lanes):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def plus_scaled(typingctx, total, register, factor):  # type: ignore[no-untyped-def]
-    """Total + register * factor, factor a number."""
+    """Return total + register * factor, where factor is a number."""
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         total, register, factor = arguments

@@ -15,17 +15,17 @@ from hybrid_sysid_ros.core.system import System
 from hybrid_sysid_ros.support.arrays import Array
 
 Starts = NDArray[np.int64]
-"""Of rollouts (windows, 4): first row of the record's inputs, row to begin at, samples, and row of the result."""
+"""Rollouts (windows, 4): first row of the record's inputs, first row of the rollout, samples, and row of the result."""
 
 
 Dynamics = tuple[int, int, Array, Array, float, Array]
-"""What compiled loops know of a system: addresses of step and output, parameters (parameters,), weights (weights,), the
-step [s] and the delays of the inputs in steps (inputs,).
+"""A system for compiled loops: addresses of step and output, parameters (parameters,), weights (weights,), the step [s]
+and the delays of the inputs in steps (inputs,).
 """
 
 
 def dynamics(step: int, output: int, system: System, h: float) -> Dynamics:
-    """With a system's values; step, output: addresses of functions with or without derivatives, h: the step [s]."""
+    """The dynamics of a system; step, output: addresses of functions with or without derivatives, h: the step [s]."""
     return step, output, system.values, system.weights, h, system.input_delays / h
 
 
@@ -33,8 +33,8 @@ def dynamics(step: int, output: int, system: System, h: float) -> Dynamics:
 def delayed(inputs: Any, delays: Any, first: int, k: int, u: Any) -> None:
     """The inputs (inputs,) that act over step k, of ``inputs`` (steps, inputs) that hold over each step.
 
-    delays (inputs,), in steps: a held input seen through a delay of (whole + part) steps is a mean over each step.
-    Before the row ``first`` it is taken as that one's.
+    delays (inputs,) are in steps: a held input behind a delay of (whole + part) steps has a mean over each step.
+    Before the row ``first`` the input is taken from that row.
     """
     for j in range(u.shape[0]):
         whole = int(delays[j])
@@ -47,7 +47,7 @@ def delayed(inputs: Any, delays: Any, first: int, k: int, u: Any) -> None:
 
 @inner
 def fed_back(feedback: Any, x: Any, u: Any) -> None:
-    """Take from the inputs u (inputs,) what a law feeds back of the states x (states,), in place: u - F x."""
+    """Subtract the feedback of the states x (states,) from the inputs u (inputs,), in place: u - F x."""
     for j in range(feedback.shape[0]):
         for i in range(feedback.shape[1]):
             u[j] -= feedback[j, i] * x[i]
@@ -64,7 +64,7 @@ def _rollouts(
     states: Array,
     outputs: Array,
 ) -> None:
-    """States (samples, states) and outputs (samples, outputs) of all rollouts."""
+    """Write states (samples, states) and outputs (samples, outputs) of all rollouts."""
     step, output, p, w, h, delays = model
     x, following = np.empty(x0.shape[1]), np.empty(x0.shape[1])
     u, y = np.empty(inputs.shape[1]), np.empty(outputs.shape[1])
@@ -99,11 +99,11 @@ def rollouts(
     every: int = 1,
     feedback: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Free runs without re-initialisation: states (samples, states) and outputs (samples, outputs) of all.
+    """States (samples, states) and outputs (samples, outputs) of free runs without re-initialisation.
 
     starts: see :data:`Starts`. x0 (windows, states). inputs (steps, inputs): mean of each input over each ``step`` [s].
-    A sample comes every ``every`` steps, the first one is x0. feedback F (inputs, states): u - F x acts over a step in
-    place of u, x as the step begins, so that runs of an unstable system stay near a record. Raises ValueError for
+    There is a sample every ``every`` steps; the first one is x0. feedback F (inputs, states): u - F x acts over a step
+    in place of u, with x at its beginning, so that runs of an unstable system stay near a record. Raises ValueError for
     arrays of other sizes.
     """
     _fitting(system, x0, inputs)
@@ -123,17 +123,17 @@ def simulate(system: System, initial_state: Array, inputs: Array, *, step: float
 
 
 def _gains(system: System, feedback: Array | None) -> Array:
-    """A feedback (inputs, states) as compiled loops take it: without rows where there is none."""
+    """A feedback (inputs, states) for compiled loops; it has no rows where there is none."""
     n, m = len(system.states), len(system.inputs)
     if feedback is None:
         return np.zeros((0, n))
     if feedback.shape != (m, n):
-        raise ValueError(f"{type(system).__name__}: a feedback of {feedback.shape}: it needs {m} rows and {n} columns")
+        raise ValueError(f"{type(system).__name__}: feedback has shape {feedback.shape}: give {m} rows and {n} columns")
     return np.ascontiguousarray(feedback, dtype=float)
 
 
 def _fitting(system: System, x0: Array, inputs: Array) -> None:
-    """Compiled code would read and write behind the ends of arrays of other sizes."""
+    """Raise ValueError for arrays of other sizes, beyond whose ends compiled code would read and write."""
     n, m = len(system.states), len(system.inputs)
     if x0.ndim != 2 or inputs.ndim != 2 or x0.shape[1] != n or inputs.shape[1] != m:
         raise ValueError(
@@ -143,7 +143,7 @@ def _fitting(system: System, x0: Array, inputs: Array) -> None:
 
 @kernel
 def advance(step: int, x: Array, u: Array, p: Array, w: Array, h: float, following: Array) -> None:
-    """One step by the address of a compiled one, from Python; ``following`` (states,) receives the new state."""
+    """Call a compiled step by its address, from Python; ``following`` (states,) receives the new state."""
     call_value(step, x, u, p, w, h, 0.0, following)
 
 
@@ -174,7 +174,7 @@ def step_with_jacobian(
     """The states a step [s] after x (states,) under inputs u (inputs,) that act now, or the outputs there, and their
     Jacobian (rows, columns) by states and inputs, and with ``learn`` by parameters and weights.
 
-    smoothing: over which stick-slip is rounded, in the unit of the velocity; 0: it is not.
+    smoothing: velocity over which stick-slip is rounded, in the velocity's unit; 0: it is exact.
     """
     address, columns = compiled(system).jacobian(output=output, smooth=smoothing > 0.0, learn=learn)
     rows = len(system.outputs if output else system.states)
@@ -193,10 +193,10 @@ def _step_with_jacobian(
 
 
 class Sensitivities:
-    """Rollouts with the derivatives of their outputs: the tangent-linear model, or forward sensitivity.
+    """Derivatives of the outputs of rollouts: the tangent-linear model, or forward sensitivities.
 
-    Exact for the discrete simulation, in one pass (Maly & Petzold 1996, Appl. Numer. Math. 20). Where dry friction
-    begins or ceases to stick they jump, as the simulation has a corner.
+    They are exact for the discrete simulation, in one pass (Maly & Petzold 1996, Appl. Numer. Math. 20). Where dry
+    friction begins or ceases to stick the simulation has a corner, and they jump.
     """
 
     def __init__(
@@ -206,8 +206,8 @@ class Sensitivities:
         parameters: Sequence[int] | None = None,
         states: Sequence[int] | None = None,
     ) -> None:
-        """Columns: by ``parameters`` (indices, none of a fixed one), by all weights, and by ``states`` where a window
-        begins, in this order; None: by all.
+        """Columns: derivatives by ``parameters`` (indices, none of a fixed one), by all weights, and by the initial
+        ``states`` of a window, in this order; None stands for all.
         """
         functions = compiled(system)
         self._step, found = functions.jacobian(learn=True)
@@ -242,7 +242,7 @@ class Sensitivities:
         out: Array,
         feedback: Array | None = None,
     ) -> None:
-        """Derivatives into ``out`` (samples, outputs, columns); see :func:`rollouts`."""
+        """Write the derivatives to ``out`` (samples, outputs, columns); see :func:`rollouts`."""
         _fitting(system, x0, inputs)
         columns, gains = (self._learnt, self._free_states, self._delayed), _gains(system, feedback)
         model = dynamics(self._step, self._output, system, step)
@@ -261,10 +261,10 @@ def _tangents(
     wide: int,
     out: Array,
 ) -> None:
-    """The tangents of rollouts into ``out`` (samples, outputs, columns).
+    """Write the tangents of rollouts to ``out`` (samples, outputs, columns).
 
-    The Jacobians of both functions have ``wide`` columns. columns: those that are taken as they are; those of the
-    states; for each input the column of its delay, -1: it has none.
+    The Jacobians of both functions have ``wide`` columns. columns: those by parameters and weights, those by initial
+    states, and for each input the column of its delay, -1 for none.
     """
     step, output, p, w, h, delays = model
     learnt, free_states, delayed_by = columns
@@ -306,7 +306,7 @@ def _tangents(
 
 @inner
 def _close(jacobian: Any, feedback: Any, n: int) -> None:
-    """Derivatives by the n states where the inputs depend on them, in place: jacobian_x - jacobian_u F."""
+    """Close the loop in a Jacobian of n states, in place: jacobian_x - jacobian_u F."""
     for j in range(feedback.shape[0]):
         for i in range(jacobian.shape[0]):
             for a in range(n):
@@ -315,10 +315,10 @@ def _close(jacobian: Any, feedback: Any, n: int) -> None:
 
 @inner
 def _chain(jacobian: Any, tangent: Any, learnt: Any, delayed_by: Any, change: Any, out: Any) -> None:
-    """The chain rule: out = jacobian_x tangent + [derivatives by what is learnt] + jacobian_u (of delays)."""
+    """The chain rule: out = jacobian_x tangent + [derivatives by parameters and weights] + jacobian_u (of delays)."""
     rows, width = jacobian.shape
     n, count = tangent.shape
-    # Bare memory: an index that could be negative keeps the compiler from making vectors of a loop.
+    # Plain memory: an index that could be negative keeps the compiler from making vectors of a loop.
     s, t, o = pointer(jacobian), pointer(tangent), pointer(out)
     for i in range(rows):
         for c in range(learnt.shape[0]):

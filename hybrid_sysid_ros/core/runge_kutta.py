@@ -1,4 +1,4 @@
-"""The classical Runge-Kutta step, written out for CasADi and as loops around a printed law."""
+"""The classical Runge-Kutta step: expressions for CasADi, and loops around a printed law."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def function(x, u, p, w, h, s, out, jacobian):
 
 @dataclass(frozen=True)
 class RungeKutta(Stepper):
-    """The classical method of order four, for systems without contacts.
+    """The classical method of fourth order, for systems without contacts.
 
     Kutta (1901); Hairer, Norsett, Wanner (1993), Solving ODEs I, table II.1.2.
     """
@@ -89,7 +89,7 @@ class RungeKutta(Stepper):
         return moved([(a + 2.0 * b + 2.0 * c + d) / 6.0 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)], 1.0)
 
     def around(self, states: int, columns: int | None) -> str:
-        """With a Jacobian the derivative of each stage is carried along: k = law(z), so dk = law_z dz + law_p."""
+        """Source around the law. With a Jacobian, each stage has its derivative: dk = law_z dz + law_p."""
         n = str(states)
         if columns is None:
             return _VALUE.replace("STATES", n)

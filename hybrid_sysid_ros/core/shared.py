@@ -1,7 +1,7 @@
-"""Many arrays for compiled code, given by one address.
+"""Many arrays for compiled code, passed by one address.
 
-numba passes a tuple of arrays as all their sizes and strides, in every call between compiled functions too: hundreds of
-numbers, which take the compiler longer than what is done with them. The address of a list of addresses is one number.
+numba passes a tuple of arrays as all their sizes and strides, also between compiled functions: hundreds of numbers,
+which cost more compile time than the computations. The address of a list of addresses is one number.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ _WORD = ir.IntType(64)
 
 
 class SharedType(types.Type):  # type: ignore[misc]
-    """The type of a :class:`Shared` in compiled code: names and types of its members."""
+    """The type of a :class:`Shared` in compiled code, with names and types of its members."""
 
     def __init__(self, owner: str, members: tuple[tuple[str, types.Type], ...]) -> None:
         self.members = members
         super().__init__(f"{owner}({', '.join(f'{name}: {kind}' for name, kind in members)})")
 
     def place(self, name: str) -> tuple[int, types.Type]:
-        """The number of a member's first word, and its type."""
+        """The index of a member's first word, and its type."""
         at = 0
         for other, kind in self.members:
             if other == name:
@@ -38,14 +38,14 @@ class SharedType(types.Type):  # type: ignore[misc]
 
 
 class Shared:
-    """Base of data classes of whole arrays, of numbers, and of others of their kind, none of which is ever replaced.
+    """Base of data classes of contiguous arrays, numbers and other such data classes, none of which is ever replaced.
 
-    Python and compiled code read the same memory by the same names. In compiled code such an object must not outlive
-    the call: it keeps no count of who uses its arrays.
+    Python and compiled code read the same memory by the same names. Compiled code must not keep such an object beyond
+    the call, because it does not count references to the arrays. Raises ValueError for other members.
     """
 
     address: int
-    """Of the list that compiled code reads."""
+    """Address of the list that compiled code reads."""
 
     def __post_init__(self) -> None:
         words: list[int] = []
@@ -56,7 +56,7 @@ class Shared:
                 words.append(value.address)
             elif isinstance(value, np.ndarray):
                 if not value.flags.c_contiguous:
-                    raise ValueError(f"{type(self).__name__}: {item.name} is no whole array")
+                    raise ValueError(f"{type(self).__name__}: {item.name} is no contiguous array")
                 words += [value.ctypes.data, *value.shape]
             else:
                 words.append(int(np.array(value).view(np.int64)))
@@ -69,7 +69,7 @@ class Shared:
 
 @register_model(SharedType)
 class _Model(models.OpaqueModel):  # type: ignore[misc]
-    """An address."""
+    """A shared object as an address."""
 
 
 @unbox(SharedType)

@@ -1,4 +1,4 @@
-"""Steppers: how a law becomes a step of time. A system names one; it is chosen beside the law."""
+"""Steppers: methods that make a time step of a law. A system names one beside its law."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Rates = Callable[[Sequence[Scalar], Sequence[Scalar]], Sequence[Scalar]]
 
 @dataclass(frozen=True, kw_only=True)
 class StepContext:
-    """What a stepper is given of a system."""
+    """The parts of a system that a stepper reads."""
 
     rates: Rates
     """(x, u) -> rates of the law's states."""
@@ -24,40 +24,40 @@ class StepContext:
     field: Callable[[Field | tuple[Field, ...], Sequence[Scalar], Sequence[Scalar]], Any]
     """(field of a contact, x, u) -> its value, or values where it has several."""
     names: Sequence[str]
-    """Of all states, those of the contacts last."""
+    """Names of all states; those of the contacts are last."""
     kinematics: Mapping[int, int] = dataclasses.field(default_factory=dict)
-    """Position -> velocity."""
+    """Position state -> velocity state."""
 
 
 class Stepper(ABC):
-    """One step of time."""
+    """A method that makes one time step."""
 
     staged: ClassVar[bool] = False
-    """Whether the step calls the law several times: then the law is printed once, with :meth:`around` about it."""
+    """Whether a step calls the law several times: then the law is printed once, in the loops of :meth:`around`."""
     takes_contacts: ClassVar[bool] = False
     is_map: ClassVar[bool] = False
-    """Whether the law is not a rate: a position of its own velocity is then not to be found in it."""
+    """Whether the law gives next states and not rates, so that positions can't be found in it."""
 
     @abstractmethod
     def advance(
         self, context: StepContext, x: Sequence[Scalar], u: Sequence[Scalar], h: Scalar, smoothing: Scalar | None
     ) -> list[Scalar]:
-        """The states a step of h [s] later under inputs that hold. smoothing: of stick-slip, in units of the velocity;
-        None: exact.
+        """The states a step of h [s] later under constant inputs. smoothing: velocity over which stick-slip is rounded;
+        None: it is exact.
         """
 
     def around(self, states: int, columns: int | None) -> str:
-        """Source of the ``function`` that calls ``law(x, u, p, w, h, s, out)``, or with ``columns`` of a Jacobian
-        ``law(x, u, p, w, h, s, out, jacobian)``; see :mod:`~hybrid_sysid_ros.core.printing`.
+        """Source of the ``function`` that calls ``law(x, u, p, w, h, s, out)``, or ``law(x, u, p, w, h, s, out,
+        jacobian)`` where the Jacobian has ``columns``; see :mod:`~hybrid_sysid_ros.core.printing`.
         """
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class ImplicitFriction(Stepper):
-    """Semi-implicit Euler with friction solved implicitly: v+ by the contacts, then q+ = q + h v+.
+    """Semi-implicit Euler: the contacts give v+ implicitly, then q+ = q + h v+.
 
-    Positions follow the new velocities (symplectic Euler for what swings); other states step explicitly.
+    Positions follow the new velocities (symplectic Euler for oscillations); other states step explicitly.
     """
 
     takes_contacts = True
@@ -82,7 +82,7 @@ class ImplicitFriction(Stepper):
 
 @dataclass(frozen=True)
 class Sampled(Stepper):
-    """The law is the map from one sample to the next, x(k + 1) = law(x(k), u(k)); it holds at its own period only."""
+    """For a law that maps one sample to the next, x(k + 1) = law(x(k), u(k)); it holds only at its own period."""
 
     is_map = True
 

@@ -1,4 +1,4 @@
-"""A system as CasADi functions, for IPOPT, do-mpc, acados and anyone's own script."""
+"""A system as CasADi functions, for IPOPT, do-mpc, acados and scripts."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ def symbolic_output(system: System) -> casadi.Function:
 
 
 def symbolic_features(system: System) -> casadi.Function:
-    """What a network sees as a CasADi function of the declared states and the inputs, (x, u) -> z."""
+    """The features of a network as a CasADi function of the declared states and the inputs, (x, u) -> z."""
     return _of_declared(system, "z", system.feature)
 
 
 def symbolic_closures(system: System) -> casadi.Function:
-    """What a hybrid may correct as a CasADi function of the declared states and the inputs, (x, u) -> c."""
+    """The closures, which a hybrid may correct, as a CasADi function of declared states and inputs, (x, u) -> c."""
     return _of_declared(system, "c", system.closure)
 
 
@@ -54,15 +54,15 @@ def _of_declared(system: System, name: str, values: Callable[[Sequence[Any], Seq
 
 
 def symbolic_values(system: System, values: Callable[[Sequence[Any], Sequence[Any]], Sequence[Any]]) -> casadi.Function:
-    """Values of a function of all states and inputs as a CasADi function (x, u) -> values."""
+    """A function of all states and inputs as a CasADi function (x, u) -> values."""
     x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u", len(system.inputs))
     found = casadi.vertcat(*values(casadi.vertsplit(x), casadi.vertsplit(u)))
     return casadi.Function("values", [x, u], [found], ["x", "u"], ["values"])
 
 
 def symbolic_rates(system: System) -> casadi.Function:
-    """The law as a CasADi function (x, u) -> (rates, jacobian): rates of the declared states, friction of contacts left
-    out, and their Jacobian (states, states + inputs). Of a system that is a map from sample to sample: its next states.
+    """The law as a CasADi function (x, u) -> (rates, jacobian): rates of the declared states without the contacts'
+    friction, and their Jacobian (states, states + inputs). For a map from sample to sample they are its next states.
     """
     traced = trace.law_of(system, weights=casadi.SX(casadi.DM(system.weights)))
     given = casadi.vertcat(traced.x, traced.u)
@@ -72,8 +72,8 @@ def symbolic_rates(system: System) -> casadi.Function:
 
 
 def linearised(system: System, x: Array, u: Array) -> tuple[Array, Array]:
-    """The rates' derivatives (states, states) and (states, inputs) of a law at x (states,) and u (inputs,), viscous
-    friction included, dry one left out; where it has none they are zero.
+    """Derivatives of a law's rates (states, states) and (states, inputs) at x (states,) and u (inputs,), with viscous
+    friction and without dry friction; they are zero where a law has no derivative.
     """
     n = len(system.declared_states)
     full = np.nan_to_num(np.array(symbolic_rates(system)(x, u)[1]), posinf=0.0, neginf=0.0)
@@ -81,8 +81,8 @@ def linearised(system: System, x: Array, u: Array) -> tuple[Array, Array]:
 
 
 def viscous(system: System, x: Array, u: Array) -> Array:
-    """Viscous friction (states,) of the contacts of each declared state at x (states,) and u (inputs,), per unit of the
-    state.
+    """Viscous friction (states,) of the contacts on each declared state at x (states,) and u (inputs,), per unit of
+    the state.
     """
     names = [item.name for item in system.declared_states]
     context, found = system.step_context(), np.zeros(len(names))

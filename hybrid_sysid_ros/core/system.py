@@ -1,4 +1,4 @@
-"""A system: named states, inputs and outputs, and the law that moves them, written once."""
+"""A system: named states, inputs and outputs, and the law of their motion, written once."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 Declared = Any
-"""tuple[Variable, ...] for whoever reads it; "name [unit]" as a subclass writes it."""
+"""Read as tuple[Variable, ...]; a subclass writes texts such as "name [unit]"."""
 
 _FORMER_HOOKS = {
     "shown": "reconstructible",
@@ -29,37 +29,37 @@ _FORMER_HOOKS = {
     "hidden": "unobserved",
     "observed": "states_from_record",
 }
-"""What a system of an earlier edition overrides, and the field of its record map that says it now."""
+"""Members that a system of an earlier edition overrides, and the field of the record map that replaces each."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class System:
-    """x' = law(x, u(t - delay)), y = output(x, u), with its parameters as fields (:func:`~.parameters.bounded`).
+    """x' = law(x, u(t - delay)), y = output(x, u), with parameters as fields (:func:`~.parameters.bounded`).
 
-    A subclass names its states, inputs and outputs as "position [rad]" and writes the law. Whoever reads
-    them gets :class:`Variable`: a subclass is read when it is made, with a UserError where its parts don't fit.
+    A subclass writes the law, and its states, inputs and outputs as texts such as "position [rad]". These become
+    :class:`Variable` when the subclass is made; UserError is raised where they don't fit each other.
     """
 
     states: ClassVar[Declared] = ()
-    """Those of the law; the deflections of bristles come after them by themselves."""
+    """States of the law; hidden states of contacts, such as deflections of bristles, are added behind them."""
     inputs: ClassVar[Declared] = ()
     outputs: ClassVar[Declared] = ()
-    """What is measured: names of states, unless :meth:`output` says otherwise. Default: the first state."""
+    """Measured variables: names of states, unless :meth:`output` computes them. Default: the first state."""
     features: ClassVar[Declared] = ()
-    """What a network beside the law sees, as :meth:`feature` computes it. Default: all declared states and inputs."""
+    """Inputs of a network in the law, which :meth:`feature` computes. Default: all declared states and inputs."""
     closures: ClassVar[Declared] = ()
-    """Quantities that close the law and are known roughly only, as :meth:`closure` computes them: hybrids may correct
-    them. Default: none."""
+    """Quantities in the law that are known only roughly, such as coefficients. :meth:`closure` computes them, and a
+    hybrid may correct them. Default: none."""
     contacts: ClassVar[tuple[Contact, ...]] = ()
-    """Friction, each on its own velocity."""
+    """Friction contacts, each on a velocity of its own."""
     stepper: ClassVar[Stepper] = ImplicitFriction()
-    """How the law becomes a step."""
+    """The method that makes a time step of the law."""
     delays: ClassVar[Mapping[str, str | float]] = {}
-    """Delay of an input [s]: a number, or the name of the parameter that has it."""
+    """Delays of inputs [s]: a number, or the name of a parameter."""
     operating_point: ClassVar[Mapping[str, float]] = {}
-    """What states and inputs that are deviations are counted from, by name; 0 where nothing is told."""
+    """By name, the values from which states and inputs that are deviations are counted; 0 for all others."""
     doubtful_terms: ClassVar[tuple[str, ...]] = ()
-    """Terms that fits leave out unless asked for: records hardly tell them from others."""
+    """Terms that fits leave out unless they are asked for: records hardly distinguish them from others."""
 
     _declared: ClassVar[tuple[Variable, ...]] = ()
 
@@ -69,7 +69,7 @@ class System:
         for old, new in _FORMER_HOOKS.items():
             if isinstance(own.get(old), property | FunctionType):
                 raise UserError(
-                    f"{kind}: {old} is {new} of record_map() now; write record_map(self) that returns "
+                    f"{kind}: {old} is now {new} of record_map(); write record_map(self) that returns "
                     f"dataclasses.replace(super().record_map(), {new}=...)"
                 )
         if "states" in own:
@@ -78,7 +78,7 @@ class System:
             cls.inputs = variables(kind, "inputs", own["inputs"])
         known = cls._declared
         if not known:
-            return  # a wrapper: its objects have the states of what they wrap
+            return  # a wrapper: its objects have the states of the wrapped system
         cls.states = (*known, *hidden_states(kind, cls.contacts, known))
         units = {item.name: item for item in cls.states}
         if "outputs" in own:
@@ -97,19 +97,19 @@ class System:
     # ------------------------------------------------------------------ what a rig writes
 
     def law(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        """Rates x' of the states (without deflections) from states and inputs, friction of the contacts left out."""
+        """Rates x' (states,) of the declared states from states and inputs, without the friction of contacts."""
         raise NotImplementedError
 
     def output(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        """What the sensors would show without noise, (outputs,); here the states of the outputs' names."""
+        """Readings of noise-free sensors, (outputs,); by default the states that have the outputs' names."""
         return [x[index] for index in self.measured]
 
     def feature(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        """What a network sees of states and inputs, (features,): of an angle that turns on and on, say, its sine."""
+        """Inputs of a network (features,) from states and inputs: for an angle without limits, say, its sine."""
         return [*x[: len(self.declared_states)], *u]
 
     def closure(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        """The closures (closures,), which law and output take from here: so that a hybrid may add to them."""
+        """The closures (closures,). Law and output must take them from here, so that a hybrid can add to them."""
         return ()
 
     def corrected(self, more: Callable[[Sequence[Scalar], Sequence[Scalar]], Sequence[Scalar]]) -> System:
@@ -125,7 +125,7 @@ class System:
     # ------------------------------------------------------------------ what steppers read
 
     def step_context(self) -> StepContext:
-        """The law and its contacts as a stepper takes them."""
+        """The law and its contacts for a stepper."""
         names = [item.name for item in self.states]
         return StepContext(rates=self._rates, contacts=self.contacts, field=self._field, names=names)
 
@@ -133,7 +133,7 @@ class System:
         return rows(self.law(x, u), len(self.declared_states), f"{type(self).__name__}: law(x, u)", "states")
 
     def _field(self, value: Field | tuple[Field, ...], x: Sequence[Scalar], u: Sequence[Scalar]) -> Any:
-        """A field of a contact: a number, a parameter, a method or a function (system, x, u), or several of them."""
+        """The value of a contact's field: a number, a parameter, a method, a function(system, x, u), or several."""
         if isinstance(value, tuple):
             return [self._field(item, x, u) for item in value]
         if not isinstance(value, str):
@@ -145,27 +145,27 @@ class System:
 
     @property
     def form(self) -> tuple[Any, ...]:
-        """What decides the compiled code: the class and its fields, but not the values of parameters and weights."""
+        """The key of the compiled code: the class and its fields without the values of parameters and weights."""
         parameters, weights = {item.name for item in self.parameters}, self.weights
         options = ((item.name, getattr(self, item.name)) for item in fields(self) if item.name not in parameters)
         return (type(self), *(_key(value) for _, value in options if value is not weights))
 
     @property
     def design(self) -> dict[str, Any] | None:
-        """What a learned part is made of, as plain data from which :mod:`~hybrid_sysid_ros.models.structure` builds it
-        again; None where nothing is learned.
+        """The learned part as plain data, from which :mod:`~hybrid_sysid_ros.models.structure` builds it again; None
+        where nothing is learned.
         """
         return None
 
     @property
     def declared_states(self) -> tuple[Variable, ...]:
-        """The states that the law moves, without the deflections of bristles."""
+        """The states of the law, without the hidden states of contacts."""
         states: tuple[Variable, ...] = self.states
         return states[: len(states) - sum(len(contact.hidden) for contact in self.contacts)]
 
     @property
     def measured(self) -> tuple[int, ...]:
-        """The state that each output is. Raises UserError where one is none."""
+        """The index of the state that each output is. Raises UserError for an output that is no state."""
         names = [item.name for item in self.states]
         for item in self.outputs:
             if item.name not in names:
@@ -179,7 +179,7 @@ class System:
 
     @property
     def sampling_time(self) -> float | None:
-        """The one step [s] that the system holds at; None: at any."""
+        """The only step [s] at which the system holds; None: it holds at any."""
         return None
 
     @property
@@ -196,11 +196,11 @@ class System:
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """The terms that can be switched off, in the order of their parameters."""
+        """Names of the terms that can be switched off, in the order of their parameters."""
         return tuple(dict.fromkeys(item.term for item in self.parameters if item.term))
 
     def without(self, terms: Collection[str]) -> tuple[System, tuple[str, ...]]:
-        """The system with terms switched off, and the names of the parameters that must stay as they are for that."""
+        """The system with some terms switched off, and the names of the parameters that must not change then."""
         off = {item.name: item.neutral for item in self.parameters if item.term in terms}
         values = [off.get(item.name, value) for item, value in zip(self.parameters, self.values, strict=True)]
         return self.with_values(values), tuple(off)
@@ -237,7 +237,7 @@ class System:
         return self
 
     def trained_on(self, low: Array, high: Array) -> System:
-        """The same system told the range of the states in its training data, low and high (states,)."""
+        """The same system, given the range of the states in its training data, low and high (states,)."""
         return self
 
     @property
@@ -255,9 +255,9 @@ class System:
     # ------------------------------------------------------------------ how it meets records, and checks
 
     def record_map(self) -> RecordMap:
-        """What a record tells of the states: outputs that are states, and their rates where those are states too.
+        """How the states follow from a record: from outputs that are states, and from rates that are states too.
 
-        A system whose records tell more or less replaces fields: ``replace(super().record_map(), unobserved=[0])``.
+        A system whose records show more or less replaces fields: ``replace(super().record_map(), unobserved=[0])``.
         """
         return record_map(self.states, self.outputs, self.kinematics, len(self.declared_states))
 
@@ -280,7 +280,7 @@ class System:
 
 @dataclass(frozen=True, kw_only=True)
 class Recurrence(System):
-    """x(k + 1) = law(x(k), u(k)), u(k) the mean input over the sample; it holds at its own period only."""
+    """x(k + 1) = law(x(k), u(k)), where u(k) is the mean input over the sample; it holds only at its own period."""
 
     stepper = Sampled()
 
@@ -297,7 +297,7 @@ class Recurrence(System):
 
 
 def _key(value: Any) -> Any:
-    """What tells one option of a system from another."""
+    """A hashable key of a field's value."""
     if isinstance(value, System):
         return value.form
     if isinstance(value, np.ndarray):

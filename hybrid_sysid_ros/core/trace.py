@@ -1,4 +1,4 @@
-"""A trace: what a law computes, as CasADi expressions of its states, inputs, parameters and blocks."""
+"""A trace: a law as CasADi expressions of its states, inputs, parameters and blocks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 
 class Traceable(Protocol):
-    """What a trace reads of a system."""
+    """The parts of a system that a trace reads."""
 
     @property
     def states(self) -> Sequence[Any]: ...
@@ -43,8 +43,8 @@ class Traceable(Protocol):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trace:
-    """Expressions ``result`` (rows,) of the symbols x (states,), u (inputs,), p (parameters,), h and s (1,), the step
-    and the smoothing, and of the blocks' calls, in the order in which they must be made.
+    """Expressions ``result`` (rows,) of the symbols x (states,), u (inputs,), p (parameters,), the step h (1,), the
+    smoothing s (1,), and of the calls of blocks, in the order in which they must be made.
     """
 
     x: casadi.SX
@@ -57,7 +57,7 @@ class Trace:
 
 
 def step_of(system: Traceable, *, smooth: bool = False, weights: casadi.SX | None = None) -> Trace:
-    """One step of the system. smooth: stick-slip rounded over s. weights: see :class:`~.blocks.Calls`."""
+    """The trace of one step. smooth: stick-slip is rounded over s. weights: see :class:`~.blocks.Calls`."""
     kinematics = kinematics_of(system)
 
     def advance(bound: Traceable, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
@@ -69,8 +69,8 @@ def step_of(system: Traceable, *, smooth: bool = False, weights: casadi.SX | Non
 
 
 def law_of(system: Traceable, *, smooth: bool = False, weights: casadi.SX | None = None) -> Trace:
-    """The rates of the states, for steppers that call the law several times. smooth: corners with a width rounded.
-    weights: see :class:`~.blocks.Calls`.
+    """The trace of the rates, for steppers that call the law several times. smooth: corners that have a width are
+    rounded. weights: see :class:`~.blocks.Calls`.
     """
     count = len(system.declared_states)
 
@@ -82,7 +82,7 @@ def law_of(system: Traceable, *, smooth: bool = False, weights: casadi.SX | None
 
 
 def output_of(system: Traceable, *, weights: casadi.SX | None = None) -> Trace:
-    """The outputs."""
+    """The trace of the output map."""
 
     def output(bound: Traceable, x: list[Scalar], u: list[Scalar], h: Scalar, s: Scalar) -> Sequence[Scalar]:
         return rows(bound.output(x, u), len(system.outputs), f"{type(system).__name__}: output(x, u)", "outputs")
@@ -91,7 +91,7 @@ def output_of(system: Traceable, *, weights: casadi.SX | None = None) -> Trace:
 
 
 def shown_states(system: Traceable) -> tuple[int, ...]:
-    """For each output the state that it is, -1 where the map computes it."""
+    """For each output the index of the state that it is; -1: it is computed."""
     traced = output_of(system)
     states = casadi.vertsplit(traced.x)
     return tuple(
@@ -101,7 +101,7 @@ def shown_states(system: Traceable) -> tuple[int, ...]:
 
 
 def kinematics_of(system: Traceable) -> Mapping[int, int]:
-    """Position state -> the velocity state that is its rate, as the law says."""
+    """Position state -> the velocity state that is its rate in the law."""
     key = system.form
     if key not in _KINEMATICS:
         traced = law_of(system)
@@ -118,11 +118,11 @@ def kinematics_of(system: Traceable) -> Mapping[int, int]:
 _KINEMATICS: dict[Any, Mapping[int, int]] = {}
 
 Traced = Callable[[Traceable, list[Scalar], list[Scalar], Scalar, Scalar], Sequence[Scalar]]
-"""(system whose parameters are symbols, x, u, h, s) -> what is to be traced."""
+"""(system whose parameters are symbols, x, u, h, s) -> the values to trace."""
 
 
 def _traced(system: Traceable, what: str, function: Traced, weights: casadi.SX | None) -> Trace:
-    """Raises UserError where the function can't be traced, or gives no finite numbers at the origin."""
+    """The trace of a function. Raises UserError where it can't be traced, or is not finite at the origin."""
     x, u = casadi.SX.sym("x", len(system.states)), casadi.SX.sym("u", len(system.inputs))
     p, h, s = casadi.SX.sym("p", len(system.parameters)), casadi.SX.sym("h"), casadi.SX.sym("s")
     kind = type(system).__name__
@@ -132,11 +132,11 @@ def _traced(system: Traceable, what: str, function: Traced, weights: casadi.SX |
             result = casadi.vertcat(*function(system.bound(_split(p)), _split(x), _split(u), h, s))
     except UserError:
         raise
-    except (Exception, SystemExit) as error:  # what a user writes can raise anything
+    except (Exception, SystemExit) as error:  # a user's law can raise anything
         raise UserError(f"{kind}: {what} can't be traced: {_cause(error)}") from error
     traced = Trace(x=x, u=u, p=p, h=h, s=s, result=casadi.SX(result), calls=tuple(calls.made))
     values = system.values
-    if np.all(np.isfinite(values)):  # or it is the parameter that is wrong, which is told elsewhere
+    if np.all(np.isfinite(values)):  # else a parameter is wrong, which is reported elsewhere
         symbols = [x, u, p, h, s, *(call.outputs for call in calls.made)]
         origin = casadi.Function("origin", symbols, [traced.result])
         found = np.array(origin(0.0, 0.0, values, TRIAL_STEP, 0.0, *([0.0] * len(calls.made)))).ravel()
@@ -150,7 +150,7 @@ def _traced(system: Traceable, what: str, function: Traced, weights: casadi.SX |
 
 
 TRIAL_STEP = 1e-3
-"""Of time [s], for a look at a step."""
+"""Length of a trial step [s]."""
 
 
 def _split(column: casadi.SX) -> list[Scalar]:

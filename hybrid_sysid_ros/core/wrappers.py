@@ -1,4 +1,4 @@
-"""Wrappers: systems about another one, their physics, with further states, other inputs or additions to its rates."""
+"""Wrappers: systems around another one, their physics, with further states, other inputs or additions to its rates."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from hybrid_sysid_ros.support.errors import UserError
 class Wrapper(System):
     """A system with the inputs, outputs, contacts, delays, parameters and weights of its physics.
 
-    A subclass says what differs: the states that it adds (:attr:`added_states`), the inputs under which the physics
-    moves (:meth:`acting`), and the rates (:meth:`rates`). Everything else comes from the physics.
+    A subclass declares what differs: the states that it adds (:attr:`added_states`), the inputs of the physics
+    (:meth:`acting`), and the rates (:meth:`rates`). Everything else comes from the physics.
     """
 
     physics: System
-    """The system that it is about."""
+    """The wrapped system."""
 
     def __post_init__(self) -> None:
         for name in ("inputs", "outputs", "contacts", "stepper", "delays", "doubtful_terms"):
@@ -39,31 +39,31 @@ class Wrapper(System):
 
     @property
     def added_states(self) -> tuple[Variable, ...]:
-        """Further states, behind those of the law of the physics."""
+        """Further states, behind those of the physics."""
         return ()
 
     def acting(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> Sequence[Scalar]:
-        """The inputs of the physics, from the states without deflections and the own inputs."""
+        """The inputs of the physics, from the states without deflections and the wrapper's inputs."""
         return u
 
     def rates(self, physics: Rates, x: Sequence[Scalar], u: Sequence[Scalar]) -> list[Scalar]:
-        """The rates of the states without deflections; ``physics`` gives those of its own states under its inputs."""
+        """The rates of the states without deflections; ``physics`` computes those of the wrapped system."""
         return [*physics(x[: self._physical], self.acting(x, u)), *(0.0 for _ in self.added_states)]
 
     @property
     def _computed(self) -> System:
-        """The physics as it is computed."""
+        """The physics that is evaluated, with corrections of closures if any."""
         return self.physics
 
     # ------------------------------------------------------------------ the equation
 
     @property
     def _physical(self) -> int:
-        """Number of the states of the law of the physics."""
+        """Number of states in the law of the physics."""
         return len(self.physics.declared_states)
 
     def physical_states(self, x: Sequence[Any]) -> list[Any]:
-        """Those of all states that belong to the physics."""
+        """The states of the physics, out of all states."""
         at = self._physical
         return [*x[:at], *x[at + len(self.states) - len(self.physics.states) :]]
 
@@ -118,7 +118,7 @@ class Wrapper(System):
         super().check()
 
     def record_map(self) -> RecordMap:
-        """That of the physics; further states begin at zero, and no record tells them."""
+        """The record map of the physics; further states begin at zero, and no record shows them."""
         own, at, more = self.physics.record_map(), self._physical, len(self.states) - len(self.physics.states)
         known = {index + (more if index >= at else 0): source for index, source in own.reconstructible.items()}
         rest = [i for i in range(len(self.declared_states)) if i not in known and i not in own.delay_line]
@@ -132,8 +132,8 @@ class Wrapper(System):
 
 @dataclass(frozen=True, kw_only=True)
 class Stabilised(Wrapper):
-    """x' = f(x, v - K x): a system whose stabiliser acts at every moment. Its inputs v are what a slower controller
-    adds, in the units of u.
+    """x' = f(x, v - K x): a system with a stabiliser that acts at every moment. A slower controller gives its inputs
+    v, in the units of u.
     """
 
     gains: tuple[tuple[float, ...], ...]
@@ -142,7 +142,7 @@ class Stabilised(Wrapper):
     def acting(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> list[Scalar]:
         found = []
         for value, row in zip(u, self.gains, strict=True):
-            for gain, state in zip(row, x, strict=False):  # a law is given the states without deflections
+            for gain, state in zip(row, x, strict=False):  # a law gets the states without deflections
                 value = value - gain * state if gain else value
             found.append(value)
         return found
@@ -152,12 +152,12 @@ class Stabilised(Wrapper):
 class RateDisturbanceModel(Wrapper):
     """x' = f(x, u) + E o, o' = 0: a system with a constant, unknown disturbance o of some rates, as further states.
 
-    Estimated and planned with they take from a model's error what its inputs can't answer (Pannocchia & Rawlings 2003,
-    AIChE J. 49(2)). Raises UserError for a name that is no state, and for a system that is a map of samples.
+    An estimator and an MPC that include them remove steady errors (Pannocchia & Rawlings 2003, AIChE J. 49(2)).
+    Raises UserError for a name that is no state, and for a system that is a map of samples.
     """
 
     on: tuple[str, ...]
-    """States whose rates have one."""
+    """Names of the states whose rates have a disturbance."""
 
     def __post_init__(self) -> None:
         known = [item.name for item in self.physics.declared_states]
@@ -183,12 +183,12 @@ class RateDisturbanceModel(Wrapper):
 
 
 def offset_of(state: str) -> str:
-    """Name of the state that is the offset of another one's rate."""
+    """Name of the state that is the offset of the rate of ``state``."""
     return f"{state}_offset"
 
 
 def feedback_of(system: System, stabiliser: Array) -> Array:
-    """K (inputs, outputs) as gains of the states, (inputs, states).
+    """Gains K (inputs, outputs) of a stabiliser as gains of the states, (inputs, states).
 
     Raises UserError where an output that is fed back is no state.
     """

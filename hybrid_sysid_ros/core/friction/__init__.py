@@ -1,6 +1,6 @@
-"""Friction on one velocity, which a right-hand side can't hold: it is set-valued, or stiff, so a step solves it.
+"""Friction on one velocity. It is set-valued or stiff, so a right-hand side can't contain it: each step solves for it.
 
-All levels are per unit inertia of their velocity. A field of a contact is a number, the name of a parameter or a
+All levels are per unit inertia of their velocity. A field of a contact is a number, the name of a parameter or of a
 method(x, u) of the system, or a function(system, x, u).
 
     Viscous      v' = f_v - D v
@@ -10,10 +10,10 @@ method(x, u) of the system, or a function(system, x, u).
     Bristles     v' = f_v - s0 z - s1 z' - D v,  z' = v - |v| z s0 / F
     MaxwellSlip  v' = f_v - sum k_i z_i - D v,  z_i' = v until |k_i z_i| = c_i F, then it slips
 
-F: level, vc: creep speed (0: it sticks exactly), D: viscous rate; z: deflection of bristles or elements. Each solves
-its step exactly, and smoothed for solvers that need derivatives.
+F: level, vc: creep speed (0: it sticks exactly), D: viscous rate; z: deflection of bristles or elements. Each contact
+solves its step exactly; for solvers that need derivatives it solves a smoothed one.
 
-Beside them stand levels over speed, by :func:`stribeck` and others.
+Functions such as :func:`stribeck` give the level over the speed.
 """
 
 from hybrid_sysid_ros.core.friction.contact import Contact, Field, Viscous, rational_stribeck, stefanski, stribeck

@@ -1,4 +1,4 @@
-"""What every contact is, the plainest one, viscous friction, and levels of dry friction over speed."""
+"""The base of every contact, viscous friction, and levels of dry friction over speed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hybrid_sysid_ros.core.mathematics import Scalar, absolute, exp, maximum, se
 Field = str | float | Callable[[Any, Any, Any], Any]
 
 TINY = 1e-12
-"""Keeps 0 / 0 out of the step of a frictionless instant."""
+"""Added where a step without friction would divide zero by zero."""
 
 Solved = tuple[Scalar, Sequence[Scalar]]
 """Velocity and hidden states after a step."""
@@ -22,16 +22,16 @@ class Contact:
     """Friction on one velocity."""
 
     on: str
-    """Name of the velocity that carries it."""
+    """Name of the velocity on which it acts."""
     viscous: Field = 0.0
-    """D, resolved trapezoidally."""
+    """D, integrated by the trapezoidal rule."""
     fields: ClassVar[tuple[str, ...]] = ("viscous",)
     hidden_power: ClassVar[int] = 1
-    """Power of s in the unit of hidden states over that of the velocity: 1 is a way, -1 an acceleration."""
+    """Power of s between the unit of hidden states and the velocity's: 1 for a displacement, -1 an acceleration."""
 
     @property
     def hidden(self) -> tuple[str, ...]:
-        """The hidden states that the contact brings along, as declarations."""
+        """Declarations of the hidden states that the contact adds."""
         return ()
 
     def solve(
@@ -43,9 +43,9 @@ class Contact:
         smoothing: Scalar | None,
         **at: Any,
     ) -> Solved:
-        """Velocity and hidden states after a step of h [s]: ``pushed`` is v + h f_v, ``at`` the fields' values.
+        """Velocity and hidden states after a step of h [s]; ``pushed`` is v + h f_v, ``at`` holds the fields' values.
 
-        Viscous friction is trapezoidal: second order, where Euler's damping depends on the step.
+        Viscous friction uses the trapezoidal rule: it is of second order, where Euler's damping depends on the step.
         """
         half = 0.5 * h * at["viscous"]
         return (pushed - half * v) / (1.0 + half), ()
@@ -57,7 +57,7 @@ class Viscous(Contact):
 
 
 def rounded_sign(x: Scalar, smoothing: Scalar) -> Scalar:
-    """X / sqrt(x^2 + smoothing^2)."""
+    """Return x / sqrt(x^2 + smoothing^2)."""
     return x / maximum(sqrt(x * x + smoothing * smoothing), TINY)
 
 
@@ -88,10 +88,10 @@ def stefanski(
     *,
     growing: Scalar | None = None,
 ) -> Scalar:
-    """Level F(v, v') = Fc + (Fs - Fc) exp(-a1 |v| / (|v'| + a2)) sgn(v v') [units of Fc]: higher while the speed grows
-    than while it falls, so that friction over speed is a loop.
+    """Level F(v, v') = Fc + (Fs - Fc) exp(-a1 |v| / (|v'| + a2)) sgn(v v') [units of Fc]. It is higher while the speed
+    grows than while it falls, so that friction over speed is a loop.
 
-    At rest it is the static level. growing: sgn(v v') where it is rounded. Source: Wojewoda, Stefanski, Wiercigroch,
+    At rest it is the static level. growing: sgn(v v') in its rounded form. Source: Wojewoda, Stefanski, Wiercigroch,
     Kapitaniak (2008), Phil. Trans. R. Soc. A 366, 747-765, on hysteretic dry friction; the formula is given as it is
     commonly quoted, and was not compared with the paper's own print.
     """

@@ -1,4 +1,4 @@
-"""Dry friction that sticks exactly: of a level, of one that grows with rest, and of one that acceleration changes."""
+"""Dry friction that sticks exactly: with a given level, one that grows at rest, or one that acceleration changes."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ Fields = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class _Stick(Contact, ABC):
-    """What sticks and slips at a level."""
+    """A contact that sticks and slips at a level."""
 
     creep: Field = 0.0
-    """Speed below which it is viscous; 0: it sticks exactly."""
+    """Speed below which the friction is viscous; 0: it sticks exactly."""
     fields: ClassVar[tuple[str, ...]] = ("viscous", "creep")
 
     @abstractmethod
     def level_now(self, v: Scalar, hidden: Sequence[Scalar], smoothing: Scalar | None, at: Fields) -> Scalar:
-        """Level during this step."""
+        """The level during this step."""
 
     def after(
         self, v: Scalar, following: Scalar, hidden: Sequence[Scalar], h: Scalar, smoothing: Scalar | None, at: Fields
     ) -> Sequence[Scalar]:
-        """Hidden states after it."""
+        """The hidden states after the step, at whose end the velocity is ``following``."""
         return ()
 
     def solve(
@@ -41,7 +41,7 @@ class _Stick(Contact, ABC):
         smoothing: Scalar | None,
         **at: Any,
     ) -> Solved:
-        """Z = pushed - h D v / 2;  v+ = (z - sat(z c / (vc (1 + h D / 2) + c), c)) / (1 + h D / 2),   c = h F.
+        """Solve z = pushed - h D v / 2;  v+ = (z - sat(z c / (vc (1 + h D / 2) + c), c)) / (1 + h D / 2),   c = h F.
 
         With vc = 0 and |z| <= h F the velocity is exactly zero: it sticks. Moreau's time stepping for one contact
         (Moreau 1988; Acary & Brogliato 2008, section 1.4.3.4) with a regularised sign.
@@ -56,7 +56,7 @@ class _Stick(Contact, ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class Dry(_Stick):
-    """Dry friction of a level."""
+    """Dry friction with a given level."""
 
     level: Field
     fields: ClassVar[tuple[str, ...]] = ("viscous", "level", "creep")
@@ -71,20 +71,20 @@ class Ageing(Dry):
 
         a' = (1 - a) / T - |v| a / L,  and as a hidden state r = 1 - a: r' = |v| (1 - r) / L - r / T
 
-    a: age of the contact, 0 just made, 1 fully rested; r: the part of it that sliding has renewed, so that a record
-    which tells nothing of it begins rested. At rest the level grows as 1 - exp(-t / T): break-away rises with rest, and
-    falls with the rate of the force. Sliding at v it settles at a = 1 / (1 + |v| T / L), which weakens with speed, and
-    takes the way L for that: frictional memory. Source: the ageing law of a contact's state, Dieterich (1979), JGR
+    a: age of the contact, 0 just made, 1 fully rested; r: the part that sliding has renewed, which is zero where a
+    record says nothing about it. At rest the level grows as 1 - exp(-t / T): break-away rises with the time at rest,
+    and falls with the rate of the force. Sliding at v, the age settles at 1 / (1 + |v| T / L) over a displacement L,
+    which is frictional memory. Source: the ageing law of a contact's state, Dieterich (1979), JGR
     84(B5), Ruina (1983), JGR 88(B12), with a rest that saturates as in Kato, Sato, Matsubayashi (1972), J. Lubrication
     Technology 94(4), exponent 1.
     """
 
     excess: Field
-    """Fe, of the level at full rest."""
+    """Fe: how much higher the level is at full rest."""
     rest_time: Field
     """T [s]."""
     memory: Field
-    """L, the way of sliding that renews the contact."""
+    """L, the sliding displacement that renews the contact."""
     renewed: str = "renewed"
     """Name of the hidden state."""
     fields: ClassVar[tuple[str, ...]] = (*Dry.fields, "excess", "rest_time", "memory")
@@ -99,7 +99,7 @@ class Ageing(Dry):
     def after(
         self, v: Scalar, following: Scalar, hidden: Sequence[Scalar], h: Scalar, smoothing: Scalar | None, at: Fields
     ) -> Sequence[Scalar]:
-        """Backward Euler, which never leaves 0 to 1."""
+        """The renewed part by backward Euler, which never leaves 0 to 1."""
         speed = absolute(following) if smoothing is None else following * rounded_sign(following, smoothing)
         rest = h / maximum(at["rest_time"], TINY)
         slid = h * speed / maximum(at["memory"], TINY)
@@ -110,7 +110,7 @@ class Ageing(Dry):
 class Hysteretic(_Stick):
     """Dry friction that is higher while the speed grows than while it falls (``stefanski`` of core.friction).
 
-    The acceleration is that of the step before, a hidden state.
+    The acceleration is that of the previous step, which is a hidden state.
     """
 
     coulomb: Field

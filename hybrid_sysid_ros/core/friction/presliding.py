@@ -1,4 +1,4 @@
-"""Friction that bends before it slides: bristles (Dahl's and LuGre's), and elements of generalised Maxwell slip."""
+"""Friction with presliding displacement: bristles (Dahl and LuGre), and elements of generalised Maxwell slip."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from hybrid_sysid_ros.support.errors import UserError
 
 @dataclass(frozen=True, kw_only=True)
 class Bristles(Contact):
-    """Friction of bristles of a stiffness and a damping, up to a level; their deflection is a hidden state.
+    """Friction of bristles with a stiffness and a damping, up to a level; their deflection is a hidden state.
 
-    With a constant level it is Dahl's friction (1968), with one that falls with speed the LuGre friction of Canudas de
+    A constant level gives Dahl's friction (1968), one that falls with speed the LuGre friction of Canudas de
     Wit et al. (1995), IEEE TAC 40(3), eqs. (1)-(3).
     """
 
@@ -23,7 +23,7 @@ class Bristles(Contact):
     stiffness: Field
     damping: Field = 0.0
     deflection: str = "deflection"
-    """Name of the hidden state; its unit is that of the velocity times s unless it is said here."""
+    """Name of the hidden state; its unit is that of the velocity times s where the name has none."""
     fields: ClassVar[tuple[str, ...]] = ("viscous", "level", "stiffness", "damping")
 
     @property
@@ -39,7 +39,7 @@ class Bristles(Contact):
         smoothing: Scalar | None,
         **at: Any,
     ) -> Solved:
-        """Backward Euler of bristles and velocity together, which a quadratic solves exactly at any stiffness.
+        """Backward Euler of bristles and velocity together; a quadratic equation solves it exactly at any stiffness.
 
         z+ = (z + h v+) / (1 + c |v+|),  c = h s0 / F            never leaves +-max(|z|, F / s0)
         (1 + h D / 2) v+ + h S z+ = b,   S = s0 + s1 / h,   b = v + h f_v - h D v / 2 + s1 z
@@ -57,7 +57,7 @@ class Bristles(Contact):
         push = b - total * z
         sign = select(push > 0.0, 1.0, -1.0) if smoothing is None else rounded_sign(push, smoothing)
         linear = a - sign * b * c + h * total
-        amount = sign * push  # |push|, with its slope at rest too: an optimiser must see how to begin to move
+        amount = sign * push  # |push|, with its derivative at rest: an optimiser must see how motion begins
         # The form without cancellation where the linear part is positive, the usual one where it is not.
         root = sqrt(linear * linear + 4.0 * a * c * amount)
         if smoothing is None:
@@ -68,26 +68,26 @@ class Bristles(Contact):
         after = push * select(
             linear > 0.0, 2.0 / maximum(linear + root, TINY), (root - linear) / maximum(2.0 * a * c * amount, TINY)
         )
-        speed = after * rounded_sign(after, smoothing)  # none at rest, where bristles must not creep
+        speed = after * rounded_sign(after, smoothing)  # zero at rest, where bristles must not creep
         return after, ((z + h * after) / (1.0 + c * speed),)
 
 
 SMOOTH_ITERATIONS = 3
-"""Newton's, beyond those that solve the exact form: rounded corners bend a little on either side."""
+"""Newton steps beyond those that solve the exact form, since rounded corners bend a little on either side."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MaxwellSlip(Contact):
-    """Elements in parallel, each a spring k_i on a block that slips at its share c_i of the level F(v).
+    """Elements in parallel; each is a spring k_i on a block that slips at its share c_i of the level F(v).
 
         sticking:  z_i' = v                          until |k_i z_i| = c_i F(v)
         slipping:  k_i z_i' = C sgn(v) (c_i - k_i z_i / F(v))
 
-    Pre-sliding hysteresis then follows Masing's rules, without drift; at speed the friction is F(v), which it follows
-    at the rate C (attraction): slowly, so that friction lags behind speed. Source: Al-Bender, Lampaert, Swevers (2005),
+    Presliding hysteresis then follows Masing's rules, without drift. At speed the friction approaches F(v) at the rate
+    C (attraction): where C is small, friction lags behind speed. Source: Al-Bender, Lampaert, Swevers (2005),
     IEEE TAC 50(11), eqs. (9)-(11).
 
-    Raises UserError for elements without stiffness or share, and for shares that are not 1 together.
+    Raises UserError for elements without stiffness or share, and for shares whose sum is not 1.
     """
 
     level: Field
@@ -95,9 +95,9 @@ class MaxwellSlip(Contact):
     stiffness: tuple[Field, ...]
     """k_i."""
     shares: tuple[float, ...] = ()
-    """c_i, of the level; equal ones by default."""
+    """c_i, shares of the level; equal by default."""
     attraction: Field = 1e12
-    """C; large: at once."""
+    """C; where it is large, friction follows F(v) at once."""
     deflection: str = "deflection"
     """Name of the hidden states, which get numbers; their unit is that of the velocity times s."""
     fields: ClassVar[tuple[str, ...]] = ("viscous", "level", "stiffness", "attraction")
@@ -110,8 +110,8 @@ class MaxwellSlip(Contact):
             raise UserError(f"Maxwell slip on {self.on}: every element needs a stiffness above 0, not {self.stiffness}")
         if len(self.shares) != count or min(self.shares) <= 0.0 or abs(sum(self.shares) - 1.0) > 1e-9:
             raise UserError(
-                f"Maxwell slip on {self.on}: {count} elements need as many shares of the level above 0, which are 1 "
-                f"together, not {self.shares}"
+                f"Maxwell slip on {self.on}: {count} elements need as many shares of the level, above 0 and with "
+                f"the sum 1, not {self.shares}"
             )
 
     @property
@@ -132,11 +132,11 @@ class MaxwellSlip(Contact):
 
             (1 + h D / 2) v+ + h sum f_i = b,   f_i = min(k_i z_i + k_i h v+, l_i),   b = v + h f_v - h D v / 2
 
-        for a push b - h sum k_i z_i upwards (downwards with all signs turned); l_i is c_i F, or on the way down to it
-        after a fall of the level. The left side bends down only, at most once an element, so that Newton's iteration
-        from rest ends at the root after one step more than there are elements.
+        for a push b - h sum k_i z_i upwards (for one downwards all signs change); l_i is c_i F, or decays to it after
+        the level has fallen. The left side is concave with at most one corner for each element, so Newton's iteration
+        from rest reaches the root after at most one step more than there are elements.
 
-        Smoothed, the corners of f_i are rounded over the way that the smoothing velocity makes in a step.
+        With smoothing, the corners of f_i are rounded over the displacement of the smoothing velocity in a step.
         """
         half = 0.5 * h * at["viscous"]
         stiffness, level = at["stiffness"], maximum(at["level"], TINY)
@@ -163,7 +163,7 @@ class MaxwellSlip(Contact):
 
 
 def _held(force: Scalar, limit: Scalar, rounding: Scalar | None) -> tuple[Scalar, Scalar]:
-    """A force that a limit holds, and its slope."""
+    """A force within a limit, and its derivative."""
     if rounding is None:
         return minimum(force, limit), select(force < limit, 1.0, 0.0)
     above, below = force + limit, force - limit
@@ -172,8 +172,8 @@ def _held(force: Scalar, limit: Scalar, rounding: Scalar | None) -> tuple[Scalar
 
 
 def fading_stiffnesses(total: Scalar, count: int) -> tuple[Scalar, ...]:
-    """Stiffnesses of elements of equal shares that yield one after another, at deflections of 1 : 2 : ... : count,
-    and together are as stiff as ``total`` at first: k_i = total / (i sum 1 / j).
+    """Stiffnesses of elements of equal shares that yield one after another, at deflections in the ratio 1 : 2 : ... :
+    count, and whose sum is ``total``: k_i = total / (i sum 1 / j).
     """
     parts = sum(1.0 / j for j in range(1, count + 1))
     return tuple(total / (i * parts) for i in range(1, count + 1))

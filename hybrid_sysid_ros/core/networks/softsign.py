@@ -16,9 +16,9 @@ from hybrid_sysid_ros.support.arrays import Array
 
 @dataclass(frozen=True, kw_only=True)
 class Softsign(Block):
-    """y_k = sum_i a_ki softsign(W_i z + b_i): one hidden layer, bounded by sum |a|, no function to evaluate.
+    """y_k = sum_i a_ki softsign(W_i z + b_i): one hidden layer, bounded by sum |a|, without transcendental functions.
 
-    Weights, for each unit: W_i (features,), b_i, a_i (outputs,).
+    The weights of each unit are W_i (features,), b_i and a_i (outputs,).
     """
 
     features: int
@@ -100,7 +100,7 @@ class Softsign(Block):
 
 @inner
 def activation(w: Any, at: int, z: Any, features: int) -> float:
-    """W z + b of the unit whose weights begin ``at``."""
+    """Return W z + b of the unit whose weights begin at index ``at``."""
     s = w[at + features]
     for j in range(features):
         s += w[at + j] * z[j]

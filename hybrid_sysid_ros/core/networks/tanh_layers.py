@@ -1,4 +1,4 @@
-"""Networks of tanh layers with a straight output, computed in vector registers; their sizes are arguments."""
+"""Networks of tanh layers with a linear output, computed in vector registers; their sizes are arguments."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ NetworkLayers = Sequence[tuple[Array, Array]]
 """(W (out, in), b (out,)) of each layer."""
 
 WIDEST = 4096
-"""Features, and units of a layer: far above what answers in time, and room for it fits on a stack."""
+"""Most features, and units of a layer: far more than a real-time network has, and they fit on a stack."""
 
 
 def widths_of(layers: NetworkLayers) -> tuple[int, ...]:
-    """Features, units of each layer, and answers. Raises UserError where they don't fit each other, or are too many."""
+    """Numbers of features, of units of each layer, and of outputs. Raises UserError where layers don't fit."""
     for (first, _), (second, _) in pairwise(layers):
         if second.shape[1] != len(first):
             raise UserError(f"network: a layer of {len(first)} units is followed by one for {second.shape[1]}")
@@ -37,7 +37,7 @@ def widths_of(layers: NetworkLayers) -> tuple[int, ...]:
 
 
 def packed_columns(layers: NetworkLayers) -> Array:
-    """Each layer by its columns and then its biases, filled up with idle units to multiples of eight."""
+    """The columns of each layer, then its biases, padded with idle units to multiples of eight."""
     parts: list[Array] = [np.zeros(0)]
     before = layers[0][0].shape[1] if layers else 0
     for matrix, bias in layers:
@@ -64,8 +64,8 @@ def _layer(w: Any, at: int, width: int, values: Any, count: int, straight: bool,
 
 @inner
 def forward(sizes: Any, shape: int, w: Any, at: int, features: Any, answers: Any) -> None:
-    """Answers of the network whose depth and widths stand at ``shape`` and whose weights begin ``at``; features are
-    kept, answers have room for the widest layer.
+    """Outputs, into ``answers``, of the network whose depth and widths begin at index ``shape`` of ``sizes`` and whose
+    weights begin at index ``at``. ``answers`` has room for the widest layer; ``features`` is not changed.
     """
     depth, count = sizes[shape], sizes[shape + 1]
     other = scratch(WIDEST)
@@ -85,7 +85,7 @@ def forward(sizes: Any, shape: int, w: Any, at: int, features: Any, answers: Any
 
 @inner
 def column_sum(w: Any, at: int, width: int, factors: Any, count: int, start: Any, lanes: int) -> Any:
-    """Start + sum_j column_j factor_j for ``lanes`` units, in two chains that don't wait for each other.
+    """Return start + sum_j column_j factor_j for ``lanes`` units, in two independent chains.
 
     Columns are ``width`` numbers apart, the first at w[at:].
     """
