@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.metadata
 import inspect
 import logging
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, cast, get_type_hints
+from functools import partial
+from typing import Annotated, Any, cast, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -17,6 +18,10 @@ from hybrid_sysid_ros.support.errors import Interrupted, UserError
 
 UsageError = cast(type[typer.BadParameter], typer.BadParameter.__mro__[1])
 """What typer raises for wrong arguments of any kind; it gives a name to this kind only."""
+HELP = ("--help", "-h")
+KINDS = {"str": "text", "int": "integer", "int range": "integer", "float": "number", "float range": "number",
+         "list[str]": "text", "list[Path]": "path"}  # fmt: skip
+"""What help calls the kinds of values."""
 
 
 class LateCommand(TyperCommand):
@@ -34,17 +39,27 @@ class LateCommand(TyperCommand):
             module = importlib.import_module(self.module)
             kind = getattr(module, "EXTENDED_BY", "")
             app.command(self.name)(extended(module.command, kind) if kind else module.command)
-            return typer.main.get_command(app)
+            made = typer.main.get_command(app)
+        for item in made.params:
+            if display := getattr(item, "display_type", None):  # typers for Python 3.10 have none, and need none
+                item.display_type = partial(_kind, display)  # type: ignore[attr-defined]
+        return made
 
     def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
         made = self.made()
-        if "--help" in args:
+        if not {*HELP}.isdisjoint(args):
             from hybrid_sysid_ros.rigs.rig import default
 
             for option in made.params:
                 if option.name == "rig" and not option.required and not option.callback:
                     option.show_default = default()
         return made.make_context(info_name, args, parent=parent, **extra)
+
+
+def _kind(display: Callable[[Any], str], ctx: Any) -> str:
+    """The kind of an option's value, in a word that is no Python."""
+    kind = display(ctx).strip("<>")
+    return f"<{KINDS.get(kind, kind)}>"
 
 
 def extended(function: Callable[..., None], kind: str) -> Callable[..., None]:
@@ -109,6 +124,20 @@ def _usage(error: typer.BadParameter) -> str:
     return f"error: {line[0].lower()}{line[1:]}{f': see {context.command_path} --help' if context else ''}"
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"hybrid-sysid {importlib.metadata.version('hybrid_sysid_ros')}")
+        raise typer.Exit
+
+
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Options of the program itself; typer adds those that install completion for bash, zsh and fish."""
+
+
 def run_program(make: Callable[[], Commands]) -> None:
     """Make a program and run a command of it; exit with 2 and one line for what a user can cause, with 130 and one for
     an interrupt.
@@ -143,7 +172,7 @@ def _tell_problems(reported: int) -> int:
     return len(problems)
 
 
-GROUPS = {"model": "Models elsewhere.", "policy": "Approximate MPC.", "rig": "Rigs: a folder each."}
+GROUPS = {"model": "Models outside of Python.", "policy": "Approximate MPC.", "rig": "Rigs, a folder each."}
 """First words of commands of two words, and what those are about."""
 
 
@@ -155,7 +184,8 @@ def program() -> Commands:
         place = groups.setdefault(group, []) if group else single
         place.append(LateCommand(name, module, summary))
     made = [Commands(name, commands, help=GROUPS.get(name, "")) for name, commands in groups.items()]
-    return Commands("hybrid-sysid", [*single, *made])
+    options = typer.main.get_command(typer.Typer(callback=_root)).params
+    return Commands("hybrid-sysid", [*single, *made], params=options, context_settings={"help_option_names": HELP})
 
 
 def main() -> None:

@@ -34,7 +34,7 @@ from hybrid_sysid_ros.support.files import check_file
 def command(
     model: Annotated[Path, typer.Argument(help="Model folder.")],
     bag: Annotated[list[Path], typer.Argument(help="Bags to score the model on.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: terminal.Json = False,
     part: terminal.PartText = "0:1",
     adapted: Annotated[
         float,

@@ -21,7 +21,7 @@ from hybrid_sysid_ros.identification.validation.friction_curve import FrictionCu
 from hybrid_sysid_ros.identification.validation.identifiability import doubts
 from hybrid_sysid_ros.identification.validation.stages import StageResiduals
 from hybrid_sysid_ros.library.models import identify
-from hybrid_sysid_ros.models import Model
+from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.models.structure import parse
 from hybrid_sysid_ros.report.sections import stages_of
@@ -37,11 +37,8 @@ def command(
     bag: Annotated[list[Path], typer.Argument(help="Bags to train on.")],
     out: Annotated[Path, typer.Option("--out", help="Folder for the model.")],
     rig: terminal.RigName = "",
-    structure: Annotated[str, typer.Option(help=terminal.STRUCTURES_HELP)] = "hybrid",
-    option: Annotated[
-        list[str] | None,
-        typer.Option("--option", help="Option of the structure, as NAME=VALUE, such as units=8 or creep=1."),
-    ] = None,
+    structure: terminal.StructureName = "hybrid",
+    option: terminal.StructureOptions = None,
     input_handling: terminal.InputHandlingOption = "averaged",
     step: terminal.StepOption = 0.005,
     period: terminal.Period = 0.05,
@@ -64,7 +61,7 @@ def command(
         check_file(report, suffix=".html")
     other = load_model(beside, rig=rig) if beside is not None else None
     speeds = speeds_of(other) if other is not None else None
-    sampling = terminal.sampling_of(step, period, input_handling)
+    sampling = Sampling(step=step, period=period, input=input_handling)
     described = load_rig(rig)
     records = read_records(bag, rig, signals, recover, read_period, sampling)
     with status.status("compiling") as spinner:

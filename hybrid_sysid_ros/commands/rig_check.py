@@ -11,7 +11,7 @@ import typer
 from numpy.typing import NDArray
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import console, end, print_table
+from hybrid_sysid_ros.commands.terminal import RigPlace, console, end, print_table
 from hybrid_sysid_ros.rigs.check import check, step_responses
 from hybrid_sysid_ros.rigs.rig import Rig, load
 from hybrid_sysid_ros.runtime import configuration
@@ -26,7 +26,7 @@ SHOWN = 6
 
 
 def command(
-    rig: Annotated[str, typer.Argument(help="Rig, by its name or by the path of its folder.")],
+    rig: RigPlace,
     seconds: Annotated[float, typer.Option(help="Length of the step responses [s].", min=1e-3)] = 2.0,
 ) -> None:
     """Check a rig's equations, sensors, limits, signals and node parameters, and show its step response."""

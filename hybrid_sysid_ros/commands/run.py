@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import Overwrite, RigName, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import Driver, Overwrite, RigName, console, print_table, status
 from hybrid_sysid_ros.runtime.companion import Companion
 from hybrid_sysid_ros.runtime.run import Run
 from hybrid_sysid_ros.support.errors import Interrupted
@@ -20,8 +20,10 @@ EXTENDED_BY = "companions"
 
 def command(
     rig: RigName = "",
-    policy: Annotated[str, typer.Option(help="What drives the rig: supervised, network or exact.")] = "supervised",
-    solver: Annotated[str, typer.Option(help="Solver of the exact MPC: sqp, or the slow reference ipopt.")] = "sqp",
+    policy: Annotated[Driver, typer.Option(help="What drives the rig.")] = "supervised",
+    solver: Annotated[
+        Literal["sqp", "ipopt"], typer.Option(help="Solver of the exact MPC; ipopt is the slow reference.")
+    ] = "sqp",
     model: Annotated[Path | None, typer.Option(help="Model folder; the shipped one by default.")] = None,
     policy_path: Annotated[Path | None, typer.Option(help="Policy folder; the shipped one by default.")] = None,
     rate: Annotated[float | None, typer.Option(help="Measurements per second [Hz]; the rig's rate by default.")] = None,

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, Literal
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from hybrid_sysid_ros.models import Sampling, structure_names
+from hybrid_sysid_ros.models import InputHandling, structure_names
+from hybrid_sysid_ros.rigs import folder
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 
@@ -22,7 +23,15 @@ status = Console(stderr=True, soft_wrap=True, **PLAIN)
 WIDEST = 100_000
 """More characters than any table has."""
 
-RigName = Annotated[str, typer.Option("--rig", help="Rig, by its name or by the path of its folder (./my_rig).")]
+RigName = Annotated[
+    str,
+    typer.Option(
+        "--rig", help="Rig, by its name or by the path of its folder (./my_rig).", autocompletion=folder.names
+    ),
+]
+RigPlace = Annotated[
+    str, typer.Argument(help="Rig, by its name or by the path of its folder.", autocompletion=folder.names)
+]
 
 
 def _meet(rig: str) -> str:
@@ -47,13 +56,13 @@ ReadPeriod = Annotated[
 ]
 PartText = Annotated[str, typer.Option("--part", help="Part of each bag that is used, as fractions START:STOP.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what is there.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Driver = Literal["supervised", "network", "exact"]
+"""What may drive a rig: the choices of the controller's parameter policy."""
 Seed = Annotated[int, typer.Option("--seed", help="Random seed.", min=0)]
 InputHandlingOption = Annotated[
-    str,
-    typer.Option(
-        "--input",
-        help="How the model takes its input: averaged (the mean over each step) or sampled (one reading a period).",
-    ),
+    InputHandling,
+    typer.Option("--input", help="How the model takes its input: the mean over each step, or one reading a period."),
 ]
 StepOption = Annotated[float, typer.Option(help="Integration step [s].")]
 Period = Annotated[float, typer.Option(help="Time between fitted samples [s].")]
@@ -76,7 +85,19 @@ def end(problems: Sequence[str]) -> None:
         raise typer.Exit(2)
 
 
-STRUCTURES_HELP = " | ".join((*structure_names(), "a further gray box of the rig", "hybrid_NAME on a gray box"))
+StructureName = Annotated[
+    str,
+    typer.Option(
+        help=f"{', '.join(structure_names())}, a further gray box of the rig, or hybrid_NAME on one.",
+        autocompletion=structure_names,
+    ),
+]
+StructureOptions = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--option", metavar="NAME=VALUE", help="Option of the structure, such as units=8; may be given several times."
+    ),
+]
 
 
 def score_table(
@@ -122,8 +143,3 @@ def bias_table(biases: Mapping[str, dict[str, Any]], rig: Rig, seconds: float) -
                 cells += [f"{own['r2']:.4f}", rmse]
             table.add_row(*cells)
     return table
-
-
-def sampling_of(step: float, period: float, handling: str) -> Sampling:
-    """How records meet a simulation, from a command's options. Raises UserError where they don't fit together."""
-    return Sampling(step=step, period=period, input=cast(Any, handling))

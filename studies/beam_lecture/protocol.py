@@ -19,10 +19,9 @@ from hybrid_sysid_ros.commands.terminal import (
     StepOption,
     console,
     print_table,
-    sampling_of,
     status,
 )
-from hybrid_sysid_ros.models import structure_names
+from hybrid_sysid_ros.models import Sampling, structure_names
 from hybrid_sysid_ros.models.structure import complete, options_of, parse
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.errors import UserError
@@ -82,7 +81,7 @@ def command(
     options = parse(option or [])
     for name in chosen:
         complete(options, options_of(name, rig.system, rig.structures), name)
-    sampling = sampling_of(step, period, input_handling)
+    sampling = Sampling(step=step, period=period, input=input_handling)
     protocol = lecture.arrange(lecture.read_folder(folder, slow=number == 3), number)
     structures = list(dict.fromkeys(chosen))
     place = out or as_json or page

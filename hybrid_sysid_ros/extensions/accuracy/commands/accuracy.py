@@ -15,7 +15,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import report
-from hybrid_sysid_ros.commands.terminal import Seed, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import Json, Seed, console, print_table, status
 from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows, write_accuracy
 from hybrid_sysid_ros.extensions.accuracy.statistics import (
     Accuracy,
@@ -51,13 +51,13 @@ def command(
     until: Annotated[
         list[str] | None,
         typer.Option(
-            help="Predict the number of further shots until the interval of a mean has a width, as NAME=WIDTH."
+            metavar="NAME=WIDTH", help="Predict the number of further shots until the interval of a mean has a width."
         ),
     ] = None,
     spread_until: Annotated[
         list[str] | None,
         typer.Option(
-            help="Predict the number of further shots until the interval of a spread has a width, as NAME=WIDTH."
+            metavar="NAME=WIDTH", help="Predict the number of further shots until the interval of a spread has a width."
         ),
     ] = None,
     strata: Annotated[
@@ -75,7 +75,7 @@ def command(
     unit: Annotated[str, typer.Option(help="Unit of coordinates whose heading states none.")] = "",
     page: Annotated[Path | None, typer.Option("--report", help="Write a page with plots (.html).")] = None,
     seed: Seed = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Tell the accuracy from simulated and live shots, by what is declared of the simulation beforehand."""
     discrepancy = Discrepancy(mean=mean_off, spread=spread_off)

@@ -15,7 +15,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import report
-from hybrid_sysid_ros.commands.terminal import Seed, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import RigPlace, Seed, console, print_table, status
 from hybrid_sysid_ros.extensions.accuracy.mockup import Found, Setup, mockup
 from hybrid_sysid_ros.extensions.accuracy.monte_carlo_runs import MonteCarloRuns, Range, batches
 from hybrid_sysid_ros.extensions.accuracy.report.accuracy_page import accuracy_rows
@@ -35,7 +35,7 @@ BATCH = 5
 
 
 def command(
-    rig: Annotated[str, typer.Argument(help="Rig, by its name or by the path of its folder.")] = "",
+    rig: RigPlace = "",
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for the results; out/mockup_RIG by default.")
     ] = None,

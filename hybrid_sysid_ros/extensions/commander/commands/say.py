@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import RigName, console, end
+from hybrid_sysid_ros.commands.terminal import Driver, RigName, console, end
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import processes, session
 
@@ -25,11 +25,8 @@ def command(
     ] = False,
     model: Annotated[Path | None, typer.Option(help="With --dry: model folder; the shipped one by default.")] = None,
     policy: Annotated[
-        str,
-        typer.Option(
-            help="With --dry: what drives the rig, supervised, network or exact; the rig's choice by default."
-        ),
-    ] = "",
+        Driver | None, typer.Option(help="With --dry: what drives the rig; the rig's choice by default.")
+    ] = None,
     layers: Annotated[
         Path | None,
         typer.Option(help="With --dry: folder of the layers that read pictures; the shipped ones by default."),
@@ -41,7 +38,7 @@ def command(
     if dry or not session.has_ros():
         from hybrid_sysid_ros.extensions.commander.language.rehearsal import Rehearsal
 
-        desk = Rehearsal.of(described, model=model or "", policy=policy, folder=os.getcwd(), layers=layers or "")
+        desk = Rehearsal.of(described, model=model or "", policy=policy or "", folder=os.getcwd(), layers=layers or "")
         reply = desk.say(text)
         end([] if reply.accepted else [reply.line])
         console.print(f"simulated from rest: {reply.line}")

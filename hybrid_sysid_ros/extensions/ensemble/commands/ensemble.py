@@ -20,7 +20,7 @@ from hybrid_sysid_ros.models import load as load_model
 def command(
     bag: Annotated[list[Path], typer.Argument(help="Bags to score the models on.")],
     model: Annotated[list[Path], typer.Option("--model", help="A model folder; give two or more.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: terminal.Json = False,
     part: terminal.PartText = "0:1",
     signals: terminal.SignalsFile = None,
     recover: terminal.Recover = False,

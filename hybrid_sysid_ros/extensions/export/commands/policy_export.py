@@ -3,31 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated
 
 import typer
 
 from hybrid_sysid_ros.commands.terminal import Overwrite, OwnRig, console
 from hybrid_sysid_ros.control.policy.policy import SELF_CHECK_TOLERANCE
-from hybrid_sysid_ros.extensions.export.policy_folder import Check, export
-from hybrid_sysid_ros.support.errors import UserError
-
-FORMATS = ("onnx", "c", "both")
+from hybrid_sysid_ros.extensions.export.policy_folder import Check, ExportFormat, export
 
 
 def command(
     policy: Annotated[Path, typer.Argument(help="Policy folder.")],
     out: Annotated[Path, typer.Argument(help="Folder for the exported policy.")],
-    form: Annotated[
-        str, typer.Option("--format", help=f"{' | '.join(FORMATS)}; onnx needs the extra [export].")
-    ] = "both",
+    form: Annotated[ExportFormat, typer.Option("--format", help="Format; onnx needs the extra [export].")] = "both",
     rig: OwnRig = "",
     overwrite: Overwrite = False,
 ) -> None:
     """Write a policy as an ONNX graph and as C99 without dependencies, if both answer as it does."""
-    if form not in FORMATS:
-        raise UserError(f"--format {form!r} is unknown; choose one of {', '.join(FORMATS)}")
-    for check in export(policy, out, form=cast(Any, form), overwrite=overwrite):
+    for check in export(policy, out, form=form, overwrite=overwrite):
         console.print(f"{out / check.file}: {described(check)}")
 
 

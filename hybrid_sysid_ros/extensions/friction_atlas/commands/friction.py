@@ -22,7 +22,7 @@ def command(
     ] = "",
     out: Annotated[Path, typer.Option("--out", help="Folder for the picture, LAW.svg.")] = Path(),
     settings: Annotated[
-        list[str] | None, typer.Option("--set", help="Value of a parameter, as NAME=VALUE, such as static=2.")
+        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="Value of a parameter, such as static=2.")
     ] = None,
 ) -> None:
     """Draw a law of friction over speed, before sliding, at break-away and in stick-slip; without a law, list them."""

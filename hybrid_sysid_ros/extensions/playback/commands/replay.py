@@ -13,7 +13,7 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros import bags, report
-from hybrid_sysid_ros.commands.terminal import Recover, RigName, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import Driver, Recover, RigName, console, print_table, status
 from hybrid_sysid_ros.extensions.playback import replaying
 from hybrid_sysid_ros.extensions.playback.comparison import SETTLED, Comparison, compare
 from hybrid_sysid_ros.extensions.playback.report.replay_page import write_replay
@@ -31,9 +31,7 @@ def command(
     model: Annotated[
         Path | None, typer.Option(help="Model folder; by default the model that the bag was recorded with.")
     ] = None,
-    policy: Annotated[
-        str, typer.Option(help="What drives the rig: supervised, network or exact; as recorded by default.")
-    ] = "",
+    policy: Annotated[Driver | None, typer.Option(help="What drives the rig; as recorded by default.")] = None,
     policy_path: Annotated[
         Path | None, typer.Option(help="Policy folder; by default the policy that the bag was recorded with.")
     ] = None,
@@ -41,7 +39,9 @@ def command(
 ) -> None:
     """Send what a bag recorded of a loop through estimator and controller again, and compare the answers."""
     session.check_ros()
-    changes = replaying.Changes(rig=rig, model=str(model or ""), policy=policy, policy_path=str(policy_path or ""))
+    changes = replaying.Changes(
+        rig=rig, model=str(model or ""), policy=policy or "", policy_path=str(policy_path or "")
+    )
     if out is not None:
         report.check_available()
         make_folder(out)

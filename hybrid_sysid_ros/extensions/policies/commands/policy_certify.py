@@ -9,7 +9,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import OwnRig, Seed, console, print_table, status
+from hybrid_sysid_ros.commands.terminal import Driver, OwnRig, Seed, console, print_table, status
 from hybrid_sysid_ros.control.safety.certificate import FILE, FORMAT, LEAST_LOOPS, Certificate, find_certificate
 from hybrid_sysid_ros.control.safety.supervisor import REASONS
 from hybrid_sysid_ros.extensions.policies.by_rig import certification_of
@@ -46,17 +46,13 @@ def command(
         int | None,
         typer.Option("--again", help="Number of a loop to run again and print; nothing is written.", min=0),
     ] = None,
-    driver: Annotated[
-        str, typer.Option(help="What drives the loop of --again: network, supervised or exact.")
-    ] = "network",
+    driver: Annotated[Driver, typer.Option(help="What drives the loop of --again.")] = "network",
     rig: OwnRig = "",
 ) -> None:
     """Run random closed loops of a policy beside the exact MPC and state how it does, with how much confidence.
 
     Ctrl-C keeps what is done; the same command goes on from there. A certificate of more loops is not replaced.
     """
-    if driver not in (*JUDGED, "exact"):
-        raise UserError(f"--driver {driver!r} is unknown; choose one of network, supervised, exact")
     certification = certification_of(policy, model, seed=seed, seconds=seconds)
     if again is not None:
         print_table(loop_table(certification, again, driver))

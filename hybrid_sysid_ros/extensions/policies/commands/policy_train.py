@@ -41,7 +41,9 @@ def command(
     ] = DEFAULT.sequence,
     follow: Annotated[
         list[str] | None,
-        typer.Option("--follow", help="Parameter of the model that the policy adapts to, as NAME=SPREAD in its unit."),
+        typer.Option(
+            "--follow", metavar="NAME=SPREAD", help="Parameter of the model that the policy adapts to, in its unit."
+        ),
     ] = None,
     rig: OwnRig = "",
     overwrite: Overwrite = False,

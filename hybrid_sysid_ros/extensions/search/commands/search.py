@@ -15,7 +15,7 @@ from hybrid_sysid_ros.commands.terminal import console, print_table, status
 from hybrid_sysid_ros.extensions.search.search import Evaluate, Objective, TrialResult, search, trial_name
 from hybrid_sysid_ros.extensions.search.study import Evaluation, Study, opened_study
 from hybrid_sysid_ros.identification import Part
-from hybrid_sysid_ros.models import Options
+from hybrid_sysid_ros.models import Options, Sampling
 from hybrid_sysid_ros.rigs.rig import load as load_rig
 from hybrid_sysid_ros.support.cluster import Cluster
 from hybrid_sysid_ros.support.errors import UserError
@@ -32,7 +32,7 @@ def command(
         str, typer.Option(help="SQLite file that keeps the trials, or a database's URL.")
     ] = "out/search.db",
     name: Annotated[str, typer.Option(help="Name of the study in the file; the structure's name by default.")] = "",
-    structure: Annotated[str, typer.Option(help=terminal.STRUCTURES_HELP)] = "hybrid",
+    structure: terminal.StructureName = "hybrid",
     trials: Annotated[int, typer.Option(help="Total number of trials, including those of earlier runs.", min=1)] = 40,
     timeout: Annotated[
         float, typer.Option(help="Time after which no further trial begins [s]; 0: no limit.", min=0.0)
@@ -63,7 +63,7 @@ def command(
     """
     if out is not None:
         check_folder(out, marker="model.yaml", replace=overwrite)
-    sampling = terminal.sampling_of(step, period, input_handling)
+    sampling = Sampling(step=step, period=period, input=input_handling)
     objective = Objective(
         records=read_records(bag, rig, signals, recover, read_period, sampling),
         rig=load_rig(rig),

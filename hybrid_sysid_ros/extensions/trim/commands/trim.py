@@ -10,7 +10,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hybrid_sysid_ros.commands.terminal import console, print_table
+from hybrid_sysid_ros.commands.terminal import RigPlace, console, print_table
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.extensions.trim.equilibrium import Eigenmode, Equilibrium, equilibrium
 from hybrid_sysid_ros.extensions.trim.modes import mode_name, named_modes
@@ -23,10 +23,10 @@ INVOLVED = 0.1
 
 
 def command(
-    rig: Annotated[str, typer.Argument(help="Rig, by its name or by the path of its folder.")],
+    rig: RigPlace,
     at: Annotated[
         list[str] | None,
-        typer.Option("--at", help="Fixed value of a state or input, as NAME=VALUE; the others are computed."),
+        typer.Option("--at", metavar="NAME=VALUE", help="Fixed value of a state or input; the others are computed."),
     ] = None,
     structure: Annotated[str, typer.Option(help="Use one of the rig's own gray-box models in place of the rig.")] = "",
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, including the linear system.")] = False,

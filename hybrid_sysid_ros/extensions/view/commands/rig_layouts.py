@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hybrid_sysid_ros.commands.terminal import console
+from hybrid_sysid_ros.commands.terminal import RigPlace, console
 from hybrid_sysid_ros.extensions.view import layouts
 from hybrid_sysid_ros.extensions.view.drawing import Drawing
 from hybrid_sysid_ros.rigs.rig import load
@@ -15,7 +15,7 @@ from hybrid_sysid_ros.support.files import written_file
 
 
 def command(
-    rig: Annotated[str, typer.Argument(help="Rig, by its name or by the path of its folder.")],
+    rig: RigPlace,
     folder: Annotated[Path, typer.Argument(help="Folder of the files; files of the same names are replaced.")] = Path(),
 ) -> None:
     """Write a rig's URDF, and layouts for Foxglove (or Lichtblick) and PlotJuggler."""

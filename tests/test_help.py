@@ -1,0 +1,78 @@
+"""What the command line says of itself: version, help, choices, completion."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from hybrid_sysid_ros.commands.app import LateCommand, program
+from hybrid_sysid_ros.commands.terminal import Driver
+from hybrid_sysid_ros.runtime.parameters import parameters
+from hybrid_sysid_ros.support import extensions
+
+ROOT = Path(__file__).parents[1]
+COMMANDS = extensions.commands()
+SHARED = {"--rig", "--overwrite", "--seed", "--json", "--recover", "--model", "--domain"}
+"""Options that take the same wherever a command has them."""
+
+
+def completed(line: str) -> list[str]:
+    """What a shell is offered behind a line, by a process of its own as a shell asks for it."""
+    found = subprocess.run(
+        [sys.executable, "-m", "hybrid_sysid_ros"], capture_output=True, text=True, timeout=120, check=True, cwd=ROOT,
+        env={**os.environ, "_HYBRID_SYSID_COMPLETE": "complete_bash", "COMP_WORDS": line,
+             "COMP_CWORD": str(len(line.split(" ")) - 1)},
+    )  # fmt: skip
+    return found.stdout.split()
+
+
+def test_the_version_is_that_of_the_package(command):
+    assert command("--version") == (0, f"hybrid-sysid {importlib.metadata.version('hybrid_sysid_ros')}\n", "")
+
+
+@pytest.mark.parametrize("words", [(), ("policy",), ("rig", "list")])
+def test_a_short_option_asks_for_help_everywhere(command, words):
+    status, out, _ = command(*words, "-h")
+    assert status == 0
+    assert out == command(*words, "--help")[1]
+
+
+@pytest.mark.parametrize("words", COMMANDS)
+def test_help_names_kinds_in_words_and_fits_a_terminal(words, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    made = LateCommand(words, *COMMANDS[words]).made()
+    text = made.get_help(made.context_class(made, info_name=words))
+    assert max(map(len, text.splitlines())) <= 80
+    for kind in ("list[", "range>", "<str>", "<float>", "<int>", "Path"):
+        assert kind not in text, text
+
+
+def test_an_option_is_the_same_wherever_it_is():
+    kinds: dict[str, set[object]] = {}
+    for words, entry in COMMANDS.items():
+        for item in LateCommand(words, *entry).made().params:
+            for name in SHARED.intersection(item.opts):
+                kinds.setdefault(name, set()).add((type(item).__name__, getattr(item, "is_flag", False)))
+    assert kinds.keys() == SHARED
+    assert {name for name, found in kinds.items() if len(found) > 1} == set()
+
+
+def test_the_choices_of_who_drives_are_those_of_the_controller():
+    assert get_args(Driver) == parameters("cam_beam", "controller")["policy"].choices
+
+
+def test_a_shell_completes_commands_options_and_values():
+    assert completed("hybrid-sysid policy tr") == ["train"]
+    assert completed("hybrid-sysid run --rig flex") == ["flexible_joint"]
+    assert completed("hybrid-sysid run --policy ") == list(get_args(Driver))
+
+
+def test_completion_is_offered_for_the_common_shells(command):
+    names = {name for item in program().params for name in item.opts}
+    assert {"--install-completion", "--show-completion"} <= names
