@@ -71,7 +71,7 @@ class Fault(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class PolicyChoice(Request):
-    """Who drives."""
+    """The policy that the controller uses."""
 
     do: ClassVar[str] = "policy"
     policy: str
@@ -85,8 +85,30 @@ class ServiceCall(Request):
     service: str
 
 
-REQUESTS = {kind.do: kind for kind in (Next, SetPointRequest, ReferenceRequest, Fault, PolicyChoice, ServiceCall)}
-SERVICES = ("stop", "enable")
+@dataclass(frozen=True, kw_only=True)
+class WeightChange(Request):
+    """Weights of the exact MPC, all of one kind."""
+
+    do: ClassVar[str] = "weight"
+    name: str
+    values: tuple[float, ...]
+    """One for each output or input, or one for all."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordRequest(Request):
+    """A bag of what goes on."""
+
+    do: ClassVar[str] = "record"
+    on: bool
+
+
+KINDS = (Next, SetPointRequest, ReferenceRequest, Fault, PolicyChoice, ServiceCall, WeightChange, RecordRequest)
+REQUESTS = {kind.do: kind for kind in KINDS}
+SERVICES = ("stop", "hold", "enable", "reset", "arm", "disarm", "estop")
+"""Of a controller; not each has all."""
+WEIGHTS = ("output_weight", "rate_weight", "input_weight")
+"""Parameters of a controller that a page may set."""
 
 
 def check_faults(rig: Rig) -> None:
@@ -104,6 +126,7 @@ class RequestMenu:
     faults: Mapping[str, Mapping[str, Any]]
     """By name: values of the simulated rig's parameters."""
     policies: tuple[str, ...]
+    weights: Mapping[str, NodeParameter]
     sound: Mapping[str, Any] = field(default_factory=dict)
     """The same parameters without a fault."""
 
@@ -121,6 +144,7 @@ class RequestMenu:
             kinds=(*rig.references, *(kind for kind in kinds if kind not in rig.references)),
             faults=faults,
             policies=controller["policy"].choices,
+            weights={name: controller[name] for name in WEIGHTS},
             sound={key: plant[key].default for values in faults.values() for key in values},
         )
 
@@ -142,6 +166,9 @@ class RequestMenu:
             _check_choice("policy", request.policy, self.policies)
         elif isinstance(request, ServiceCall):
             _check_choice("call", request.service, SERVICES)
+        elif isinstance(request, WeightChange):
+            _check_choice("weight", request.name, WEIGHTS)
+            self.weights[request.name].checked(request.values)
 
     def _check_set_point(self, request: SetPointRequest) -> None:
         times, tracked = request.times, self.tracked

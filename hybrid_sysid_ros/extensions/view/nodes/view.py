@@ -6,50 +6,51 @@ import asyncio
 import math
 import os
 import sys
+from collections import deque
 from collections.abc import Mapping, Sequence
 from functools import partial
-from time import monotonic, monotonic_ns, process_time
+from pathlib import Path
+from time import monotonic, process_time
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.client import Client
 from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import Trigger
 
+from hybrid_sysid_ros.extensions.view.bag_recording import BagRecording
 from hybrid_sysid_ros.extensions.view.drawing import Drawing
+from hybrid_sysid_ros.extensions.view.nodes.history import TOPICS, SignalHistory
 from hybrid_sysid_ros.extensions.view.requests import (
     CURVE,
     POINTS,
     SERVICES,
+    WEIGHTS,
     Fault,
     PolicyChoice,
+    RecordRequest,
     ReferenceRequest,
     Request,
     RequestMenu,
     ServiceCall,
     SetPointRequest,
+    WeightChange,
 )
-from hybrid_sysid_ros.extensions.view.tables import Cursor, Tables
+from hybrid_sysid_ros.extensions.view.tables import Cursor
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
 from hybrid_sysid_ros.nodes.diagnostics import Task
-from hybrid_sysid_ros.nodes.messages import SECOND, JointStates, TrajectoryMessage
+from hybrid_sysid_ros.nodes.messages import SECOND
 from hybrid_sysid_ros.nodes.process import announce, run
-from hybrid_sysid_ros.nodes.signal_layout import SignalLayout, SignalPlace, Slots
-from hybrid_sysid_ros.nodes.subscriptions import Collector
-from hybrid_sysid_ros.nodes.topics import TYPES
-from hybrid_sysid_ros.nodes.validation import MessageValidator
 from hybrid_sysid_ros.runtime.parameters import defaults
 from hybrid_sysid_ros.runtime.references import KINDS
-from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 NICENESS = 10  # of the process: it comes after the loop
 ANSWER_TIMEOUT = 5.0  # s, for an answer of another node
-REMEMBERED = 512  # measurements whose commands may yet come
-STATUSES, VALUES = 40, 200  # tasks in the diagnostics, and numbers of each, at most
+LOOK = 0.5  # s, between two looks who is there
+OTHERS = ("plant", "controller", "reference")  # nodes whose parameters a page may set
 
 
 class ViewNode(RigNode):
@@ -62,54 +63,30 @@ class ViewNode(RigNode):
 
     NAME = "view"
     PUBLISHES = ("set_point",)
-    SUBSCRIBES = (
-        "joint_states", "state_estimate", "joint_command", "reference", "predicted_trajectory", "/diagnostics",
-    )  # fmt: skip
+    SUBSCRIBES = TOPICS
 
     def configure(self) -> None:
-        rig, settings = self.rig, self.settings
-        self.drawing, self.offered = Drawing(rig), RequestMenu.of(rig, KINDS)
-        layout = SignalLayout(rig, rig.system)
-        outputs, inputs = len(layout.outputs), len(layout.inputs)
-        self.scales = np.array([output.scale for output in self.offered.outputs])
-        self.tracked = [k for k, output in enumerate(self.offered.outputs) if output.tracked]
-        self.measured = Slots([*layout.outputs, *layout.inputs])
-        self.integrated = np.array([not rig.joints.joints[name].position for name in self.drawing.joints], dtype=bool)
-        """Whether a joint has no position in messages, so that its velocity is added up."""
-        joints = [
-            SignalPlace(name, "velocity" if integrated else "position")
-            for name, integrated in zip(self.drawing.joints, self.integrated, strict=True)
-        ]
-        self.estimated = Slots([*layout.outputs, *layout.inputs, *joints])
-        self.positions, self.moved = np.zeros(len(joints)), 0.0
-        self.commanded = Slots(layout.inputs)
-        self.referred = Slots([layout.outputs[k] for k in self.tracked])
-        columns = {
-            "measured": 1 + outputs + inputs,
-            "estimate": 1 + outputs + inputs + len(joints),
-            "command": 1 + inputs + 1,
-            "asked": 1 + len(self.tracked),
-        }
-        self.tables = Tables(columns, capacity=round(settings["seconds"] * defaults(rig, "plant")["rate"]))
+        self.drawing, self.offered = Drawing(self.rig), RequestMenu.of(self.rig, KINDS)
+        self.history = SignalHistory(self, self.drawing, self.offered)
 
     def activate(self) -> None:
         self.started, self.spent = monotonic(), process_time()
-        self.published: dict[int, int] = {}
-        """Of the last measurements: when they were published, by their stamps [ns]."""
-        self.preview = np.empty((0, 1 + len(self.tracked)))
-        """The newest reference, as it is shown."""
-        self.epoch = -1
-        """Of the tables, when it came."""
-        self.statuses: set[str] = set()
-        """Names of the tasks that diagnostics have told of."""
-        self.collectors = {topic: Collector(self, TYPES[topic], topic) for topic in self.SUBSCRIBES}
-        given = {"steady": monotonic_ns, "silence": self.settings["silence"] * SECOND}  # whatever the stamps
-        self.validators |= {topic: MessageValidator(TYPES[topic], **given) for topic in self.SUBSCRIBES}
+        self.history.open()
         self.set_points = self.open("set_point")
-        self.setters = {
-            node: self._client(SetParameters, f"{node}/set_parameters") for node in ("plant", "controller", "reference")
-        }
+        self.setters = {node: self._client(SetParameters, f"{node}/set_parameters") for node in OTHERS}
+        self.weights = self._client(GetParameters, "controller/get_parameters")
         self.calls = {service: self._client(Trigger, f"controller/{service}") for service in SERVICES}
+        self.recording = BagRecording(
+            Path(self.settings["recordings"]),
+            rig=self.rig.source,
+            name=self.rig.name,
+            namespace=self.get_namespace().strip("/"),
+            priority=self.settings["priority"],
+        )
+        self.looked, self.answered = -math.inf, deque[dict[str, list[float]]]()
+        """When it was last seen who is there [s], and what the controller has said of its weights since."""
+        self.weighed = False
+        """Whether the controller that is there was asked for its weights."""
         from hybrid_sysid_ros.extensions.view.server import Server  # says what to install, where that is missing
 
         self.server = Server(self, port=self.settings["port"], pictures=self.settings["pictures"])
@@ -117,12 +94,12 @@ class ViewNode(RigNode):
         announce(self.server.url)
 
     def deactivate(self) -> None:
-        """Close the pages."""
+        """Close the pages, and the bag."""
         self.server.close()
-        for client in (*self.setters.values(), *self.calls.values()):
+        self.recording.close()
+        for client in (*self.setters.values(), *self.calls.values(), self.weights):
             self.destroy_client(client)
-        for collector in self.collectors.values():
-            collector.close()
+        self.history.close()
 
     def _client(self, kind: type[Any], service: str) -> Client:
         return self.create_client(kind, service, callback_group=self.service_group)
@@ -134,9 +111,15 @@ class ViewNode(RigNode):
         return {
             "rig": self.rig.name,
             "outputs": [
-                {"name": output.name, "unit": output.unit, "tracked": output.tracked}
-                | {"low": output.low if output.tracked else None, "high": output.high if output.tracked else None}
-                for output in offer.outputs
+                {
+                    "name": output.name,
+                    "unit": output.unit,
+                    "tracked": output.tracked,
+                    "low": output.low if output.tracked else None,
+                    "high": output.high if output.tracked else None,
+                    "travel": self._travel(k),
+                }
+                for k, output in enumerate(offer.outputs)
             ],
             "inputs": [
                 {"name": item.name, "unit": item.unit, "low": float(low[k]), "high": float(high[k])}
@@ -148,117 +131,59 @@ class ViewNode(RigNode):
             "kinds": offer.kinds,
             "faults": offer.faults,
             "policies": offer.policies,
+            "services": SERVICES,
+            "weights": [
+                {"name": name, "low": item.low, "high": item.high, "of": self._weighed(item.each)}
+                for name, item in offer.weights.items()
+            ],
             "period": 1.0 / defaults(self.rig, "plant")["rate"],
             "seconds": self.settings["seconds"],
             "curve": CURVE,
             "points": POINTS,
         }
 
+    def _travel(self, k: int) -> list[float] | None:
+        """Lowest and highest value of an output, as it is shown; None where the rig's file sets no end."""
+        ends = sorted((self.rig.travel_of_outputs[:, k] / self.offered.outputs[k].scale).tolist())
+        return ends if all(map(math.isfinite, ends)) else None
+
+    def _weighed(self, each: str) -> list[str]:
+        """Names of what the entries of a weight are for."""
+        return [item.name for item in (self.rig.system.outputs if each == "output" else self.rig.system.inputs)]
+
     def frame(self, cursor: Cursor) -> bytes:
-        return self.tables.frame(cursor)
+        return self.history.tables.frame(cursor)
 
     def collect(self) -> None:
-        """Take in what has come, measurements first: they tell when time begins anew."""
-        for joints, published in self._joints("joint_states"):
-            self._measure(joints, published)
-        for joints, _ in self._joints("state_estimate"):
-            self._estimate(joints)
-        for joints, published in self._joints("joint_command"):
-            self._command(joints, published)
-        for message in self._trajectories("reference"):
-            self._refer(self._rows(message, self.referred, self.scales[self.tracked]))
-        for message in self._trajectories("predicted_trajectory")[-1:]:
-            scales = np.concatenate([self.scales, np.ones(len(self.rig.actuators))])
-            self.tables.replace("prediction", self._rows(message, self.measured, scales))
-        for data, _ in self.collectors["/diagnostics"].fetch():
-            said = self.validators["/diagnostics"].unpack(data)
-            if said is not None:
-                self._diagnose(said)
+        """Take in what has come, and see now and then who is there."""
+        self.history.collect()
+        if monotonic() - self.looked > LOOK:
+            self.looked = monotonic()
+            self._look()
 
-    def _joints(self, topic: str) -> Sequence[tuple[JointStates, int]]:
-        """What has come of joints, of the one publisher that is heard, and when it was published."""
-        validator, found = self.validators[topic], []
-        for data, published in self.collectors[topic].fetch():
-            joints = validator.unpack(data)
-            if joints is not None and validator.accepts_source(joints.source):
-                validator.select_source(joints.source)
-                found.append((joints, published))
-        return found
+    def _look(self) -> None:
+        """See who is there to answer a page, and tell the page."""
+        tables, there = self.history.tables, self.weights.service_is_ready()
+        if there and not self.weighed:
+            asked = self.weights.call_async(GetParameters.Request(names=list(WEIGHTS)))
+            asked.add_done_callback(self._hear_weights)
+        self.weighed = there
+        while self.answered:
+            self.history.learn_weights(self.answered.popleft())
+        tables.replace("recording", self.recording.facts())
+        tables.replace(
+            "there",
+            {
+                "services": [name for name, client in self.calls.items() if client.service_is_ready()],
+                "nodes": [name for name, client in self.setters.items() if client.service_is_ready()],
+                "set_points": self.set_points.get_subscription_count() > 0,
+            },
+        )
 
-    def _measure(self, joints: JointStates, published: int) -> None:
-        values = self.validators["joint_states"].read(joints, self.measured)
-        if values is None:
-            return
-        self.published[joints.stamp] = published
-        if len(self.published) > REMEMBERED:
-            del self.published[next(iter(self.published))]
-        time, outputs = self.tables.time(joints.stamp, leads=True), len(self.scales)
-        shown = np.divide(values[:outputs], self.scales)
-        self.tables.tables["measured"].add([time, *shown.tolist(), *values[outputs:]])
-
-    def _estimate(self, joints: JointStates) -> None:
-        values = self.validators["state_estimate"].read(joints, self.estimated)
-        if values is None:
-            return
-        time, outputs = self.tables.time(joints.stamp), len(self.scales)
-        moving = np.array(values[len(self.measured) :])
-        passed = time - self.moved
-        step = np.where(np.isfinite(moving), moving, 0.0) * (passed if 0.0 < passed < 1.0 else 0.0)
-        self.positions = np.where(self.integrated, self.positions + step, moving)
-        self.moved = time
-        shown = np.divide(values[:outputs], self.scales)
-        row = [time, *shown.tolist(), *values[outputs : len(self.measured)], *self.positions.tolist()]
-        self.tables.tables["estimate"].add(row)
-
-    def _command(self, joints: JointStates, published: int) -> None:
-        values = self.validators["joint_command"].read(joints, self.commanded)
-        if values is None:
-            return
-        began = self.published.pop(joints.stamp, None)
-        delay = math.nan if began is None else 1e3 * (published - began) / SECOND
-        if joints.stamp:
-            self.tables.tables["command"].add([self.tables.time(joints.stamp), *values, delay])
-
-    def _trajectories(self, topic: str) -> Sequence[TrajectoryMessage]:
-        """What has come of trajectories, of the one publisher that is heard."""
-        validator, found = self.validators[topic], []
-        for data, _ in self.collectors[topic].fetch():
-            message = validator.unpack(data)
-            if message is not None and validator.accepts_source(message.source) and len(message.times):
-                validator.select_source(message.source)
-                found.append(message)
-        return found
-
-    def _refer(self, rows: Array) -> None:
-        """A new preview (points, 1 + tracked): what the one before asked for until then is past."""
-        if self.epoch == self.tables.epoch:
-            for row in self.preview[self.preview[:, 0] < rows[0, 0]]:
-                self.tables.tables["asked"].add(row)
-        self.preview, self.epoch = rows, self.tables.epoch
-        self.tables.replace("reference", rows)
-
-    def _rows(self, message: TrajectoryMessage, slots: Slots, scales: Array) -> Array:
-        """Of each point its time and its numbers, as they are shown (points, 1 + slots)."""
-        begin = self.tables.time(message.stamp or self.now())
-        columns = [np.broadcast_to(row, message.times.shape) for row in slots.read(message.names, message.lists)]
-        return np.column_stack([begin + message.times / SECOND, np.column_stack(columns) / scales])
-
-    def _diagnose(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            node, _, task = status.name.rpartition(": ")
-            if status.hardware_id != self.rig.name or len(status.values) > VALUES:
-                continue
-            if len(self.statuses | {status.name}) > STATUSES:
-                continue
-            self.statuses.add(status.name)
-            said = {
-                "node": node.rpartition("/")[2],
-                "task": task,
-                "level": status.level[0],
-                "line": status.message[:500],
-                "values": {item.key: item.value[:100] for item in status.values},
-            }
-            self.tables.replace(f"status {status.name}", said)
+    def _hear_weights(self, answer: Any) -> None:
+        """Not in the thread of the server, which takes it in at its next look."""
+        values = [list(value.double_array_value) for value in answer.result().values]
+        self.answered.append(dict(zip(WEIGHTS, values, strict=False)))
 
     async def act(self, request: Request) -> str:
         """Do what a page asks for; a line about it. Raises UserError where it can't be, or is refused."""
@@ -277,14 +202,21 @@ class ViewNode(RigNode):
             if not answer.success:
                 raise UserError(f"controller: {answer.message}")
             return answer.message or f"controller: {request.service}"
+        if isinstance(request, WeightChange):
+            values = self.offered.weights[request.name].checked(request.values)
+            said = ", ".join(f"{value:g}" for value in values)
+            return await self._set("controller", {request.name: values}, f"{request.name} is {said}")
+        if isinstance(request, RecordRequest):
+            return await (self.recording.start() if request.on else self.recording.stop())
         raise UserError(f"{request.do}: nobody does that")
 
     def _set_point(self, request: SetPointRequest) -> str:
         if not self.set_points.get_subscription_count():
             raise UserError("no reference node is there to follow a set-point: start one")
         offsets = [round(time * SECOND) for time in request.times]
-        writer = TrajectoryWriter(self.referred, offsets, self.signature)
-        rows = np.array(request.values) * self.scales[self.tracked]
+        history = self.history
+        writer = TrajectoryWriter(history.referred, offsets, self.signature)
+        rows = np.array(request.values) * history.scales[history.tracked]
         self.set_points.publish(writer.pack(0, rows.tolist()))  # without a stamp: it begins when it comes
         return "set-point" if len(offsets) == 1 else "curve"
 

@@ -89,7 +89,7 @@ function take(buffer) {
   for (const [name, rows, columns] of head.latest) {
     latest[name] = columnsOf(numbers(rows, columns), rows, columns);
   }
-  for (const status of Object.values(head.news)) learn(status);
+  for (const item of Object.values(head.news)) if (item.node) learn(item);
   requestAnimationFrame(picture);
 }
 

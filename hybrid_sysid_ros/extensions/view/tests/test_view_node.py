@@ -6,6 +6,7 @@ import json
 import math
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -16,6 +17,9 @@ pytest.importorskip("rclpy", reason="needs ROS 2: install hybrid_sysid_ros[ros]"
 pytest.importorskip("websockets", reason="needs websockets: install hybrid_sysid_ros[view]")
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from websockets.sync.client import ClientConnection, connect
 
@@ -147,7 +151,7 @@ def test_a_page_gets_previews_plans_and_diagnostics(bench: Bench, view: ViewNode
     )
     other = DiagnosticStatus(name="elsewhere: disk", hardware_id="another")
     reports.publish(DiagnosticArray(status=[status, other]))
-    seen.until(lambda it: {"reference", "prediction"} <= it.latest.keys() and it.news)
+    seen.until(lambda it: {"reference", "prediction"} <= it.latest.keys() and "status cam_beam/plant: loop" in it.news)
     np.testing.assert_allclose(seen.latest["reference"], [[0.0, 0.0], [0.1, 1.0], [0.2, 2.0]], atol=1e-9)
     set_nanoseconds(message.header.stamp, START + SECOND * 15 // 100)
     references.publish(message)
@@ -156,8 +160,8 @@ def test_a_page_gets_previews_plans_and_diagnostics(bench: Bench, view: ViewNode
     np.testing.assert_allclose(
         seen.latest["prediction"], [[0.0, 0.0, 0.0], [0.1, 1.0, 0.5], [0.2, 2.0, 1.0]], atol=1e-9
     )
-    assert [item["line"] for item in seen.news.values()] == ["late"]
-    (found,) = seen.news.values()
+    (found,) = [value for name, value in seen.news.items() if name.startswith("status ")]
+    assert found["line"] == "late"
     assert (found["node"], found["task"], found["level"], found["values"]) == ("plant", "loop", 1, {"commands": "7"})
 
 
@@ -220,6 +224,53 @@ def test_experiments_and_faults_are_parameters_of_other_nodes(
     refused = ask(bench, page, do="policy", policy="exact")
     assert not refused["done"]
     assert "no controller is there" in refused["line"]
+
+
+def test_a_page_is_told_who_is_there_and_calls_them(bench: Bench, view: ViewNode, page: ClientConnection) -> None:
+    called: list[str] = []
+
+    def answer(name: str, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        called.append(name)
+        response.success, response.message = name != "arm", f"{name} was called"
+        return response
+
+    for name in ("stop", "hold", "arm"):
+        bench.probe.create_service(Trigger, f"controller/{name}", partial(answer, name))
+    bench.until(lambda: sum(client.service_is_ready() for client in view.calls.values()) == 3)
+    seen = Seen(page).until(lambda it: len(it.news.get("there", {}).get("services", ())) == 3)
+    assert seen.news["there"] == {"services": ["stop", "hold", "arm"], "nodes": [], "set_points": False}
+    assert ask(bench, page, do="call", service="hold") == {"answer": 1, "done": True, "line": "hold was called"}
+    refused = ask(bench, page, do="call", service="arm")
+    assert (refused["done"], refused["line"]) == (False, "controller: arm was called")
+    assert "no controller is there" in ask(bench, page, do="call", service="estop")["line"]
+    assert called == ["hold", "arm"]
+
+
+def test_weights_are_shown_and_set_as_the_controller_has_them(
+    bench: Bench, view: ViewNode, page: ClientConnection
+) -> None:
+    controller = bench.add(Node("controller", context=bench.context, namespace=bench.namespace))
+    for name, value in (("output_weight", 100.0), ("rate_weight", 1.0), ("input_weight", 0.0)):
+        controller.declare_parameter(name, [value])
+    bench.until(lambda: view.weights.service_is_ready() and view.setters["controller"].service_is_ready())
+    seen = Seen(page)
+    bench.until(lambda: seen.look().news.get("weights"))
+    assert seen.news["weights"] == {"output_weight": [100.0], "rate_weight": [1.0], "input_weight": [0.0]}
+    assert ask(bench, page, do="weight", name="rate_weight", values=[2.5])["line"] == "rate_weight is 2.5"
+    assert controller.get_parameter("rate_weight").value[0] == 2.5
+    bench.until(lambda: seen.look().news["weights"]["rate_weight"] == [2.5])
+    controller.set_parameters([Parameter("input_weight", value=[0.5])])  # by somebody else
+    bench.until(lambda: seen.look().news["weights"]["input_weight"] == [0.5])
+
+
+def test_a_page_is_told_the_state_of_the_controller(bench: Bench, view: ViewNode, page: ClientConnection) -> None:
+    reports = bench.speak("/diagnostics", DiagnosticArray)
+    bench.until(reports.get_subscription_count)
+    values = [KeyValue(key="state", value="slowed"), KeyValue(key="state_reason", value="the model is off")]
+    status = DiagnosticStatus(name="cam_beam/controller: loop", hardware_id="cam_beam", values=values)
+    reports.publish(DiagnosticArray(status=[status]))
+    seen = Seen(page).until(lambda it: "controller" in it.news)
+    assert seen.news["controller"] == {"state": "slowed", "reason": "the model is off"}
 
 
 def test_without_a_reference_node_a_set_point_is_refused(bench: Bench, view: ViewNode, page: ClientConnection) -> None:

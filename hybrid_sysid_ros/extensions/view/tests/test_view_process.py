@@ -77,7 +77,7 @@ def test_a_run_is_seen_and_driven_from_its_page(domain: int) -> None:
             heads.append(head)
             for name, count, _ in head["tables"]:
                 rows[name] = rows.get(name, 0) + count
-            nodes.update(item["node"] for item in head["news"].values())
+            nodes.update(item["node"] for name, item in head["news"].items() if name.startswith("status "))
             seen += arrays["measured"][:, 0].tolist() if "measured" in arrays else []
         steps = [later - sooner for sooner, later in pairwise(seen)]
         assert max(steps) < 1.5 * 0.005  # nothing is missing
@@ -92,10 +92,15 @@ def test_a_run_is_seen_and_driven_from_its_page(domain: int) -> None:
 
 
 @pytest.mark.slow
-def test_stop_and_enable_of_the_page_reach_a_running_controller(domain: int) -> None:
+def test_a_page_stops_a_running_controller_and_records_it(
+    domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    inputs: list[float] = []
+    states: list[str] = []
+
     def press(page: ClientConnection) -> None:
         page.recv(timeout=PATIENCE)
-        inputs: list[float] = []
         done: dict[int, bool] = {}
 
         def until(condition: Callable[[], bool]) -> None:
@@ -106,21 +111,29 @@ def test_stop_and_enable_of_the_page_reach_a_running_controller(domain: int) -> 
                     reported = json.loads(answer)
                     done[reported["answer"]] = reported["done"]
                     continue
-                _, arrays = unpacked(answer)
+                head, arrays = unpacked(answer)
+                states.extend(item["state"] for name, item in head["news"].items() if name == "controller")
                 inputs.extend(arrays["command"][:, 1].tolist() if "command" in arrays else [])
 
         until(lambda: len(inputs) > 100 and any(inputs[-20:]))
+        page.send('{"do": "record", "on": true, "id": 3}')
         page.send('{"do": "call", "service": "stop", "id": 1}')
         until(lambda: done.get(1, False))
         until(lambda: len(inputs) > 100 and not any(inputs[-100:]))  # at rest, and stays there
+        until(lambda: states[-1] == "stopped")
         page.send('{"do": "call", "service": "enable", "id": 2}')
-        until(lambda: done.get(2, False))
-        until(lambda: all(inputs[-50:]))
+        until(lambda: done.get(2, False) and done.get(3, False))
+        until(lambda: all(inputs[-50:]) and states[-1] == "driving")
+        page.send('{"do": "record", "on": false, "id": 4}')
+        until(lambda: done.get(4, False))
 
     visitor = Visitor(press)
     visitor.start()
-    Run(reference="sine", duration=8.0, companions=[View(port=0)], domain=domain, tell=visitor.tell).go()
+    Run(reference="sine", duration=12.0, companions=[View(port=0)], domain=domain, tell=visitor.tell).go()
     visitor.visited()
+    (bag,) = (tmp_path / "recordings").iterdir()
+    assert bag.name.startswith("cam_beam_")
+    assert (bag / "metadata.yaml").exists()
 
 
 def test_a_run_goes_on_without_its_view(domain: int) -> None:
