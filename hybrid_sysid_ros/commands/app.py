@@ -120,7 +120,7 @@ def _usage(error: typer.BadParameter) -> str:
     message, context = error.format_message(), error.ctx
     if context is not None and message == context.get_help():
         return message
-    line = " ".join(message.split()).rstrip(".")
+    line = " ".join(message.split()).rstrip(".").replace("Value error, ", "")  # as pydantic begins it
     return f"error: {line[0].lower()}{line[1:]}{f': see {context.command_path} --help' if context else ''}"
 
 

@@ -20,6 +20,7 @@ from hybrid_sysid_ros.extensions.export.vectors import bounded, parts, vectors
 from hybrid_sysid_ros.runtime import configuration
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import sha256
+from tests.command_line import refused
 from tests.small_policies import PROBLEM, TWO, correction_of, policy_of
 
 SEAL = "0123abcd"
@@ -320,11 +321,7 @@ def test_the_shipped_policy_is_exported_both_ways(command, tmp_path):
 
 
 def test_an_unknown_format_is_refused(command, tmp_path):
-    assert command(tmp_path, tmp_path, "--format", "pickle") == (
-        2,
-        "",
-        "error: --format 'pickle' is unknown; choose one of onnx, c, both\n",
-    )
+    refused(command(tmp_path, tmp_path, "--format", "pickle"), "'pickle' is not one of 'onnx', 'c', 'both'")
 
 
 @needs_compiler

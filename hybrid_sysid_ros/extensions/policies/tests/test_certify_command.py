@@ -100,8 +100,8 @@ def test_an_interrupted_certification_says_what_is_kept(command, broken_folder, 
     [
         (("--delta", "0"), "say nothing"),
         (("--loops", "12", "--delta", "1e-12"), "say nothing"),
-        (("--driver", "nobody"), "choose one of network, supervised, exact"),
-        (("--again", "0", "--driver", "nobody"), "choose one of network, supervised, exact"),
+        (("--driver", "nobody"), "not one of 'supervised', 'network', 'exact'"),
+        (("--again", "0", "--driver", "nobody"), "not one of 'supervised', 'network', 'exact'"),
         (("--model", "/nowhere"), "/nowhere"),
     ],
 )
