@@ -201,7 +201,12 @@ BAD = {
     "missing parameter": (sealed(lambda c, a: c["parameters"].pop("gain")), r"model\.yaml: structure hybrid"),
     "missing array": (sealed(lambda c, a: a.pop("weights")), r"model\.yaml: .*weights"),
     "too few weights": (sealed(lambda c, a: a.update(weights=np.zeros(3))), r"model\.yaml: .*3 weights don't fit"),
-    "weight not finite": (sealed(lambda c, a: a["weights"].fill(np.nan)), r"model\.yaml: .*weight is not finite"),
+    "weight not finite": (sealed(lambda c, a: a["weights"].fill(np.nan)), r"model\.yaml: array weights .*not finite"),
+    "weights in a column": (
+        sealed(lambda c, a: a.update(weights=a["weights"][:, None])),
+        r"model\.yaml: array weights has the shape \(\d+, 1\), not \(any\)",
+    ),
+    "weights of truths": (sealed(lambda c, a: a.update(weights=a["weights"] > 0)), r"array weights is of kind bool"),
     "wrong covariance": (sealed(lambda c, a: a.update(covariance=np.eye(2))), r"model\.yaml: .*covariance"),
     "wrong period": (sealed(lambda c, a: c["sampling"].update(period=0.012)), r"model\.yaml: sampling: the period"),
     "wrong input": (sealed(lambda c, a: c["sampling"].update(input="guessed")), r"model\.yaml: sampling: input"),
@@ -218,6 +223,17 @@ def test_a_bad_folder_gives_one_line_that_names_the_file(folder, case):
         models.load(folder)
     assert "\n" not in str(raised.value)
     assert str(folder) in str(raised.value)
+
+
+def test_weights_of_single_precision_become_numbers_that_compiled_code_takes(tmp_path):
+    single = model_of("hybrid").system.weights.astype(np.float32)
+    model = dataclasses.replace(model_of("hybrid"), system=model_of("hybrid").system.with_weights(single.astype(float)))
+    model.save(tmp_path / "model")
+    sealed(lambda content, arrays: arrays.update(weights=single))(tmp_path / "model")
+    system = models.load(tmp_path / "model").system
+    assert system.weights.dtype == np.float64
+    states = [simulate(each, np.zeros(2), np.ones((5, 1)), step=0.005) for each in (system, model.system)]
+    np.testing.assert_array_equal(*states)
 
 
 def test_a_folder_that_is_no_model_is_not_replaced(tmp_path):

@@ -61,7 +61,10 @@ BAD = {
     "no arrays": (lambda folder: (folder / "weights.safetensors").unlink(), "weights.safetensors"),
     "no yaml": (lambda folder: (folder / "policy.yaml").unlink(), "policy.yaml"),
     "sealed arrays": (sealed(nudge), "self-check"),
-    "weights of NaN": (sealed(lambda c, a: a["b0"].fill(np.nan)), "self-check"),
+    "weights of NaN": (sealed(lambda c, a: a["b0"].fill(np.nan)), "array b0 holds numbers that are not finite"),
+    "weights of truths": (sealed(lambda c, a: a.update(W0=a["W0"] > 0)), "array W0 is of kind bool"),
+    "output map of NaN": (sealed(lambda c, a: a["output_map"].fill(np.nan)), "array output_map"),
+    "flat layer": (sealed(lambda c, a: a.update(W1=a["W1"].ravel())), "array W1 has the shape"),
     "no self-check": (
         sealed(lambda c, a: a.update(check_features=np.zeros((0, 8)), check_inputs=np.zeros((0, 1, 1)))),
         "self-check",

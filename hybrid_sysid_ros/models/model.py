@@ -132,12 +132,14 @@ def load(folder: Path | str, *, rig: str | Path = "") -> Model:
     content, arrays = storage.load(folder, kind="model", version=FORMAT)
     try:
         described = _rig_of(content, rig)
-        stored = content["parameters"]
+        stored, names = content["parameters"], tuple(map(str, content["free"]))
+        weights = storage.numbers(arrays, "weights", None)
+        covariance = storage.numbers(arrays, "covariance", len(names), len(names))
         system = assemble(
             content["structure"],
             described.system,
             design=content["design"],
-            weights=arrays["weights"],
+            weights=weights,
             boxes=described.structures,
         )
         if (signals := content.get("signals", signals_of(system))) != signals_of(system):
@@ -151,9 +153,11 @@ def load(folder: Path | str, *, rig: str | Path = "") -> Model:
             )
         system = system.with_values([values[name] for name in expected])
         system.check()
-        names, covariance = tuple(map(str, content["free"])), arrays["covariance"]
-        if covariance.shape != (len(names), len(names)):
-            raise UserError(f"covariance has shape {covariance.shape} for {len(names)} free parameters; fit again")
+        if len(system.weights) != len(weights):
+            raise UserError(
+                f"array weights has {len(weights)} numbers, structure {content['structure']} {len(system.weights)}; "
+                "fit again"
+            )
         ranges = {name: (float(a), float(b)) for name, (a, b) in content["training_range"].items()}
         sampling = Sampling(**content["sampling"])
         moved = _trial(system, ranges, sampling.step)

@@ -16,7 +16,7 @@ from safetensors.numpy import load_file
 from safetensors.numpy import save as serialised
 
 from hybrid_sysid_ros.support import yaml_text
-from hybrid_sysid_ros.support.arrays import NamedArrays
+from hybrid_sysid_ros.support.arrays import Array, NamedArrays
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import path_of, sha256, written_file, written_folder
 from hybrid_sysid_ros.support.structured import read_mapping
@@ -67,6 +67,24 @@ def load(folder: Path | str, *, kind: str, version: int) -> tuple[dict[str, Any]
         return content, load_file(arrays_path)
     except (SafetensorError, OSError, ValueError, LookupError, OverflowError) as error:  # kinds that numpy has not got
         raise UserError(f"{arrays_path}: can't be read; restore it or {_again(kind)}") from error
+
+
+def numbers(arrays: Mapping[str, NDArray[Any]], name: str, *shape: int | None) -> Array:
+    """A loaded array by its name, as float64, of a shape in which None is any size; float32 and the like are converted.
+
+    Raises KeyError where it is missing, and UserError where it is of another shape, holds no real numbers, or some that
+    are not finite.
+    """
+    array = arrays[name]
+    if array.dtype.kind not in "fiu":
+        raise UserError(f"array {name} is of kind {array.dtype}; it needs real numbers, float64 at best")
+    if len(array.shape) != len(shape) or any(size not in (None, n) for size, n in zip(shape, array.shape, strict=True)):
+        wanted = tuple("any" if size is None else size for size in shape)
+        raise UserError(f"array {name} has the shape {array.shape}, not ({', '.join(map(str, wanted))})")
+    found = np.ascontiguousarray(array, dtype=np.float64)
+    if not np.isfinite(found).all():
+        raise UserError(f"array {name} holds numbers that are not finite")
+    return found
 
 
 def load_sheet(path: Path, *, kind: str, version: int) -> dict[str, Any]:

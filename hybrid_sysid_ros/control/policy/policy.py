@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +106,8 @@ class Policy:
             raise UserError(f"policy: the training range does not fit its {features} features")
         names = () if self.correction is None else self.correction.names
         if self.correction is not None:
+            if not np.all(self.correction.spread > 0):
+                raise UserError("policy: the spread of the correction must be above 0")
             found = _answers(self.correction.layers, features)
             if found != len(names) * count:
                 raise UserError(f"policy: the correction has {found} answers for {len(names)} parameters")
@@ -262,24 +265,25 @@ def load(folder: Path | str, *, model: Model | None = None, certified: bool = Tr
     certificate = None
     if certified and "model" in content:
         certificate = certificates.find_certificate(folder, policy=content["seal"], model=content["model"])
+    numbers = partial(storage.numbers, arrays)
     try:
         policy = Policy(
             problem=ControlProblem(**content["problem"]),
             model=content["model"],
             rig=rigs.name_in(content),
-            output_map=arrays["output_map"],
-            centre=arrays["centre"],
-            scale=arrays["scale"],
+            output_map=numbers("output_map", None, None),
+            centre=numbers("centre", None),
+            scale=numbers("scale", None),
             layers=_layers("", content["layers"], arrays),
             training_range=TrainingRange(
-                low=arrays["range_low"],
-                high=arrays["range_high"],
-                whitening=arrays["range_whitening"],
+                low=numbers("range_low", None),
+                high=numbers("range_high", None),
+                whitening=numbers("range_whitening", None, None),
                 reach=float(content["range_reach"]),
             ),
             correction=_correction(content["correction"], arrays),
             training=content["training"],
-            check=(arrays["check_features"], arrays["check_inputs"]),
+            check=(numbers("check_features", None, None), numbers("check_inputs", None, None, None)),
             certificate=certificate,
         )
     except UserError as error:
@@ -289,7 +293,7 @@ def load(folder: Path | str, *, model: Model | None = None, certified: bool = Tr
     if model is not None and policy.model != model.seal:
         raise UserError(f"{path}: was trained for another model; train it for this one (hybrid-sysid policy train)")
     features, inputs = policy.check
-    if not len(inputs) or features.shape != (len(inputs), len(policy.centre)) or inputs.ndim != 3:
+    if not len(inputs) or features.shape != (len(inputs), len(policy.centre)):
         raise UserError(f"{path}: has no self-check vectors that fit the network; train it again")
     answers = policy.evaluate(features)
     if answers.shape != inputs.shape or not np.allclose(answers, inputs, rtol=0.0, atol=SELF_CHECK_TOLERANCE):
@@ -311,15 +315,17 @@ def named_layers(prefix: str, layers: NetworkLayers) -> dict[str, Array]:
 
 
 def _layers(prefix: str, count: int, arrays: Mapping[str, Array]) -> tuple[tuple[Array, Array], ...]:
-    return tuple((arrays[f"{prefix}W{i}"], arrays[f"{prefix}b{i}"]) for i in range(count))
+    numbers = partial(storage.numbers, arrays)
+    return tuple((numbers(f"{prefix}W{i}", None, None), numbers(f"{prefix}b{i}", None)) for i in range(count))
 
 
 def _correction(content: Mapping[str, Any] | None, arrays: Mapping[str, Array]) -> Correction | None:
     if content is None:
         return None
+    names = tuple(content["names"])
     return Correction(
-        names=tuple(content["names"]),
-        nominal=arrays["nominal"],
-        spread=arrays["spread"],
+        names=names,
+        nominal=storage.numbers(arrays, "nominal", len(names)),
+        spread=storage.numbers(arrays, "spread", len(names)),
         layers=_layers("S", content["layers"], arrays),
     )
