@@ -1,4 +1,4 @@
-"""The pictures of the README, cut out of the page that ``HYBRID_SYSID_DATA=FOLDER make demo`` writes.
+"""The pictures of docs/results/cam-beam.md, cut out of the page that ``HYBRID_SYSID_DATA=FOLDER make demo`` writes.
 
 .venv/bin/python -m docs.pictures out/demo/report.html 03_random_steps_03      # with a Chromium
 """

@@ -47,7 +47,7 @@ def data() -> Path:
     if folder and not Path(folder).is_dir():
         pytest.fail(f"HYBRID_SYSID_DATA={folder} is not a folder: correct it, or unset it to skip the real records")
     if not folder or not any(Path(folder).iterdir()):
-        pytest.skip("needs the real records: set HYBRID_SYSID_DATA to their folder (see the README)")
+        pytest.skip("needs the real records: set HYBRID_SYSID_DATA to their folder (docs/results/cam-beam.md)")
     return Path(folder)
 
 

@@ -31,7 +31,7 @@ NOT_AGAIN = {  # words that only this project had, and what a control engineer s
     r"swings?|swung|swinging": "oscillation, motion",
 }
 """Expressions, whole words in any case, outside of code."""
-SAID_BY_USERS = {"commander.md": r"swings?", "README.md": r"swings?"}
+SAID_BY_USERS = {"commander.md": r"swings?", "commands.md": r"swings?"}
 """Words of commands in plain language."""
 OF_TARGETS = re.compile(r"\bshots?\b", re.IGNORECASE)
 """Shots are those of the accuracy's paper; loops of a rig are Monte Carlo runs."""

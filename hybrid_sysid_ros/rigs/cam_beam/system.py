@@ -38,7 +38,7 @@ class CamBeam(System):
 
     The physics: an unbalanced beam (centre, stiffness: tau0 u - K0 (x1 + d0)) on a crank whose follower is pushed one
     way and falls the other (asymmetry). The crank is in the records: fitted to all seven, cam_curvature is 52 with a
-    standard error of 6 (the README's command for the simulated beam).
+    standard error of 6 (docs/results/cam-beam.md has the command).
     """
 
     states = ("position [rad]", "velocity [rad/s]")
