@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from rclpy.qos import QoSProfile
 
-from hybrid_sysid_ros.bags import Quality, Recording, Split, collected
+from hybrid_sysid_ros.bags import QualityOfService, Recording, Split, collected
 from hybrid_sysid_ros.nodes import topics
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.diagnostics import ERROR, OK, WARN, Task
@@ -78,7 +78,7 @@ class RecorderNode(RigNode):
         """When all that the middleware had was taken for the last time, and the time before [ns]: nothing is missing
         that came before that.
         """
-        self.qualities: dict[str, list[Quality]] = {}
+        self.qualities: dict[str, list[QualityOfService]] = {}
         """How each topic was offered when its first message came."""
         self.attachments: deque[tuple[str, bytes]] = deque()
         """What the bag is still to keep beside the messages."""

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from hybrid_sysid_ros.bags import Quality
+from hybrid_sysid_ros.bags import QualityOfService
 from hybrid_sysid_ros.nodes.validation import LARGEST
 from hybrid_sysid_ros.runtime.parameters import DECLARATIONS, read_declarations
 from hybrid_sysid_ros.support import extensions
@@ -156,11 +156,11 @@ def profile(topic: str, *, depth: int | None = None) -> QoSProfile:
     return QoSProfile(**{**settings, "depth": depth or settings["depth"]})
 
 
-def qualities_of(publishers: Iterable[Any]) -> list[Quality]:
+def qualities_of(publishers: Iterable[Any]) -> list[QualityOfService]:
     """How publishers, as rclpy tells of them, offer a topic."""
     profiles = [publisher.qos_profile for publisher in publishers]
     return [
-        Quality(
+        QualityOfService(
             reliability=profile.reliability.name.lower(),
             durability=profile.durability.name.lower(),
             history=profile.history.name.lower(),
@@ -170,10 +170,10 @@ def qualities_of(publishers: Iterable[Any]) -> list[Quality]:
     ]
 
 
-def profile_of(qualities: Sequence[Quality]) -> QoSProfile:
+def profile_of(qualities: Sequence[QualityOfService]) -> QoSProfile:
     """How to offer a topic again that was offered so; as ROS does of itself where publishers differed, or unknown."""
-    chosen = qualities[0] if len(set(qualities)) == 1 else Quality()
+    chosen = qualities[0] if len(set(qualities)) == 1 else QualityOfService()
     policies = {"reliability": ReliabilityPolicy, "durability": DurabilityPolicy}
     reported = {name: policy.__members__.get(getattr(chosen, name).upper()) for name, policy in policies.items()}
     known = {name: policy for name, policy in reported.items() if policy is not None}
-    return QoSProfile(**{"depth": max(chosen.depth, Quality.depth), **known})
+    return QoSProfile(**{"depth": max(chosen.depth, QualityOfService.depth), **known})

@@ -64,7 +64,7 @@ def with_entry(array, place, value):
         ({"output": with_entry(np.zeros((101, 1)), 17, np.nan)}, r"output is not finite at sample 17 \(0.017 s\)"),
         ({"input": with_entry(np.zeros((101, 1)), 3, np.inf)}, "input is not finite at sample 3"),
         ({"time": with_entry(0.001 * np.arange(101), 40, 0.0404)}, "not uniform at sample 40"),
-        ({"time": with_entry(0.001 * np.arange(101), 9, np.nan)}, "time is not a number at sample 9"),
+        ({"time": with_entry(0.001 * np.arange(101), 9, np.nan)}, "time is not finite at sample 9"),
         ({"time": 1 + 0.001 * np.arange(101)}, "must start at 0"),
         ({"time": np.zeros(101)}, "must start at 0 and rise"),
         ({"time": np.zeros(1)}, "2 or more"),

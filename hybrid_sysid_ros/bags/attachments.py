@@ -1,4 +1,4 @@
-"""Attachments: files that a bag keeps beside its messages, by which it explains itself."""
+"""Attachments: files that a bag keeps beside its messages to document them."""
 
 from __future__ import annotations
 
@@ -15,14 +15,13 @@ from hybrid_sysid_ros.bags.bag import clear_line, storage_files
 from hybrid_sysid_ros.support.errors import UserError
 
 LARGEST = 1 << 26
-"""Bytes of all that belongs to a bag."""
+"""Bytes of all attachments of a bag."""
 
 
 def collected(places: Mapping[str, Path]) -> dict[str, bytes]:
-    """Files, and those of folders below their names, as attachments by name.
+    """Files as attachments by name; files of a folder have names below the folder's.
 
-    Raises:
-        UserError: one cannot be read, or they are larger than what a bag should carry.
+    Raises UserError where a file cannot be read, or all are larger together than a bag should carry.
     """
     found: dict[str, bytes] = {}
     for name, place in places.items():
@@ -35,16 +34,15 @@ def collected(places: Mapping[str, Path]) -> dict[str, bytes]:
         except OSError as error:
             raise UserError(f"{place}: cannot be read ({error.strerror})") from error
         if sum(map(len, found.values())) > LARGEST:
-            raise UserError(f"{place}: more than {LARGEST >> 20} MiB, too much to be kept in a bag")
+            raise UserError(f"{place}: has more than {LARGEST >> 20} MiB, too much for a bag; leave it out")
     return found
 
 
 def attached(path: Path | str) -> dict[str, bytes]:
-    """What a bag keeps beside its messages, by name, of one name the last; of a cut bag as far as it goes. {} where
-    there is nothing, as in bags of other recorders.
+    """The attachments of a bag by name; the last of each name, and of a cut bag those before the cut. It is empty for
+    bags of other recorders.
 
-    Raises:
-        UserError: there is no bag.
+    Raises UserError where there is no bag.
     """
     path, found = Path(path), dict[str, bytes]()
     if not path.exists():
@@ -61,7 +59,7 @@ def _of(stream: BinaryIO) -> Iterator[Attachment]:
     try:
         yield from list(make_reader(stream).iter_attachments())
         return
-    except Exception:  # whatever a file leads the library to that has no index, or no end
+    except Exception:  # the library may raise anything for a file without index or end
         stream.seek(0)
     with suppress(Exception):
         for record in StreamReader(stream, emit_chunks=True).records:
@@ -72,12 +70,11 @@ def _of(stream: BinaryIO) -> Iterator[Attachment]:
 def laid_out(found: Mapping[str, bytes], folder: Path, *, below: str) -> Path:
     """Write the attachments below a name, such as model, into a folder of that name in `folder`, and return it.
 
-    Raises:
-        UserError: there are none, a name leads out of the folder, or it cannot be written.
+    Raises UserError where there are no such attachments, a name leads out of the folder, or it cannot be written.
     """
     chosen = {PurePosixPath(name): data for name, data in found.items() if name.startswith(f"{below}/")}
     if not chosen:
-        raise UserError(f"the bag has no {below} with it")
+        raise UserError(f"the bag has no {below} attached")
     for name, data in chosen.items():
         if ".." in name.parts:
             raise UserError(f"an attachment of the bag is called {name}, which leads out of its folder")

@@ -1,4 +1,4 @@
-"""Bag: a rosbag2 folder, or one MCAP or SQLite file, opened to be read in blocks of messages."""
+"""Bag: a rosbag2 folder, or one MCAP or SQLite file, read in blocks of messages."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hybrid_sysid_ros.bags import bag_file, mcap, metadata
 from hybrid_sysid_ros.bags.layout import Types, types_of
 from hybrid_sysid_ros.bags.mcap import LONGEST_MESSAGE, MAGIC, Batch, DamagedError, McapFile, Schema
-from hybrid_sysid_ros.bags.quality import Quality
+from hybrid_sysid_ros.bags.quality_of_service import QualityOfService
 from hybrid_sysid_ros.support.errors import UserError
 
 logger = logging.getLogger(__name__)
@@ -39,7 +39,7 @@ class DamagedBagError(UserError):
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """A topic of a bag: its message type and how many messages there are."""
+    """A topic of a bag, with its message type and number of messages."""
 
     name: str
     type: str
@@ -48,9 +48,9 @@ class Topic:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Messages:
-    """Serialised messages of one topic, in the order of the bag, and when each was logged (messages,) [ns].
+    """Serialised messages of one topic, in the order of the bag, and their times of logging (messages,) [ns].
 
-    types: fields of its type and of those that it is made of. first: number of the first of them in the topic.
+    types: fields of the message type and of the types in it. first: number of the first message in the topic.
     """
 
     topic: str
@@ -63,14 +63,14 @@ class Messages:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bag:
-    """A bag that is open: its topics, the definitions of their types, and where its messages come from."""
+    """An open bag: its topics, the definitions of their types, and the source of its messages."""
 
     path: Path
     topics: dict[str, Topic]
     schemas: dict[str, Schema]
     source: MessageSource
-    qualities: dict[str, list[Quality]] = field(default_factory=dict)
-    """How publishers offered the topics, as far as the bag says it."""
+    qualities: dict[str, list[QualityOfService]] = field(default_factory=dict)
+    """Qualities of service of the publishers of each topic, where the bag has them."""
 
     @property
     def listing(self) -> str:
@@ -78,12 +78,11 @@ class Bag:
         return ", ".join(f"{topic.name} ({topic.type})" for topic in self.topics.values()) or "no topic at all"
 
     def blocks(self, wanted: Collection[str]) -> Iterator[Messages]:
-        """Messages of the topics in `wanted`, in one pass over the bag that holds one block of each.
+        """Messages of the topics in `wanted`, in one pass that keeps one block of each topic in memory.
 
-        The blocks of a topic follow one another in the order of the file; inside of one the order is that of logging.
+        The blocks of a topic are in the order of the file; messages in a block are in the order of logging.
 
-        Raises:
-            UserError: the bag is damaged.
+        Raises UserError where the bag is damaged.
         """
         pending: dict[str, Batch] = {}
         size: dict[str, int] = {}
@@ -106,11 +105,10 @@ class Bag:
                 yield self._block(name, held, first)
 
     def messages(self, wanted: Collection[str]) -> Iterator[tuple[str, int, bytes]]:
-        """Topic, time of logging [ns] and data of each message of the topics in `wanted`, one after the other in the
-        order of logging, but where the file is out of order by more than one chunk.
+        """Topic, time of logging [ns] and data of each message of the topics in `wanted`, in the order of logging
+        unless the file is out of order by more than one chunk.
 
-        Raises:
-            UserError: the bag is damaged.
+        Raises UserError where the bag is damaged.
         """
         waiting: list[tuple[int, str, bytes]] = []
         with clear_line(self.path):
@@ -124,10 +122,9 @@ class Bag:
             yield from ((name, logged, data) for logged, name, data in waiting)
 
     def whole(self, wanted: Collection[str]) -> dict[str, Messages]:
-        """All messages of the topics in `wanted` that the bag has, for bags that are small beside the memory.
+        """All messages of the topics in `wanted`, for bags that are small compared with the memory.
 
-        Raises:
-            UserError: the bag is damaged.
+        Raises UserError where the bag is damaged.
         """
         held = {name: Batch() for name in self.topics if name in wanted}
         for block in self.blocks(held):
@@ -148,13 +145,12 @@ class Bag:
 
 @contextmanager
 def opened(path: Path | str, *, recover: bool = False) -> Iterator[Bag]:
-    """Open a bag for as long as the context lasts.
+    """Open a bag within this context.
 
-    recover: where the bag is cut or damaged, open what can be read before the damage and log how much that is. A whole
-        bag takes one pass more, which shows that it is whole.
+    recover: where the bag is cut or damaged, open the part before the damage, and log how much that is. It takes one
+        more pass to find out that a bag is whole.
 
-    Raises:
-        UserError: there is no bag, or it is empty, cut, damaged or of another kind.
+    Raises UserError where there is no bag, or it is empty, cut, damaged or of another kind.
     """
     path = Path(path)
     with ExitStack() as stack:
@@ -172,23 +168,19 @@ def opened(path: Path | str, *, recover: bool = False) -> Iterator[Bag]:
 
 
 def markers(path: Path | str) -> tuple[str, ...]:
-    """Files of which one shows that a folder is a bag, whole or cut: what may be replaced by another one."""
+    """Names of files by which a folder is known to be a bag, whole or cut, so that it may be replaced."""
     name = Path(path).resolve().name
     return METADATA, f"{name}_0.mcap", f"{name}.mcap"
 
 
 def name_of(path: Path | str) -> str:
-    """What results call a bag: its folder's name whole ("run.2" is no "run"), a file's without its ending."""
+    """The name of a bag in results: the whole name of a folder ("run.2" is not "run"), a file's without suffix."""
     resolved = Path(path).resolve()
     return resolved.name if resolved.is_dir() else resolved.stem
 
 
 def topics(path: Path | str) -> dict[str, Topic]:
-    """Topics of a bag by name.
-
-    Raises:
-        UserError: see :func:`opened`.
-    """
+    """Topics of a bag by name. Raises UserError as :func:`opened` does."""
     with opened(path) as bag:
         return bag.topics
 
@@ -226,12 +218,12 @@ def _check_alike(stored: metadata.Metadata, schemas: dict[str, Schema], counts: 
     for topic in {**stored.counts, **counts}:
         said, found = stored.counts.get(topic, 0), counts.get(topic, 0)
         if said != found:
-            raise DamagedError(f"has {found} messages of {topic} where {METADATA} says {said}")
+            raise DamagedError(f"has {found} messages of {topic}, but {METADATA} says {said}")
         if (
             topic in stored.types
             and schemas.setdefault(topic, Schema(name=stored.types[topic])).name != stored.types[topic]
         ):
-            raise DamagedError(f"has {schemas[topic].name} in {topic} where {METADATA} says {stored.types[topic]}")
+            raise DamagedError(f"has {schemas[topic].name} in {topic}, but {METADATA} says {stored.types[topic]}")
 
 
 def _topics(schemas: dict[str, Schema], counts: dict[str, int]) -> dict[str, Topic]:
@@ -239,7 +231,7 @@ def _topics(schemas: dict[str, Schema], counts: dict[str, int]) -> dict[str, Top
 
 
 def _cut(path: Path) -> Bag:
-    """What is left of a damaged bag."""
+    """The readable part of a damaged bag."""
     files = storage_files(path)
     schemas, counts = dict[str, Schema](), dict[str, int]()
     ends: list[int] = []
@@ -255,7 +247,7 @@ def _cut(path: Path) -> Bag:
             said += mcap.stated(file).messages or 0
     if not counts:
         raise UserError(f"{path}: not one message can be recovered")
-    lost = f", of {said} that it says it has" if said else ""
+    lost = f", of {said} that its metadata states" if said else ""
     seconds = (ends[1] - ends[0]) * 1e-9
     logger.warning("%s: recovered %d messages of %.1f s%s", path, sum(counts.values()), seconds, lost)
     return Bag(
@@ -275,11 +267,9 @@ def storage_files(path: Path) -> list[Path]:
 
 
 def _check_ends(path: Path) -> None:
-    """Look at what a bag is, and at the ends of its files.
+    """Check the kind of a bag and the ends of its files.
 
-    Raises:
-        UserError: this is no bag.
-        DamagedBagError: it is cut.
+    Raises UserError for a path that is no bag, and DamagedBagError for a bag that is cut.
     """
     if not path.exists():
         raise UserError(f"{path}: no such file or folder")
@@ -300,26 +290,26 @@ def _check_ends(path: Path) -> None:
             continue
         with file.open("rb") as stream:
             if stream.read(len(MAGIC)) != MAGIC:
-                raise UserError(f"{file}: is no MCAP file, whatever its name says")
+                raise UserError(f"{file}: is no MCAP file, although its name says so")
             stream.seek(max(0, size - len(MAGIC)))
             if size < 2 * len(MAGIC) or stream.read() != MAGIC:
                 cut = file
     if cut is not None:
         raise _refusal(cut, "is cut short (recording interrupted, or still running)")
     if path.is_dir() and not (path / METADATA).exists() and files[0].suffix != ".mcap":
-        raise UserError(f"{path}: there is no {METADATA}: give the file {files[0].name} itself")
+        raise UserError(f"{path}: has no {METADATA}: give the file {files[0].name} itself")
 
 
 @contextmanager
 def clear_line(path: Path) -> Iterator[None]:
-    """Turn what the libraries raise into a UserError."""
+    """Turn errors of the libraries into a UserError."""
     try:
         yield
     except UserError:
         raise
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except Exception as error:  # whatever a damaged file leads them to
+    except Exception as error:  # the libraries may raise anything for a damaged file
         raise _refusal(path, f"is damaged ({_shortened(error)})") from error
 
 

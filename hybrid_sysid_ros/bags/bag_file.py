@@ -1,4 +1,4 @@
-"""One file of a bag, MCAP or SQLite, perhaps packed, compared with what it says of itself."""
+"""One file of a bag, MCAP or SQLite, perhaps compressed, checked against its own summary."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ else:
     from backports import zstd
 
 
-PIECE = 1 << 23  # bytes of unpacked messages that are handed out together
-MOST_TIMES = 1000  # what a file packed as a whole may be larger when it is unpacked, beside LARGEST_CHUNK
+PIECE = 1 << 23  # bytes of unpacked messages that are yielded together
+MOST_TIMES = 1000  # largest ratio of an unpacked file to the packed one, beside LARGEST_CHUNK
 
 
 def stated(file: Path) -> Stated:
-    """What a file says it holds; of one that does not say it, what it holds."""
+    """The content that a file states in its summary; without a summary, the content that it has."""
     if file.suffix == ".db3":
         return _sqlite_stated(file)
     said = mcap.stated(file)
@@ -46,24 +46,24 @@ def stated(file: Path) -> Stated:
 
 
 def differences(said: Stated, found: Stated) -> str:
-    """In what a file is other than it says, "" where it is not. found: of a whole pass."""
+    """How the content found in a whole pass differs from the stated one; "" where they agree."""
     for what, one, other in (("chunks", said.chunks, found.chunks), ("messages", said.messages, found.messages)):
         if one is not None and one != other:
-            return f"has {other} {what} where its summary says {one}"
+            return f"has {other} {what}, but its summary says {one}"
     for topic, count in (found.counts or {}).items():
         expected = count if said.counts is None else said.counts.get(topic, 0)
         if expected != count:
-            return f"has {count} messages of {topic} where its summary says {expected}"
+            return f"has {count} messages of {topic}, but its summary says {expected}"
     for topic in found.schemas if said.schemas else ():
         if topic not in said.schemas:
-            return f"has topic {topic}, of which its summary says nothing"
+            return f"has topic {topic}, which its summary does not name"
         if said.schemas[topic] != found.schemas[topic]:
             return f"defines the type of {topic} in two ways"
     return ""
 
 
 def batches(file: Path, said: Stated, wanted: Collection[str]) -> Iterator[dict[str, Batch]]:
-    """Messages of a file; in the end whether they are what it says."""
+    """Messages of a file; after the last one, the content is compared with the stated one."""
     if file.suffix == ".db3":
         yield from _sqlite_batches(file, wanted)
         return
@@ -74,7 +74,7 @@ def batches(file: Path, said: Stated, wanted: Collection[str]) -> Iterator[dict[
 
 
 def unpacked(packed: Path, place: Path) -> Path:
-    """Unpack a file, within what can be the content of one so large."""
+    """Unpack a file, up to a limit that depends on its size."""
     limit = LARGEST_CHUNK + MOST_TIMES * packed.stat().st_size
     with zstd.open(packed, "rb") as source, place.open("wb") as target:
         while part := source.read(1 << 20):
@@ -85,7 +85,7 @@ def unpacked(packed: Path, place: Path) -> Path:
 
 
 def without_packing(batches: dict[str, Batch]) -> Iterator[dict[str, Batch]]:
-    """Messages that were packed one by one, piece by piece."""
+    """Messages that were compressed one by one, unpacked in pieces."""
     for name, batch in batches.items():
         held, size = Batch(), 0
         for stamp, packed in zip(batch.logged, batch.data, strict=True):
@@ -105,8 +105,7 @@ _TABLES = {"messages": {"topic_id", "timestamp", "data"}, "topics": {"id", "name
 def _sqlite_stated(path: Path) -> Stated:
     """Topics and their numbers of messages.
 
-    Raises:
-        DamagedError, sqlite3.Error: it is no such file, or damaged.
+    Raises DamagedError or sqlite3.Error for a file that is damaged or of another kind.
     """
     with closing(_connected(path)) as base:
         definitions = dict[str, Schema]()
@@ -122,15 +121,14 @@ def _sqlite_stated(path: Path) -> Stated:
             assert found.counts is not None
             found.counts[str(topic)] = found.counts.get(str(topic), 0) + counts.pop(number, 0)
         if counts:
-            raise DamagedError(f"{sum(counts.values())} messages are of no topic")
+            raise DamagedError(f"{sum(counts.values())} messages belong to no topic")
         return found
 
 
 def _sqlite_batches(path: Path, wanted: Collection[str]) -> Iterator[dict[str, Batch]]:
     """Messages of the topics in `wanted`, in the order of logging.
 
-    Raises:
-        DamagedError, sqlite3.Error: it is damaged.
+    Raises DamagedError or sqlite3.Error for a damaged file.
     """
     with closing(_connected(path)) as base:
         topics = {number: str(name) for number, name in base.execute("SELECT id, name FROM topics") if name in wanted}
@@ -144,7 +142,7 @@ def _sqlite_batches(path: Path, wanted: Collection[str]) -> Iterator[dict[str, B
             found: dict[str, Batch] = {}
             for number, stamp, data in run:
                 if not isinstance(stamp, int) or not isinstance(data, bytes):
-                    raise DamagedError(f"a message of {topics[number]} has no stamp, or no data")
+                    raise DamagedError(f"a message of {topics[number]} has no time stamp or no data")
                 batch = found.setdefault(topics[number], Batch())
                 batch.logged.append(stamp)
                 batch.data.append(data)

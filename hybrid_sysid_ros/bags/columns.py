@@ -1,4 +1,4 @@
-"""Columns: a topic's messages as arrays: one field over all messages, with the time each value belongs to."""
+"""Columns: a field of all messages of a topic as an array, with the time of each value."""
 
 from __future__ import annotations
 
@@ -26,31 +26,29 @@ SECOND = 1_000_000_000  # ns
 
 
 class MissingInMessageError(LookupError):
-    """A message of the topic has not got the field: its number and what is missing."""
+    """A message of the topic lacks the field; the text has its number and what is missing."""
 
 
 class TopicColumns:
-    """Fields of a topic as arrays: numbers are taken at once out of all messages that share a layout."""
+    """Fields of a topic as arrays. A number is read at once from all messages that share a layout."""
 
     def __init__(self, messages: Messages, *, stamped: bool | None = None) -> None:
-        """stamped: whether their headers were ever given a stamp; None: see whether one of these was."""
+        """stamped: whether any header of the topic has a stamp; None: look for one in these messages."""
         self.messages = messages
         self._known_stamped = stamped
         self._columns: dict[tuple[FieldStep, ...], NDArray[np.float64]] = {}
 
     def values(self, field: str) -> NDArray[np.float64]:
-        """Field of every message, (messages,).
+        """The field of every message, (messages,).
 
-        Raises:
-            MissingInMessageError: a message has not got it, or it is no number.
+        Raises MissingInMessageError where a message lacks the field, or it is no number.
         """
         return self._column(parsed_field(field))
 
     def entries(self, field: str) -> int:
         """Number of entries of a list in the first message.
 
-        Raises:
-            MissingInMessageError: it has not got it, or it is no list.
+        Raises MissingInMessageError where the message lacks the field, or it is no list.
         """
         try:
             found = field_of(self._first, parsed_field(field))
@@ -61,10 +59,10 @@ class TopicColumns:
         return len(found)
 
     def stamps(self, field: str) -> NDArray[np.int64]:
-        """Time that each value belongs to, (messages,) [ns].
+        """The time of each value, (messages,) [ns].
 
-        The header's stamp where there is one (and it was ever set), otherwise the time of logging; for a value inside a
-        point of a trajectory, later by the point's time_from_start.
+        It is the header's stamp where stamps are set, otherwise the time of logging. A value in a point of a trajectory
+        is later by the point's time_from_start.
         """
         stamps = self._header_stamps if self.stamped else self.messages.logged
         steps = parsed_field(field)
@@ -76,7 +74,7 @@ class TopicColumns:
 
     @cached_property
     def stamped(self) -> bool:
-        """Whether the messages have headers whose stamp was ever set."""
+        """Whether the messages have headers with a stamp that is set."""
         if self._known_stamped is not None:
             return self._known_stamped
         header = self._first.get("header")
@@ -109,7 +107,7 @@ class TopicColumns:
 
     @cached_property
     def _groups(self) -> list[tuple[MessageLayout, MessageGroup]]:
-        """Messages by their layouts, the first one's first."""
+        """Messages grouped by layout; the layout of the first message comes first."""
         found, waiting, fields = [], groups_of(self.messages.data), 0
         while waiting:
             group = waiting.pop()
@@ -122,7 +120,7 @@ class TopicColumns:
             found.append((layout, sharers))
             fields += layout.count
             if fields > MOST_FIELDS:
-                raise self._missing(first, f"the messages up to it have more than {MOST_FIELDS} fields of their own")
+                raise self._missing(first, f"the layouts of the messages up to it have more than {MOST_FIELDS} fields")
             waiting += others
         return sorted(found, key=lambda item: int(item[1][0][0]))
 

@@ -1,4 +1,4 @@
-"""Gaps: samples that a recording lacks, found by their stamps and filled in, so that all others keep their places."""
+"""Gaps: samples that a recording lacks. They are found by stamps and filled in, so that all others keep their times."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LONGEST_GAP = 50  # samples that may be missing in a row
 MOST_MISSING = 0.1  # share of all samples that may be missing
 
 Filler = Literal["line", "preceding", "following", "unknown"]
-"""What stands in a gap: a straight line between the neighbours, the next value, the last one, or NaN."""
+"""How a gap is filled: a straight line between the neighbours, the next value, the last one, or NaN."""
 
 
 class SamplingError(ValueError):
@@ -23,12 +23,11 @@ class SamplingError(ValueError):
 def missing_before(
     stamps: NDArray[np.int64], period: float, *, number: int = 0, origin: int | None = None
 ) -> NDArray[np.int64]:
-    """How many samples are missing before each but the first of rising stamps (samples,) [ns], (samples - 1,).
+    """How many samples are missing before each of rising stamps (samples,) [ns] but the first, (samples - 1,).
 
-    period: sampling time [s]. number, origin: number of the first sample, and when time is 0 [ns], for the message.
+    period: sampling time [s]. The message uses the number of the first sample and the stamp of time 0 (origin) [ns].
 
-    Raises:
-        SamplingError: more than LONGEST_GAP are missing in a row.
+    Raises SamplingError where more than LONGEST_GAP samples are missing in a row.
     """
     steps = np.diff(stamps) * 1e-9 / period
     missing = np.where(steps > GAP, np.round(steps) - 1, 0).astype(np.int64)
@@ -43,7 +42,7 @@ def missing_before(
 
 
 class FilledBlock:
-    """Messages of a block, of which each is preceded by so many `missing` samples (messages,)."""
+    """Messages of a block; `missing` (messages,) is the number of missing samples before each."""
 
     def __init__(self, missing: NDArray[np.int64]) -> None:
         self._counts = missing + 1
@@ -51,14 +50,14 @@ class FilledBlock:
 
     @cached_property
     def measured(self) -> NDArray[np.bool_]:
-        """Which of the samples have a message, (samples,)."""
+        """Which samples have a message, (samples,)."""
         found = np.zeros(int(self._places[-1]) + 1, dtype=bool)
         found[self._places] = True
         return found
 
     def filled(self, values: NDArray[np.float64], previous: float, by: Filler) -> NDArray[np.float64]:
-        """Values of the messages (messages,) as values of the samples (samples,); previous: that of the block before,
-        for a gap between the two.
+        """Values of the samples (samples,) from those of the messages (messages,); previous: the last value of the
+        previous block, for a gap between the blocks.
         """
         if len(self.measured) == len(values):
             return values

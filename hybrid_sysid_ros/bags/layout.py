@@ -1,4 +1,4 @@
-"""Layout: message types, and where the numbers of serialised messages (CDR) are, for columns at once by numpy."""
+"""Layout: message types, and the places of numbers in serialised messages (CDR), to read whole columns by numpy."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ NUMBERS = {
     "bool": "u1", "byte": "u1", "char": "u1", "uint8": "u1", "int8": "i1", "uint16": "u2", "int16": "i2",
     "uint32": "u4", "int32": "i4", "uint64": "u8", "int64": "i8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
-MOST_FIELDS = 300_000  # of the layouts of messages that are in memory together; a list of numbers is one
-DEEPEST = 32  # messages in one another
+MOST_FIELDS = 300_000  # in all layouts that are in memory together; a list of numbers counts as one
+DEEPEST = 32  # levels of nested messages
 NAME_LISTS = ("name", "joint_names")  # where a message keeps the names of its joints
 
 Types = Mapping[str, Any]
@@ -35,29 +35,29 @@ class UnknownLayoutError(ValueError):
 
 
 class MissingFieldError(LookupError):
-    """The message has not got the field; the text says which part of the path is missing and what is there."""
+    """The message lacks the field; the text says which part of the path is missing and which fields there are."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class NumberPlace:
-    """Where one number is: offset [bytes] in the message and its numpy type."""
+    """The place of one number: its offset in the message [bytes] and its numpy type."""
 
     offset: int
     dtype: np.dtype[Any]
 
     def read(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
-        """Column of that number out of messages (messages, bytes)."""
+        """The column (messages,) of this number in messages (messages, bytes)."""
         return np.ascontiguousarray(rows[:, self.offset : self.offset + self.dtype.itemsize]).view(self.dtype)[:, 0]
 
     def write(self, rows: NDArray[np.uint8], column: NDArray[Any]) -> None:
-        """Put a column (messages,) into messages (messages, bytes)."""
+        """Write a column (messages,) into messages (messages, bytes)."""
         values = np.ascontiguousarray(column.astype(self.dtype)).view(np.uint8).reshape(len(rows), self.dtype.itemsize)
         rows[:, self.offset : self.offset + self.dtype.itemsize] = values
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Places:
-    """A list of numbers that follow one another."""
+    """The place of a list of consecutive numbers."""
 
     offset: int
     dtype: np.dtype[Any]
@@ -72,10 +72,10 @@ class Places:
 
 @dataclass(frozen=True, kw_only=True)
 class MessageLayout:
-    """One message's structure.
+    """The structure of a message.
 
     fields: the message as nested mappings and lists, with Place and Places for its numbers and text as it is.
-    fixed: bytes whose value makes the structure (lengths, text): messages that agree in them share the layout.
+    fixed: bytes that decide the structure (lengths, text): messages that agree in them share the layout.
     count: number of its fields.
     """
 
@@ -87,8 +87,7 @@ class MessageLayout:
     def of(cls, raw: bytes, message_type: str, types: Types) -> MessageLayout:
         """Layout of a serialised message.
 
-        Raises:
-            UnknownLayoutError: it is cut short, or of a type without a fixed size here.
+        Raises UnknownLayoutError for a message that is cut short, or whose type has a size that can't be read.
         """
         if len(raw) < HEADER or bytes(raw[:2]) not in (b"\x00\x00", b"\x00\x01"):
             raise UnknownLayoutError("not plain CDR")
@@ -111,7 +110,7 @@ def groups_of(messages: Sequence[bytes]) -> list[MessageGroup]:
 
 
 def sharing(layout: MessageLayout, group: MessageGroup) -> tuple[MessageGroup, Iterator[MessageGroup]]:
-    """Those of a group that share the layout of its first message, and groups of the others."""
+    """The messages of a group that share the layout of its first one, and groups of the others."""
     numbers, rows = group
     fixed = rows[:, layout.fixed]
     same = (fixed == fixed[0]).all(axis=1)
@@ -124,11 +123,7 @@ def sharing(layout: MessageLayout, group: MessageGroup) -> tuple[MessageGroup, I
 
 
 def field_of(fields: Any, steps: Sequence[FieldStep]) -> Any:
-    """Follow a path into the fields of a layout.
-
-    Raises:
-        MissingFieldError: a step leads nowhere.
-    """
+    """Follow a path into the fields of a layout. Raises MissingFieldError where a step leads nowhere."""
     enclosing: list[dict[str, Any]] = []
     node = fields
     for step in steps:
@@ -187,7 +182,7 @@ class _Walk:
             raise UnknownLayoutError(f"the bag does not define the type {message_type}")
         self.depth += 1
         if self.depth > DEEPEST:
-            raise UnknownLayoutError(f"{message_type} is one of more than {DEEPEST} messages in one another")
+            raise UnknownLayoutError(f"{message_type} is nested more than {DEEPEST} levels deep")
         fields = self.types[message_type][1]
         if not fields:  # one byte stands for it, as in C++
             self.advance(1)
@@ -229,7 +224,7 @@ class _Walk:
         return self.kept(self.length()).rstrip(b"\x00").decode("utf-8", "replace")
 
     def kept(self, count: int) -> bytes:
-        """The next bytes, which make the structure."""
+        """The next bytes, which decide the structure."""
         start = self.position
         self.advance(count)
         self.fixed[start : start + count] = b"\1" * count
@@ -252,10 +247,9 @@ _ANNOTATION = re.compile(r"@\s*[\w:]+\s*\([^()]*\)")
 
 @lru_cache(maxsize=256)
 def types_of(schema: Schema) -> Types:
-    """The type of a topic and all that it is made of; those of ROS 2 Jazzy where the bag has no definition.
+    """The message type of a topic and the types in it; those of ROS 2 Jazzy where the bag has no definition.
 
-    Raises:
-        DamagedError, and what the parsers raise: the text is no definition.
+    Raises DamagedError, or an error of the parsers, where the text is no definition.
     """
     if not schema.text:
         return jazzy_types().fielddefs

@@ -1,4 +1,4 @@
-"""MCAP: the messages of a file, chunk by chunk, also of one that was cut or damaged (specification: mcap.dev/spec)."""
+"""MCAP: the messages of a file, chunk by chunk, even of a cut or damaged one (specification: mcap.dev/spec)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ else:
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, STATISTICS, DATA_END = 0x02, 0x03, 0x04, 0x05, 0x06, 0x0B, 0x0F
-BATCH = 1 << 20  # bytes of messages that lie outside chunks and are taken at once
+BATCH = 1 << 20  # bytes of messages outside chunks that are read at once
 PIECE = 1 << 21  # bytes of a chunk whose messages are handed out together
 LARGEST_CHUNK = 1 << 26  # bytes that a packed chunk may unpack to; recorders make chunks of some 1 MB
 LONGEST_MESSAGE = 1 << 22  # bytes of a message that signals are read from
@@ -34,7 +34,7 @@ _COUNT = struct.Struct("<HQ")  # channel and its messages
 
 
 class DamagedError(ValueError):
-    """The file is not what the specification says; the text says where."""
+    """The file violates the specification; the text says where."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,8 +56,8 @@ class Batch:
 
 @dataclass(kw_only=True)
 class Stated:
-    """What a file says of itself, or what was found in it: schemas and numbers of messages by topic, and of all
-    messages and chunks; None where it does not say.
+    """Content that a file states, or that was found in it: schemas and numbers of messages by topic, and the numbers of
+    all messages and chunks; None where they are not stated.
     """
 
     schemas: dict[str, Schema] = field(default_factory=dict)
@@ -67,7 +67,7 @@ class Stated:
 
 
 class _Channels:
-    """Schemas and channels of a file, by its own numbers."""
+    """Schemas and channels of a file, by their numbers in the file."""
 
     def __init__(self) -> None:
         self.known: dict[int, Schema] = {}
@@ -95,10 +95,10 @@ class _Channels:
 
 
 class McapFile:
-    """One pass over an MCAP file. It holds one chunk at a time, whatever the size of the file.
+    """One pass over an MCAP file. It keeps one chunk at a time in memory, whatever the size of the file.
 
-    schemas: by topic, of the topics met so far.
-    damage: what is wrong with the file, "" if nothing was met.
+    schemas: schemas by topic, as far as the pass has come.
+    damage: what is wrong with the file, "" if nothing was found.
     """
 
     def __init__(self, path: Path, wanted: Collection[str] | None) -> None:
@@ -118,7 +118,7 @@ class McapFile:
 
     @property
     def found(self) -> Stated:
-        """What was met so far; the counts are those of the wanted topics."""
+        """The content found so far, with counts of the wanted topics."""
         return Stated(
             schemas=self.schemas,
             counts={**dict.fromkeys(self._wanted or (), 0), **self._counts},
@@ -129,7 +129,7 @@ class McapFile:
     def batches(self) -> Iterator[dict[str, Batch]]:
         """Messages by topic, in the order of the file, up to its end or the first damage.
 
-        A chunk that is cut is unpacked as far as it goes.
+        A cut chunk is unpacked up to the cut.
         """
         try:
             for content in self._contents():
@@ -139,7 +139,7 @@ class McapFile:
             yield self._taken()  # what came before is good
 
     def _contents(self) -> Iterator[bytes]:
-        """Records outside of chunks, in runs, and those inside of each chunk."""
+        """Records outside chunks, several at once, and the records of each chunk."""
         end = self.path.stat().st_size
         loose, any_loose = bytearray(), False
         with self.path.open("rb") as stream:
@@ -155,7 +155,7 @@ class McapFile:
                     yield bytes(loose)
                     loose.clear()
                 if code == DATA_END:
-                    if any_loose:  # those in chunks have their chunk's checksum
+                    if any_loose:  # records in chunks have their chunk's checksum
                         _check_sum(stream, 0, place, struct.unpack("<I", stream.read(4))[0], "data")
                     return
                 if code == 0 or place + _RECORD.size + size > end:
@@ -175,7 +175,7 @@ class McapFile:
         self.damage = self.damage or "no end of the data"
 
     def _walk(self, content: bytes) -> Iterator[dict[str, Batch]]:
-        """Messages of a chunk, in pieces: as objects they take more than it does."""
+        """Messages of a chunk, in pieces, since they take more memory as objects."""
         position, last = 0, len(content) - _START.size
         while position <= last:
             position = self._records(content, position, len(content), min(last, position + PIECE))
@@ -218,7 +218,7 @@ class McapFile:
             self._batches[number] = self._held.setdefault(topic, Batch())
 
     def _taken(self) -> dict[str, Batch]:
-        """Hand out the messages taken, and start anew."""
+        """Return the messages collected so far, and start a new collection."""
         taken = {}
         for topic, batch in self._held.items():
             if batch.data:
@@ -229,10 +229,9 @@ class McapFile:
 
 
 def stated(path: Path) -> Stated:
-    """What the summary of a file says of it, as far as it goes; where there is no summary, nothing.
+    """The content that the summary of a file states; None for what it does not state.
 
-    Raises:
-        DamagedError: the summary or the file's end are damaged.
+    Raises DamagedError where the summary or the file's end are damaged.
     """
     channels, found = _Channels(), Stated()
     by_number, count = dict[int, int](), 0  # the latter is that of channels
@@ -278,16 +277,16 @@ def stated(path: Path) -> Stated:
 
 
 def unpacked(packed: bytes | memoryview, limit: int) -> bytes:
-    """What zstd packed; its first bytes where that is more than the limit, of which it is never more than one more."""
+    """Bytes that zstd compressed, at most one more than the limit."""
     return ZstdDecompressor().decompress(packed, limit + 1)
 
 
 def _unpacked(stream: BinaryIO, length: int, place: int) -> tuple[bytes, str]:
-    """Records inside the chunk that follows, as far as they can be unpacked, and what is wrong with them, if anything.
+    """The records of the next chunk as far as they can be unpacked, and its damage, if any.
 
-    No more is unpacked than the chunk says it holds, and no more than LARGEST_CHUNK.
+    At most the chunk's stated size is unpacked, and at most LARGEST_CHUNK.
     """
-    damage = f"chunk at byte {place} cut or damaged"
+    damage = f"the chunk at byte {place} is cut or damaged"
     chunk = stream.read(length)
     if len(chunk) < 32:
         return b"", damage
@@ -315,14 +314,14 @@ def _unpacked(stream: BinaryIO, length: int, place: int) -> tuple[bytes, str]:
 
 
 def _check_sum(stream: BinaryIO, start: int, end: int, checksum: int, what: str) -> None:
-    """Raise DamagedError where the bytes from start to end have another CRC, unless it is 0: not told."""
+    """Raise DamagedError where the bytes from start to end have another CRC; a CRC of 0 means that none was stored."""
     stream.seek(start)
     found, left = 0, end - start
     while checksum and left > 0:
         part = stream.read(min(left, BATCH))
         found, left = zlib.crc32(part, found), left - max(len(part), 1)
     if checksum and found != checksum:
-        raise DamagedError(f"{what} damaged: its checksum is another")
+        raise DamagedError(f"{what} damaged: its checksum differs")
 
 
 def _small(content: bytes, start: int, size: int) -> bytes:

@@ -1,4 +1,4 @@
-"""Metadata: what metadata.yaml says of a bag's folder, read and written."""
+"""Metadata: a bag's metadata.yaml, read and written."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from hybrid_sysid_ros.bags.mcap import DamagedError
-from hybrid_sysid_ros.bags.quality import Quality
+from hybrid_sysid_ros.bags.quality_of_service import QualityOfService
 from hybrid_sysid_ros.bags.storage import DISTRIBUTION, Extent, OfferedTopic
 from hybrid_sysid_ros.support import yaml_text
 
@@ -23,23 +23,20 @@ PACKINGS = ("", "none", "file", "message")
 
 @dataclass(frozen=True, kw_only=True)
 class Metadata:
-    """files: of the folder, in their order. packing: "", "file" or "message": what zstd packed. types, counts,
-    qualities: of each topic, its messages' type and number, and how its publishers offered them, as far as it is known.
+    """files: those of the folder, in order. packing: what zstd compressed, "", "file" or "message". types, counts,
+    qualities: by topic, the type and number of messages and the publishers' qualities of service where they are known.
     """
 
     files: tuple[Path, ...]
     packing: str
     types: dict[str, str]
     counts: dict[str, int]
-    qualities: dict[str, list[Quality]]
+    qualities: dict[str, list[QualityOfService]]
 
 
 def load(folder: Path) -> Metadata:
-    """Read it.
-
-    Raises:
-        OSError: it can't be read.
-        DamagedError: it is not what rosbag2 writes, or a file that it names is missing.
+    """Read metadata.yaml. Raises OSError where it can't be read, and DamagedError where rosbag2 would not have written
+    it so, or a file that it names is missing.
     """
     try:
         return _of(yaml_text.read(folder / FILE)["rosbag2_bagfile_information"], folder)
@@ -60,7 +57,7 @@ def _of(content: dict[str, Any], folder: Path) -> Metadata:
     packing = str(content.get("compression_mode") or "").lower()
     if packing not in PACKINGS or (packing[:1] in "fm" and packing and content.get("compression_format") != "zstd"):
         raise DamagedError(f"compression {packing} by {content.get('compression_format')} can't be read, only zstd")
-    types, counts, qualities = dict[str, str](), dict[str, int](), dict[str, list[Quality]]()
+    types, counts, qualities = dict[str, str](), dict[str, int](), dict[str, list[QualityOfService]]()
     for given in content["topics_with_message_count"]:
         topic = given["topic_metadata"]
         if topic["serialization_format"] != "cdr":
@@ -72,21 +69,21 @@ def _of(content: dict[str, Any], folder: Path) -> Metadata:
     return Metadata(files=files, packing=packing, types=types, counts=counts, qualities=qualities)
 
 
-def _qualities(given: Any) -> list[Quality]:
-    """The profiles of a topic; none where they are unreadable, for no measurement depends on them."""
+def _qualities(given: Any) -> list[QualityOfService]:
+    """The profiles of a topic; none where they are unreadable, since no measurement depends on them."""
     with suppress(KeyError, TypeError, ValueError, AttributeError, yaml_text.TextError):
         profiles = yaml_text.parsed(given) if isinstance(given, str) else given
-        return [Quality.of(profile) for profile in profiles or ()]
+        return [QualityOfService.of(profile) for profile in profiles or ()]
     return []
 
 
 def text(files: Sequence[Extent], offers: Sequence[OfferedTopic], notes: Mapping[str, str]) -> str:
-    """What rosbag2 of ROS 2 Jazzy writes of a bag's files and topics; notes: custom_data."""
+    """The text that rosbag2 of ROS 2 Jazzy writes about a bag's files and topics; notes: custom_data."""
     return _dumped({"rosbag2_bagfile_information": _description(files, offers, notes)})
 
 
 def inner_text(file: Extent, offers: Sequence[OfferedTopic], notes: Mapping[str, str]) -> str:
-    """What it writes into a file of it."""
+    """The text that rosbag2 writes into one file of a bag."""
     return _dumped(_description([file], offers, notes))
 
 

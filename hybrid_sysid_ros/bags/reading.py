@@ -1,4 +1,4 @@
-"""Reading: a bag into a record, block by block."""
+"""Reading: a bag becomes a record, block by block."""
 
 from __future__ import annotations
 
@@ -33,23 +33,22 @@ Key = tuple[str, int | str]  # input or output and its number, channel and its n
 
 
 def read(path: Path | str, signals: Signals, *, period: float | None = None, recover: bool = False) -> Record:
-    """Read a record out of a bag: a rosbag2 folder, or one MCAP or SQLite file. ROS need not be installed.
+    """Read a record from a bag: a rosbag2 folder, or one MCAP or SQLite file. ROS need not be installed.
 
-    Time is that of the output's topic (header stamps, or time of logging without a header) on the uniform grid. An
-    input from the same topic is taken sample by sample; from another topic it is held between its messages and
-    averaged over each interval, and samples for which it is not known are cut off. Channels of other topics are held,
-    NaN before their first message; channels that the bag has not got are left out. Short gaps are filled in: outputs on
-    a straight line, inputs held, channels NaN; the record knows which samples were measured, and a line says so.
+    Time comes from the output's topic (header stamps, or times of logging without a header), on a uniform grid. An
+    input of the same topic is read sample by sample; one of another topic is held between its messages and averaged
+    over each interval, and samples at which it is unknown are cut off. Channels of other topics are held, and NaN
+    before their first message; channels that the bag lacks are left out. Short gaps are filled in: outputs by a
+    straight line, inputs by holding, channels by NaN; the record marks the measured samples, and a log line says so.
 
-    The bag is read in blocks, in one pass, or in two where signals come from other topics than the output's. What grows
-    with it are the record's arrays only.
+    The bag is read in blocks, in one pass, or in two where signals come from other topics than the output's. Only the
+    record's arrays grow with its length.
 
-    period: sampling time [s] of the record, a multiple of the bag's: every n-th output, the input averaged between
-        them. For bags whose arrays would not fit into memory.
-    recover: read the part before the damage of a cut MCAP file; how much it is goes to the log.
+    period: sampling time [s] of the record, a multiple of the bag's: every n-th output, with the input averaged between
+        them. It is meant for bags whose arrays would not fit into memory.
+    recover: read the part of a cut MCAP file before the damage; its length is logged.
 
-    Raises:
-        UserError: bag, topic, field, number or stamp is missing or wrong, or the period; see the message.
+    Raises UserError where bag, topic, field, number, stamp or period is missing or wrong.
     """
     if period is not None and not 0 < period < np.inf:
         raise UserError(f"period is {period:g}: it needs seconds above 0")
@@ -58,7 +57,7 @@ def read(path: Path | str, signals: Signals, *, period: float | None = None, rec
 
 
 class _Reading:
-    """One bag on its way into a record."""
+    """The reading of one bag into a record."""
 
     def __init__(self, bag: Bag, signals: Signals, period: float | None) -> None:
         self.bag = bag
@@ -72,7 +71,7 @@ class _Reading:
         self.found: dict[Key, Resampled] = {}
         self.stamped: dict[str, bool] = {}  # by topic: whether headers have stamps
         self.origins: dict[str, int] = {}  # by topic: the first stamp [ns]
-        self.block: FilledBlock | None = None  # where the messages lie among the samples, of a topic that gives them
+        self.block: FilledBlock | None = None  # samples of the output's messages
         self.last: dict[Key, float] = {}  # newest value of its signals
 
     def record(self) -> Record:
@@ -111,7 +110,7 @@ class _Reading:
         )
 
     def columns(self, topics: Collection[str]) -> Iterator[TopicColumns]:
-        """Messages of topics, block by block, of those that the bag has."""
+        """Messages of those topics that the bag has, block by block."""
         for block in self.bag.blocks([name for name in topics if name in self.bag.topics]):
             yield TopicColumns(block, stamped=self.stamped.get(block.topic))
 
@@ -141,13 +140,13 @@ class _Reading:
                 self.found[key].add(stamps, values)
 
     def filler(self, key: Key, signal: Signal) -> Filler:
-        """What stands in the gaps of a signal."""
+        """How the gaps of a signal are filled."""
         if key[0] == "output":
             return "line"
         return "unknown" if key[0] == "channel" else "preceding" if signal.holds == "preceding" else "following"
 
     def resampled(self, key: Key, signal: Signal) -> Resampled:
-        """How a signal comes onto the samples."""
+        """How a signal is resampled."""
         preceding = signal.holds == "preceding"
         if key[0] != "input":
             return EveryNth(self.samples.every) if self.shares_topic(signal) else HeldLast(self.samples.stamps)
@@ -157,7 +156,7 @@ class _Reading:
         return HeldMean(edges, preceding=preceding, margin=int(0.5e9 * self.samples.step))
 
     def taken(self, kind: str, name: int | str) -> NDArray[np.float64]:
-        """A signal's values at the samples; they are handed out once."""
+        """A signal's values at the samples; they can be taken once."""
         return self.found.pop((kind, name)).result()
 
     def known(self) -> slice:
@@ -175,7 +174,7 @@ class _Reading:
         return slice(start, stop)
 
     def values(self, columns: TopicColumns, signal: Signal) -> NDArray[np.float64]:
-        """A signal's values, (messages,), scaled."""
+        """A signal's scaled values, (messages,)."""
         return signal.scale * columns.values(signal.field) + signal.offset
 
     def stamps(self, columns: TopicColumns, signal: Signal) -> NDArray[np.int64]:
@@ -191,7 +190,7 @@ class _Reading:
         return self.signals.topic(signal) == self.signals.topic(self.signals.output[0])
 
     def check_topic(self, signal: Signal) -> None:
-        """Whether the topic of an input or output is there."""
+        """Raise UserError where the topic of an input or output is missing."""
         name = self.signals.topic(signal)
         if name not in self.bag.topics:
             raise UserError(f"{self.bag.path}: no topic {name}: the bag has {self.bag.listing}; {self.right_one}")
@@ -199,11 +198,11 @@ class _Reading:
             raise self.silent(signal)
 
     def silent(self, signal: Signal) -> UserError:
-        """Error of a topic without messages."""
+        """The error for a topic without messages."""
         return UserError(f"{self.at(signal)} has no messages: was its publisher running?")
 
     def check_finite(self, columns: TopicColumns, signal: Signal, values: NDArray[np.float64], *, input: bool) -> None:
-        """Whether all values are numbers, but for an input before the first sample."""
+        """Raise UserError for a value that is not finite, except for an input before the first sample."""
         wrong, first = ~np.isfinite(values), columns.messages.first
         if input and not first and self.shares_topic(signal) and signal.holds == "preceding":
             wrong[0] = False
@@ -217,7 +216,7 @@ class _Reading:
 
     @contextmanager
     def clear(self, signal: Signal) -> Iterator[None]:
-        """Say in which bag and topic the sampling is wrong, or a field missing."""
+        """Add bag and topic to errors of sampling and of missing fields."""
         try:
             yield
         except SamplingError as error:
@@ -226,12 +225,12 @@ class _Reading:
             raise self.missing(signal, error) from error
 
     def missing(self, signal: Signal, error: MissingInMessageError) -> UserError:
-        """Error of a topic whose messages have not got a field."""
+        """The error for a topic whose messages lack a field."""
         return UserError(f"{self.at(signal)}: field {signal.field} is missing in {error}; {self.right_one}")
 
     @property
     def right_one(self) -> str:
-        """What to do where a bag has other topics or fields than the signals say."""
+        """Advice for a bag with other topics or fields than the signals name."""
         where = f" in {self.signals.source}" if self.signals.source else ""
         return f"name the right one{where} (--signals), or the rig (--rig)"
 

@@ -1,4 +1,4 @@
-"""A record: what one experiment measured, on one uniform time grid."""
+"""A record: the measurements of one experiment on one uniform time grid."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ UNIFORMITY = 1e-6  # largest deviation from the uniform grid, in sampling times
 class Record:
     """Input and output of one experiment.
 
-    name: what tables and reports call it (the bag's name).
+    name: its name in tables and reports (the bag's name).
     time: (samples,) s, uniform, starts at 0.
     input: (samples, inputs), in the drive's unit; input[k] holds over [time[k], time[k+1]) (its mean there).
     output: (samples, outputs), SI units, measured at time[k].
-    channels: further signals by name, each (samples,), measured at time[k]; NaN where the bag does not tell.
+    channels: further signals by name, each (samples,), measured at time[k]; NaN where unknown.
     measured: which samples were measured, (samples,), the others being filled in; None for all.
-    source: path it came from; digest: SHA-256 of the content there. rig: name of the rig it is of, where that is known.
+    source: its path; digest: SHA-256 of the content there. rig: name of its rig, where that is known.
 
     Raises UserError, naming record and sample, when shapes disagree, time is not uniform or input or output not finite.
     """
@@ -74,7 +74,7 @@ class Record:
 
     @property
     def fingerprint(self) -> str:
-        """Of the samples of time, input and output: one bag can be read by other signals, or in part."""
+        """Digest of the samples of time, input and output, since one bag can be read by other signals, or in part."""
         digest = hashlib.sha256()
         for array in (self.time, self.input, self.output):
             digest.update(array.tobytes())
@@ -83,11 +83,10 @@ class Record:
     def part(self, start: float, stop: float, *, every: int = 1) -> Record:
         """The samples from fraction `start` to fraction `stop` of the record (0 to 1); its time starts at 0 again.
 
-        Parts that share a fraction share no sample: part(0, .5) and part(.5, 1) together are the whole record. Cuts are
-        at multiples of `every` samples.
+        Parts that share a limit share no sample: part(0, .5) and part(.5, 1) together are the whole record. Cuts are at
+        multiples of `every` samples.
 
-        Raises:
-            UserError: the fractions are not 0 <= start < stop <= 1, or fewer than two samples are left.
+        Raises UserError where the fractions are not 0 <= start < stop <= 1, or fewer than two samples are left.
         """
         if not 0.0 <= start < stop <= 1.0:
             raise UserError(f"record {self.name}: a part needs 0 <= start < stop <= 1, not {start:g} to {stop:g}")
@@ -97,7 +96,7 @@ class Record:
         return self.between(chosen.start, chosen.stop)
 
     def between(self, first: int, stop: int) -> Record:
-        """The samples from `first` on, `stop` not among them; two or more. Time starts at 0 again."""
+        """The samples from `first` up to but without `stop`, at least two. Time starts at 0 again."""
         chosen = slice(first, stop)
         changes: dict[str, Any] = {
             "time": self.time[: stop - first],
@@ -128,7 +127,7 @@ class Record:
 
     def _check_time(self) -> None:
         if not np.isfinite(self.time).all():
-            raise UserError(f"record {self.name}: time is not a number at sample {_first(~np.isfinite(self.time))}")
+            raise UserError(f"record {self.name}: time is not finite at sample {_first(~np.isfinite(self.time))}")
         step = self.time[-1] / (self.samples - 1)
         if self.time[0] != 0.0 or step <= 0.0:
             raise UserError(

@@ -1,4 +1,4 @@
-"""Sampling: the samples of a record, and signals brought onto them, block by block."""
+"""Sampling: the samples of a record, and signals resampled at them, block by block."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ FEWEST = 3  # samples of a record
 def uniform_period(stamps: NDArray[np.int64], *, expected: float | None = None) -> float:
     """Sampling time [s] of stamps (samples,) [ns] that lie on a uniform grid but for a little jitter.
 
-    Raises:
-        SamplingError: too few samples, reversed or repeated stamps, irregular sampling, or not the expected one.
+    Raises SamplingError for too few samples, reversed, repeated or irregular stamps, and another sampling time.
     """
     median = median_step(stamps)
     seconds = (stamps - stamps[0]) * 1e-9
@@ -40,8 +39,7 @@ def uniform_period(stamps: NDArray[np.int64], *, expected: float | None = None) 
 def median_step(stamps: NDArray[np.int64]) -> float:
     """Median of the steps of stamps (samples,) [ns], in s.
 
-    Raises:
-        SamplingError: too few samples, reversed or repeated stamps.
+    Raises SamplingError for too few samples, and for reversed or repeated stamps.
     """
     if len(stamps) < FEWEST:
         raise SamplingError(f"only {len(stamps)} samples: a record needs {FEWEST} or more")
@@ -52,10 +50,9 @@ def median_step(stamps: NDArray[np.int64]) -> float:
 def check_order(stamps: NDArray[np.int64], *, what: str = "sample", number: int = 0, origin: int | None = None) -> None:
     """Check that stamps (samples,) [ns] rise.
 
-    what, number, origin: for the message: what the stamps are of, number of the first, and when time is 0 [ns].
+    The message uses what the stamps belong to (what), the number of the first, and the stamp of time 0 (origin) [ns].
 
-    Raises:
-        SamplingError: a stamp is reversed or repeated.
+    Raises SamplingError where a stamp is reversed or repeated.
     """
     steps = np.diff(stamps)
     if (steps > 0).all():
@@ -74,11 +71,7 @@ def check_order(stamps: NDArray[np.int64], *, what: str = "sample", number: int 
 
 
 def multiple(period: float, sampling_time: float) -> int:
-    """How many samples make a period [s].
-
-    Raises:
-        SamplingError: the period is no multiple of the sampling time.
-    """
+    """Number of samples in a period [s]. Raises SamplingError where the period is no multiple of the sampling time."""
     count = max(1, round(period / sampling_time))
     if not abs(count * sampling_time - period) <= PERIOD_TOLERANCE * period:
         raise SamplingError(
@@ -89,10 +82,10 @@ def multiple(period: float, sampling_time: float) -> int:
 
 
 class RecordSamples:
-    """The samples of a record, from stamps that come in blocks: every n-th, where the record is to be slower.
+    """The samples of a record, from stamps that come in blocks: every n-th stamp, where the record is slower.
 
-    expected: sampling time of the stamps [s], None for any; period: of the record, None for that of the stamps.
-    every: n. step: sampling time of the stamps, as the first block of them shows it [s]. gaps: lengths of the gaps.
+    expected: sampling time of the stamps [s], None for any. period: sampling time of the record, None for that of the
+    stamps. every: n. step: sampling time of the stamps in the first block [s]. gaps: lengths of the gaps in samples.
     """
 
     def __init__(self, *, expected: float | None, period: float | None) -> None:
@@ -106,10 +99,9 @@ class RecordSamples:
         self.step = 0.0
 
     def add(self, stamps: NDArray[np.int64]) -> FilledBlock:
-        """Take the stamps that follow, (messages,) [ns]; return where they lie among the samples.
+        """Take the next stamps (messages,) [ns]; return their places among the samples.
 
-        Raises:
-            SamplingError: they are not those of a uniform sampling, or the period is no multiple of it.
+        Raises SamplingError where the sampling is not uniform, or the period is no multiple of the sampling time.
         """
         begins, step = not self._taken, self.step
         if begins:
@@ -134,10 +126,9 @@ class RecordSamples:
         return block
 
     def missing(self) -> str:
-        """How much is missing, in a line; "" where nothing is.
+        """How many samples are missing, in a line; "" where none are.
 
-        Raises:
-            SamplingError: it is more than a share of MOST_MISSING.
+        Raises SamplingError where more than a share MOST_MISSING is missing.
         """
         if not self.gaps:
             return ""
@@ -161,34 +152,30 @@ class RecordSamples:
 
     @cached_property
     def period(self) -> float:
-        """Sampling time [s].
-
-        Raises:
-            SamplingError: too few samples, or they are not uniform.
-        """
+        """Sampling time [s]. Raises SamplingError for too few samples, and for samples that are not uniform."""
         return uniform_period(self.stamps, expected=self._expected if self.every == 1 else None)
 
 
 def _rounded(period: float, samples: int) -> float:
-    """Whole nanoseconds, where that does not move the last sample by more than a tenth of the jitter."""
+    """The period in whole nanoseconds, where this moves the last sample by at most a tenth of the jitter."""
     nearest = round(period, 9)
     return nearest if abs(nearest - period) * samples < 0.1 * JITTER * period else period
 
 
 class Resampled(ABC):
-    """A signal on its way onto the samples of a record. It keeps one number a sample, whatever came in."""
+    """A signal that is resampled at the samples of a record. It keeps one number for each sample."""
 
     @abstractmethod
     def add(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-        """Take the messages that follow; both (messages,), stamps in ns."""
+        """Take the next messages: stamps [ns] and values, both (messages,)."""
 
     @abstractmethod
     def result(self) -> NDArray[np.float64]:
-        """Values at the samples, (samples,), when all messages were taken."""
+        """Values at the samples, (samples,), after all messages were taken."""
 
 
 class EveryNth(Resampled):
-    """The first of every `size` values: of a signal in the messages that give the samples."""
+    """The first of every `size` values, for a signal in the messages that define the samples."""
 
     def __init__(self, size: int) -> None:
         self._size = size
@@ -204,10 +191,10 @@ class EveryNth(Resampled):
 
 
 class GroupMean(Resampled):
-    """Mean of every `size` values: of an input in the messages that give the samples.
+    """Mean of every `size` values, for an input in the messages that define the samples.
 
-    skip: 1 where values belong to the interval before their message: the first one is not used, and the last sample
-        has none of its own where no message follows it: the last value again.
+    skip: 1 where values belong to the interval before their message: then the first one is not used, and the last
+        sample repeats the value before it where no message follows.
     """
 
     def __init__(self, size: int, *, skip: int) -> None:
@@ -232,14 +219,14 @@ class GroupMean(Resampled):
 
 
 class Held(Resampled):
-    """A signal of another topic, which holds from each message to the next."""
+    """A signal of another topic, which is held from each message to the next."""
 
     def __init__(self) -> None:
         self._stamp = np.empty(0, dtype=np.int64)
         self._value = np.empty(0)
 
     def _hold(self, begins: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-        """Let values[j] hold from begins[j] [ns] on, and what held before until begins[0]."""
+        """Hold values[j] from begins[j] [ns] on, and the previous value until begins[0]."""
         begins, values = np.append(self._stamp, begins), np.append(self._value, values)
         self._take(begins, values)
         self._stamp, self._value = begins[-1:], values[-1:]
@@ -251,7 +238,7 @@ class Held(Resampled):
 
     @abstractmethod
     def _take(self, begins: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-        """Bring what holds from the first to the last of the times onto the samples."""
+        """Resample values that are held from begins[0] to the last of begins [ns]."""
 
 
 class HeldLast(Held):
@@ -298,11 +285,7 @@ class HeldMean(Held):
         self._messages = self._first = self._last = self._step = 0
 
     def add(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-        """Take the messages that follow.
-
-        Raises:
-            SamplingError: a stamp is repeated or reversed.
-        """
+        """Take the next messages. Raises SamplingError where a stamp is repeated or reversed."""
         if self._messages:
             joined = np.append(self._last, stamps)
             check_order(joined, what="message", number=self._messages - 1, origin=self._first)
@@ -320,7 +303,7 @@ class HeldMean(Held):
         self._last = int(stamps[-1])
 
     def known(self) -> slice:
-        """Intervals in which the input is known: from the first to the last message, and one step of theirs on."""
+        """Intervals in which the input is known: from the first message to one of its steps after the last."""
         first = self._first - (self._step if self._preceding else 0) - self._margin
         last = self._last + (0 if self._preceding else self._step) + self._margin
         start = int(np.searchsorted(self._edges[:-1], first, side="right"))

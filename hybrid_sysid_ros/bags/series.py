@@ -1,4 +1,4 @@
-"""Series: messages of one topic made from arrays, serialised as a whole."""
+"""Series: messages of one topic, serialised from arrays all at once."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class Series:
 
 
 def repeated(topic: str, template: Any, stamps: ArrayLike, columns: Mapping[str, ArrayLike]) -> Series:
-    """Copy one message as often as there are stamps and put arrays into its fields.
+    """Copy one message for each stamp and write arrays into its fields.
 
-    template: a message of rosbags (jazzy_types().types[...]); its lists have the lengths of every message.
-    stamps: (messages,) ns; put into header.stamp where there is a header.
-    columns: (messages,) by field, such as "effort[0]", "points[0].positions[arm]".
+    template: a message of rosbags (jazzy_types().types[...]); all messages have the lengths of its lists.
+    stamps: (messages,) [ns]; they also become header.stamp where there is a header.
+    columns: arrays (messages,) by field, such as "effort[0]", "points[0].positions[arm]".
     """
     message_type = template.__msgtype__
     stamps = np.asarray(stamps, dtype=np.int64)
@@ -61,7 +61,7 @@ def joint_states(
     effort: ArrayLike | None = None,
     frame: str = "",
 ) -> Series:
-    """sensor_msgs/JointState messages of joints `names`; each of the arrays is (messages, joints), or None for none."""
+    """sensor_msgs/JointState messages of joints `names`; each array is (messages, joints), or None."""
     given = {"position": position, "velocity": velocity, "effort": effort}
     arrays = {key: np.asarray(value, dtype=np.float64) for key, value in given.items() if value is not None}
     types = jazzy_types().types
@@ -81,10 +81,9 @@ def joint_trajectories(
     velocities: ArrayLike | None = None,
     frame: str = "",
 ) -> Series:
-    """trajectory_msgs/JointTrajectory messages.
+    """trajectory_msgs/JointTrajectory messages of joints `names`.
 
-    positions, velocities: (messages, points, joints), or None for none; times: (points,) s, time_from_start of each
-    point.
+    positions, velocities: (messages, points, joints), or None. times: (points,) [s], time_from_start of each point.
     """
     given = {"positions": positions, "velocities": velocities}
     arrays = {key: np.asarray(value, dtype=np.float64) for key, value in given.items() if value is not None}

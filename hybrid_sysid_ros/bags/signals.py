@@ -1,4 +1,4 @@
-"""Signals: which fields of which topics of a bag make the input, output and channels of a record."""
+"""Signals: the fields of a bag's topics that become the input, output and channels of a record."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _STEP = re.compile(r"\.?(?P<attribute>[A-Za-z_]\w*)|\[(?P<entry>[^\[\]]+)\]")
 
 
 class Named(Protocol):
-    """An input or output, whoever describes it."""
+    """An input or output with a name and a unit."""
 
     @property
     def name(self) -> str: ...
@@ -36,20 +36,20 @@ class FieldStep:
 
 @dataclass(frozen=True, kw_only=True)
 class Signal:
-    """One number a message: value = scale * field + offset. Raises UserError when field or holds make no sense."""
+    """One number of each message: value = scale * field + offset. Raises UserError for a wrong field or holds."""
 
     topic: str
-    """Absolute, or relative to the namespace of the rig."""
+    """Name of the topic, absolute or relative to the namespace of the rig."""
     field: str
     """Path into the message: "data", "wrench.force.x", "effort[0]", "position[elbow]" (the entry of the joint of that
     name), "points[0].positions[elbow]"."""
     unit: str = ""
-    """Of the value, after scale and offset, which must be the rig's; "" says nothing."""
+    """Unit of the value after scale and offset, which must be the rig's; "" if it is not stated."""
     scale: float = 1.0
     offset: float = 0.0
     holds: str = "preceding"
-    """Of an input, the interval that the value was applied in: "preceding" the one that ends at the stamp (what a
-    driver reports), "following" the one that begins there (a command)."""
+    """The interval in which an input's value was applied: "preceding", which ends at the stamp (as a driver reports
+    it), or "following", which begins there (a command)."""
 
     def __post_init__(self) -> None:
         if self.holds not in HOLDS:
@@ -64,20 +64,20 @@ class Signal:
 
 @dataclass(frozen=True, kw_only=True)
 class Signals:
-    """What to read from a bag. Outputs share one topic, whose stamps are the record's time."""
+    """Signals to read from a bag. Outputs share one topic, whose stamps are the record's time."""
 
     namespace: str
-    """Of the rig; topics without a leading slash are in it."""
+    """Namespace of the rig, of which topics without a leading slash are part."""
     inputs: Mapping[str, Signal]
     """By the names of the system's inputs: the columns of Record.input."""
     outputs: Mapping[str, Signal]
     """By the names of the system's outputs: the columns of Record.output."""
     channels: Mapping[str, Signal] = field(default_factory=dict)
-    """Further signals by name, left out where a bag has not got them."""
+    """Further signals by name, which are left out where a bag lacks them."""
     period: float | None = None
-    """Expected sampling time [s]; None takes what the bag has."""
+    """Expected sampling time [s]; None accepts that of the bag."""
     source: str = ""
-    """The file it came from, for messages to the user."""
+    """The file that declares them, for error messages."""
 
     def __post_init__(self) -> None:
         if not self.inputs or not self.outputs:
@@ -89,12 +89,12 @@ class Signals:
 
     @property
     def input(self) -> tuple[Signal, ...]:
-        """Those of the inputs."""
+        """The signals of the inputs."""
         return tuple(self.inputs.values())
 
     @property
     def output(self) -> tuple[Signal, ...]:
-        """Those of the outputs."""
+        """The signals of the outputs."""
         return tuple(self.outputs.values())
 
     def topic(self, signal: Signal) -> str:
@@ -104,7 +104,7 @@ class Signals:
         return "/" + "/".join(part for part in (self.namespace.strip("/"), signal.topic) if part)
 
     def ordered(self, inputs: Sequence[Named], outputs: Sequence[Named]) -> Signals:
-        """The same in the order of a rig's inputs and outputs. Raises UserError for others, or in other units."""
+        """The signals in the order of a rig's inputs and outputs. Raises UserError for other names or units."""
         where, found = self.source or "signals", []
         for kind, signals, variables in (("inputs", self.inputs, inputs), ("outputs", self.outputs, outputs)):
             names = [item.name for item in variables]
@@ -122,10 +122,9 @@ class Signals:
 
     @classmethod
     def of(cls, content: Mapping[str, Any], namespace: str, where: str, *, given: Given | None = None) -> Signals:
-        """From a section "signals". given: inputs, outputs and channels where the section has none.
+        """Signals from a section "signals". given: inputs, outputs and channels where the section has none.
 
-        Raises:
-            UserError: a key is unknown, missing or of the wrong kind.
+        Raises UserError where a key is unknown, missing or of the wrong kind.
         """
         where_all = f"{where}: signals"
         refuse_unknown(content, ("inputs", "outputs", "channels", "period"), where_all)
@@ -142,10 +141,9 @@ class Signals:
 
     @classmethod
     def load(cls, path: Path | str) -> Signals:
-        """Read section "signals" (and "namespace") of a YAML file. Other sections are for others.
+        """Read the sections "signals" and "namespace" of a YAML file; other sections are ignored.
 
-        Raises:
-            UserError: no such file, no YAML, a key is unknown, missing or of the wrong kind.
+        Raises UserError for a file that can't be read, and for a key that is unknown, missing or of the wrong kind.
         """
         content = read_mapping(path)
         refuse_endless(content, f"{path}:")
@@ -161,8 +159,7 @@ Given = tuple[Mapping[str, Signal], Mapping[str, Signal], Mapping[str, Signal]]
 def parsed_field(text: str) -> tuple[FieldStep, ...]:
     """Steps of a path into a message, such as points[0].positions[elbow].
 
-    Raises:
-        UserError: it is not such a path.
+    Raises UserError for a text that is no such path.
     """
     steps: list[FieldStep] = []
     position = 0

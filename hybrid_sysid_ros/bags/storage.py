@@ -1,4 +1,4 @@
-"""Storage: the MCAP files of a bag that is written, block by block on the disk, and how its topics were offered."""
+"""Storage: MCAP files that are written block by block, and the quality of service of their topics."""
 
 from __future__ import annotations
 
@@ -19,20 +19,18 @@ from mcap.writer import CompressionType, Writer
 
 from hybrid_sysid_ros.bags.layout import jazzy_types
 from hybrid_sysid_ros.bags.mcap import MAGIC
-from hybrid_sysid_ros.bags.quality import Quality
+from hybrid_sysid_ros.bags.quality_of_service import QualityOfService
 
 
 class DurableFile:
-    """A file that grows by blocks: each is on the disk whole or not at all, whatever fails meanwhile.
+    """A file that grows by blocks: each block is on the disk as a whole or not at all, whatever fails.
 
-    As long as it grows it has a provisional end, which the next block takes the place of: so it is whole between two
-    blocks, also where nobody comes to close it.
-
-    It has what a library needs that writes to a file: write(), flush() and tell().
+    While it grows it has a provisional end, which the next block replaces: so it is whole between two blocks, even if
+    it is never closed. It has write(), flush() and tell(), as a library needs that writes to a file.
     """
 
     def __init__(self, path: Path, *, end: bytes) -> None:
-        """path: of a file that is made with its first block. end: the provisional one."""
+        """path: the file, which is made with its first block. end: its provisional end."""
         self._path, self._end = path, end
         self._descriptor: int | None = None
         self._size = 0  # without the end
@@ -47,12 +45,12 @@ class DurableFile:
         """Do nothing: blocks are put on the disk by sync()."""
 
     def tell(self) -> int:
-        """Where the next byte goes."""
+        """The position of the next byte."""
         return self._size + len(self._pending)
 
     def sync(self, *, whole: bool = False) -> None:
-        """Put the block on the disk. whole: it has the file's real end. Raises OSError where that fails, and leaves
-        the file as it was before; it may be tried again.
+        """Write the block to the disk. whole: it contains the file's real end. Raises OSError where that fails; then
+        the file stays as it was, and the call may be repeated.
         """
         if self._descriptor is None:
             self._descriptor = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
@@ -69,7 +67,7 @@ class DurableFile:
         self._pending.clear()
 
     def close(self) -> None:
-        """Close the file as it is on the disk; one without a block is removed."""
+        """Close the file as it is on the disk; a file without a block is removed."""
         if self._descriptor is None:
             return
         os.close(self._descriptor)
@@ -78,7 +76,7 @@ class DurableFile:
                 self._path.unlink()
 
     def _put(self, descriptor: int, data: bytes) -> None:
-        """Let this be all that follows the blocks on the disk."""
+        """Replace everything behind the blocks on the disk."""
         written = 0
         while written < len(data):
             written += os.pwrite(descriptor, data[written:], self._size + written)
@@ -86,7 +84,7 @@ class DurableFile:
 
 
 def sync(path: Path) -> None:
-    """Put a file, or the names in a folder, on the disk. Raises OSError where that fails."""
+    """Flush a file, or the names in a folder, to the disk. Raises OSError where that fails."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -94,25 +92,25 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
-CHUNK = 1 << 20  # bytes of messages that are packed together, where nobody flushes before
+CHUNK = 1 << 20  # bytes of messages that are compressed together, unless flush() is called before
 DISTRIBUTION = "jazzy"
 Compression = Literal["zstd", "lz4", ""]
-"""What packs chunks; "": nothing."""
+"""Compression of chunks; "": none."""
 PLACE = "_Writer__chunk_indices"
-"""Where the mcap library keeps what becomes the index of a file."""
+"""The attribute in which the mcap library collects the index of a file."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OfferedTopic:
-    """A topic as its publishers offer it: its message type, of ROS 2 Jazzy, and the quality of service of each."""
+    """A topic as its publishers offer it: its message type of ROS 2 Jazzy, and the quality of service of each."""
 
     topic: str
     type: str
-    qualities: Sequence[Quality] = ()
+    qualities: Sequence[QualityOfService] = ()
 
     @cached_property
     def definition(self) -> str:
-        """The message type's text with all types that it is made of."""
+        """The definition of the message type, with all types in it."""
         text, _ = jazzy_types().generate_msgdef(self.type, ros_version=2)
         return text
 
@@ -123,13 +121,13 @@ class OfferedTopic:
 
     @property
     def profiles(self) -> list[dict[str, Any]]:
-        """The qualities in rosbag2's words."""
+        """The qualities of service in rosbag2's terms."""
         return [quality.description for quality in self.qualities]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Extent:
-    """What a file holds: messages by topic, the times at which the first and the last were logged [ns]."""
+    """Content of a file: number of messages by topic, and the times of logging of the first and the last [ns]."""
 
     name: str
     counts: Counter[str]
@@ -138,8 +136,8 @@ class Extent:
 
 
 class ChunkIndices:
-    """Indices of a file's chunks as they will stand at its end, 150 bytes each: the library's own objects take a
-    kilobyte each until then, 15 MB an hour of a recording that is flushed four times a second.
+    """Indices of a file's chunks in the form in which they are stored, 150 bytes each. The library's own objects take a
+    kilobyte each: 15 MB an hour for a recording that is flushed four times a second.
     """
 
     def __init__(self) -> None:
@@ -154,15 +152,15 @@ class ChunkIndices:
         yield self
 
     def write(self, builder: RecordBuilder) -> None:
-        """All of them at once."""
+        """Write all indices at once."""
         builder.write(self._records)
 
 
 class Storage:
-    """An MCAP file on its way, named by its place in the bag's folder."""
+    """An MCAP file that is being written; its name is relative to the bag's folder."""
 
     def __init__(self, name: str, stream: Any, *, compression: Compression) -> None:
-        """stream: to write into, with write(), flush() and tell(). compression: of the chunks."""
+        """stream: the file, with write(), flush() and tell(). compression: that of the chunks."""
         self.name = name
         self.counts: Counter[str] = Counter()
         self.first = self.last = 0
@@ -176,7 +174,7 @@ class Storage:
 
     @property
     def extent(self) -> Extent:
-        """What it holds by now."""
+        """The content so far."""
         return Extent(name=self.name, counts=self.counts.copy(), first=self.first, last=self.last)
 
     def write(self, offer: OfferedTopic, logged: int, published: int, data: bytes | memoryview) -> None:
@@ -190,7 +188,7 @@ class Storage:
         self.counts[offer.topic] += 1
 
     def attach(self, name: str, data: bytes, logged: int) -> None:
-        """Write a file that belongs to the bag, and the time [ns] at which it was read."""
+        """Attach a file to the bag, with the time [ns] at which it was read."""
         self._writer.add_attachment(create_time=0, log_time=logged, name=name, media_type="", data=data)
 
     def flush(self) -> None:
@@ -198,7 +196,7 @@ class Storage:
         self._writer.flush()
 
     def finish(self, metadata: Callable[[Extent], str]) -> None:
-        """Write the end: what metadata.yaml says of this file, and the index of its chunks."""
+        """Write the end of the file: its metadata, and the index of its chunks."""
         self.flush()
         entries = {"ROS_DISTRO": DISTRIBUTION, "serialized_metadata": metadata(self.extent)}
         self._writer.add_metadata("rosbag2", entries)
@@ -216,7 +214,7 @@ class Storage:
 
 
 def provisional_end() -> bytes:
-    """What makes a file whole that has no index: the shortest end that the specification permits."""
+    """The shortest end of a file that the specification permits, without an index."""
     builder = RecordBuilder()
     DataEnd(data_section_crc=0).write(builder)
     Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(builder)

@@ -1,4 +1,4 @@
-"""Writing bags: whole, or growing under their own name so that they outlive a full disk, a kill and a power loss."""
+"""Writing bags: as a whole, or growing so that they survive a full disk, a kill and a power loss."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from hybrid_sysid_ros.bags.storage import (
     DurableFile,
     Extent,
     OfferedTopic,
-    Quality,
+    QualityOfService,
     Storage,
     provisional_end,
     sync,
@@ -34,13 +34,13 @@ from hybrid_sysid_ros.support.files import beside, check_folder, room_beside, ta
 
 @dataclass(frozen=True, kw_only=True)
 class Split:
-    """Where a bag goes on in a next file: from so many bytes on the disk, or seconds of log time, on; 0: never."""
+    """Limits at which a bag continues in a new file: bytes on the disk, and seconds of log time; 0: no limit."""
 
     size: int = 0
     seconds: float = 0.0
 
     def is_due(self, file: Storage, logged: int) -> bool:
-        """Whether a message that was logged then [ns] belongs into the next one."""
+        """Whether a message that was logged at a time [ns] belongs into the next file."""
         if not file.counts:
             return False
         long = 0.0 < self.seconds * SECOND <= logged - file.first
@@ -50,13 +50,13 @@ class Split:
 class BagWriter:
     """Write a bag, message by message, as a context.
 
-    It grows in a temporary folder beside `path`, which takes its place when the context ends well: a bag is whole or
-    not there. What cannot be had again is written by a :class:`Recording`.
+    It grows in a temporary folder beside `path`, which is renamed to `path` when the context ends without an error: a
+    bag is whole or does not exist. For data that cannot be produced again, use :class:`Recording`.
 
-    compression: what packs the chunks of the MCAP files: zstd or lz4, which every MCAP reader unpacks; "": nothing.
+    compression: that of the chunks: zstd or lz4, which every MCAP reader knows; "": none.
     replace: replace a bag that exists there.
     notes: text by key for the metadata (custom_data), such as where the data came from.
-    split: where it goes on in a next file.
+    split: when it continues in a new file.
 
     Raises UserError when the place cannot be written or is taken.
     """
@@ -104,11 +104,10 @@ class BagWriter:
             for file in self._files:
                 file.stream.close()
 
-    def offer(self, topic: str, message_type: str, qualities: Sequence[Quality] = ()) -> OfferedTopic:
-        """Say how a topic is offered, before its first message is written.
+    def offer(self, topic: str, message_type: str, qualities: Sequence[QualityOfService] = ()) -> OfferedTopic:
+        """Declare how a topic is offered, before its first message is written.
 
-        Raises:
-            UserError: ROS 2 Jazzy has no such message type, or the topic had another type before.
+        Raises UserError where ROS 2 Jazzy has no such message type, or the topic had another type before.
         """
         package, _, name = message_type.rpartition("/")
         full = message_type if package.endswith("/msg") else f"{package}/msg/{name}"
@@ -126,10 +125,8 @@ class BagWriter:
     ) -> None:
         """Write one serialised message (CDR, as a raw subscription of rclpy gives it).
 
-        stamp: time of logging [ns]. published: when it was sent, as far as that is known [ns]; 0: when it was logged.
-
-        Raises:
-            UserError: see :meth:`offer`.
+        stamp: time of logging [ns]. published: time of sending [ns]; 0: the time of logging. Raises UserError as
+        :meth:`offer` does.
         """
         offer = self._offers.get(topic)
         if offer is None or offer.type != message_type:
@@ -140,7 +137,7 @@ class BagWriter:
         self.messages += 1
 
     def attach(self, name: str, data: bytes, logged: int) -> None:
-        """Keep a file beside the messages, and the time [ns] at which it was read; see :mod:`.attachments`."""
+        """Attach a file to the bag, with the time [ns] at which it was read; see :mod:`.attachments`."""
         self._files[-1].attach(name, data, logged)
 
     def flush(self) -> None:
@@ -148,7 +145,7 @@ class BagWriter:
         self._files[-1].flush()
 
     def _next_file(self) -> None:
-        """Begin the next file, and end the one before."""
+        """End the current file and begin the next."""
         name = f"{self.path.resolve().name}_{len(self._files)}.mcap"
         stream = self._opened(self._folder / name)
         if self._files:
@@ -160,7 +157,7 @@ class BagWriter:
         self._files[-1].finish(lambda file: metadata.inner_text(file, offers, self._notes))
 
     def _opened(self, path: Path) -> Any:
-        """A new file, to write into."""
+        """A new file, opened for writing."""
         return path.open("xb")
 
     def _describe(self) -> None:
@@ -174,7 +171,7 @@ class BagWriter:
         path.write_bytes(data)
 
     def _extents(self) -> list[Extent]:
-        """What the files hold."""
+        """The contents of the files."""
         return [file.extent for file in self._files]
 
 
@@ -188,8 +185,7 @@ def write_bag(
 ) -> Path:
     """Write a bag of whole series, in the order of their stamps.
 
-    Raises:
-        UserError: the place cannot be written, or holds something that may not be replaced.
+    Raises UserError where the place cannot be written, or holds something that may not be replaced.
     """
     with BagWriter(path, compression=compression, replace=replace, notes=notes) as writer:
         stamps = np.concatenate([one.stamps for one in topics])
@@ -201,19 +197,19 @@ def write_bag(
     return Path(path)
 
 
-RESERVE = ".reserve"  # file that makes room for the end of the bag when the disk is full
+RESERVE = ".reserve"  # a file that is removed to make room for the end of the bag when the disk is full
 RESERVE_BYTES = 1 << 18  # of it
 
 
 class Recording(BagWriter):
-    """Write a bag that nobody can write again, message by message, as a context.
+    """Write a bag of data that cannot be produced again, message by message, as a context.
 
-    The folder takes its place with the first message, and each flush() puts all so far on the disk, where the files are
-    whole from then on. However the context ends, the bag gets its index and its metadata.yaml as far as the disk
-    permits. A bag that was there before is moved beside it (NAME.old), and removed when the new one has ended well.
+    The folder appears with the first message, and each flush() writes all messages so far to the disk; the files are
+    whole after each flush. However the context ends, the bag gets its index and its metadata.yaml if the disk permits.
+    An older bag of the name is moved beside it (NAME.old), and removed after the new one has ended without an error.
 
-    kept: messages that are on the disk. whole: the bag has its metadata.yaml. old: where the bag before is, if it was
-    kept.
+    kept: number of messages on the disk. whole: whether the bag has its metadata.yaml. old: path of the older bag, if
+    it was kept.
 
     Raises UserError when the place cannot be written or is taken, OSError when the disk fails later.
     """
@@ -225,7 +221,7 @@ class Recording(BagWriter):
         self.whole = False
         self.old: Path | None = None
         self._folder = self._place = beside(path, "")
-        self._kept: dict[str, Extent] = {}  # what is on the disk, by file
+        self._kept: dict[str, Extent] = {}  # content on the disk, by file
         self._ended = 0  # files that are closed
 
     def __enter__(self) -> Recording:
@@ -236,21 +232,21 @@ class Recording(BagWriter):
     ) -> None:
         if self._files:
             self._finish(well=kind is None)
-        elif kind is None:  # no message came
+        elif kind is None:  # there was no message
             with BagWriter(self.path, replace=self._replace):
                 self.whole = True
 
     def write_raw(
         self, topic: str, message_type: str, stamp: int, data: bytes | memoryview, *, published: int = 0
     ) -> None:
-        """Write one serialised message; see :meth:`BagWriter.write_raw`. The first is on the disk at once."""
+        """Write one serialised message; see :meth:`BagWriter.write_raw`. The first is flushed to the disk at once."""
         if self._files:
             return super().write_raw(topic, message_type, stamp, data, published=published)
         self.offer(topic, message_type)
         with room_beside(self._place) as self._folder:
             try:
                 self._folder.mkdir()
-                (self._folder / RESERVE).write_bytes(os.urandom(RESERVE_BYTES))  # which no file system packs
+                (self._folder / RESERVE).write_bytes(os.urandom(RESERVE_BYTES))  # which no file system compresses
                 self._next_file()
                 super().write_raw(topic, message_type, stamp, data, published=published)
                 self.flush()
@@ -263,13 +259,13 @@ class Recording(BagWriter):
                 raise
 
     def flush(self) -> None:
-        """Put all that was written so far on the disk. Raises OSError where that fails; it may be tried again."""
+        """Flush everything written so far to the disk. Raises OSError where that fails; it may be tried again."""
         if self._files:
             super().flush()
             self._sync()
 
     def _sync(self, *, whole: bool = False) -> None:
-        """whole: the newest file has its end, as those before it have."""
+        """Flush the newest file. whole: it has its end, as those before it have."""
         for number in range(self._ended, len(self._files)):
             file, ended = self._files[number], number + 1 < len(self._files)
             file.stream.sync(whole=ended or whole)

@@ -1,4 +1,4 @@
-"""Structures to identify, and the models they become."""
+"""Model structures, and the models that are identified with them."""
 
 from hybrid_sysid_ros.models.model import Model, load
 from hybrid_sysid_ros.models.sampling import InputHandling, Sampling

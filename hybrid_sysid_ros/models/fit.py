@@ -1,4 +1,4 @@
-"""What the fit of a structure is given, and what it gives."""
+"""Input and result of the fit of a structure."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class PreparedRecord:
     name: str
     sampling: Sampling
     inputs: Array
-    """Over each step, (steps, inputs)."""
+    """Mean inputs over each step, (steps, inputs)."""
     outputs: Array
-    """Raw ones at the scored samples, (samples, outputs)."""
+    """Raw outputs at the scored samples, (samples, outputs)."""
     states: Array
-    """As far as the raw outputs and their Savitzky-Golay rates show them, (samples, states): initial states only."""
+    """States from raw outputs and their Savitzky-Golay rates, (samples, states); used only as initial states."""
     measured: NDArray[np.bool_] | None = None
-    """Which samples are scored, (samples,): those that were measured; None for all."""
+    """Which samples were measured and are scored, (samples,); None for all."""
 
     @property
     def samples(self) -> int:
@@ -40,45 +40,45 @@ class PreparedRecord:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
-    """A fitted system, and how sure its numbers are."""
+    """A fitted system, and the uncertainty of its numbers."""
 
     system: System
     names: tuple[str, ...] = ()
-    """The free parameters, physical ones first, then weights."""
+    """Names of the free parameters: physical ones, then weights."""
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """Of them, (free, free), in their units."""
+    """Robust covariance of the free parameters, (free, free), in their units."""
     by_cost: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """The same by the curvature of the cost alone, as if errors were independent of deviation one."""
+    """Their covariance from the curvature of the cost alone, as if errors were independent with deviation one."""
     nuisances: Mapping[str, Array] = field(default_factory=dict)
-    """What was added to initial states, (records,) by the state's name."""
+    """Fitted corrections of initial states, (records,) by the state's name."""
     relative_error: float
-    """Root mean square of the free-run errors, as part of the outputs' deviation."""
+    """Root mean square of the free-run errors, relative to the outputs' deviation."""
     seconds: float
-    """Of the optimisation, without compilation."""
+    """Time of the optimisation [s], without compilation."""
     evaluations: int
-    """Simulations of all records, with or without derivatives."""
+    """Number of simulations of all records, with or without derivatives."""
     biases: Mapping[str, Array] = field(default_factory=dict)
-    """Constant bias of an input in each record, (records,) by the input's name, where they were fitted."""
+    """Constant bias of an input in each record, (records,) by the input's name, where biases were fitted."""
     chi_squared: float | None = None
-    """Mean squared error in the sensors' noise; None where the fit was not over windows with initial states of their
-    own, as that of an unstable rig is.
+    """Mean squared error, in units of the sensors' noise; only a fit over windows with free initial states, as for an
+    unstable rig, has it.
     """
 
     @property
     def spreads(self) -> Array:
-        """Deviations of the free parameters by the cost alone, (free,): what another fit is anchored with."""
+        """Deviations of the free parameters by the cost alone, (free,), with which another fit is anchored."""
         return np.asarray(np.sqrt(np.clip(np.diag(self.by_cost), 0.0, None)))
 
 
 class FitContext(Protocol):
-    """The records, which are resampled once, and all else that the fit of a structure depends on."""
+    """Everything on which the fit of a structure depends; the records are resampled once."""
 
     @property
     def rig(self) -> Rig: ...
 
     @property
     def sampling(self) -> Sampling:
-        """What :meth:`~.structure.Structure.sampling` gave."""
+        """The sampling that :meth:`~.structure.Structure.sampling` returned."""
 
     @property
     def options(self) -> Mapping[str, float | int]:
@@ -89,25 +89,25 @@ class FitContext(Protocol):
 
     @property
     def progress(self) -> Any:
-        """Called with stage, evaluations and relative error, or None."""
+        """A function of stage, evaluations and relative error, or None."""
 
     @property
     def magnitudes(self) -> Magnitudes:
-        """Of the states and inputs of the rig in the records."""
+        """Magnitudes of the rig's states and inputs in the records."""
 
     def experiments(self, system: System) -> list[PreparedRecord]:
-        """The records with the states that a system would have in them."""
+        """The records with the states of a system."""
 
     def fit(self, system: System, **settings: Any) -> Fit:
-        """Least squares on free runs over the records, from where a system stands.
+        """Least squares on free runs over the records, beginning at the values of a system.
 
-        settings: of :func:`hybrid_sysid_ros.identification.fitting.fit`; ``experiments`` instead of the records'.
+        settings: those of :func:`hybrid_sysid_ros.identification.fitting.fit`; ``experiments`` instead of the records'.
         """
 
     def fit_physics(self, systems: Sequence[System], **settings: Any) -> Fit:
-        """The best fit of those that begin at several systems, as the options ``starts``, ``ridge`` and ``input_bias``
-        say; on a rig that needs a stabiliser over short windows.
+        """The best of fits that begin at several systems, by the options ``starts``, ``ridge`` and ``input_bias``.
+        For a rig that needs a stabiliser they use short windows.
         """
 
     def of(self, structure: Structure) -> FitContext:
-        """The same for a part of the structure, with the options that this part has."""
+        """The context for a part of the structure, with the options of this part."""

@@ -1,4 +1,4 @@
-"""Physics plus a small learned residual."""
+"""Hybrids: physics with a small learned residual."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 CLIP = 1.5
-"""Features are held within +-CLIP of their scale: beyond it a network knows nothing."""
+"""Features are limited to +-CLIP times their scale, since a network is not trained beyond it."""
 
 CORNER = 0.05
-"""Width over which that is rounded where a solver needs derivatives, in their scale."""
+"""Width of that limit's rounded corners for solvers that need derivatives, in the features' scale."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Hybrid(Wrapper):
-    """The physics with something learned in it, S n(z / s), n a block: a network, or fuzzy rules.
+    """The physics with a learned part S n(z / s), where n is a block: a network, or fuzzy rules.
 
-    z: the features of the physics, or the declared states, then the inputs (hidden deflections are none); s, S: scales,
-    which are fixed parameters, so that blocks of one shape share their compiled code. It adds, as ``on`` says, to
+    z: the features of the physics, or else the declared states, then the inputs. s, S: scales, which are fixed
+    parameters, so that blocks of one shape share their compiled code. ``on`` decides to which it is added:
 
         rates of states         x' = f(x, u) + E S n(clip(z / s)): |S n| is bounded, whatever the motion
-        closures            x' = f(x, u, c + E S n(z / s) phi(z / s)), phi the share of the training data's region
-                                (:class:`~.region.Region`): beyond it the physics is left as it is
+        closures            x' = f(x, u, c + E S n(z / s) phi(z / s)), where phi fades beyond the training data
+                                (:class:`~.region.Region`), so that far away only the physics is left
 
-    Raises UserError where weights or scales don't fit the block, or ``on`` not the physics.
+    Raises UserError where weights or scales don't fit the block, or ``on`` does not fit the physics.
     """
 
     on: tuple[str, ...]
-    """States to whose rates the block adds, or closures of the physics to which it does."""
+    """Names of states to whose rates the block adds, or of closures to which it adds."""
     block: Block
-    """One output for each of them."""
+    """The block, with one output for each name in ``on``."""
     scales: tuple[float, ...]
-    """Of the features, and of the block's outputs."""
+    """Scales of the features, then of the block's outputs."""
     network_weights: Array
-    """Of the block."""
+    """Weights of the block."""
     region: Region | None = None
-    """Of the training data, where it is on closures."""
+    """Region of the training data, where the block is on closures."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -112,7 +112,7 @@ class Hybrid(Wrapper):
         return replace(self, network_weights=weights)
 
     def rates(self, physics: Rates, x: Sequence[Scalar], u: Sequence[Scalar]) -> list[Scalar]:
-        """Those of the physics, with what is learned added where it is not in the closures."""
+        """The rates of the physics, plus the learned part where it is on rates."""
         found, names = super().rates(physics, x, u), [item.name for item in self.states]
         if self.region is None:
             for name, value in zip(self.on, self._learned(x, u), strict=True):
@@ -121,7 +121,7 @@ class Hybrid(Wrapper):
 
     @property
     def _computed(self) -> System:
-        """The physics, with what is learned in its closures if it is on these."""
+        """The physics, with the learned part in its closures where it is on these."""
         if self.region is None:
             return self.physics
         names = [item.name for item in self.physics.closures]
@@ -133,7 +133,7 @@ class Hybrid(Wrapper):
         return self.physics.corrected(more)
 
     def _learned(self, x: Sequence[Scalar], u: Sequence[Scalar]) -> list[Scalar]:
-        """What is added, (on,)."""
+        """The learned part, (on,)."""
         features, outputs = self.scales[: self.block.features], self.scales[self.block.features :]
         scaled = [value / scale for value, scale in zip(self.physics.feature(x, u), features, strict=True)]
         if self.region is None:
@@ -144,19 +144,19 @@ class Hybrid(Wrapper):
 
 
 def features_of(system: System) -> tuple[Variable, ...]:
-    """What a network beside a system sees."""
+    """The features of a network on a system."""
     return tuple(system.features) or (*system.declared_states, *system.inputs)
 
 
 class BlockKind(ABC):
-    """A kind of block that a hybrid may learn. An extension provides its own as ``blocks``, by the name of the option
-    that chooses it and says its size; 0 is none.
+    """A kind of block that a hybrid may learn. An extension provides one as ``blocks``, under the name of the option
+    that chooses it and gives its size; 0 chooses none.
     """
 
     made: ClassVar[type[Block]]
     """The class of its blocks."""
     size_field: ClassVar[str]
-    """The field of them by which :meth:`block` makes one again."""
+    """The field that holds a block's size, by which :meth:`block` makes it again."""
     option: ClassVar[Option]
     from_data: ClassVar[bool] = False
     """Whether its first weights depend on where the training data are."""
@@ -169,7 +169,7 @@ class BlockKind(ABC):
         return np.zeros(block.size)
 
     def initial_weights(self, block: Block, points: Array, seed: int) -> Array:
-        """Weights (size,) where a fit begins; points (samples, features): training data in their scales."""
+        """Initial weights (size,) of a fit; points (samples, features): training data in their scales."""
         raise NotImplementedError
 
 
@@ -177,7 +177,7 @@ class Network(BlockKind):
     """One hidden layer of softsigns."""
 
     made, size_field = Softsign, "units"
-    option = Option(default=8, low=1, high=32, kind="int", description="of the network's hidden layer")
+    option = Option(default=8, low=1, high=32, kind="int", description="Units of the network's hidden layer.")
 
     def block(self, size: int, features: int, outputs: int) -> Softsign:
         return Softsign(features=features, units=size, outputs=outputs)
@@ -188,7 +188,7 @@ class Network(BlockKind):
 
 
 NETWORK = "units"
-"""The name of a network, which is learned where no other block is chosen."""
+"""The option of a network, which is learned where no other block is chosen."""
 
 
 def block_kinds() -> dict[str, BlockKind]:
@@ -197,7 +197,7 @@ def block_kinds() -> dict[str, BlockKind]:
 
 
 def block_of(sizes: Mapping[str, Any], features: int, outputs: int) -> Block:
-    """What is learned, by the sizes of the options or of a stored design.
+    """The block that the sizes in options or in a stored design choose.
 
     Raises UserError for two kinds of blocks at once, and for one that is not installed.
     """
@@ -212,7 +212,7 @@ def block_of(sizes: Mapping[str, Any], features: int, outputs: int) -> Block:
 
 
 def kind_of(block: Block) -> BlockKind:
-    """The kind that a block is of."""
+    """The kind of a block."""
     return next(kind for kind in block_kinds().values() if type(block) is kind.made)
 
 

@@ -20,9 +20,9 @@ from hybrid_sysid_ros.support.errors import UserError
 _Kind = TypeVar("_Kind", bound="Lagged")
 
 REACH = 1.1
-"""Outputs and inputs are held within a band about the training data that is so many times as wide as they are: beyond
-them what was learned knows nothing, and a run that leaves them hardly comes back from a wider band. On held-out blocks
-of one rig's training data the mean R2 of polynomials over 16 settings is .76 with 1.1 and .57 with 3."""
+"""Outputs and inputs are limited to a band around the training data, so many times as wide as these. Beyond the data
+the learned function means nothing, and a run hardly returns from a wider band. On held-out blocks of one rig's training
+data the mean R2 of polynomials over 16 settings is .76 with 1.1 and .57 with 3."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,8 +32,8 @@ class Lagged(Recurrence):
         r = for each output (y(t), ..., y(t - ny + 1)) / Y, then for each input (u(t), ..., u(t - nu + 1)) / U
 
     u(t) is the mean input from sample t to the next. States are the lagged outputs, then the lagged inputs without the
-    present ones. y(t + 1) and u are held within :data:`REACH` times their range in the training data, so that no free
-    run overflows. Scales Y, U and those ranges are fixed parameters; what f learns has no unit.
+    present ones. y(t + 1) and u are limited to :data:`REACH` times their range in the training data, so that no free
+    run overflows. The scales Y, U and these ranges are fixed parameters; the learned weights have no unit.
 
     Leontaritis and Billings (1985), Input-output parametric models for non-linear systems, Int. J. Control 41(2).
 
@@ -41,14 +41,14 @@ class Lagged(Recurrence):
     """
 
     KIND: ClassVar[str]
-    """What errors call it."""
+    """Name of the structure in errors."""
     LEARNED: ClassVar[str] = ""
-    """The field that holds the weights."""
+    """Name of the field that holds the weights."""
 
     outputs: tuple[Variable, ...]  # type: ignore[misc]
     inputs: tuple[Variable, ...]  # type: ignore[misc]
     output_lags: int
-    """ny; 0: f is of the inputs alone."""
+    """ny; 0: f depends on inputs alone."""
     input_lags: int
     """nu."""
     scales: tuple[float, ...]
@@ -56,7 +56,7 @@ class Lagged(Recurrence):
     low: tuple[float, ...]
     """Lowest values of outputs and inputs in the training data."""
     high: tuple[float, ...]
-    """Highest ones."""
+    """Highest values of outputs and inputs in the training data."""
 
     def __post_init__(self) -> None:
         if self.output_lags < 0 or self.input_lags < 1:
@@ -71,16 +71,16 @@ class Lagged(Recurrence):
 
     @abstractmethod
     def following(self, r: Sequence[Scalar]) -> Sequence[Scalar]:
-        """F: the next outputs in their scales, (outputs,)."""
+        """The function f: the next outputs in their scales, (outputs,)."""
 
     @property
     def _kept(self) -> int:
-        """Lags of an output among the states."""
+        """Number of lags of an output among the states."""
         return max(self.output_lags, 1)
 
     @property
     def regressors(self) -> tuple[Variable, ...]:
-        """What r is of, in their units."""
+        """The variables in r, with their units."""
         past = [_lagged(item, range(self.output_lags)) for item in self.outputs]
         past += [_lagged(item, range(self.input_lags)) for item in self.inputs]
         return tuple(item for lagged in past for item in lagged)
@@ -92,14 +92,14 @@ class Lagged(Recurrence):
 
     @property
     def _lag_counts(self) -> list[int]:
-        """How many entries of r each output and input has."""
+        """Number of entries in r of each output and input."""
         return [self.output_lags] * len(self.outputs) + [self.input_lags] * len(self.inputs)
 
     # ------------------------------------------------------------------ what it is made of
 
     @classmethod
     def of(cls: type[_Kind], design: Mapping[str, Any], weights: Array) -> _Kind:
-        """The system of a :attr:`design`, with what is learned (size,). Raises UserError where they don't fit."""
+        """The system of a :attr:`design` and weights (size,). Raises UserError where they don't fit."""
         variables = {name: tuple(Variable(**item) for item in design[name]) for name in ("outputs", "inputs")}
         plain = {name: _frozen(value) for name, value in design.items() if name not in variables}
         learned = tuple(float(value) for value in weights)
@@ -107,7 +107,7 @@ class Lagged(Recurrence):
 
     @property
     def design(self) -> dict[str, Any]:
-        """Everything but what is learned as plain data, from which :meth:`of` builds the system again."""
+        """Everything except the weights as plain data, from which :meth:`of` builds the system again."""
         fields = dataclasses.asdict(self)
         del fields[self.LEARNED]
         return fields
@@ -191,10 +191,10 @@ class Lagged(Recurrence):
 
 
 def _lagged(variable: Variable, lags: range) -> list[Variable]:
-    """Names such as drive_2, the drive two samples ago; the present value has the plain name."""
+    """Lagged variables, with names such as drive_2 for the drive two samples ago; lag 0 has the plain name."""
     return [Variable(name=f"{variable.name}_{lag}" if lag else variable.name, unit=variable.unit) for lag in lags]
 
 
 def _frozen(value: Any) -> Any:
-    """Lists of a file as tuples."""
+    """A value of a file with lists as tuples."""
     return tuple(map(_frozen, value)) if isinstance(value, (list, tuple)) else value

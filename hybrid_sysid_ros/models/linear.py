@@ -1,4 +1,4 @@
-"""The linear system of a rig's signature, with one of the textbook frictions where the rig has contacts."""
+"""A linear system with a rig's variables, and with a textbook friction where the rig has contacts."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from hybrid_sysid_ros.support.errors import UserError
 Friction = Literal["viscous", "stribeck", "dahl", "lugre"]
 
 REACH = 20.0
-"""Bounds of an entry: so many times the rate's scale over that of what it multiplies."""
+"""Bounds of an entry, in units of the rate's scale divided by the scale of the variable that it multiplies."""
 
 DOUBT = 0.5
-"""Prior deviation of an entry about a state that records don't show, as part of its start: they can't tell its unit."""
+"""Prior deviation of an entry that a state without measurement multiplies, relative to its initial value."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Linear(System):
-    """x' = A x + B u + c, each entry a parameter.
+    """x' = A x + B u + c, where each entry is a parameter.
 
-    Positions follow their velocities, and outputs that are no states have rows of their own, y = C x + D u + d. The
-    viscous part of each velocity v is implicit, and where the rig has a contact there is friction, per unit inertia:
+    Positions follow their velocities, and outputs that are no states have rows y = C x + D u + d. The viscous part of
+    each velocity v is integrated implicitly. Where the rig has a contact there is friction, per unit inertia:
 
         viscous   - D v
         stribeck  - D v - F(v) sgn v,  F(v) = Fc + Fe exp(-(v / vs)^2)
@@ -42,16 +42,16 @@ class Linear(System):
     """
 
     origin: System
-    """The rig's own system: names, units, kinematics, contacts and delays are taken from it, and no number."""
+    """The rig's system, which gives names, units, kinematics, contacts and delays, but no numbers."""
     friction: Friction = "viscous"
     straight: bool = False
-    """Only inputs and each rate's own state, for a network that learns the rest."""
+    """Whether a rate depends only on the inputs and its own state, since a network learns the rest."""
     scales: tuple[float, ...] = ()
-    """Magnitudes of the declared states, of the inputs and of the states' rates, in training data; empty: ones."""
+    """Magnitudes of the declared states, of the inputs and of the states' rates in training data; empty: all 1."""
     begin: Mapping[str, float] | None = None
-    """Where a fit begins, by parameter; others at zero, or what their scales say."""
+    """Initial values of a fit by parameter; others begin at zero or at a value from their scales."""
     unshown: tuple[str, ...] = ()
-    """States that no record shows: entries about them have a prior."""
+    """States that no record shows; entries that they multiply have a prior."""
 
     def __post_init__(self) -> None:
         origin, carriers = self.origin, [contact.on for contact in self.origin.contacts]
@@ -91,7 +91,7 @@ class Linear(System):
         return {"scales": list(self.scales), "begin": begin, "unshown": list(self.unshown)}
 
     def initialised(self, values: Mapping[str, float]) -> Linear:
-        """The same system with some parameters beginning (and standing) elsewhere, within their bounds."""
+        """The system with other values and initial values of some parameters, within their bounds."""
         known = {item.name: item for item in self.parameters}
         moved = {
             name: float(np.clip(float(f"{value:.4g}"), known[name].low, known[name].high))
@@ -117,7 +117,7 @@ class Linear(System):
 
     @cached_property
     def _rows(self) -> list[tuple[str, str, float, bool]]:
-        """Rows of entries: name of the state or output, unit and scale of what the row gives, whether it is a rate."""
+        """Rows of entries: name of the state or output, unit and scale of the row's result, whether it is a rate."""
         origin, scales = self.origin, self._scales
         rates = [i for i in range(len(self._names)) if i not in origin.kinematics]
         rows = [(self._names[i], _rate(origin.states[i].unit), scales[f"{self._names[i]}'"], True) for i in rates]
@@ -131,19 +131,19 @@ class Linear(System):
 
     @cached_property
     def _columns(self) -> list[tuple[str, str]]:
-        """Names and units of what entries multiply."""
+        """Names and units of the variables that entries multiply."""
         return [(item.name, item.unit) for item in (*self.origin.declared_states, *self.origin.inputs)]
 
     def _has(self, row: str, column: str, rate: bool) -> bool:
-        """Whether there is an entry: the own one of a velocity is its damping, and a straight row has few."""
+        """Whether there is an entry: that of a velocity in its own row is its damping, and a straight row has few."""
         damped = any(contact.on == row for contact in self.contacts)
         if rate and row == column:
             return not damped
         return not (rate and self.straight and column in self._names)
 
     def _own(self, row: str) -> list[str]:
-        """The state of a row and the position that it moves: what they pull back in the rig's own law at rest, no fit
-        may push away, for the bounded network beside it could not hold it.
+        """The state of a row and the position that it moves. Where they pull back in the rig's law at rest, a fit may
+        not make them push away, since the bounded network could not stabilise that.
         """
         positions = [self._names[i] for i, j in self.origin.kinematics.items() if self._names[j] == row]
         return [row, *positions]
@@ -196,7 +196,7 @@ class Linear(System):
                     high=5.0,
                     description=text,
                 )
-                text = "Speed at which the excess is gone."
+                text = "Speed at which the excess vanishes."
                 yield self._parameter(
                     f"{name}_stribeck_speed",
                     unit,
@@ -229,7 +229,7 @@ class Linear(System):
         doubted: bool = False,
         description: str = "",
     ) -> Parameter:
-        """A parameter whose numbers count in a size."""
+        """A parameter whose values are scaled by a size."""
         begin = (self.begin or {}).get(name, start * size)
         doubt = DOUBT * max(abs(begin), 0.1 * size) if doubted else None
         return Parameter(
@@ -278,7 +278,7 @@ class Linear(System):
             yield sum(terms, getattr(self, f"{row}_offset", 0.0))
 
     def record_map(self) -> RecordMap:
-        """The states of the law are those of the origin's map."""
+        """The record map of the origin."""
         origin, declared = self.origin.record_map(), len(self._names)
 
         def states_from_record(outputs: Array, rates: Array, inputs: Array) -> Array:
@@ -313,7 +313,7 @@ def _integrated(unit: str) -> str:
 
 
 def _ratio(unit: str, other: str) -> str:
-    """The unit of an entry."""
+    """The unit of an entry: ``unit`` per ``other``."""
     if unit == other:
         return "1"
     for rate, short in ((f"{other}/s", "1/s"), (f"{other}/s^2", "1/s^2")):

@@ -1,4 +1,4 @@
-"""An identified model: a system, how sure its numbers are, and where they come from."""
+"""An identified model: a system, the uncertainty of its numbers, and their provenance."""
 
 from __future__ import annotations
 
@@ -22,42 +22,42 @@ from hybrid_sysid_ros.support.text_table import text_table
 
 FORMAT = 2
 TRIALS = 0.2, 0.45, 0.8
-"""Where in the training range a step of a saved model is tried, by which a law that was changed since is noticed."""
+"""Points in the training range at which a step of a saved model is compared, to notice that the law has changed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Model:
-    """What was identified, and all that must be known to use it."""
+    """An identified system with everything that is needed to use it."""
 
     rig: str
-    """Name of the rig, by which it is found again; of one that was given by its path also that, see ``place``."""
+    """Name of the rig, by which it is found again; ``place`` is the folder of one that was given by its path."""
     structure: str
     system: System
-    """With the identified values."""
+    """The system with the identified values."""
     sampling: Sampling
-    """What it was identified at."""
+    """The sampling of the identification."""
     names: tuple[str, ...]
-    """The free parameters."""
+    """Names of the free parameters."""
     covariance: Array
-    """Of them, (free, free), in their units."""
+    """Covariance of the free parameters, (free, free), in their units."""
     training_range: Mapping[str, tuple[float, float]]
     """Lowest and highest value of each state and input in the training data."""
     records: Sequence[Mapping[str, Any]] = field(default_factory=tuple)
     """Name, source, digest and part of each training record."""
     scores: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """Free run on them."""
+    """Scores of the free run by training record."""
     fit: Mapping[str, Any] = field(default_factory=dict)
-    """Relative error, seconds, evaluations and seed."""
+    """Relative error, seconds, evaluations and seed of the fit."""
     place: str = ""
     """Folder of a rig outside the package."""
     seal: str = ""
 
     def __repr__(self) -> str:
-        """One line: arrays are asked for by name."""
+        """One line without arrays."""
         return f"{type(self).__name__}({self.structure} of {self.rig}, {len(self.names)} free parameters)"
 
     def __str__(self) -> str:
-        """A table of physical parameters, and how well the training records are met."""
+        """A table of the physical parameters and of the scores on training records."""
         errors = self.standard_errors
         rows = [
             (item.name, f"{value:.4g}", f"{errors[item.name]:.2g}" if item.name in errors else "set", item.unit)
@@ -73,20 +73,20 @@ class Model:
 
     @property
     def kind(self) -> Structure:
-        """Its structure on its rig."""
+        """The model's structure on its rig."""
         rig = rigs.load(self.rig)
         return structure_of(self.structure, rig.system, rig.structures)
 
     @property
     def standard_errors(self) -> dict[str, float]:
-        """Standard error of each free parameter that means something by itself, in its unit."""
+        """Standard error of each free parameter that has a meaning by itself, in its unit."""
         deviations = np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
         physical = {item.name for item in self.system.parameters if not item.learned}
         return {name: float(d) for name, d in zip(self.names, deviations, strict=True) if name in physical}
 
     @property
     def free_numbers(self) -> int:
-        """What a fit could choose: free parameters and the weights of what is learned."""
+        """Number of free parameters and weights of the learned part."""
         return len({*self.names} | {f"weight_{index}" for index in range(len(self.system.weights))})
 
     def save(self, folder: Path | str) -> None:
@@ -125,9 +125,9 @@ class Model:
 def load(folder: Path | str, *, rig: str | Path = "") -> Model:
     """Read a model folder.
 
-    rig: name or path of its rig, where that is no rig that is known by name: the folder's own word for it is not
-    enough to run Python from there. Raises UserError where a file is missing, altered or newer, or the model is of
-    another rig, or does not fit its rig or its bounds.
+    rig: name or path of its rig, which is needed where the rig is not known by name: a path in the model folder is
+    never followed, since loading a rig runs its Python. Raises UserError where a file is missing, altered or newer, and
+    where the model belongs to another rig or does not fit its rig or its bounds.
     """
     content, arrays = storage.load(folder, kind="model", version=FORMAT)
     try:
@@ -184,12 +184,12 @@ def load(folder: Path | str, *, rig: str | Path = "") -> Model:
 
 
 def signals_of(system: System) -> dict[str, list[str]]:
-    """Names and units of what a system is connected by, as they are saved."""
+    """Names and units of a system's inputs and outputs, as they are saved."""
     return {"inputs": [str(item) for item in system.inputs], "outputs": [str(item) for item in system.outputs]}
 
 
 def _trial(system: System, ranges: Mapping[str, tuple[float, float]], step: float) -> list[float]:
-    """States after a step from each of the TRIALS, one after the other; what has no training range begins at zero."""
+    """States after a step from each of the TRIALS; a variable without training range begins at zero."""
     ends = np.array([ranges.get(item.name, (0.0, 0.0)) for item in (*system.states, *system.inputs)])
     low, high = ends.T
     advance, n = symbolic_step(system, step=step), len(system.states)
@@ -203,7 +203,7 @@ def _changed(before: Mapping[str, Sequence[str]], now: Mapping[str, Sequence[str
 
 
 def _rig_of(content: Mapping[str, Any], given: str | Path) -> rigs.Rig:
-    """The rig by what the user named, else by its name where it is known by that."""
+    """The rig that the user named, or else the one that is known by the name in the model."""
     name, place = rigs.name_in(content), str(content.get("place") or "")
     try:
         rig = rigs.load(given or name)
@@ -211,7 +211,7 @@ def _rig_of(content: Mapping[str, Any], given: str | Path) -> rigs.Rig:
         if given or not place:
             raise
         raise UserError(
-            f"its rig {name} is no known one, it was in {place}: give its folder, {place}, as its rig (--rig)"
+            f"its rig {name} is not known by name; its folder was {place}: give that folder as its rig (--rig)"
         ) from error
     if rig.name != name:
         raise UserError(f"is a model of rig {name}, not of {rig.name}")
@@ -219,7 +219,7 @@ def _rig_of(content: Mapping[str, Any], given: str | Path) -> rigs.Rig:
 
 
 def versions() -> dict[str, str]:
-    """Versions of what a result depends on."""
+    """Versions of the packages on which a result depends."""
     found = {}
     for name in ("hybrid_sysid_ros", "numpy", "scipy", "numba", "casadi"):
         try:

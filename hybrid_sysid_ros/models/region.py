@@ -1,4 +1,4 @@
-"""The region of training data, beyond which what was learned fades out."""
+"""The region of training data, beyond which the learned part fades out."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from hybrid_sysid_ros.core.mathematics import Scalar, clip
 from hybrid_sysid_ros.support.arrays import Array
 
 FADED = 2.0
-"""Where nothing is left of what was learned, in distances of the training data's edge from their mean."""
+"""Distance from the mean at which the learned part has faded to zero; the edge of the training data is at 1."""
 NARROW = 1e-6
-"""Least share of a feature's variance that the others may leave of it: below it, they are the feature."""
+"""Share of a feature's variance that is independent of the others, below which it counts as a function of them."""
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,8 @@ class Region:
 
         d^2 = |R (z - m)|^2, which is 1 for the farthest sample
 
-    d is a distance of Mahalanobis (1936). What was learned counts in whole within d = 1, and not at all beyond
-    :data:`FADED`; between them by (1 - s)^2 (1 + 2 s), s = (d^2 - 1) / (FADED^2 - 1), with a continuous slope.
+    d is a distance of Mahalanobis (1936). The learned part counts fully within d = 1 and not at all beyond
+    :data:`FADED`; in between its share is (1 - s)^2 (1 + 2 s), s = (d^2 - 1) / (FADED^2 - 1), which is smooth.
     """
 
     numbers: tuple[Scalar, ...]
@@ -32,12 +32,12 @@ class Region:
 
     @classmethod
     def everywhere(cls, features: int) -> Region:
-        """Without an edge."""
+        """A region without an edge."""
         return cls((0.0,) * cls.size(features), features)
 
     @classmethod
     def of(cls, points: Array) -> Region:
-        """That of training data, points (samples, features)."""
+        """The region of training data, points (samples, features)."""
         mean = points.mean(axis=0)
         away = points - mean
         covariance = np.atleast_2d(np.cov(away.T))
@@ -49,17 +49,17 @@ class Region:
 
     @staticmethod
     def size(features: int) -> int:
-        """How many numbers it has."""
+        """Number of ``numbers``."""
         return features + features * (features + 1) // 2
 
     @staticmethod
     def names(features: Sequence[str]) -> list[str]:
-        """Of its numbers, by those of the features."""
+        """Names of the ``numbers``, made of the features' names."""
         rows = (f"region_{name}_{other}" for i, name in enumerate(features) for other in features[: i + 1])
         return [*(f"region_{name}" for name in features), *rows]
 
     def share(self, z: Sequence[Scalar]) -> Scalar:
-        """Part of what was learned that counts at z (features,)."""
+        """Share of the learned part that counts at z (features,)."""
         n = self.features
         away = [value - mean for value, mean in zip(z, self.numbers, strict=False)]
         total: Scalar = 0.0

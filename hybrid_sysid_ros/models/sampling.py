@@ -1,4 +1,4 @@
-"""How a model meets records."""
+"""Sampling: the step and the period at which a model is simulated and scored on records."""
 
 from __future__ import annotations
 
@@ -13,19 +13,18 @@ LONGEST = 1e6
 """Period [s], eleven days: any record is too short for it."""
 
 MOST_STEPS = 1000
-"""In a period: a shorter step tells nothing more of a rig, and all of them are kept."""
+"""Steps in a period; shorter steps are not more accurate, and they need memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sampling:
-    """How records meet the simulation.
+    """How a record is sampled for a simulation.
 
     step: integration step [s]. period: distance of the scored samples [s], a multiple of the step. input: "averaged"
     gives each step the mean of the record's input over it; "sampled" reads the input once every ``period`` and holds
-    it: reference jumps then arrive up to one period late.
+    it, so that jumps of a reference arrive up to one period late.
 
-    Raises UserError where they are no such numbers, or the period is longer than :data:`LONGEST` or than
-    :data:`MOST_STEPS` steps.
+    Raises UserError for other values, and for a period longer than :data:`LONGEST` or than :data:`MOST_STEPS` steps.
     """
 
     step: float = 0.005

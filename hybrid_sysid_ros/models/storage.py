@@ -1,4 +1,4 @@
-"""A folder of plain data: one YAML file and one of arrays, sealed by checksums. Loading runs no code."""
+"""A folder of plain data: one YAML file and one file of arrays, sealed by checksums. Loading runs no code."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def save(folder: Path | str, *, kind: str, version: int, content: dict[str, Any]
 
 
 def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write a file of arrays. As with any other file the umask says who may read it; safetensors' own would be its
-    owner's alone, out of reach for nodes under another user.
+    """Write a file of arrays. The umask decides who may read it, as for any other file; a file of safetensors' own
+    function could be read by its owner alone, not by nodes of another user.
     """
     path.write_bytes(serialised({name: np.ascontiguousarray(value) for name, value in arrays.items()}))
 
@@ -65,7 +65,7 @@ def load(folder: Path | str, *, kind: str, version: int) -> tuple[dict[str, Any]
         raise UserError(f"{arrays_path}: was altered since it was saved; restore it or {_again(kind)}")
     try:
         return content, load_file(arrays_path)
-    except (SafetensorError, OSError, ValueError, LookupError, OverflowError) as error:  # kinds that numpy has not got
+    except (SafetensorError, OSError, ValueError, LookupError, OverflowError) as error:  # data types that numpy lacks
         raise UserError(f"{arrays_path}: can't be read; restore it or {_again(kind)}") from error
 
 
@@ -88,7 +88,7 @@ def numbers(arrays: Mapping[str, NDArray[Any]], name: str, *shape: int | None) -
 
 
 def load_sheet(path: Path, *, kind: str, version: int) -> dict[str, Any]:
-    """Read one sealed YAML file, what a ``kind`` is told by.
+    """Read the sealed YAML file of a ``kind``.
 
     Raises UserError, naming the file, where it is unreadable, altered since it was saved, or of another format.
     """
@@ -108,7 +108,7 @@ def load_sheet(path: Path, *, kind: str, version: int) -> dict[str, Any]:
 
 
 def digest(folder: Path | str, *, kind: str) -> str:
-    """The seal of a saved folder: what another folder that was made from it refers to.
+    """The seal of a saved folder, by which a folder that was made from it refers to it.
 
     Raises UserError where there is none, or it can't be read.
     """
@@ -155,12 +155,12 @@ def _text(version: int, content: dict[str, Any]) -> str:
 
 
 def _seal(body: dict[str, Any]) -> str:
-    """Checksum of the content, whatever the order or layout of the file."""
+    """Checksum of the content, independent of the file's order and layout."""
     return hashlib.sha256(json.dumps(body, sort_keys=True, ensure_ascii=True).encode()).hexdigest()
 
 
 def _plain(value: Any) -> Any:
-    """Only what YAML and JSON write the same way."""
+    """A value in types that YAML and JSON write in the same way."""
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""Model structures: what can be identified. Each is one class, which the trunk's or an extension's manifest names."""
+"""Model structures that can be identified. Each is one class, which the manifest of trunk or extension names."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Options = Mapping[str, float | int]
 
 @dataclass(frozen=True, kw_only=True)
 class Option:
-    """default, within low and high; kind "log" is a positive number whose magnitude matters."""
+    """An option with a default within low and high; kind "log" is a positive number that is searched by magnitude."""
 
     default: float | int
     low: float | int
@@ -70,11 +70,11 @@ class Magnitudes:
     """How large the declared states and the inputs of a rig are in training data."""
 
     scales: Array
-    """Of declared states and inputs, (states + inputs,)."""
+    """Magnitudes of declared states and inputs, (states + inputs,)."""
     centre: Array
-    """Their means."""
+    """Means of declared states and inputs."""
     features: Array | None = None
-    """Magnitudes of the features that the rig's own system declares, (features,)."""
+    """Magnitudes of the features that the rig's system declares, (features,)."""
     unshown: tuple[str, ...] = ()
     """Names of the states that no record shows."""
 
@@ -83,51 +83,51 @@ class Magnitudes:
 class Structure(ABC):
     """A model structure on one rig.
 
-    A new one is a class that has :attr:`options`, :meth:`fit` and :meth:`assemble`; an extension provides it under a
-    name as ``structures``. Nodes import the class's module to load a model: what only a fit needs is imported in
-    :meth:`fit`.
+    A new structure is a class with :attr:`options`, :meth:`fit` and :meth:`assemble`; an extension provides it under a
+    name as ``structures``. Nodes import the class's module to load a model, so modules that only a fit needs are
+    imported in :meth:`fit`.
     """
 
     summary: ClassVar[str] = ""
-    """One line on what it is."""
+    """A description in one line."""
     seeded: ClassVar[bool] = False
     """Whether a fit depends on a seed."""
     is_gray_box: ClassVar[bool] = False
-    """Whether it is physics alone, on which others may stand."""
+    """Whether it is physics alone, on which other structures may build."""
     combines: ClassVar[bool] = False
-    """Whether NAME_BOX is this structure on any gray box BOX."""
+    """Whether the name NAME_BOX means this structure on the gray box BOX."""
     default_box: ClassVar[str] = ""
-    """The gray box that it stands on where its name says none; empty for none."""
+    """The gray box on which it builds where its name has none; empty for none."""
 
     name: str
     physics: System
     """The rig's own system."""
     boxes: Boxes = field(default_factory=dict)
     chosen_box: str = ""
-    """The gray box that its name says."""
+    """The gray box in its name."""
 
     @property
     def options(self) -> Mapping[str, Option]:
-        """What a user may set, by name."""
+        """Options that a user may set, by name."""
         return {}
 
     def sampling(self, asked: Sampling) -> Sampling:
-        """The sampling at which it is fitted and its model holds, where a user asks for one."""
+        """The sampling of the fit and of its model, where a user asks for the sampling ``asked``."""
         return asked
 
     @abstractmethod
     def fit(self, context: FitContext) -> Fit:
-        """The fit to the records of a context. Raises UserError where they can't be fitted."""
+        """Fit the structure to the records of a context. Raises UserError where they can't be fitted."""
 
     @abstractmethod
     def assemble(self, design: Mapping[str, Any], weights: Array) -> System:
-        """The system of what was stored: its :attr:`~hybrid_sysid_ros.core.System.design` and its weights (size,).
+        """The system from its stored :attr:`~hybrid_sysid_ros.core.System.design` and weights (size,).
 
         The values of its parameters are set afterwards. Raises UserError where design and weights don't fit.
         """
 
     def build(self, sizes: Magnitudes, options: Options, seed: int) -> tuple[System, tuple[str, ...]]:
-        """The system before its fit, and the names of the parameters that the fit leaves as they are.
+        """The system before its fit, and the names of the parameters that the fit does not change.
 
         Raises UserError for structures that are selected from data.
         """
@@ -137,22 +137,22 @@ class Structure(ABC):
 
     @property
     def box(self) -> str:
-        """The name of the gray box that it stands on, its own if it is one; empty for none."""
+        """The name of the gray box on which it builds; its own name if it is one, empty for none."""
         return self.name if self.is_gray_box else self.chosen_box or self.default_box
 
     @property
     def gray(self) -> Structure:
-        """That gray box."""
+        """The gray box on which it builds."""
         return structure_of(self.box, self.physics, self.boxes)
 
     def initial_guess(self, system: System, context: FitContext) -> System:
-        """A gray box with its parameters where its fit begins, as far as the records tell them."""
+        """A gray box with initial values of a fit, as far as they follow from the records."""
         return system
 
     # ------------------------------------------------------------------ description
 
     def lines(self, system: System) -> Sequence[str]:
-        """A fitted system in words, one line each, such as its rules."""
+        """Lines that describe a fitted system, such as its rules."""
         return ()
 
     def figures(self, system: System) -> Mapping[str, Any]:
@@ -160,8 +160,8 @@ class Structure(ABC):
         return {}
 
     def stages(self, system: System) -> Mapping[str, System]:
-        """Parts of a fitted system that run by themselves, and itself, by what they are called: their free runs are
-        compared. Empty where there is nothing to compare.
+        """Parts of a fitted system that can be simulated by themselves, and the whole system, by name: their free runs
+        are compared. Empty where there is nothing to compare.
         """
         return {}
 
@@ -172,7 +172,7 @@ def structure_names() -> tuple[str, ...]:
 
 
 def structure_of(name: str, physics: System, boxes: Boxes | None = None) -> Structure:
-    """A structure on a rig's own system; a rig's own boxes go before other structures of the same name.
+    """A structure on a rig's system; a rig's own boxes take precedence over other structures of the same name.
 
     Raises UserError for an unknown name, and for one whose extension can't be imported.
     """
@@ -203,7 +203,7 @@ def _class_of(target: str) -> type[Structure]:
 
 
 def options_of(structure: str, physics: System, boxes: Boxes | None = None) -> dict[str, Option]:
-    """The options of a structure; on a rig's own system also its terms, each 0 (left out) or 1.
+    """The options of a structure, and the terms of the rig's system as options, each 0 (left out) or 1.
 
     Raises UserError for an unknown name.
     """
@@ -218,10 +218,10 @@ def assemble(
     weights: Array | None = None,
     boxes: Boxes | None = None,
 ) -> System:
-    """A system of a named structure on a rig's own one, with what is learned where it has such a part.
+    """A system of a named structure on a rig's system, with its learned part if it has one.
 
-    design: what :attr:`~hybrid_sysid_ros.core.System.design` gave. Raises UserError for an unknown name, and
-    where the design or the weights (size,) are missing or don't fit each other.
+    design: that of the saved system (:attr:`~hybrid_sysid_ros.core.System.design`). Raises UserError for an unknown
+    name, and where the design or the weights (size,) are missing or don't fit each other.
     """
     kind = structure_of(structure, physics, boxes)
     if not kind.is_gray_box and (design is None or weights is None):
@@ -241,11 +241,11 @@ def build(
     unshown: tuple[str, ...] = (),
     boxes: Boxes | None = None,
 ) -> tuple[System, tuple[str, ...]]:
-    """A structure before its fit, every parameter where a fit begins, so that no earlier result leaks in; and the names
-    of the parameters that the fit must leave as they are, since their term is switched off.
+    """A system before its fit, with all parameters at their initial values, so that no earlier result leaks in; and the
+    names of the parameters that the fit must not change, since their term is switched off.
 
-    physics: the rig's own system. scales, centre, features, unshown: see :class:`Magnitudes`; centre is zeros by
-    default. seed: of a network's first weights.
+    physics: the rig's system. scales, centre, features, unshown: see :class:`Magnitudes`; centre is zero by default.
+    seed: that of a network's first weights.
 
     Raises UserError for an unknown name or option, for a structure that makes no sense on the rig, and for
     structures that are selected from data.

@@ -44,8 +44,7 @@ def write_report(
 ) -> Path:
     """Write the report; an older one is replaced once the new one is whole.
 
-    Raises:
-        UserError: plotly or jinja2 is not installed, or the place cannot be written.
+    Raises UserError where plotly or jinja2 is not installed, or the place cannot be written.
     """
     check_available()
     content = {
@@ -71,8 +70,7 @@ def write_page(path: Path | str, template: Path, content: Mapping[str, Any], **f
 
     filters: further ones of the template.
 
-    Raises:
-        UserError: the place cannot be written.
+    Raises UserError where the place cannot be written.
     """
     import jinja2
     from plotly.offline import get_plotlyjs

@@ -131,8 +131,7 @@ def identification_section(
 ) -> IdentificationSection:
     """Free runs of a model over (parts of) records. adapted: by record, what an input bias changes.
 
-    Raises:
-        UserError: a record does not fit the model's sampling.
+    Raises UserError where a record does not fit the model's sampling.
     """
     used = list(records)
     runs = tuple(run for record, part in used for run in free_runs_of(model, record, part))
@@ -142,8 +141,7 @@ def identification_section(
 def stages_of(model: Model, records: Iterable[tuple[Record, Part]]) -> tuple[StageResiduals, ...]:
     """What the stages of a model leave of (parts of) records; empty where it has none.
 
-    Raises:
-        UserError: a record does not fit the model's sampling.
+    Raises UserError where a record does not fit the model's sampling.
     """
     stages, sampling = model.kind.stages(model.system), model.sampling
     parts = (resample(part.of(record, sampling), sampling) for record, part in records) if stages else ()
@@ -154,8 +152,7 @@ def free_runs_of(model: Model, record: Record, part: Part) -> list[FreeRunSectio
     """The outputs of a model's free run over a part of a record, scored and tested; of an unstable rig's model of a run
     that its stabiliser closes.
 
-    Raises:
-        UserError: the record does not fit the model's sampling.
+    Raises UserError where the record does not fit the model's sampling.
     """
     system, sampling, rig = model.system, model.sampling, rigs.load(model.rig)
     experiment, used = experiment_of(model, record, part=part), part.of(record, model.sampling)

@@ -1,1 +1,1 @@
-"""The rigs: a folder each, and what they share: sensors, actuators, the simulated plant, experiments."""
+"""Rigs, one folder each, and their common parts: sensors, actuators, the simulated plant, experiments."""

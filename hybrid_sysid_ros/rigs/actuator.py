@@ -1,4 +1,4 @@
-"""An actuator: what becomes of a commanded input."""
+"""An actuator: how a commanded input is limited."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hybrid_sysid_ros.support.errors import UserError
 
 @dataclass(frozen=True, kw_only=True)
 class Actuator:
-    """Limits of an input, which need not be symmetric [unit of the input]; its delay is the system's."""
+    """Limits of an input, which need not be symmetric [unit of the input]; the system has its delay."""
 
     low: float
     high: float
@@ -27,11 +27,11 @@ class Actuator:
 
     @property
     def rest(self) -> float:
-        """The input where nothing is commanded: zero, or what is nearest to it."""
+        """The input without a command: zero, or the limit nearest to it."""
         return min(max(0.0, self.low), self.high)
 
     def bounded(self, value: float) -> float:
-        """What acts of a command: within the limits, and never NaN, which counts as ``rest``."""
+        """The input that acts for a command: within the limits, and ``rest`` for NaN."""
         if value != value:
             return self.rest
         value = min(max(value, self.low), self.high)
@@ -40,6 +40,6 @@ class Actuator:
         return value
 
     def reached(self, value: float, before: float, seconds: float) -> float:
-        """What acts of a command ``seconds`` after ``before`` did: within the limits, and no faster than it can."""
+        """The input that acts ``seconds`` after the input ``before``: within the limits and the rate."""
         value, most = self.bounded(value), self.rate * seconds
         return min(max(value, before - most), before + most)

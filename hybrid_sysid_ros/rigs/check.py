@@ -1,4 +1,4 @@
-"""Whether a rig makes sense: what is wrong with it, as lines for its author."""
+"""Checks of a rig: what is wrong with it, as lines for its author."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 
 POINTS = 300
-"""Of the grid of states and inputs."""
+"""Points of the grid of states and inputs."""
 SECONDS = 4.0
-"""Of the experiment whose states the grid covers, twice."""
+"""Length of the experiment [s]; the grid covers twice the range of its states."""
 WINDOWS = 8
-"""Of that experiment, in which outputs are to tell the states."""
+"""Windows of that experiment in which the outputs must determine the states."""
 FORMS_AGREE = 1e-9
-"""Relative difference of the compiled and the CasADi form."""
+"""Largest relative difference between the compiled and the CasADi form."""
 BLIND = 1e-9
-"""Ratio of the least to the greatest effect of a state (in its magnitude) on the outputs, below which it has none."""
+"""Ratio of the least to the greatest effect of a state on the outputs, below which a state counts as unobservable."""
 GROWTH = 1e-3
-"""Rate [1/s] from which on a linearised system counts as unstable."""
+"""Growth rate [1/s] above which a linearised system counts as unstable."""
 STEPS_LATE = 100
-"""Of a loop; one that is later is looked at in longer steps."""
+"""Most steps of delay in a loop; a loop with more is examined in longer steps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,9 +39,9 @@ class Findings:
     """What a check found."""
 
     problems: list[str]
-    """What must be changed, a line each."""
+    """Faults that must be corrected, a line each."""
     remarks: list[str]
-    """What the author may want to know."""
+    """Remarks for the author, a line each."""
 
 
 def check(rig: Rig) -> Findings:
@@ -70,7 +70,7 @@ def check(rig: Rig) -> Findings:
 
 
 def _at_origin(system: System, where: str) -> Iterator[str]:
-    """Whether a step and the outputs can be made, and are finite at rest."""
+    """Lines where a step or the outputs fail, or are not finite at rest."""
     try:
         system.step_context()
         x, u = np.zeros(len(system.states)), np.zeros(len(system.inputs))
@@ -89,7 +89,7 @@ def _at_origin(system: System, where: str) -> Iterator[str]:
 
 
 def _values(rig: Rig) -> Iterator[str]:
-    """Names and numbers of rig.yaml that can't be true."""
+    """Lines for names and numbers in rig.yaml that can't be right."""
     joints, inputs = rig.joints.joints, [rig.joints.place(item.name)[0] for item in rig.system.inputs]
     carried = {name for joint in joints.values() for name in (joint.position, joint.velocity)}
     for name in dict.fromkeys(item.name for item in (*rig.system.states, *rig.system.outputs)):
@@ -130,17 +130,17 @@ def _values(rig: Rig) -> Iterator[str]:
 
 
 def _remarks(system: System) -> Iterator[str]:
-    """Units that are missing, and delays that a controller can't have."""
+    """Lines for missing units, and for delays that a controller can't compensate."""
     names = [item.name for item in (*system.states, *system.inputs, *system.outputs) if not item.unit]
     if names:
-        yield f'{", ".join(dict.fromkeys(names))}: no unit is told; write "angle [rad]", and [1] for plain numbers'
+        yield f'{", ".join(dict.fromkeys(names))}: has no unit; write "angle [rad]", and [1] for plain numbers'
     if len({*system.input_delays}) > 1:
-        yield "the delays of the inputs differ: simulations, fits and estimators have each, the MPC needs one for all"
+        yield "the delays of the inputs differ: simulations, fits and estimators know each, the MPC needs one for all"
 
 
 def _experiment(rig: Rig) -> tuple[Array, Array]:
-    """States (steps + 1, states) of the rig without noise in the first of its experiments, or in steps of its inputs
-    without one, and the inputs (steps, inputs) that acted.
+    """States (steps + 1, states) of the noise-free rig in its first experiment, or under steps of its inputs where it
+    has none, and the inputs (steps, inputs) that acted.
     """
     steps = round(SECONDS / rig.step)
     times = np.arange(steps, dtype=np.float64) * rig.step
@@ -165,13 +165,13 @@ def _experiment(rig: Rig) -> tuple[Array, Array]:
 
 
 def _growing(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
-    """The fastest mode that grows at rest, under the loops or the feedback of the experiments: a pole of the linearised
-    rig, stick-slip rounded over the speeds of the experiment, outside the unit circle. What integrates has one on it.
+    """Lines for the fastest growing mode at rest, under the loops or the feedback of the experiments: a pole outside
+    the unit circle, linearised with stick-slip rounded over the speeds of the experiment. An integrator has one on it.
     """
     names = [item.name for item in rig.system.states]
     rounding = max((magnitudes[names.index(contact.on)] for contact in rig.system.contacts), default=1.0)
     matrix, seconds, driver = _under_drivers(rig, float(rounding))
-    # Of A - 1: where a state integrates there are zeros to the last bit, which a chain of them needs.
+    # Of A - 1: a state that integrates has exact zeros there, which a chain of integrators needs.
     values, vectors = np.linalg.eig(matrix - np.eye(len(matrix)))
     growth = np.log(np.maximum(np.abs(1.0 + values), 1e-300)) / seconds
     fastest = int(np.argmax(growth))
@@ -186,7 +186,7 @@ def _growing(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
 
 
 def _under_drivers(rig: Rig, rounding: float) -> tuple[Array, float, str]:
-    """The linearised rig under what drives it, how many seconds that is of, and the section that says so."""
+    """The linearised rig under its loops or feedback, the seconds of that step, and the section that declares them."""
     feedback, loops = rig.experiments.feedback, rig.experiments.loops
     if feedback is not None:
         every = rig.steps(feedback.period, f"{rig.file}: experiments.feedback.period")
@@ -205,12 +205,12 @@ def _jacobians(rig: Rig, rounding: float) -> tuple[Array, Array]:
     ]
     step, output = (
         np.nan_to_num(jacobian, posinf=0.0, neginf=0.0) for jacobian in found
-    )  # a root's is infinite at rest
+    )  # the derivative of a root is infinite at rest
     return step, output
 
 
 def _under_feedback(rig: Rig, feedback: Feedback, rounding: float, every: int) -> Array:
-    """A period at rest of states and integrals, (states + inputs, states + inputs); delays and low-passes left out."""
+    """Transition over a period at rest of states and integrals, (states + inputs, states + inputs), without delays."""
     step, output = _jacobians(rig, rounding)
     n, m = len(step), len(rig.actuators)
     held, seen = _held(step, every), output[:, :n]
@@ -219,9 +219,9 @@ def _under_feedback(rig: Rig, feedback: Feedback, rounding: float, every: int) -
 
 
 def _under_loops(rig: Rig, rounding: float, every: int) -> Array:
-    """So many steps at rest of all that moves while the loops of the experiments drive their inputs: the system's
-    states, and of each loop its low-pass, its integral part and the inputs that are under way (all, all). A sensor's
-    delay counts as its loop's: it may as well be the input's.
+    """Transition (all, all) over ``every`` steps at rest while the loops of the experiments drive their inputs: of the
+    system's states, and of each loop's low-pass, integral part and delayed inputs. A sensor's delay counts as a delay
+    of its loop's input.
     """
     system, m, h = rig.system, len(rig.system.inputs), every * rig.step
     step, output = _jacobians(rig, rounding)
@@ -251,14 +251,14 @@ def _under_loops(rig: Rig, rounding: float, every: int) -> Array:
 
 
 def _held(step: Array, count: int) -> Array:
-    """[A, B] of so many steps under inputs that hold."""
+    """[A, B] of ``count`` steps under constant inputs."""
     n, width = step.shape
     held: Array = np.linalg.matrix_power(np.vstack([step, np.eye(width)[n:]]), count)[:n]
     return held
 
 
 def _on_grid(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
-    """Steps and outputs over twice the range of the experiment: finite, and alike in both forms."""
+    """Lines where steps or outputs over twice the experiment's range are not finite, or differ between both forms."""
     system, random = rig.system, np.random.default_rng(0)
     low, high = rig.limits
     points = 2.0 * magnitudes * random.uniform(-1.0, 1.0, (POINTS, len(magnitudes)))
@@ -276,12 +276,12 @@ def _on_grid(rig: Rig, magnitudes: Array, where: str) -> Iterator[str]:
             other = np.array(functions[kind](x, u)).ravel()
             scale = np.maximum(np.abs(values), np.max(np.abs(values)) + 1e-12)
             if np.max(np.abs(values - other) / scale) > FORMS_AGREE:
-                yield f"{where}: the compiled {kind} differs from the CasADi form; the law must be the same each time"
+                yield f"{where}: the compiled {kind} differs from the CasADi form; it must give the same at each call"
                 return
 
 
 def _blind(rig: Rig, states: Array, inputs: Array, magnitudes: Array, where: str) -> Iterator[str]:
-    """States that the outputs do not tell, anywhere in the experiment."""
+    """Lines for states that the outputs do not determine anywhere in the experiment."""
     system, sensitivities = rig.system, Sensitivities(rig.system)
     length = len(inputs) // WINDOWS
     starts = np.array([[0, k * length, length, k * length] for k in range(WINDOWS)])
@@ -293,20 +293,20 @@ def _blind(rig: Rig, states: Array, inputs: Array, magnitudes: Array, where: str
     _, outputs = rollouts(system, starts, x0, inputs, step=rig.step)
     effects /= (np.max(np.abs(outputs), axis=0) + 1e-12)[:, None]
     if not np.isfinite(effects).all():
-        yield f"{where}: derivatives of the law are not finite in the experiment; smooth what has an infinite slope"
+        yield f"{where}: derivatives of the law are not finite in the experiment; smooth terms with an infinite slope"
         return
     _, values, directions = np.linalg.svd(effects.reshape(-1, len(magnitudes)), full_matrices=False)
     for value, direction in zip(values, directions, strict=True):
         if value <= BLIND * values[0]:
             names = [system.states[i].name for i in np.flatnonzero(np.abs(direction) > 0.3)]
             yield (
-                f"{where}: the outputs do not tell {' and '.join(names)}: measure more, or leave out states that "
+                f"{where}: the outputs do not determine {' and '.join(names)}: measure more, or leave out states that "
                 "nothing depends on"
             )
 
 
 def _reached(rig: Rig, states: Array) -> Iterator[str]:
-    """Outputs beyond their sensors' ranges, and states that the inputs do not move."""
+    """Lines for outputs beyond their sensors' ranges, and for states that the inputs do not move."""
     for state, item in enumerate(rig.system.states):
         if np.ptp(states[:, state]) == 0.0:
             yield f"{item.name} does not move in the experiment"
@@ -320,8 +320,8 @@ def _reached(rig: Rig, states: Array) -> Iterator[str]:
 
 
 def step_responses(rig: Rig, *, seconds: float, samples: int) -> tuple[Array, dict[str, Array]]:
-    """Times (samples,) [s], and by input the outputs (samples, outputs), as shown, after its step from rest to half way
-    to its upper limit.
+    """Times (samples,) [s], and by input the outputs (samples, outputs) in display units after a step of the input from
+    rest to half way to its upper limit.
     """
     steps = max(round(seconds / rig.step / (samples - 1)), 1)
     times = rig.step * steps * np.arange(samples, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Drivers: what moves the inputs of a rig through its experiments."""
+"""Drivers: loops, feedback and signals that drive a rig's inputs in experiments."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from hybrid_sysid_ros.support.structured import built, numbers, refuse_unknown, 
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentLoop:
-    """A controller that drives an input in experiments: u = gain (e + integral of e * rate), e = reference - output,
-    the output behind its sensor's low-pass where it has one.
+    """A controller that drives an input in experiments: u = gain (e + integral * int e dt), e = reference - output,
+    where the output is behind its sensor's low-pass if there is one.
     """
 
     output: int
@@ -34,21 +34,21 @@ class Experiments:
     """How a rig is driven through its experiments."""
 
     loops: Mapping[int, ExperimentLoop] = field(default_factory=dict)
-    """By input: its controller. An input without one is excited itself."""
+    """Controllers by input; an input without one is excited directly."""
     feedback: Feedback | None = None
-    """Instead of loops: one law of all inputs, which follows commands. Excitations are added to its inputs."""
+    """Instead of loops, one law of all inputs that follows commands; excitations are added to its inputs."""
     stabiliser: NDArray[np.float64] | None = None
-    """(inputs, outputs), SI: u = v - K y holds a rig that is unstable, in identification and validation."""
+    """K (inputs, outputs) of u = v - K y, in SI, which stabilises an unstable rig in identification and validation."""
     closed_windows: float = 0.0
-    """Length of the last windows of an identification, which the stabiliser closes [s]; 0: there are none."""
+    """Length [s] of the last windows of an identification, in which the stabiliser closes the loop; 0: none."""
     excitations: Mapping[str, Mapping[int, Excitation]] = field(default_factory=dict)
-    """By name: the signal of each input, or of the reference of its loop; those behind the inputs are the commands of
-    the outputs that a feedback follows.
+    """By name, the signals of the inputs or of their loops' references by number; numbers beyond the inputs belong to
+    the commands of the outputs that a feedback follows.
     """
 
 
 def experiments_of(content: Mapping[str, Any], system: System, where: str) -> Experiments:
-    """From a section of rig.yaml. Raises UserError for what is wrong in it."""
+    """Experiments from a section of rig.yaml. Raises UserError for wrong values."""
     refuse_unknown(content, ("loops", "feedback", "stabiliser", "closed_windows", "excitations"), where)
     if "loops" in content and "feedback" in content:
         raise UserError(f"{where}: loops and feedback both drive the inputs: leave one out")
@@ -81,7 +81,7 @@ def experiments_of(content: Mapping[str, Any], system: System, where: str) -> Ex
 
 
 def index_of(name: object, variables: tuple[Variable, ...], where: str, what: str) -> int:
-    """Where a variable stands among others. Raises UserError where it is none of them."""
+    """Index of a variable among others. Raises UserError for an unknown name."""
     names = [item.name for item in variables]
     if name not in names:
         raise UserError(f"{where}: {name!r} is no {what}; known are {', '.join(names)}")

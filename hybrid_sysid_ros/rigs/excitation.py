@@ -25,12 +25,12 @@ def constant(*, level: float, begin: float = 0.0) -> Reference:
 
 
 def sine(*, amplitude: float, frequency: float) -> Reference:
-    """A sine of a frequency [Hz]."""
+    """A sine with a frequency [Hz]."""
     return lambda t: amplitude * np.sin(2.0 * np.pi * frequency * np.asarray(t, dtype=float))
 
 
 def multisine(seed: int, *, amplitude: float, low: float, high: float, lines: int, period: float) -> Reference:
-    """Sum of ``lines`` sines between low and high [Hz], of one period [s], scaled to a peak of ``amplitude``."""
+    """Sum of ``lines`` sines between low and high [Hz] with a common period [s], scaled to the peak ``amplitude``."""
     random = np.random.default_rng(seed)
     bins = np.unique(np.round(np.linspace(low, high, int(lines)) * period)) / period
     phases = random.uniform(0, 2 * np.pi, len(bins))
@@ -80,7 +80,7 @@ def random_levels(
 
 
 def pulse_train(*, amplitude: float, every: float, width: float, begin: float = 0.0) -> Reference:
-    """Pulses of one height and width [s], one every so many seconds, the first at ``begin`` [s]."""
+    """Pulses of one height and width [s], one every ``every`` seconds, the first at ``begin`` [s]."""
 
     def reference(t: ArrayLike) -> Array:
         since = np.asarray(t, dtype=float) - begin
@@ -90,9 +90,9 @@ def pulse_train(*, amplitude: float, every: float, width: float, begin: float = 
 
 
 def hashed_steps(*, amplitude: float, hold: float = 1.0) -> Reference:
-    """Levels within +-amplitude, a new one every ``hold`` [s], of number k: 2 frac(43758.5453 sin(12.9898 k)) - 1.
+    """Levels within +-amplitude, a new one every ``hold`` [s]: level k is 2 frac(43758.5453 sin(12.9898 k)) - 1.
 
-    The hash of graphics shaders: the same levels in every language, without a generator.
+    This hash from graphics shaders gives the same levels in every language, without a random generator.
     """
 
     def reference(t: ArrayLike) -> Array:
@@ -115,8 +115,8 @@ def swept_sine(*, amplitude: float, low: float, high: float, duration: float) ->
 def pulses(
     seed: int, *, amplitude: float, shortest: float, longest: float, apart: float, rise: float = 0.2
 ) -> Reference:
-    """What a hand does: one pulse at a random time of each ``apart`` [s], as long as random from shortest to longest
-    [s], as high as random from a third of the amplitude to all of it, its flanks ``rise`` [s] long.
+    """Pulses as from a hand: one at a random time in each ``apart`` [s], with a random length from shortest to longest
+    [s], a random height from a third of the amplitude to all of it, and flanks of ``rise`` [s].
 
     Raises UserError where they don't fit into ``apart``.
     """
@@ -157,16 +157,16 @@ LEAST = {
     **dict.fromkeys(("hold", "period", "shortest", "longest", "apart", "rise", "most", "every", "width"), 1e-9),
     "lines": 1,
 }
-"""Values that a kind's numbers must have."""
+"""Least values of a kind's numbers."""
 ONE_SIDED = ("constant", "pulses", "pulse_train")
 """Kinds that go from 0 to one level."""
 GIVEN = ("seed", "duration", "period")
-"""Of a kind's numbers, what whoever asks for the signal gives: the period of a multisine is its duration by default."""
+"""Numbers that the caller of a signal gives; the period of a multisine is its duration by default."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Excitation:
-    """A signal by its kind and its numbers, as a YAML file tells it."""
+    """A signal by its kind and numbers, as a YAML file declares it."""
 
     kind: str
     numbers: Mapping[str, float]
@@ -191,7 +191,7 @@ class Excitation:
         return cls(kind=kind, numbers=values)
 
     def beyond(self, low: float, high: float) -> str:
-        """What an input of these limits can't do, as words; of one to one side of 0 what is beyond 0 does not count."""
+        """Words for the part of the signal beyond limits; where limits are on one side of 0, the other is ignored."""
         name = "level" if "level" in self.numbers else "amplitude"
         value, most = self.numbers[name], (min if low < 0.0 < high else max)(-low, high)
         within = low <= value <= high if self.kind in ONE_SIDED else abs(value) <= most
@@ -199,12 +199,12 @@ class Excitation:
 
     @property
     def endless(self) -> bool:
-        """Whether it goes on for as long as anybody looks."""
+        """Whether the signal never ends."""
         parameters = inspect.signature(KINDS[self.kind]).parameters
         return "duration" not in parameters and ("period" not in parameters or "period" in self.numbers)
 
     def signal(self, *, seed: int = 0, duration: float = math.inf) -> Reference:
-        """As a function of time. duration [s]: of a sweep, of steps, and the period of a multisine without one."""
+        """The signal as a function of time. duration [s]: of a sweep or of steps, and a multisine's default period."""
         parameters = inspect.signature(KINDS[self.kind]).parameters
         given = {"seed": seed, "duration": duration, "period": duration}
         values = {name: value for name, value in given.items() if name in parameters} | dict(self.numbers)
@@ -215,7 +215,7 @@ class Excitation:
 class Segment:
     """A piece of a schedule: a signal of one output from ``start`` up to, but without, ``stop`` [s].
 
-    Its own time begins at ``start``.
+    The signal's time begins at ``start``.
     """
 
     name: str
@@ -227,7 +227,7 @@ class Segment:
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceSchedule:
-    """What the outputs are to follow, segment by segment, and 0 elsewhere, in the units in which they are shown."""
+    """References of the outputs in display units, by segments, and 0 elsewhere."""
 
     name: str
     duration: float
@@ -237,11 +237,11 @@ class ReferenceSchedule:
 
     @property
     def windows(self) -> dict[str, tuple[float, float]]:
-        """Where tracking is judged, by the segments' names: from, up to [s]."""
+        """Windows in which tracking is judged, by the segments' names: start and stop [s]."""
         return {segment.name: (segment.start, segment.stop) for segment in self.segments}
 
     def of(self, output: int) -> Reference:
-        """One output's reference."""
+        """The reference of one output."""
         pieces = [
             (piece, piece.excitation.signal(duration=piece.stop - piece.start))
             for piece in self.segments

@@ -21,14 +21,14 @@ from hybrid_sysid_ros.support.files import check_folder
 START = 1_000_000_000
 """Stamp of the first sample [ns]: zero means "no time yet" to ROS."""
 SEEDS = 7919
-"""Between the seeds of the inputs' excitations."""
+"""Difference between the seeds of the inputs' excitations."""
 
 
 def excitation(rig: Rig, name: str, *, seed: int, duration: float, times: Array) -> Array:
-    """The signals of one of a rig's experiments [SI]: of each input itself, or of the reference of its loop; of a rig
-    with a feedback what is added to each input, and behind these the commands, (times, inputs + followed).
+    """The signals of one of a rig's experiments [SI]: those of the inputs, or of their loops' references. For a rig
+    with a feedback they are added to the inputs, and the commands come behind them, (times, inputs + followed).
 
-    Raises UserError for an experiment that the rig has not.
+    Raises UserError for an experiment that the rig lacks.
     """
     known = rig.experiments.excitations
     if name not in known:
@@ -46,10 +46,10 @@ def excitation(rig: Rig, name: str, *, seed: int, duration: float, times: Array)
 
 
 def driven(plant: Plant, wanted: Array) -> Iterator[Array]:
-    """Drive a plant through an experiment: the inputs (inputs,) that act in each step, when it is done.
+    """Drive a plant through an experiment; yield the inputs (inputs,) of each step after it.
 
-    wanted (steps, signals): as :func:`excitation` gives it. Inputs are within the actuators' limits; an integral part
-    stands still beyond them.
+    wanted (steps, signals): the result of :func:`excitation`. Inputs are within the actuators' limits, and an integral
+    part stops at them.
     """
     commanded = _followed(plant, wanted) if plant.rig.experiments.feedback else _looped(plant, wanted)
     for inputs in commanded:
@@ -58,7 +58,7 @@ def driven(plant: Plant, wanted: Array) -> Iterator[Array]:
 
 
 def _looped(plant: Plant, wanted: Array) -> Iterator[Array]:
-    """Commands (inputs,) of each step, where each input has a loop of its own, or none."""
+    """Commands (inputs,) of each step, where inputs have loops of their own or none."""
     rig = plant.rig
     integrals = np.zeros(len(rig.actuators))
     for row in wanted:
@@ -75,7 +75,7 @@ def _looped(plant: Plant, wanted: Array) -> Iterator[Array]:
 
 
 def _followed(plant: Plant, wanted: Array) -> Iterator[Array]:
-    """Commands (inputs,) of each step under the rig's feedback, which hold over its period."""
+    """Commands (inputs,) of each step under the rig's feedback, held over its period."""
     rig, count = plant.rig, len(plant.rig.actuators)
     feedback = rig.experiments.feedback
     assert feedback is not None
@@ -101,11 +101,11 @@ def simulate_experiment(
 ) -> Path:
     """Drive the simulated rig through an experiment as the real one is driven, and write the bag.
 
-    rate: of the bag's samples [Hz]; each carries the mean inputs since the one before. disturbed: see
-    :class:`~.plant.Plant`. watch: called at the beginning and after each of the rig's steps.
+    rate: rate of the bag's samples [Hz]; each has the mean inputs since the previous one. disturbed: see
+    :class:`~.plant.Plant`. watch: a function that is called at the beginning and after each of the rig's steps.
 
-    Raises UserError for a rate that does not divide the rig's, an experiment that the rig has not, one in which a
-    state grows beyond :data:`BEYOND`, and a place that can't be written.
+    Raises UserError for a rate that does not divide the rig's, an experiment that the rig lacks, one in which a state
+    grows beyond :data:`BEYOND`, and a place that can't be written.
     """
     every = rig.steps(1.0 / rate, f"rate {rate:g} Hz: its period")
     check_folder(out, marker=markers(out), replace=overwrite)
@@ -142,7 +142,7 @@ def _watched(steps: Iterator[Array], watch: Callable[[], object]) -> Iterator[Ar
 
 
 def _measurements(rig: Rig, stamps: NDArray[np.int64], shown: list[Measurement], applied: Array) -> Series:
-    """joint_states: outputs and inputs in the joints' fields, and behind them the outputs behind low-passes."""
+    """The messages joint_states: outputs and inputs in the joints' fields, then the low-pass filtered outputs."""
     outputs = [item.name for item in rig.system.outputs]
     second = rig.joints.filtered(outputs, rig.sensors)
     names = [*rig.joints.names, *second.values()]
@@ -160,7 +160,7 @@ def _measurements(rig: Rig, stamps: NDArray[np.int64], shown: list[Measurement],
 
 
 def _references(rig: Rig, stamps: NDArray[np.int64], wanted: Array) -> Series:
-    """What the loops or the feedback follow, one point a message."""
+    """The references of loops or feedback, one point for each message."""
     columns = {index: loop.output for index, loop in rig.experiments.loops.items()}
     if rig.experiments.feedback:
         columns = dict(enumerate(rig.experiments.feedback.followed, start=len(rig.actuators)))

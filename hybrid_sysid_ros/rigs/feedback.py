@@ -1,4 +1,4 @@
-"""Feedback: a law of several outputs and inputs by which a rig follows commands."""
+"""Feedback: a control law with several outputs and inputs, by which a rig follows commands."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from hybrid_sysid_ros.support.structured import numbers, refuse_unknown, section
 
 SECTIONS = ("period", "follow", "wanted", "forward", "gains", "integral")
 TERMS = 3
-"""Of a command behind its reference model: value, rate, acceleration."""
+"""Number of terms of a command behind its reference model: value, rate, acceleration."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Feedback:
     """u = v + F c - K (y - W c) - I,  I' = G (y_f - r), every ``period`` and within the actuators' limits; SI units.
 
-    v is what an experiment adds to the inputs. Each command goes through a reference model 1 / (s / w + 1)^2, and c are
-    value r, rate and acceleration of each behind it: W c are the outputs that belong to it, F c the inputs. The
-    integral of an input stands still while that input is at a limit.
+    An experiment adds v to the inputs. Each command passes a reference model 1 / (s / w + 1)^2, and c holds value r,
+    rate and acceleration behind it: W c are the corresponding outputs, F c the inputs. The integral of an input stops
+    while that input is at a limit.
     """
 
     period: float
     """[s]"""
     followed: tuple[int, ...]
-    """Outputs that have commands."""
+    """Indices of the outputs that have commands."""
     bandwidths: Array
     """w, (followed,) [rad/s]."""
     wanted: Array
@@ -46,7 +46,7 @@ class Feedback:
 
     @classmethod
     def of(cls, content: Mapping[str, Any], system: System, where: str) -> Feedback:
-        """From a section of rig.yaml. Raises UserError for names that the system has not, and other wrong values."""
+        """A feedback from a section of rig.yaml. Raises UserError for unknown names and other wrong values."""
         refuse_unknown(content, SECTIONS, where)
         outputs = [item.name for item in system.outputs]
         given = section(content, "follow", where, needed=True)
@@ -76,9 +76,9 @@ Variables = tuple[Variable, ...]
 
 
 def table(content: Mapping[str, Any], key: str, of: tuple[Variables, Variables], where: str, terms: int = 1) -> Array:
-    """Numbers by the names of rows and columns, 0 where none is told, (rows, terms columns): ``terms`` of each.
+    """A matrix (rows, terms columns) from numbers by the names of rows and columns, 0 elsewhere; ``terms`` for each.
 
-    Raises UserError for a name that is none of them.
+    Raises UserError for an unknown name.
     """
     rows, columns = ([item.name for item in variables] for variables in of)
     found = np.zeros((len(rows), terms * len(columns)))
@@ -94,13 +94,13 @@ def table(content: Mapping[str, Any], key: str, of: tuple[Variables, Variables],
 
 
 Law = tuple[Array, Array, Array, Array, Array, Array, float]
-"""What the compiled law knows of a feedback: followed (as numbers), bandwidths, W, F, K, G, period."""
+"""A feedback for compiled loops: followed (as numbers), bandwidths, W, F, K, G, period."""
 Limits = tuple[Array, Array]
 """Lowest and highest value of each input (inputs,)."""
 
 
 def law_of(feedback: Feedback) -> Law:
-    """A feedback as compiled loops take it."""
+    """A feedback for compiled loops."""
     return (
         np.array(feedback.followed, dtype=float),
         feedback.bandwidths,
@@ -116,9 +116,9 @@ def law_of(feedback: Feedback) -> Law:
 def feedback_inputs(
     law: Any, limits: Any, y: Any, commands: Any, added: Any, model: Any, integrals: Any, u: Any
 ) -> None:
-    """The inputs u (inputs,) that answer outputs y (outputs,), commands (followed,) and what is added (inputs,).
+    """Write the inputs u (inputs,) for outputs y (outputs,), commands (followed,) and added inputs (inputs,).
 
-    model (followed, 2), value and rate of each reference model, and integrals (inputs,) go on by a period.
+    model (followed, 2), value and rate of each reference model, and integrals (inputs,) advance by a period.
     """
     followed, bandwidths, wanted, forward, gains, integral, period = law
     low, high = limits
@@ -157,7 +157,7 @@ def _answer(
 
 
 class Follower:
-    """A feedback at work: its reference models and integrals."""
+    """A running feedback, with its reference models and integrals."""
 
     def __init__(self, feedback: Feedback, limits: Limits) -> None:
         self._law, self._limits = law_of(feedback), limits
@@ -167,8 +167,8 @@ class Follower:
         """(inputs,)."""
 
     def answer(self, outputs: ArrayLike, commands: ArrayLike, added: ArrayLike) -> Array:
-        """The inputs (inputs,) of the next period, for outputs (outputs,), commands (followed,), and what is added to
-        the inputs (inputs,).
+        """The inputs (inputs,) of the next period, for outputs (outputs,), commands (followed,) and added inputs
+        (inputs,).
         """
         given = [np.ascontiguousarray(values, dtype=float) for values in (outputs, commands, added)]
         inputs = np.empty(len(self.integrals))

@@ -45,8 +45,7 @@ def names() -> dict[str, str]:
 def find(rig: str | Path) -> RigFolder:
     """The folder of a rig. Text with a slash, "." or "~" in front, and any Path, is a path; other text a name.
 
-    Raises:
-        UserError: there is none, it lacks a file, or two rigs have the name.
+    Raises UserError where there is no such rig, it lacks a file, or two rigs have the name.
     """
     text = str(rig)
     if isinstance(rig, Path) or "/" in text or text.startswith((".", "~")):
@@ -63,8 +62,7 @@ def find(rig: str | Path) -> RigFolder:
 def systems_of(folder: RigFolder) -> tuple[System, dict[str, System]]:
     """The system of a rig and its further structures by name: what system.py holds.
 
-    Raises:
-        UserError: its Python fails, or holds no system, or several of which none is called SYSTEM.
+    Raises UserError where its Python fails, or holds no system, or several of which none is called SYSTEM.
     """
     path = folder.path / SYSTEM
     module = _imported(folder)

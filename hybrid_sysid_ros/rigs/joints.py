@@ -41,8 +41,7 @@ class Joints:
     def of(cls, content: Mapping[str, Any], system: System, where: str) -> Joints:
         """From a section of rig.yaml. An output or an input of no joint gets one of its own name.
 
-        Raises:
-            UserError: a joint names what the system has not, or two joints carry the same.
+        Raises UserError where a joint names a variable that the system lacks, or two joints carry the same one.
         """
         joints = {name: built(Joint, value, f"{where}.{name}") for name, value in content.items()}
         inputs = [item.name for item in system.inputs]

@@ -168,8 +168,7 @@ def load(rig: str | Path) -> Rig:
 def name_in(content: Mapping[str, Any]) -> str:
     """The rig's name in a model's or a policy's file, which could be a path: whose Python nobody asked to run.
 
-    Raises:
-        UserError: it is no name.
+    Raises UserError for a path.
     """
     name = content["rig"]
     if not isinstance(name, str) or not name.isidentifier() or len(name) > LONGEST_NAME:

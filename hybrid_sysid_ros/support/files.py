@@ -35,8 +35,7 @@ def written_file(path: Path | str) -> Iterator[Path]:
 
     Missing parent folders are made. If the body raises, `path` stays as it was.
 
-    Raises:
-        UserError: the place cannot be written, or `path` is a folder.
+    Raises UserError where the place cannot be written, or `path` is a folder.
     """
     target = Path(os.path.realpath(path))
     _check_no_folder(Path(path), target)
@@ -56,8 +55,7 @@ def written_folder(
         `replace` is false.
     force: replace the folder whatever it holds.
 
-    Raises:
-        UserError: the place cannot be written, or holds something that may not be replaced.
+    Raises UserError where the place cannot be written, or holds something that may not be replaced.
     """
     target = Path(os.path.realpath(path))
     _check_replaceable(Path(path), target, marker=marker, replace=replace, force=force)
@@ -103,8 +101,7 @@ def check_file(path: Path | str, *, suffix: str = "") -> None:
 
     suffix: that the name must end in, so that no file of another kind is taken for an old one.
 
-    Raises:
-        UserError: the place cannot be written, `path` is a folder, or has another suffix.
+    Raises UserError where the place cannot be written, `path` is a folder, or has another suffix.
     """
     target = Path(os.path.realpath(path))
     if not target.name.endswith(suffix):
@@ -116,8 +113,7 @@ def check_file(path: Path | str, *, suffix: str = "") -> None:
 def check_folder(path: Path | str, *, marker: str | tuple[str, ...], replace: bool = True) -> None:
     """Whether written_folder() could write there, to be asked before long work.
 
-    Raises:
-        UserError: the place cannot be written, or holds something that may not be replaced.
+    Raises UserError where the place cannot be written, or holds something that may not be replaced.
     """
     target = Path(os.path.realpath(path))
     _check_replaceable(Path(path), target, marker=marker, replace=replace, force=False)
@@ -136,8 +132,7 @@ def sha256(path: Path | str, *, without: str = "") -> str:
     A folder's is that of its list of files, sorted by relative path, as `sha256sum` prints it ("<digest>  <path>").
     without: a file of the folder that is left out.
 
-    Raises:
-        UserError: there is no such file or folder, or it cannot be read.
+    Raises UserError where there is no such file or folder, or it cannot be read.
     """
     path = Path(path)
     try:

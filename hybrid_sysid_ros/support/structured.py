@@ -19,8 +19,7 @@ KINDS = {float: "a number", int: "a whole number", str: "text", bool: "true or f
 def read_mapping(path: Path | str) -> dict[str, Any]:
     """Read a YAML file that holds a mapping.
 
-    Raises:
-        UserError: no such file, not readable, no YAML or no mapping.
+    Raises UserError for a file that is missing, not readable, no YAML or no mapping.
     """
     try:
         content = yaml_text.read(Path(path))
@@ -47,8 +46,7 @@ def refuse_endless(value: Any, where: str) -> None:
 def section(content: Mapping[str, Any], key: str, where: str, *, needed: bool = False) -> dict[str, Any]:
     """A mapping within a mapping, empty where it is not there; its keys are text.
 
-    Raises:
-        UserError: it is something else, or ``needed`` and not there.
+    Raises UserError for another value, and where the section is ``needed`` and missing.
     """
     value = content.get(key)
     if value is None and not needed:
@@ -61,8 +59,7 @@ def section(content: Mapping[str, Any], key: str, where: str, *, needed: bool = 
 def built(kind: type[T], value: Any, where: str) -> T:
     """A dataclass from a mapping of its fields: numbers, text, truth values, dataclasses again, and lists of these.
 
-    Raises:
-        UserError: a key is unknown, missing or of the wrong kind, or the dataclass itself refuses.
+    Raises UserError where a key is unknown, missing or of the wrong kind, or the dataclass itself refuses.
     """
     fields = {item.name: item for item in dataclasses.fields(kind) if item.init}  # type: ignore[arg-type]
     if not isinstance(value, Mapping):

@@ -56,12 +56,7 @@ for _kind in (_Loader, Dumper):  # 1e9 and 1.0e9 are numbers to everybody but YA
 
 
 def read(path: Path) -> Any:
-    """Plain data of a YAML file.
-
-    Raises:
-        OSError: it can't be read.
-        TextError: see there.
-    """
+    """Plain data of a YAML file. Raises OSError where it can't be read. Raises TextError as its docstring says."""
     with path.open("rb") as file:
         content = file.read(LARGEST + 1)
     if len(content) > LARGEST:

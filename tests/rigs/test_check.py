@@ -90,7 +90,7 @@ def test_a_sound_rig_has_no_problems():
 
 
 def test_a_state_that_the_outputs_do_not_tell_is_named():
-    assert "do not tell position:" in problems(rig_of(Blind()))
+    assert "do not determine position:" in problems(rig_of(Blind()))
 
 
 def test_what_grows_without_a_loop_is_named_and_held_by_one():

@@ -54,8 +54,7 @@ def k_step_errors(
     default the free run.
     Ljung (1999), System Identification, 2nd ed., sections 3.2 and 16.5: k-step-ahead prediction without a noise model.
 
-    Raises:
-        UserError: a horizon below 1, or none that fits into the record; a constant output.
+    Raises UserError for a horizon below 1 or beyond the record, and for a constant output.
     """
     chosen = default_horizons(min(LONGEST, experiment.samples // 2)) if horizons is None else horizons
     ahead = np.unique(np.asarray(chosen, dtype=np.int64))

@@ -42,9 +42,8 @@ def follow_again(system: System, record: Record, rig: Rig, *, sampling: Sampling
     the feedback's answer to the measured outputs, from the record's beginning on, where the feedback was at rest.
     Everything else is simulated, so an error of the model acts back on its inputs.
 
-    Raises:
-        UserError: the rig has no feedback, or one behind low-passes; the record is not sampled as the feedback works,
-            or does not have its commands; the model's step does not fit.
+    Raises UserError where the rig has no feedback, or one behind low-passes; the record is not sampled as the feedback
+    works, or does not have its commands; the model's step does not fit.
     """
     feedback = rig.experiments.feedback
     if feedback is None or any(sensor.low_pass for sensor in rig.sensors):

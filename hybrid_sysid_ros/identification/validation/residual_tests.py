@@ -70,8 +70,7 @@ def whiteness(residuals: Array, *, lags: int = LAGS) -> ResidualTest:
     section 16.6. The statistic is that of Ljung and Box (1978), Biometrika 65(2): N (N + 2) sum r(k)^2 / (N - k).
     A free run of an output-error model need not pass: its residuals hold the process noise as the rig filters it.
 
-    Raises:
-        UserError: too few samples, or residuals that are constant or not finite.
+    Raises UserError for too few samples, or residuals that are constant or not finite.
     """
     centred = _centred(residuals, "residuals", lags)
     samples = len(centred)
@@ -93,8 +92,7 @@ def independence(residuals: Array, signal: Array, *, lags: int = LAGS) -> Residu
     is of lags 0 to `lags`, without the combinations in which the signals have no power. If the input was made from past
     residuals (feedback) and these are not white, only a test against the reference has these probabilities.
 
-    Raises:
-        UserError: too few samples, or a signal that is constant or not finite.
+    Raises UserError for too few samples, or a signal that is constant or not finite.
     """
     error, cause = _centred(residuals, "residuals", lags), _centred(signal, "signal", lags)
     if len(error) != len(cause):
@@ -131,8 +129,7 @@ def correlation_tests(residuals: Array, signal: Array, *, lags: int = LAGS) -> d
 
     Returns: the tests by the names in DESCRIPTIONS. A binary input has no (u^2)', so its two tests are left out.
 
-    Raises:
-        UserError: too few samples, different numbers of them, or a signal that is constant or not finite.
+    Raises UserError for too few samples, different numbers of them, or a signal that is constant or not finite.
     """
     e, u = _centred(residuals, "residuals", lags), _centred(signal, "signal", lags)
     if len(e) != len(u):

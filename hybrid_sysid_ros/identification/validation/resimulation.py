@@ -65,9 +65,8 @@ def resimulate(system: System, record: Record, rig: Rig, *, sampling: Sampling, 
     the output moves within a step reaches the input through six integrations only. The filter begins settled at the
     record's filtered position; in a part that begins within the record it has seen the measured output before.
 
-    Raises:
-        UserError: the record has no reference or was driven by another controller, the rig has more than one input or
-            output, the step is no multiple of the rig's, or the record does not fit the sampling.
+    Raises UserError where the record has no reference or was driven by another controller, the rig has more than one
+    input or output, the step is no multiple of the rig's, or the record does not fit the sampling.
     """
     ticks = rig.steps(sampling.step, "re-simulation: the model's step")
     if not rig.experiments.loops:
@@ -109,8 +108,7 @@ def resimulations(
 ) -> tuple[dict[str, Resimulation], dict[str, str]]:
     """Re-simulate what can be of some records: the results, and the reasons for the others, by the records' names.
 
-    Raises:
-        UserError: none of :func:`resimulate`; they are the reasons.
+    The reasons are the errors that :func:`resimulate` raises; none is raised here.
     """
     done: dict[str, Resimulation] = {}
     skipped: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""A sled on a rail: replace it by your own rig, and see docs/guides/rig-file.md for all that a system can say."""
+"""A sled on a rail: replace it by your own rig; docs/guides/rig-file.md describes everything that a system can have."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ class Sled(System):
     friction: float = bounded(0.8, 0.0, 20.0, start=0.5, unit="N")
     """F, dry."""
     input_delay: float = bounded(0.004, 0.0, 0.05, start=0.002, unit="s")
-    """Of the drive."""
+    """Delay of the drive."""
 
     def law(self, x, u):
-        """Rates of the states; the contacts' friction is left out, for a step solves it."""
+        """Rates of the states, without the contacts' friction, which each step solves."""
         _, velocity = x
         return velocity, u[0] / self.mass
 
     def friction_rate(self, x, u):
-        """Contacts count per unit inertia [m/s^2]."""
+        """Friction level per unit inertia [m/s^2]."""
         return self.friction / self.mass
 
     def damping_rate(self, x, u):

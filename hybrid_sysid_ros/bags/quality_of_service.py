@@ -1,4 +1,4 @@
-"""Quality: how a publisher offers a topic, in the words of rosbag2. Nodes read it, and no library of bags with it."""
+"""Quality of service of a publisher, in rosbag2's terms. Nodes import it without any library of bags."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from typing import Any
 
 ENDLESS = {"sec": 9223372036, "nsec": 854775807}
-"""A duration without end."""
+"""An infinite duration."""
 NUMBERED = {
     "reliability": {1: "reliable", 2: "best_effort"},
     "durability": {1: "transient_local", 2: "volatile"},
     "history": {1: "keep_last", 2: "keep_all"},
 }
-"""What the numbers stood for before version 9 of metadata.yaml."""
+"""Meaning of the numbers before version 9 of metadata.yaml."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quality:
-    """A quality of service: what matters of it to who publishes again; policies as in rosbag2's metadata.yaml."""
+class QualityOfService:
+    """Quality of service, as far as it is needed to publish again; policies as in rosbag2's metadata.yaml."""
 
     reliability: str = "reliable"
     durability: str = "volatile"
@@ -27,7 +27,7 @@ class Quality:
 
     @property
     def description(self) -> dict[str, Any]:
-        """The profile as metadata.yaml has it."""
+        """The profile in the form of metadata.yaml."""
         return {
             "history": self.history,
             "depth": self.depth,
@@ -41,7 +41,7 @@ class Quality:
         }
 
     @classmethod
-    def of(cls, profile: Mapping[str, Any]) -> Quality:
-        """A profile out of metadata.yaml, of any version. Raises KeyError, TypeError or ValueError where it is none."""
+    def of(cls, profile: Mapping[str, Any]) -> QualityOfService:
+        """A profile from metadata.yaml of any version. Raises KeyError, TypeError or ValueError for anything else."""
         policies = {name: known.get(profile[name], str(profile[name])) for name, known in NUMBERED.items()}
         return cls(**policies, depth=int(profile["depth"]))
