@@ -14,7 +14,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from hybrid_sysid_ros.support import extensions
-from hybrid_sysid_ros.support.errors import Interrupted, UserError
+from hybrid_sysid_ros.support.errors import Interrupted, UserError, lines_of
 
 UsageError = cast(type[typer.BadParameter], typer.BadParameter.__mro__[1])
 """What typer raises for wrong arguments of any kind; it gives a name to this kind only."""
@@ -152,7 +152,7 @@ def run_program(make: Callable[[], Commands]) -> None:
         sys.stderr.write(_usage(error) + "\n")
         sys.exit(2)
     except UserError as error:
-        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
+        sys.stderr.writelines(f"error: {' '.join(line.split())}\n" for line in lines_of(error))
         sys.exit(2)
     except OSError as error:  # such as a full disk behind standard output, or a pipe that closed
         sys.stderr.write(f"error: {error.filename or 'standard output'}: {error.strerror or error}\n")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Any
 
@@ -14,9 +14,8 @@ from rich.table import Table
 from hybrid_sysid_ros.commands.terminal import RigPlace, console, end, print_table
 from hybrid_sysid_ros.rigs.check import check, step_responses
 from hybrid_sysid_ros.rigs.rig import Rig, load
-from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.runtime.parameters import declarations, defaults
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.runtime import configuration, preflight
+from hybrid_sysid_ros.support.errors import collected
 from hybrid_sysid_ros.support.extensions import blaming, loaded, targets
 
 BLOCKS = "▁▂▃▄▅▆▇█"
@@ -61,38 +60,19 @@ def _facts(rig: Rig) -> Table:
     return table
 
 
-def _values(rig: Rig) -> Iterator[str]:
-    """What is wrong with the values of nodes, of the controller's problem, and of the policy's sections."""
-    try:
-        for node in declarations():
-            defaults(rig, node)
-    except UserError as error:
-        yield str(error)
-        return
-    controller, reference, estimator, plant = (
-        defaults(rig, node) for node in ("controller", "reference", "estimator", "plant")
-    )
-    needed = controller["horizon"] * controller["period"] + controller["latency"] + rig.system.delay
-    if reference["preview_seconds"] < needed + reference["publish_period"]:
-        yield (
-            f"{rig.file}: nodes.reference.preview_seconds is {reference['preview_seconds']:g} s: the controller's "
-            f"horizon, the delays and a publish period take {needed + reference['publish_period']:g} s"
-        )
-    made: list[tuple[str, Callable[[], Any]]] = [
-        ("nodes.plant.rate", lambda: rig.steps(1.0 / plant["rate"], f"the period of {plant['rate']:g} Hz")),
-        ("nodes.controller.period", lambda: rig.steps(controller["period"], "the period")),
-        ("nodes", lambda: configuration.mpc_problem(controller, rig)),
-        ("nodes", lambda: configuration.estimator_tuning(estimator, rig)),
+def _values(rig: Rig) -> list[str]:
+    """What is wrong with the values of nodes, and with the sections of policies, demo and extensions."""
+    problems = preflight.of_rig(rig)
+    made: tuple[tuple[str, Callable[[], Any]], ...] = (
         ("policy_training", lambda: configuration.spread_of(rig)),
         ("demo", lambda: _demo(rig)),
         *((name, partial(_of_extension, target, rig)) for name, target in targets("sections").items() if target),
-    ]
+    )
     for section, make in made:
-        try:
-            _ = make() if section.startswith("nodes") or section in rig.content else None
-        except UserError as error:
-            text = str(error)
-            yield text if text.startswith(str(rig.file)) else f"{rig.file}: {section}: {text}"
+        with collected(found := list[str]()):
+            _ = make() if section in rig.content else None
+        problems += (line if line.startswith(str(rig.file)) else f"{rig.file}: {section}: {line}" for line in found)
+    return problems
 
 
 def _of_extension(target: str, rig: Rig) -> None:

@@ -19,15 +19,23 @@ from hybrid_sysid_ros.core.wrappers import RateDisturbanceModel, Stabilised, fee
 from hybrid_sysid_ros.estimation import SensorChannel, Tuning
 from hybrid_sysid_ros.models import Model
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime.parameters import TRAINED, NodeParameter, check_rules, defaults, parameters, shipped
+from hybrid_sysid_ros.runtime.parameters import (
+    TRAINED,
+    NodeParameter,
+    check_rules,
+    defaults,
+    parameters,
+    settings,
+    shipped,
+)
 from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers
 
 __all__ = [
     "CAMERA", "TRAINED", "NodeParameter", "SetPointRange", "check_rules", "check_tolerances", "controller_model",
-    "defaults", "estimator_model", "estimator_tuning", "mpc_problem", "parameters", "set_point_ranges", "shipped",
-    "spread_of", "wrap_for_rig",
+    "defaults", "estimator_model", "estimator_tuning", "mpc_problem", "parameters", "set_point_ranges", "settings",
+    "shipped", "spread_of", "wrap_for_rig",
 ]  # fmt: skip
 
 CAMERA = "camera"

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from hybrid_sysid_ros.rigs.rig import Rig, load
-from hybrid_sysid_ros.support import extensions
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support import errors, extensions
+from hybrid_sysid_ros.support.errors import UserError, UserErrors, collected
 from hybrid_sysid_ros.support.structured import KINDS, built, numbers, read_mapping, refuse_unknown, section
 
 DECLARATIONS = Path(__file__).parents[1] / "msgs_config" / "nodes.yaml"
@@ -122,17 +122,48 @@ class NodeParameter:
 
 def parameters(rig: Rig | str, node: str) -> dict[str, NodeParameter]:
     """Parameters of a node of a rig, by name; their defaults are the rig's values. Raises UserError where there is no
-    such rig or node, or one of the rig's values is not allowed.
+    such rig or node, or some of the rig's values are not allowed.
     """
     rig = rig if isinstance(rig, Rig) else load(rig)
+    found, problems = _described(rig, node)
+    with collected(problems):
+        check_rules(found, _values(found), f"{rig.file}: nodes.{node}: ")
+    if problems:
+        raise UserErrors(problems)
+    return found
+
+
+def settings(rig: Rig, node: str, given: Mapping[str, Any]) -> tuple[dict[str, Any] | None, list[str]]:
+    """All values of a node where some are given, by name, and a line for each that is wrong. Those that are against a
+    rule are there, None where one is unknown or not allowed. Raises UserError where there is no such node.
+    """
+    known, wrong = _described(rig, node)
+    broken, values = list[str](), _values(known)
+    with collected(broken):
+        check_rules(known, values, f"{rig.file}: nodes.{node}: ")
+    for name, value in given.items():
+        with collected(wrong, f"{node}: "):
+            if name not in known:
+                raise UserError(f"unknown parameter {name}: {errors.known(name, known)}")
+            values[name] = known[name].checked(value)
+    if not broken:
+        with collected(broken):
+            check_rules(known, values, f"{node}: ")
+    return None if wrong else values, [*wrong, *broken]
+
+
+def _described(rig: Rig, node: str) -> tuple[dict[str, NodeParameter], list[str]]:
+    """Parameters with the rig's values, and what is wrong with those: they are left out."""
     declared, where = declarations(), str(rig.file)
     if node not in declared:
         raise UserError(f"{DECLARATIONS}: no section nodes.{node}: known are {', '.join(declared)}")
     given = section(rig.content, "nodes", where)
-    refuse_unknown(given, tuple(declared), f"{where}: nodes")
-    values = section(given, node, f"{where}: nodes")
-    refuse_unknown(values, tuple(declared[node]), f"{where}: nodes.{node}")
-    found = {}
+    values, problems = section(given, node, f"{where}: nodes"), list[str]()
+    found: dict[str, NodeParameter] = {}
+    with collected(problems):
+        refuse_unknown(given, tuple(declared), f"{where}: nodes")
+    with collected(problems):
+        refuse_unknown(values, tuple(declared[node]), f"{where}: nodes.{node}")
     for name, entry in declared[node].items():
         fitted = {**entry, "unit": _unit(entry, rig), "count": _count(entry, rig)}
         if entry.get("range") == "ACTUATOR":
@@ -140,24 +171,30 @@ def parameters(rig: Rig | str, node: str) -> dict[str, NodeParameter]:
             fitted["range"] = [-largest, largest]
         found[name] = _parameter(name, fitted, f"{rig.name}: nodes.{node}.{name}")
         if name in values:
-            try:
+            with collected(problems, f"{where}: nodes.{node}: "):
                 found[name] = replace(found[name], default=found[name].checked(values[name]))
-            except UserError as error:
-                raise UserError(f"{where}: nodes.{node}: {error}") from error
-    check_rules(found, {name: item.default for name, item in found.items()}, f"{where}: nodes.{node}: ")
-    return found
+    return found, problems
+
+
+def _values(known: Mapping[str, NodeParameter]) -> dict[str, Any]:
+    return {name: item.default for name, item in known.items()}
 
 
 def check_rules(known: Mapping[str, NodeParameter], values: Mapping[str, Any], where: str = "") -> None:
-    """Raise UserError, which begins with where, where values (by name) are against a rule that two parameters share."""
+    """Raise UserErrors, each of which begins with where, where values (by name) are against rules that two parameters
+    share.
+    """
+    problems = list[str]()
     for name, item in known.items():
         if item.above and (item.above not in known or isinstance(values[item.above], str | list)):
-            raise UserError(f"{where}parameter {name}: above is {item.above}, which is no number of the node")
-        if item.above and not values[name] > values[item.above]:
-            raise UserError(
+            problems.append(f"{where}parameter {name}: above is {item.above}, which is no number of the node")
+        elif item.above and not values[name] > values[item.above]:
+            problems.append(
                 f"{where}parameter {name} is {_with_unit(item, values)}: it must be more than {item.above}, "
                 f"{_with_unit(known[item.above], values)}"
             )
+    if problems:
+        raise UserErrors(problems)
 
 
 def _with_unit(item: NodeParameter, values: Mapping[str, Any]) -> str:
@@ -166,7 +203,7 @@ def _with_unit(item: NodeParameter, values: Mapping[str, Any]) -> str:
 
 def defaults(rig: Rig | str, node: str) -> dict[str, Any]:
     """Value of each parameter of a node that nobody sets. Raises UserError: see parameters()."""
-    return {name: parameter.default for name, parameter in parameters(rig, node).items()}
+    return _values(parameters(rig, node))
 
 
 def parameter_file(rig: Rig | str) -> str:

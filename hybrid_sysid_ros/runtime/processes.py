@@ -12,8 +12,8 @@ from typing import Any
 
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.runtime import configuration
-from hybrid_sysid_ros.support import errors, extensions
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support import extensions
+from hybrid_sysid_ros.support.errors import UserErrors
 
 COMPOSED = "composed"
 """Node of several in one process."""
@@ -56,16 +56,10 @@ def _beginning(node: str, *arguments: str, rig: str, namespace: str) -> list[str
 
 def _checked(rig: str, node: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """The values as the parameters of a node have them."""
-    known = configuration.parameters(rig or rigs.default(), node)
-    try:
-        for name in values:
-            if name not in known:
-                raise UserError(f"unknown parameter {name}: {errors.known(name, known)}")
-        given = {name: known[name].checked(value) for name, value in values.items()}
-        configuration.check_rules(known, {**{name: item.default for name, item in known.items()}, **given})
-    except UserError as error:
-        raise UserError(f"{node}: {error}") from error
-    return given
+    every, problems = configuration.settings(rigs.load(rig), node, values)
+    if every is None or problems:
+        raise UserErrors(problems)
+    return {name: every[name] for name in values}
 
 
 def permitted_priority() -> int:

@@ -15,7 +15,7 @@ from typing import Any
 from hybrid_sysid_ros.bags import markers
 from hybrid_sysid_ros.rigs import rig as rigs
 from hybrid_sysid_ros.rigs.rig import Rig
-from hybrid_sysid_ros.runtime import configuration, processes
+from hybrid_sysid_ros.runtime import configuration, preflight, processes
 from hybrid_sysid_ros.runtime.companion import LOOP, RECORDER, Companion, NodeValues, RequestedLoop, join
 from hybrid_sysid_ros.runtime.processes import COMPOSED
 from hybrid_sysid_ros.runtime.session import READY_TIMEOUT, START_TIMEOUT, Session
@@ -78,14 +78,16 @@ class Run:
     def go(self) -> RunResult:
         """Start the nodes, wait for their end, and stop them.
 
-        Raises UserError without ROS, and where a parameter is wrong, a companion can't join, the bag can't be written,
-        or a node could not start or ended too early.
+        Raises UserError without ROS, and where a companion can't join, the bag can't be written, or a node could not
+        start or ended too early; before anything is started UserErrors, a line for each parameter that is wrong and
+        each that does not go with another.
         """
         if self.bag is not None:
             check_folder(self.bag, marker=markers(self.bag), replace=self.overwrite)
         for companion in self.companions:
             companion.check(self._loop)
         values = self.values
+        preflight.check(self._described, values)
         expected, interrupted = self._expected(values), False
         with (
             interruptible(),

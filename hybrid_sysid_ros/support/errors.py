@@ -1,7 +1,8 @@
 """What a user can cause: an error, and an early end."""
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -28,6 +29,31 @@ class UserError(Exception):
 def warn(words: str) -> None:
     """Warn in one line, as if by the package: no line of a source is shown with it."""
     warnings.warn_explicit(words, RuntimeWarning, __name__.partition(".")[0], 1)
+
+
+class UserErrors(UserError):
+    """Several at once, such as all that is wrong with a file.
+
+    lines: one for each, of which the command line makes a line of its own.
+    """
+
+    def __init__(self, lines: Iterable[str]) -> None:
+        self.lines = tuple(str(UserError(line)) for line in dict.fromkeys(lines))
+        super().__init__("; ".join(self.lines))
+
+
+def lines_of(error: UserError) -> tuple[str, ...]:
+    """What an error says, a line for each thing that is wrong."""
+    return error.lines if isinstance(error, UserErrors) else (str(error),)
+
+
+@contextmanager
+def collected(problems: list[str], where: str = "") -> Iterator[None]:
+    """Add the lines of an error to the problems, each with its place before it, and go on."""
+    try:
+        yield
+    except UserError as error:
+        problems += (f"{where}{line}" for line in lines_of(error))
 
 
 def known(name: str, names: Iterable[str]) -> str:

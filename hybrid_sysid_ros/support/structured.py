@@ -10,7 +10,7 @@ from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from hybrid_sysid_ros.support import errors, yaml_text
-from hybrid_sysid_ros.support.errors import UserError
+from hybrid_sysid_ros.support.errors import UserError, UserErrors, collected
 
 T = TypeVar("T")
 KINDS = {float: "a number", int: "a whole number", str: "text", bool: "true or false"}
@@ -64,13 +64,17 @@ def built(kind: type[T], value: Any, where: str) -> T:
     fields = {item.name: item for item in dataclasses.fields(kind) if item.init}  # type: ignore[arg-type]
     if not isinstance(value, Mapping):
         raise UserError(f"{where}: needs {', '.join(fields)}, not {value!r}")
-    refuse_unknown(value, tuple(fields), where)
-    hints, given = get_type_hints(kind), {}
+    hints, given, problems = get_type_hints(kind), {}, list[str]()
+    with collected(problems):
+        refuse_unknown(value, tuple(fields), where)
     for name, item in fields.items():
         if name in value:
-            given[name] = _checked(hints[name], value[name], f"{where}.{name}")
+            with collected(problems):
+                given[name] = _checked(hints[name], value[name], f"{where}.{name}")
         elif item.default is dataclasses.MISSING and item.default_factory is dataclasses.MISSING:
-            raise UserError(f"{where}: {name} is missing")
+            problems.append(f"{where}: {name} is missing")
+    if problems:
+        raise UserErrors(problems)
     try:
         return kind(**given)
     except UserError as error:
@@ -81,7 +85,7 @@ def refuse_unknown(content: Mapping[Any, Any], known: tuple[str, ...], where: st
     """Raise UserError for a key that is none of the known ones."""
     unknown = [str(key) for key in content if key not in known]
     if unknown:
-        raise UserError(f"{where}: unknown key {unknown[0]!r}: {errors.known(unknown[0], known)}")
+        raise UserErrors(f"{where}: unknown key {key!r}: {errors.known(key, known)}" for key in unknown)
 
 
 def numbers(value: Any, where: str, *, count: int) -> tuple[float, ...]:

@@ -187,7 +187,7 @@ def test_a_new_rig_passes_its_check_and_its_files_are_short(tmp_path, command):
     [
         ("process_noise: [1.0e-5, 0.02]", "process_noise: [1, 2, 3]", "nodes.estimator: parameter process_noise"),
         ("controller: {", "controller: {period: 0.0105, ", "nodes.controller.period"),
-        ("nodes:\n", "nodes:\n  plant: {rate: 300.0}\n", "nodes.plant.rate"),
+        ("nodes:\n  estimator: {", "nodes:\n  plant: {rate: 300.0}\n  estimator: {rate: 300.0, ", "nodes.plant.rate"),
         ("nodes:\n", "demo: {learn: [nowhere]}\nnodes:\n", "demo: no bag nowhere"),
         ("nodes:\n", "demo: {period: 0.007}\nnodes:\n", "demo: "),
     ],
