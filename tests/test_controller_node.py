@@ -15,7 +15,7 @@ import pytest
 from hybrid_sysid_ros.control.controller import MpcSolution, Status, held
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.policy import Correction
-from hybrid_sysid_ros.control.safety.certificate import Certificate, bounds
+from hybrid_sysid_ros.control.safety.certificate import Certificate, SeedCounts
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.support.errors import UserError
 
@@ -307,30 +307,31 @@ def test_a_certificate_must_be_the_policy_s_own_and_may_be_required(
     with pytest.raises(UserError, match="has no certificate: hybrid-sysid policy certify"):
         bench.start(ControllerNode, **given, certificate="require")
     seal = storage.digest(planning_folder, kind="policy")
-    rates = {"network": {"all": 0.9999}, "supervised": {"all": 0.5}}
+    counts = SeedCounts(
+        seed=0,
+        loops={"steps": 30_000},
+        failed={"network": {"steps": {"all": 3}}, "supervised": {"steps": {"all": 15_000}}},
+        check={},
+        exact={},
+        made={},
+    )
     made = Certificate(
         policy=seal,
         model=policies.load(planning_folder).model,
-        loops=30_000,
-        seed=0,
         delta=0.01,
         distribution={},
         criteria={},
-        rates=rates,
-        bounds=bounds(rates, 30_000, 0.01),
-        check={},
-        exact={},
+        ledger=[counts],
         worst=[],
-        made={},
     )
     made.save(planning_folder)
     bench.start(ControllerNode, **given, certificate="require")
-    with pytest.raises(UserError, match=r"says mu 0\.9997 of network, less than certificate_rate 0\.9999"):
+    with pytest.raises(UserError, match=r"says mu 0\.9996 of network, less than certificate_rate 0\.9999"):
         bench.start(ControllerNode, **given, certificate="require", certificate_rate=0.9999)
     with pytest.raises(UserError, match=r"says mu 0\.49\d\d of supervised, less than certificate_rate 0\.99"):
         bench.start(ControllerNode, **{**given, "policy": "supervised"}, certificate="require")
     path = planning_folder / "certificate.yaml"
-    path.write_text(path.read_text().replace("loops: 30000", "loops: 90000"))
+    path.write_text(path.read_text().replace("steps: 30000", "steps: 90000"))
     with pytest.raises(UserError, match="was altered") as reported:
         bench.start(ControllerNode, **given)
     assert "\n" not in str(reported.value)

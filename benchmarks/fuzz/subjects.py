@@ -93,7 +93,7 @@ def _policy(path: Path, recover: bool) -> Any:
     answer = policy.control(np.zeros(policy.states), rest, rest, preview)
     assert np.isfinite(answer.input).all()
     made = policy.certificate
-    certified = None if made is None else [made.rates, made.bounds, made.loops, made.margin, made.mu("network")]
+    certified = None if made is None else [made.rates, made.bounds, made.loops, made.mu("network")]
     return [answer.input, policy.problem, policy.layers, policy.output_map, policy.scale, certified]
 
 

@@ -14,7 +14,7 @@ from hybrid_sysid_ros.control.controller import MpcSolution
 from hybrid_sysid_ros.control.mpc.horizon import PARTS
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.training_settings import Settings
-from hybrid_sysid_ros.control.safety.certificate import Certificate
+from hybrid_sysid_ros.control.safety.certificate import DELTA, LOOPS, Certificate
 from hybrid_sysid_ros.library import arguments
 from hybrid_sysid_ros.library.arguments import RigLike
 from hybrid_sysid_ros.library.models import Model, load_model, sealed
@@ -29,8 +29,6 @@ from hybrid_sysid_ros.support.progress import StageProgress
 from hybrid_sysid_ros.support.text_table import text_table
 
 DEFAULT = Settings()
-LOOPS = 26_500
-"""Of a certificate, for a margin of .01 at a confidence of 99 %."""
 MOST = 10**9
 FORMATS = ("onnx", "c", "both")
 SECONDS = 0.02, 8.0
@@ -145,7 +143,7 @@ def certify(
     *,
     loops: int = LOOPS,
     seconds: float | None = None,
-    delta: float = 0.01,
+    delta: float = DELTA,
     seed: int = 0,
     workers: int = 0,
     store: str | Path | None = None,
@@ -154,7 +152,8 @@ def certify(
     """Run random closed loops of a policy beside the exact MPC, and state how often it keeps what, and how surely.
 
     model: that the policy imitates, by default its own. loops: independent ones. seconds: of a loop, by default as the
-    rig's file says. delta: probability with which a bound may be wrong. seed: of everything random. workers: processes,
+    rig's file says. delta: probability with which one of its bounds may be
+    wrong. seed: of everything random. workers: processes,
     0 for one per core. store: folder that keeps finished loops, so that a certification that was interrupted goes on.
     progress(stage, done, of).
 

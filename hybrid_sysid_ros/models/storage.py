@@ -149,7 +149,7 @@ def _sealed(content: dict[Any, Any]) -> bool:
 
 def _text(version: int, content: dict[str, Any]) -> str:
     """The content as YAML, its format first and its seal last."""
-    body = {"format": version, **_plain(content)}
+    body = {"format": version, **plain(content)}
     body["seal"] = _seal(body)
     return str(yaml.dump(body, Dumper=yaml_text.Dumper, sort_keys=False, allow_unicode=True, width=120))
 
@@ -159,14 +159,14 @@ def _seal(body: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(body, sort_keys=True, ensure_ascii=True).encode()).hexdigest()
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """A value in types that YAML and JSON write in the same way."""
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, np.generic):
         return value.item()
     return value

@@ -92,8 +92,8 @@ def test_the_pages_lead_from_a_new_folder_to_a_certified_policy_in_the_loop(
         assert min([unseen.r2, *(item.r2 for item in unseen.outputs.values())]) > 0.995
     policy = policies.load(tmp_path / "policy", model=model)
     assert policy.certificate is not None
-    assert policy.certificate.rates["supervised"]["bounds"] == 1.0
-    assert policy.certificate.rates["supervised"]["cost"] > 0.9
+    assert policy.certificate.rates["supervised"]["mixture"]["bounds"] == 1.0
+    assert policy.certificate.rates["supervised"]["mixture"]["cost"] > 0.9
 
     loop = LoopRecord.from_bag(tmp_path / "loop", rig)
     schedule = rig.schedule()

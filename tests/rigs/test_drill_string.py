@@ -156,4 +156,4 @@ def test_what_ships_belongs_together_and_knows_the_rig(rig):
     values = configuration.defaults(rig.name, "controller")
     assert shipped.problem == configuration.mpc_problem(values, rig, model.system)
     assert shipped.certificate is not None
-    assert min(shipped.certificate.bounds["binomial"]["supervised"][kept] for kept in ("bounds", "cost")) >= 0.99
+    assert min(shipped.certificate.rates["supervised"]["mixture"][kept] for kept in ("bounds", "cost")) >= 0.99

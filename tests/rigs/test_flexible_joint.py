@@ -117,7 +117,7 @@ def test_what_ships_belongs_together(rig, model):
     assert model.rig == shipped.rig == "flexible_joint"
     assert shipped.problem == configuration.mpc_problem(values, rig, model.system)
     assert shipped.certificate is not None
-    assert min(shipped.certificate.bounds["binomial"]["supervised"][kept] for kept in ("bounds", "cost")) >= 0.99
+    assert min(shipped.certificate.rates["supervised"]["mixture"][kept] for kept in ("bounds", "cost")) >= 0.99
 
 
 def test_the_shipped_policy_answers_alike_after_many_turns(model):

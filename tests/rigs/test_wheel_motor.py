@@ -89,4 +89,4 @@ def test_what_ships_belongs_together_and_knows_the_rig(rig):
     values = configuration.defaults(rig.name, "controller")
     assert shipped.problem == configuration.mpc_problem(values, rig, model.system)
     assert shipped.certificate is not None
-    assert shipped.certificate.bounds["binomial"]["supervised"]["bounds"] >= 0.99
+    assert shipped.certificate.rates["supervised"]["mixture"]["bounds"] >= 0.99

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,22 +15,20 @@ from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.files import path_of
 from hybrid_sysid_ros.support.text_table import text_table
 
-FailureRates = Mapping[str, Mapping[str, float]]
-
-FORMAT = 1
+FORMAT = 2
 FILE = "certificate.yaml"
 
-LEAST_LOOPS = 26_492
-"""With so many loops the margin is .01 at a confidence of 99 %."""
+LOOPS, DELTA = 138_149, 1e-6
+"""By default: one statement over so many loops of which none failed is .9999, but with probability delta."""
 
+ALL, MIXTURE = "all", "mixture"
+"""The criterion that a loop keeps which keeps every other one; the loops of all strata together."""
 
-def margin(loops: int, delta: float) -> float:
-    """By how much a rate over independent loops may be better than the truth, but with probability delta.
+ROUNDING = 1e-9
+"""Of a bound that is written down."""
 
-    sqrt(ln(2 / delta) / (2 N)): Hoeffding's inequality, as Hertneck, Köhler, Trimpe, Allgöwer (2018), Learning an
-    approximate model predictive controller with guarantees, IEEE L-CSS 2(3), use it.
-    """
-    return math.sqrt(math.log(2.0 / delta) / (2.0 * loops))
+Failures = Mapping[str, Mapping[str, Mapping[str, int]]]
+"""By driver, stratum and criterion: how many loops did not keep it."""
 
 
 def binomial_bound(kept: int, loops: int, delta: float) -> float:
@@ -42,106 +42,171 @@ def binomial_bound(kept: int, loops: int, delta: float) -> float:
     return float(betaincinv(kept, loops - kept + 1, delta)) if kept else 0.0
 
 
-def bounds(rates: FailureRates, loops: int, delta: float) -> dict[str, FailureRates]:
-    """Rates that the true ones are at least, each but with probability delta, by hoeffding and by binomial."""
-    return {
-        "hoeffding": {
-            driver: {name: max(rate - margin(loops, delta), 0.0) for name, rate in parts.items()}
-            for driver, parts in rates.items()
-        },
-        "binomial": {
-            driver: {name: binomial_bound(round(rate * loops), loops, delta) for name, rate in parts.items()}
-            for driver, parts in rates.items()
-        },
-    }
+@dataclass(frozen=True, kw_only=True)
+class SeedCounts:
+    """What was counted over the loops of one seed. Raises UserError for what nobody counts."""
+
+    seed: int
+    loops: Mapping[str, int]
+    """By stratum."""
+    failed: Failures
+    check: Mapping[str, int]
+    """Answers of the online check, by its reason."""
+    exact: Mapping[str, int]
+    """periods of the exact MPC's own loops, and in how many it was not_converged."""
+    made: Mapping[str, Any]
+    """seconds and versions."""
+
+    def __post_init__(self) -> None:
+        where = f"ledger, seed {self.seed}"
+        _whole(self.seed, f"{where}: seed")
+        for name in ("loops", "check", "exact"):
+            for key, value in _mapping(getattr(self, name), f"{where}: {name}").items():
+                _whole(value, f"{where}: {name}.{key}")
+        if not sum(self.loops.values()):
+            raise UserError(f"{where}: has no loops")
+        _mapping(self.made, f"{where}: made")
+        for driver, strata in _mapping(self.failed, f"{where}: failed").items():
+            if set(_mapping(strata, f"{where}: {driver}")) != set(self.loops):
+                raise UserError(f"{where}: {driver} has other strata than loops")
+            for stratum, counts in strata.items():
+                here, most = f"{where}: {driver}, {stratum}", self.loops[stratum]
+                for criterion, count in _mapping(counts, here).items():
+                    _whole(count, f"{here}: {criterion}", most)
+                single = [count for criterion, count in counts.items() if criterion != ALL]
+                if ALL not in counts or not max(single, default=0) <= counts[ALL] <= (sum(single) if single else most):
+                    raise UserError(f"{here}: the loops that failed {ALL} are not those that failed a criterion")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Certificate:
-    """What was counted, and over what.
+    """What was counted, over what, and what it says.
 
-    policy, model: seals of their folders. loops, seed, delta: N random loops of this seed, and the probability with
-    which one of the bounds may be wrong. distribution: what loops are made of. criteria: what a loop must keep. rates:
-    share of loops that do, by driver (network, supervised) and criterion. bounds: see :func:`bounds`. check: share of
-    the answers of the online check, by its reason. exact: share of its loops' periods in which the exact MPC found no
-    solution to tolerance. worst: the loops with the largest errors, each with the number that runs it again. made:
-    seconds and versions.
+    policy, model: seals of their folders. delta: probability with which one of all statements may be wrong; there is
+    one for each driver (network, supervised) in each stratum, and in the mixture of them, and each has the same part of
+    it. distribution: what loops are made of. criteria: what a loop must keep. ledger: every seed that was tried; what
+    is certified is their loops together. worst: the loops with the largest errors, each with the seed and the number
+    that run it again.
     """
 
     policy: str
     model: str
-    loops: int
-    seed: int
     delta: float
     distribution: Mapping[str, Any]
     criteria: Mapping[str, Any]
-    rates: FailureRates
-    bounds: Mapping[str, FailureRates]
-    check: Mapping[str, float]
-    exact: Mapping[str, float]
+    ledger: Sequence[SeedCounts]
     worst: Sequence[Mapping[str, Any]]
-    made: Mapping[str, Any]
 
     def __post_init__(self) -> None:
         """Raises UserError for what no certificate says: nodes and reports rely on it."""
-        if type(self.loops) is not int or not 0 < self.loops < 1 << 53:
-            raise UserError(f"loops is {self.loops!r}: it needs a whole number above 0")
         if type(self.delta) is not float or not 0.0 < self.delta < 1.0:
             raise UserError(f"delta is {self.delta!r}: it needs a number between 0 and 1")
-        for name in ("distribution", "criteria", "rates", "bounds", "check", "exact", "made"):
-            if not isinstance(getattr(self, name), Mapping):
-                raise UserError(f"{name} is {getattr(self, name)!r}: it needs keys")
-        for name in ("hoeffding", "binomial"):
-            if _criteria(self.bounds.get(name, {})) != _criteria(self.rates):
-                raise UserError(f"bounds.{name} has other drivers or criteria than rates")
-        if any("all" not in names for names in _criteria(self.rates).values()):
-            raise UserError("rates lack criterion all")
+        for name in ("distribution", "criteria"):
+            _mapping(getattr(self, name), name)
+        seeds = [entry.seed for entry in self.ledger]
+        if not seeds or len({*seeds}) != len(seeds):
+            raise UserError(f"ledger has seeds {seeds}: it needs each once, and one at least")
+        shapes = {
+            str([sorted(entry.loops), {driver: _criteria(parts) for driver, parts in sorted(entry.failed.items())}])
+            for entry in self.ledger
+        }
+        if len(shapes) > 1 or not self.ledger[0].failed:
+            raise UserError("ledger has seeds of other drivers, strata or criteria than each other")
 
     def __repr__(self) -> str:
         return f"Certificate({self.loops} loops, delta {self.delta:g})"
 
     def __str__(self) -> str:
-        """A table of the share of the loops that kept each criterion, and the bound that holds for it."""
+        """A table of the share of the loops that kept everything in each stratum, and the bound that holds for it."""
         rows = [
-            (driver, name, f"{rate:.4f}", f"{self.bounds['binomial'][driver][name]:.4f}")
-            for driver, parts in self.rates.items()
-            for name, rate in parts.items()
+            (driver, stratum, f"{self.rates[driver][stratum][ALL]:.4f}", rounded_down(bound))
+            for driver, parts in self.bounds.items()
+            for stratum, bound in parts.items()
         ]
-        title = f"certificate of {self.loops} closed loops, at a confidence of {1.0 - self.delta:.4g}"
-        return text_table(title, ("driver", "kept", "share", "at least"), rows, most=8, rest="certificate.rates")
+        title = f"certificate of {self.loops} closed loops, at a confidence of 1 - {self.delta:g}"
+        return text_table(title, ("driver", "stratum", "share", "at least"), rows, most=24, rest="certificate.rates")
 
     @property
-    def margin(self) -> float:
-        return margin(self.loops, self.delta)
+    def loops(self) -> int:
+        return sum(sum(entry.loops.values()) for entry in self.ledger)
+
+    @cached_property
+    def strata(self) -> dict[str, int]:
+        """How many loops there are of each stratum, and of the mixture."""
+        found: Counter[str] = Counter()
+        for entry in self.ledger:
+            found.update(entry.loops)
+        return {**found, MIXTURE: self.loops}
+
+    @cached_property
+    def failed(self) -> dict[str, dict[str, dict[str, int]]]:
+        """By driver, stratum and criterion, over all seeds; the mixture is one of the strata."""
+        found: dict[str, dict[str, dict[str, int]]] = {}
+        for driver, strata in self.ledger[0].failed.items():
+            parts = {
+                stratum: {name: sum(entry.failed[driver][stratum][name] for entry in self.ledger) for name in names}
+                for stratum, names in strata.items()
+            }
+            names = next(iter(parts.values()))
+            parts[MIXTURE] = {name: sum(part[name] for part in parts.values()) for name in names}
+            found[driver] = parts
+        return found
+
+    @property
+    def rates(self) -> dict[str, dict[str, dict[str, float]]]:
+        """Share of the loops that keep each criterion."""
+        return {
+            driver: {
+                stratum: {name: 1.0 - count / self.strata[stratum] for name, count in counts.items()}
+                for stratum, counts in parts.items()
+            }
+            for driver, parts in self.failed.items()
+        }
+
+    @property
+    def statements(self) -> int:
+        """How many share delta."""
+        return len(self.failed) * len(self.strata)
+
+    @cached_property
+    def bounds(self) -> dict[str, dict[str, float]]:
+        """By driver and stratum: the true share of loops that keep everything is at least this."""
+        share = self.delta / self.statements
+        return {
+            driver: {
+                stratum: binomial_bound(self.strata[stratum] - counts[ALL], self.strata[stratum], share)
+                for stratum, counts in parts.items()
+            }
+            for driver, parts in self.failed.items()
+        }
+
+    def worst_stratum(self, driver: str) -> str:
+        """The stratum with the lowest bound."""
+        return min(self.bounds[driver], key=lambda stratum: self.bounds[driver][stratum])
 
     def mu(self, driver: str) -> float:
-        """Rate of the loops that keep everything: it is at least this, but with probability delta (binomial)."""
-        return float(self.bounds["binomial"][driver]["all"])
+        """The headline: the bound of the worst stratum."""
+        return self.bounds[driver][self.worst_stratum(driver)]
 
     def save(self, folder: Path | str) -> None:
         """Write it into the folder of its policy. Raises UserError where that is another policy by now."""
         folder = path_of(folder, "folder")
         if storage.digest(folder, kind="policy") != self.policy:
             raise UserError(f"{folder}: is another policy than the one that was certified; certify it again")
-        content = {**asdict(self), "margin": self.margin}
+        content = {**asdict(self), "statements": self.statements, "bounds": self.bounds}
         storage.save_sheet(folder / FILE, version=FORMAT, content=content)
 
 
-def _criteria(rates: Any) -> dict[str, set[str]]:
-    """Drivers and the criteria of each. Raises UserError where a rate is none."""
-    parts = rates.items() if isinstance(rates, Mapping) else ()
-    for driver, found in parts:
-        numbers: list[Any] = list(found.values()) if isinstance(found, Mapping) else [None]
-        if any(type(rate) not in (int, float) or not 0.0 <= rate <= 1.0 for rate in numbers):
-            raise UserError(f"rates of {driver} need numbers between 0 and 1")
-    return {driver: set(found) for driver, found in parts}
+def rounded_down(bound: float) -> str:
+    """A bound of four digits that is not above the bound."""
+    return f"{math.floor(1e4 * bound) / 1e4:.4f}"
 
 
 def find_certificate(folder: Path | str, *, policy: str, model: str) -> Certificate | None:
     """The certificate in a policy's folder, None where there is none.
 
     policy, model: seals of the policy and of the model that it is used with. Raises UserError where the certificate was
-    altered or belongs to another policy or model.
+    altered, says other bounds than its counts, or belongs to another policy or model.
     """
     path = Path(folder) / FILE
     if not path.is_file():
@@ -149,7 +214,10 @@ def find_certificate(folder: Path | str, *, policy: str, model: str) -> Certific
     again = "certify it again (hybrid-sysid policy certify) or remove the certificate"
     content = storage.load_sheet(path, kind="certificate", version=FORMAT)
     try:
-        found = Certificate(**{item.name: content[item.name] for item in fields(Certificate)})
+        ledger = [SeedCounts(**entry) for entry in content["ledger"]]
+        given = {item.name: content[item.name] for item in fields(Certificate)}
+        found = Certificate(**{**given, "ledger": ledger})
+        _check_bounds(found, content["bounds"])
     except UserError as error:
         raise UserError(f"{path}: {error}; {again}") from error
     except (KeyError, TypeError) as error:
@@ -159,3 +227,27 @@ def find_certificate(folder: Path | str, *, policy: str, model: str) -> Certific
     if found.model != model:
         raise UserError(f"{path}: belongs to another model; {again}")
     return found
+
+
+def _check_bounds(certificate: Certificate, written: Any) -> None:
+    """Raises UserError where the bounds that are written are not those of the counts."""
+    for driver, parts in certificate.bounds.items():
+        for stratum, bound in parts.items():
+            said = written[driver][stratum]
+            if type(said) is not float or not math.isclose(said, bound, rel_tol=0.0, abs_tol=ROUNDING):
+                raise UserError(f"bound of {driver}, {stratum} is {said!r}, and by its counts it is {bound:.6f}")
+
+
+def _mapping(value: Any, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise UserError(f"{where} is {value!r}: it needs keys")
+    return value
+
+
+def _whole(value: Any, where: str, most: int = 1 << 53) -> None:
+    if type(value) is not int or not 0 <= value <= most:
+        raise UserError(f"{where} is {value!r}: it needs a whole number from 0 to {most}")
+
+
+def _criteria(parts: Mapping[str, Mapping[str, int]]) -> list[list[str]]:
+    return sorted(sorted(counts) for counts in parts.values())

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.policy.policy import SELF_CHECK_TOLERANCE, Policy
-from hybrid_sysid_ros.control.safety.certificate import Certificate
+from hybrid_sysid_ros.control.safety.certificate import Certificate, rounded_down
 from hybrid_sysid_ros.core import Variable
 from hybrid_sysid_ros.extensions.export import c_source, compiler, onnx_graph
 from hybrid_sysid_ros.extensions.export.vectors import NAMES, Vectors, parts, vectors
@@ -131,8 +131,8 @@ def _certified(certificate: Certificate | None) -> str:
     """What the certificate says of the network alone, for that is what is exported."""
     if certificate is None:
         return "none"
-    bounds = ", ".join(f"{name} {bound:.4f}" for name, bound in certificate.bounds["hoeffding"]["network"].items())
-    return f"{certificate.loops} loops; rates at least (delta {certificate.delta:g}): {bounds}"
+    stratum, bound = certificate.worst_stratum("network"), certificate.mu("network")
+    return f"{certificate.loops} loops; rate at least {rounded_down(bound)} in {stratum} (delta {certificate.delta:g})"
 
 
 def _write_onnx(policy: Policy, known: Vectors, folder: Path, name: str, properties: dict[str, str]) -> Check:

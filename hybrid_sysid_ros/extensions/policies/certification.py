@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from hybrid_sysid_ros.control.safety.certificate import Certificate, bounds, margin
+from hybrid_sysid_ros.control.safety.certificate import DELTA, Certificate, SeedCounts
 from hybrid_sysid_ros.control.safety.supervisor import REASONS
 from hybrid_sysid_ros.control.scenarios import DISTURBED, PUSHED
 from hybrid_sysid_ros.extensions.policies.certified_loops import (
@@ -26,6 +27,7 @@ from hybrid_sysid_ros.extensions.policies.certified_loops import (
     measured,
 )
 from hybrid_sysid_ros.models.model import versions
+from hybrid_sysid_ros.models.storage import plain
 from hybrid_sysid_ros.support import parallel
 from hybrid_sysid_ros.support.arrays import Array, NamedArrays
 from hybrid_sysid_ros.support.errors import UserError
@@ -36,25 +38,29 @@ CHUNK = 32
 """Loops that a process runs between two looks."""
 
 WORST = 5
-"""Worst loops named, of each driver."""
+"""Worst loops named, of each driver and criterion."""
+
+STRATUM = "references of the training"
 
 
 def certify(
     certification: Certification,
     *,
     loops: int,
-    delta: float = 0.01,
+    delta: float = DELTA,
+    before: Certificate | None = None,
     workers: int = 0,
     store: Path | None = None,
     progress: StageProgress | None = None,
 ) -> Certificate:
     """Run the loops and count.
 
+    before: the policy's certificate so far, whose other seeds count as well.
     workers: processes, 0 for one per core. store: folder where finished loops are kept until the end, so that an
     interrupted certification goes on; more loops go on from fewer. Raises UserError for a number of loops or a delta
     that says nothing.
     """
-    if not 0.0 < delta < 1.0 or loops < 1 or margin(loops, delta) >= 1.0:
+    if not 0.0 < delta < 1.0 or loops < 1:
         raise UserError(f"certificate: {loops} loops with delta {delta} say nothing: take more loops and 0 < delta < 1")
     Drivers(certification)  # or say why not
     began, report = time.perf_counter(), progress or (lambda *_: None)
@@ -69,37 +75,80 @@ def certify(
         progress=lambda done, _: report("closed loops", min(done * CHUNK, loops), loops),
     )
     measures, reasons = (np.concatenate([each[name] for each in found]) for name in ("measures", "reasons"))
-    rates = {
-        driver: {name: float(np.mean(values)) for name, values in parts.items()}
-        for driver, parts in certification.kept(measures).items()
-    }
-    certificate = Certificate(
-        policy=certification.seal,
-        model=certification.policy.model,
-        loops=loops,
+    entry = SeedCounts(
         seed=certification.seed,
-        delta=delta,
-        distribution={
+        loops={STRATUM: loops},
+        failed={
+            driver: {STRATUM: {name: int(np.sum(~values)) for name, values in parts.items()}}
+            for driver, parts in certification.kept(measures).items()
+        },
+        check=dict(zip(REASONS, reasons.sum(0).tolist(), strict=True)),
+        exact={
+            "periods": loops * certification.periods,
+            "not_converged": int(measures[:, EXACT, UNSOLVED].sum()),
+        },
+        made={"seconds": round(time.perf_counter() - began, 1), "versions": versions()},
+    )
+    worst = list(_worst(certification.seed, measures))
+    certificate = pooled(certification, before, entry, worst, delta)
+    if kept is not None:
+        kept.remove()
+    return certificate
+
+
+def pooled(
+    certification: Certification,
+    before: Certificate | None,
+    entry: SeedCounts,
+    worst: list[dict[str, Any]],
+    delta: float,
+) -> Certificate:
+    """The certificate of all seeds that were tried: those of an earlier certificate, and this one.
+
+    Raises UserError where the earlier one is of another distribution or other criteria.
+    """
+    distribution = plain(
+        {
             **asdict(certification.distribution),
             "periods": certification.periods,
             "pushed": PUSHED,
             "disturbed": DISTURBED,
-        },
-        criteria={
+        }
+    )
+    criteria = plain(
+        {
             **asdict(certification.criteria),
             "check": certification.tolerances._asdict(),
             "kkt_tolerance": KKT_TOLERANCE,
-        },
-        rates=rates,
-        bounds=bounds(rates, loops, delta),
-        check={reason: float(share) for reason, share in zip(REASONS, reasons.sum(0) / reasons.sum(), strict=True)},
-        exact={"not_converged": float(measures[:, EXACT, UNSOLVED].sum() / (loops * certification.periods))},
-        worst=list(_worst(measures)),
-        made={"seconds": round(time.perf_counter() - began, 1), "versions": versions()},
+        }
     )
-    if kept is not None:
-        kept.remove()
-    return certificate
+    ledger: list[SeedCounts] = []
+    if before is not None:
+        for name, now in (("distribution", distribution), ("criteria", criteria)):
+            if getattr(before, name) != now:
+                raise UserError(f"its certificate is of another {name}: counts can't be pooled; remove it first")
+        ledger = [item for item in before.ledger if item.seed != entry.seed]
+        worst = [*(case for case in before.worst if case["seed"] != entry.seed), *worst]
+    return Certificate(
+        policy=certification.seal,
+        model=certification.policy.model,
+        delta=delta,
+        distribution=distribution,
+        criteria=criteria,
+        ledger=[*ledger, entry],
+        worst=_largest(worst),
+    )
+
+
+def _largest(cases: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Of each driver and criterion the worst cases."""
+    sizes = {"input": lambda case: case["input_error"], "cost": lambda case: case["cost"] / case["exact_cost"]}
+    found = []
+    for driver in JUDGED:
+        for criterion, size in sizes.items():
+            rows = [case for case in cases if (case["driver"], case["by"]) == (driver, criterion)]
+            found += sorted(rows, key=size, reverse=True)[:WORST]
+    return found
 
 
 def _purpose(certification: Certification) -> str:
@@ -108,7 +157,7 @@ def _purpose(certification: Certification) -> str:
     return f"{plain} {certification.plant.weights.tolist()} {certification.model.weights.tolist()}"
 
 
-def _worst(measures: Array) -> Iterator[dict[str, object]]:
+def _worst(seed: int, measures: Array) -> Iterator[dict[str, Any]]:
     """The loops with the largest errors of the input and of the cost."""
     for name, driver in JUDGED.items():
         rows = measures[:, driver]
@@ -118,6 +167,7 @@ def _worst(measures: Array) -> Iterator[dict[str, object]]:
                 yield {
                     "driver": name,
                     "by": criterion,
+                    "seed": seed,
                     "loop": loop,
                     "input_error": float(rows[loop, ERROR]),
                     "period": int(rows[loop, WORST_PERIOD]),

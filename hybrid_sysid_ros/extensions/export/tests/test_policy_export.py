@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hybrid_sysid_ros.commands import app
-from hybrid_sysid_ros.control.safety.certificate import Certificate, bounds
+from hybrid_sysid_ros.control.safety.certificate import Certificate, SeedCounts
 from hybrid_sysid_ros.extensions.export import compiler, onnx_graph
 from hybrid_sysid_ros.extensions.export import policy_folder as folder
 from hybrid_sysid_ros.extensions.export.vectors import asked as vectors_of
@@ -175,25 +175,21 @@ def test_the_graph_says_where_it_comes_from(tmp_path):
 def test_what_is_exported_carries_the_certificate_of_the_network(tmp_path):
     policy = POLICIES["a plan"]
     assert folder.about(policy, SEAL)["certificate"] == "none"
-    kept = {"bounds": 1.0, "all": 0.9975}
-    rates = {"network": {"input": 0.9975, **kept}, "supervised": {"input": 1.0, **kept}}
+    failed = {"steps": {"input": 3, "all": 3}, "rests": {"input": 0, "all": 0}}
+    counts = SeedCounts(
+        seed=0, loops={"steps": 10_000, "rests": 10_000}, failed={"network": failed}, check={}, exact={}, made={}
+    )
     certificate = Certificate(
         policy=SEAL,
         model=policy.model,
-        loops=26492,
-        seed=0,
-        delta=0.01,
+        delta=0.03,
         distribution={},
         criteria={},
-        rates=rates,
-        bounds=bounds(rates, 26492, 0.01),
-        check={},
-        exact={},
+        ledger=[counts],
         worst=[],
-        made={},
     )
     folder.write_export(replace(policy, certificate=certificate), tmp_path / "out", name="policy", seal=SEAL, form="c")
-    said = "certificate: 26492 loops; rates at least (delta 0.01): input 0.9875, bounds 0.9900, all 0.9875"
+    said = "certificate: 20000 loops; rate at least 0.9989 in steps (delta 0.03)"
     assert said in (tmp_path / "out" / "policy.h").read_text()
 
 

@@ -10,7 +10,16 @@ import typer
 from rich.table import Table
 
 from hybrid_sysid_ros.commands.terminal import Driver, OwnRig, Seed, console, print_table, status
-from hybrid_sysid_ros.control.safety.certificate import FILE, FORMAT, LEAST_LOOPS, Certificate, find_certificate
+from hybrid_sysid_ros.control.safety.certificate import (
+    DELTA,
+    FILE,
+    FORMAT,
+    LOOPS,
+    MIXTURE,
+    Certificate,
+    find_certificate,
+    rounded_down,
+)
 from hybrid_sysid_ros.control.safety.supervisor import REASONS
 from hybrid_sysid_ros.extensions.policies.by_rig import certification_of
 from hybrid_sysid_ros.extensions.policies.certification import certify
@@ -20,14 +29,6 @@ from hybrid_sysid_ros.support.errors import Interrupted, UserError
 from hybrid_sysid_ros.support.files import beside, check_file
 from hybrid_sysid_ros.support.progress import progress_bars
 
-LOOPS = 26_500
-CRITERIA = {
-    "input": "input within {eta} of exact",
-    "bounds": "bounds",
-    "cost": "cost within {share:.0%} of exact",
-    "all": "all of these",
-}
-
 
 def command(
     policy: Annotated[Path, typer.Argument(help="Policy folder; the certificate is written into it.")],
@@ -36,11 +37,11 @@ def command(
         typer.Option(help="Folder of the model that the policy was trained on; the shipped one by default."),
     ] = None,
     loops: Annotated[
-        int, typer.Option(help=f"Number of independent closed loops; {LEAST_LOOPS} give a margin of .01.", min=1)
+        int, typer.Option(help="Number of independent closed loops of this seed; other seeds stay counted.", min=1)
     ] = LOOPS,
     seed: Seed = 0,
     seconds: Annotated[float | None, typer.Option(help="Length of a loop [s].", min=0.02, max=8.0)] = None,
-    delta: Annotated[float, typer.Option(help="Probability with which a bound may be wrong.")] = 0.01,
+    delta: Annotated[float, typer.Option(help="Probability with which one of all bounds may be wrong.")] = DELTA,
     workers: Annotated[int, typer.Option(help="Number of processes; 0: one on each processor.", min=0)] = 0,
     again: Annotated[
         int | None,
@@ -61,9 +62,10 @@ def command(
     check_file(policy / FILE)
     if store.exists() and not store.is_dir():
         raise UserError(f"{store}: is a file, and finished loops are to be kept there: remove it")
-    there = _loops(policy, certification)
+    before = _before(policy, certification)
+    there = next((sum(item.loops.values()) for item in before.ledger if item.seed == seed), 0) if before else 0
     if there > loops:
-        raise UserError(f"{policy / FILE}: is of {there} loops; give as many with --loops, or remove it first")
+        raise UserError(f"{policy / FILE}: counts {there} loops of seed {seed}; give as many with --loops")
     kept = 0
     try:
         with progress_bars(status) as update:
@@ -74,7 +76,7 @@ def command(
                 update(stage, done, of)
 
             certificate = certify(
-                certification, loops=loops, delta=delta, workers=workers, store=store, progress=progress
+                certification, loops=loops, delta=delta, before=before, workers=workers, store=store, progress=progress
             )
     except KeyboardInterrupt:
         raise Interrupted(f"{kept} of {loops} loops are kept; the same command goes on from there") from None
@@ -85,42 +87,39 @@ def command(
     console.print(str(policy / FILE))
 
 
-def _loops(policy: Path, certification: Certification) -> int:
-    """Of the policy's certificate; 0 where there is none that counts."""
+def _before(policy: Path, certification: Certification) -> Certificate | None:
+    """The policy's certificate so far; None where there is none, or one of another policy or model."""
     path = policy / FILE
     if path.is_file():  # one that was altered is nobody's to replace
         storage.load_sheet(path, kind="certificate", version=FORMAT)
     try:
-        there = find_certificate(policy, policy=certification.seal, model=certification.policy.model)
+        return find_certificate(policy, policy=certification.seal, model=certification.policy.model)
     except UserError:
-        return 0
-    return 0 if there is None else there.loops
+        return None
 
 
 def tables(certificate: Certificate) -> list[Table]:
     """What was counted, and the worst cases."""
-    criteria, rates = certificate.criteria, certificate.rates
-    counted = Table("driver", "a loop keeps", title="certificate")
-    for heading in ("share", "failed", "mu, Hoeffding", "mu, binomial"):
-        counted.add_column(heading, justify="right")
-    for name in JUDGED:
-        for key, text in CRITERIA.items():
-            rate = rates[name][key]
-            failed = round((1.0 - rate) * certificate.loops)
-            bounds = [certificate.bounds[kind][name][key] for kind in ("hoeffding", "binomial")]
-            words = text.format(
-                eta=", ".join(f"{value:g}" for value in criteria["input_error"]), share=criteria["cost_share"]
-            )
-            counted.add_row(name, words, f"{rate:.4f}", str(failed), *(f"{bound:.4f}" for bound in bounds))
+    counted = Table("driver", "stratum", "loops", title="certificate")
+    names = list(certificate.failed["network"][MIXTURE])
+    for name in names:
+        counted.add_column(f"failed {name}", justify="right")
+    counted.add_column("rate at least", justify="right")
+    for driver, parts in certificate.failed.items():
+        for stratum, failed in parts.items():
+            bound = rounded_down(certificate.bounds[driver][stratum])
+            counted.add_row(driver, stratum, str(certificate.strata[stratum]), *map(str, failed.values()), bound)
+    answers = {reason: sum(entry.check[reason] for entry in certificate.ledger) for reason in REASONS}
     checked = Table("the online check", "share", title="supervised")
-    for reason in REASONS:
-        checked.add_row(reason, f"{certificate.check[reason]:.4f}")
-    worst = Table("worst loops of", "by", "--again", "input error", "in period", "cost / exact")
+    for reason, count in answers.items():
+        checked.add_row(reason, f"{count / sum(answers.values()):.4f}")
+    worst = Table("worst loops of", "by", "--seed", "--again", "input error", "in period", "cost / exact")
     for case in certificate.worst:
         ratio = case["cost"] / case["exact_cost"] if case["exact_cost"] else np.inf
         worst.add_row(
             case["driver"],
             case["by"],
+            str(case["seed"]),
             str(case["loop"]),
             f"{case['input_error']:.3f}",
             str(case["period"]),
@@ -131,10 +130,14 @@ def tables(certificate: Certificate) -> list[Table]:
 
 def summary(certificate: Certificate) -> str:
     """The certificate in two lines."""
+    exact = [sum(entry.exact[name] for entry in certificate.ledger) for name in ("not_converged", "periods")]
+    seeds = ", ".join(str(entry.seed) for entry in certificate.ledger)
+    worst = certificate.worst_stratum("supervised")
     return (
-        f"{certificate.loops} loops of {certificate.distribution['seconds']:g} s, margin {certificate.margin:.4f} with "
-        f"delta {certificate.delta:g}, seed {certificate.seed}, {certificate.made['seconds']:.0f} s; "
-        f"the exact MPC did not converge in {certificate.exact['not_converged']:.2%} of the periods"
+        f"supervised keeps everything in {rounded_down(certificate.mu('supervised'))} of the loops of its worst "
+        f"stratum, {worst}, at least; {certificate.loops} loops of seeds {seeds}, delta {certificate.delta:g} for "
+        f"{certificate.statements} statements; the exact MPC did not converge in {exact[0] / exact[1]:.2%} of its "
+        "periods"
     )
 
 

@@ -10,7 +10,7 @@ from scipy.stats import binom
 from hybrid_sysid_ros.control import ExactMpc
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.safety import certificate as certificates
-from hybrid_sysid_ros.control.safety.certificate import FILE, LEAST_LOOPS, binomial_bound, margin
+from hybrid_sysid_ros.control.safety.certificate import DELTA, FILE, FORMAT, LOOPS, MIXTURE, binomial_bound
 from hybrid_sysid_ros.control.safety.supervisor import REASONS, Supervisor, Tolerances
 from hybrid_sysid_ros.control.scenarios import Spread
 from hybrid_sysid_ros.core import one_step
@@ -80,23 +80,17 @@ def broken():
 # The statement
 
 
-def test_the_margin_is_hoeffding_s():
-    assert margin(1000, 0.05) == pytest.approx(math.sqrt(math.log(40.0) / 2000.0), rel=1e-12)
-    assert margin(LEAST_LOOPS, 0.01) <= 0.01 < margin(LEAST_LOOPS - 1, 0.01)  # Hertneck et al. (2018)
-
-
 @pytest.mark.parametrize("case", [BEAM, CARTS], ids=["one input", "two inputs"])
 def test_the_exact_law_of_a_linear_problem_passes_every_loop(case):
     loops = 120
     found = certify(certification_of(exact_policy(case)), loops=loops, workers=1)
     for driver in ("network", "supervised"):
-        assert found.rates[driver] == {"input": 1.0, "bounds": 1.0, "cost": 1.0, "all": 1.0}
-        assert found.bounds["hoeffding"][driver]["all"] == 1.0 - margin(loops, 0.01)
-        assert found.mu(driver) == pytest.approx(0.01 ** (1 / loops))
-    first = 1.0 / found.distribution["periods"]  # of the periods: there the exact MPC makes the first plan
-    assert found.check["accepted"] + found.check["waiting for good answers"] == 1.0
-    assert found.check["waiting for good answers"] == pytest.approx(first)
-    assert found.exact["not_converged"] == 0.0
+        assert set(found.failed[driver][MIXTURE].values()) == {0}
+        assert found.bounds[driver][MIXTURE] == pytest.approx((DELTA / found.statements) ** (1 / loops))
+    counts = found.ledger[0]
+    assert counts.check["waiting for good answers"] == loops  # in the first period the exact MPC makes the plan
+    assert counts.check["accepted"] + loops == counts.exact["periods"]
+    assert counts.exact["not_converged"] == 0
     assert max(worst["input_error"] for worst in found.worst) < 0.2
 
 
@@ -108,13 +102,15 @@ def test_a_law_that_is_broken_on_a_share_of_the_loops_passes_the_others(case):
     sound = [np.all(each.disturbances[:, 0] + each.disturbance_errors[:, 0] <= 0.0) for each in scenarios]
     found = certify(certification, loops=loops, workers=1)
     assert 0.2 < np.mean(sound) < 0.8
-    assert found.rates["network"]["input"] == np.mean(sound)
-    assert found.rates["network"]["all"] == np.mean(sound)
-    assert found.bounds["hoeffding"]["network"]["all"] == np.mean(sound) - margin(loops, 0.01)
+    assert loops - found.failed["network"][MIXTURE]["input"] == np.sum(sound)
+    assert loops - found.failed["network"][MIXTURE]["all"] == np.sum(sound)
+    bound = binomial_bound(int(np.sum(sound)), loops, DELTA / found.statements)
+    assert found.bounds["network"][MIXTURE] == bound
 
 
 def test_the_exact_bound_is_that_of_the_binomial_distribution():
     """With no failure it has a closed form; with some, the chance of so few at the bound is delta."""
+    assert binomial_bound(LOOPS - 1, LOOPS - 1, DELTA) < 0.9999 <= binomial_bound(LOOPS, LOOPS, DELTA)
     assert binomial_bound(26_492, 26_492, 0.01) == pytest.approx(0.01 ** (1 / 26_492), abs=1e-12)
     assert binomial_bound(0, 50, 0.01) == 0.0
     for failed in (1, 7, 60):
@@ -125,9 +121,11 @@ def test_the_exact_bound_is_that_of_the_binomial_distribution():
 def test_the_supervisor_catches_what_is_broken(broken):
     """Plans that are 5 V off are costlier than what is left of the last one, so the exact MPC drives."""
     found = certify(certification_of(broken), loops=100, workers=1)
-    assert found.rates["supervised"]["all"] > found.rates["network"]["all"] + 0.2
-    assert found.check["costlier than the shifted plan"] > 0.1
-    assert sum(found.check.values()) == pytest.approx(1.0)
+    supervised, network = (found.rates[driver][MIXTURE]["all"] for driver in ("supervised", "network"))
+    assert supervised > network + 0.2
+    counts = found.ledger[0]
+    assert counts.check["costlier than the shifted plan"] > 0.1 * counts.exact["periods"]
+    assert sum(counts.check.values()) == counts.exact["periods"]
 
 
 def test_a_worst_case_can_be_run_again(broken):
@@ -147,7 +145,7 @@ def test_a_seed_decides_a_certificate(broken):
     subject = certification_of(broken)
     one, two = (certify(subject, loops=130, workers=workers) for workers in (1, 2))
     other = certify(certification_of(broken, seed=1), loops=130, workers=1)
-    for field in ("rates", "check", "exact", "worst", "distribution", "criteria"):
+    for field in ("failed", "bounds", "worst", "distribution", "criteria"):
         assert getattr(one, field) == getattr(two, field)
     assert one.worst != other.worst
 
@@ -165,7 +163,7 @@ def test_an_interrupted_certification_goes_on(broken, tmp_path):
     found = certify(certification, loops=100, workers=1, store=store)
     assert not store.exists()
     whole = certify(certification, loops=100, workers=1)
-    assert (found.rates, found.worst) == (whole.rates, whole.worst)
+    assert (found.failed, found.worst) == (whole.failed, whole.worst)
 
 
 def test_loops_of_another_seed_are_not_taken_for_these(broken, tmp_path):
@@ -234,18 +232,18 @@ def test_a_loop_is_that_of_ordinary_objects(broken, rig, driver):
 def test_a_network_that_gives_no_numbers_keeps_its_bounds_and_no_loop(law):
     weights = [tuple(np.full_like(part, np.nan) for part in layer) for layer in law.layers]
     found = certify(certification_of(dataclasses.replace(law, layers=tuple(weights))), loops=40, workers=1)
-    assert found.rates["network"]["bounds"] == 1.0
-    assert found.rates["network"]["cost"] < 0.5
-    assert found.rates["supervised"]["all"] == 1.0  # the exact MPC drives
-    assert found.check["accepted"] == 0.0
-    assert found.check["out of range"] == pytest.approx(14.0 / 15.0)
+    assert found.failed["network"][MIXTURE]["bounds"] == 0
+    assert found.failed["network"][MIXTURE]["cost"] > 20
+    assert found.failed["supervised"][MIXTURE]["all"] == 0  # the exact MPC drives
+    assert found.ledger[0].check["accepted"] == 0
+    assert found.ledger[0].check["out of range"] == 40 * 14
 
 
 def test_the_exact_mpc_is_asked_again_from_the_network_s_plan_where_they_differ(law):
     """Where it finds nothing cheaper there, the difference stands."""
     shifted = dataclasses.replace(law, layers=(law.layers[0], (law.layers[1][0], law.layers[1][1] + 0.01)))  # 1 V
     found = certify(certification_of(shifted), loops=20, workers=1)
-    assert found.rates["network"]["input"] == 0.0
+    assert found.failed["network"][MIXTURE]["input"] == 20
     assert found.worst[0]["input_error"] * CRITERIA.input_error[0] == pytest.approx(1.0, abs=0.02)
 
 
@@ -267,7 +265,7 @@ def test_a_certificate_survives_a_round_trip(certified):
     folder, seal, found = certified
     back = certificates.find_certificate(folder, policy=seal, model="5ea1")
     assert back is not None
-    assert (back.rates, back.loops, back.delta) == (found.rates, 40, 0.01)
+    assert (back.failed, back.loops, back.delta) == (found.failed, 40, DELTA)
     assert back.bounds == found.bounds
 
 
@@ -275,7 +273,7 @@ def test_a_policy_is_loaded_with_its_certificate_or_without_one(certified):
     folder, _, found = certified
     loaded = policies.load(folder).certificate
     assert loaded is not None
-    assert loaded.rates == found.rates
+    assert loaded.failed == found.failed
     assert policies.load(folder, certified=False).certificate is None
     (folder / FILE).unlink()
     assert policies.load(folder).certificate is None
@@ -288,12 +286,42 @@ def test_a_certificate_that_was_altered_or_is_another_s_is_refused(certified):
     with pytest.raises(UserError, match="another model"):
         certificates.find_certificate(folder, policy=seal, model="another")
     path = folder / FILE
-    path.write_text(path.read_text().replace("loops: 40", "loops: 40000"))
+    path.write_text(path.read_text().replace("seed: 0", "seed: 1"))
     with pytest.raises(UserError, match=r"certificate\.yaml: was altered"):
         policies.load(folder)
     path.write_text("loops: [")
     with pytest.raises(UserError, match="YAML"):
         certificates.find_certificate(folder, policy=seal, model="5ea1")
+
+
+def test_a_certificate_whose_bounds_are_not_those_of_its_counts_is_refused_by_name(certified):
+    """Sealed again by who altered it."""
+    folder, seal, found = certified
+    content = storage.load_sheet(folder / FILE, kind="certificate", version=FORMAT)
+    kept = {key: value for key, value in content.items() if key not in ("format", "seal")}
+    kept["bounds"]["supervised"][MIXTURE] = 0.9999
+    storage.save_sheet(folder / FILE, version=FORMAT, content=kept)
+    counted = f"{found.bounds['supervised'][MIXTURE]:.6f}"
+    with pytest.raises(UserError, match=rf"bound of supervised, mixture is 0\.9999, and by its counts it is {counted}"):
+        certificates.find_certificate(folder, policy=seal, model="5ea1")
+
+
+def test_every_seed_that_was_tried_counts(broken):
+    """A second seed that does better does not take the place of the first."""
+    one = certify(certification_of(broken), loops=30, workers=1)
+    two = certify(certification_of(broken, seed=1), loops=50, before=one, workers=1)
+    alone = certify(certification_of(broken, seed=1), loops=50, workers=1)
+    assert [entry.seed for entry in two.ledger] == [0, 1]
+    assert two.loops == 80
+    for driver in ("network", "supervised"):
+        failed = [each.failed[driver][MIXTURE]["all"] for each in (one, alone)]
+        assert two.failed[driver][MIXTURE]["all"] == sum(failed)
+        assert two.bounds[driver][MIXTURE] == binomial_bound(80 - sum(failed), 80, DELTA / two.statements)
+    other = dataclasses.replace(
+        certification_of(broken, seed=2), criteria=dataclasses.replace(CRITERIA, cost_share=1.0)
+    )
+    with pytest.raises(UserError, match="another criteria"):
+        certify(other, loops=10, before=one, workers=1)
 
 
 def test_a_policy_that_changed_meanwhile_is_not_certified(certified, law):
