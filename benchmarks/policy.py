@@ -39,7 +39,8 @@ from hybrid_sysid_ros.control.scenarios import Scenario, Spread, steady_motion
 from hybrid_sysid_ros.core import System
 from hybrid_sysid_ros.core.compilation import OPTIONS
 from hybrid_sysid_ros.extensions.ipopt.interior_point import InteriorPointMpc
-from hybrid_sysid_ros.extensions.policies.by_rig import train_configured_policy
+from hybrid_sysid_ros.extensions.policies.configured import train_configured_policy
+from hybrid_sysid_ros.extensions.policies.reference_kinds import references
 from hybrid_sysid_ros.models import Model, Sampling
 from hybrid_sysid_ros.models import load as load_model
 from hybrid_sysid_ros.rigs.rig import load as load_rig
@@ -253,7 +254,7 @@ def cost(
 ) -> float:
     """Cost of one loop, by the weights of the problem."""
     periods = round(SECONDS / problem.period)
-    wanted = scenarios.references(random, spread, problem)(problem.period * np.arange(1, periods + problem.horizon))
+    wanted = references(random, spread, problem)(problem.period * np.arange(1, periods + problem.horizon))
     begins = np.arange(periods) == 0
     motion = steady_motion(system, problem, np.array(spread.centre))
     none = np.zeros((periods, len(system.states)))

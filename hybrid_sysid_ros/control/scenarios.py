@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from hybrid_sysid_ros.control.mpc.horizon import Instance, prediction
 from hybrid_sysid_ros.control.mpc.shooting import rollout
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.core import System, step_with_jacobian
-from hybrid_sysid_ros.rigs.excitation import Reference, multisine, random_steps, swept_sine
 from hybrid_sysid_ros.support.arrays import Array, Numbers
 from hybrid_sysid_ros.support.errors import UserError
 from hybrid_sysid_ros.support.structured import numbers
@@ -229,21 +228,23 @@ def drawn(
     wanted: Array,
     begins: NDArray[np.bool_],
     size: float = 1.0,
+    apart: float = 0.5,
+    often: float = 1.0,
 ) -> Scenario:
     """A scenario along references ``wanted`` (T + N - 1, p) whose controller is told no errors.
 
-    Plants are near the system, beginnings about the motion, previous inputs anywhere within their bounds; disturbances
-    jump now and then and where the loop begins; the state is pushed in a share of the periods, by ``size`` of the
-    spread's pushes.
+    Plants are near the system, beginnings about the motion, a share ``apart`` of them anywhere, previous inputs
+    anywhere within their bounds; disturbances jump now and then and where the loop begins; the state is pushed in a
+    share of the periods, by ``size`` of the spread's pushes. often: how many times as many jumps and pushes there are.
     """
     periods, (n, m) = len(begins), (len(spread.push), len(spread.disturbance))
     plant = plant_near(system, spread.parameters, random)
-    states = beginnings(random, problem, spread, motion, wanted[:periods], size)
+    states = beginnings(random, problem, spread, motion, wanted[:periods], size, apart)
     low, high = np.array(problem.input_low), np.array(problem.input_high)
     inputs = low + (high - low) * random.uniform(size=(periods, m))
-    jumps = begins | (random.uniform(size=periods) < DISTURBED)
+    jumps = begins | (random.uniform(size=periods) < often * DISTURBED)
     levels = random.normal(size=(periods, m)) * np.array(spread.disturbance)
-    pushed = random.uniform(size=(periods, 1)) < PUSHED
+    pushed = random.uniform(size=(periods, 1)) < often * PUSHED
     pushes = size * np.where(pushed, random.normal(size=(periods, n)) * np.array(spread.push), 0.0)
     return Scenario(
         plant=plant,
@@ -256,42 +257,6 @@ def drawn(
         state_errors=np.zeros((periods, n)),
         disturbance_errors=np.zeros((periods, m)),
     )
-
-
-def references(random: np.random.Generator, spread: Spread, problem: ControlProblem) -> Callable[[ArrayLike], Array]:
-    """References (times, p) of random kinds over the times [s], each output by itself."""
-    found = [
-        _reference(random, amplitude, problem.horizon * problem.period) if weight > 0 else _zero
-        for amplitude, weight in zip(spread.amplitude, problem.output_weights, strict=True)
-    ]
-    return lambda times: np.column_stack(
-        [centre + one(times) for centre, one in zip(spread.centre, found, strict=True)]
-    )
-
-
-def _zero(times: ArrayLike) -> Array:
-    return np.zeros_like(np.asarray(times, dtype=float))
-
-
-def _reference(random: np.random.Generator, amplitude: float, horizon: float) -> Reference:
-    """A reference of a random kind within +-amplitude, as fast as the length of the horizon [s] lets it be followed."""
-    kind, seed = random.integers(4), int(random.integers(2**31))
-    size, duration = amplitude * magnitude(random, 0.2), LENGTH * horizon
-    if kind == 0:
-        hold = random.uniform(0.75, 5.0) * horizon
-        return random_steps(seed, amplitude=size, hold=hold, duration=duration + 5.0 * horizon)
-    slowest = 0.04 / horizon
-    if kind == 1:
-        high = random.uniform(0.2, 1.2) / horizon
-        return multisine(seed, amplitude=size, low=slowest, high=high, lines=12, period=25.0 * horizon)
-    if kind == 2:
-        return swept_sine(amplitude=size, low=slowest, high=random.uniform(0.12, 0.8) / horizon, duration=duration)
-    offset, slope = random.uniform(-amplitude, amplitude), random.normal() * 0.2 * size / horizon
-
-    def ramp(t: ArrayLike) -> Array:
-        return np.clip(offset + slope * (np.asarray(t) - 0.5 * duration), -amplitude, amplitude)
-
-    return ramp
 
 
 def magnitude(random: np.random.Generator, least: float) -> float:
@@ -315,13 +280,14 @@ def beginnings(
     motion: SteadyMotion,
     wanted: Array,
     size: float = 1.0,
+    apart: float = 0.5,
 ) -> Array:
-    """States (T, n) to begin at: pushed by ``size`` from a steady motion, one half on the references ``wanted`` (T, p),
-    one half anywhere.
+    """States (T, n) to begin at: pushed by ``size`` from a steady motion, a share ``apart`` of them anywhere, the
+    others on the references ``wanted`` (T, p).
     """
     tracked, periods = [k for k, weight in enumerate(problem.output_weights) if weight > 0], len(wanted)
     anywhere = random.uniform(-1.0, 1.0, wanted.shape) * np.array(spread.amplitude)
-    at_reference = random.uniform(size=(periods, 1)) < 0.5
+    at_reference = random.uniform(size=(periods, 1)) >= apart
     outputs = np.where(at_reference, wanted - np.array(spread.centre), anywhere)[:, tracked]
     pushed = size * random.normal(size=(periods, len(spread.push))) * np.array(spread.push)
     return motion.state + np.array([motion.initial_state(*pair) for pair in zip(pushed, outputs, strict=True)])

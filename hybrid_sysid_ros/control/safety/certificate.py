@@ -157,7 +157,7 @@ class Certificate:
         """Share of the loops that keep each criterion."""
         return {
             driver: {
-                stratum: {name: 1.0 - count / self.strata[stratum] for name, count in counts.items()}
+                stratum: {name: 1.0 - count / max(self.strata[stratum], 1) for name, count in counts.items()}
                 for stratum, counts in parts.items()
             }
             for driver, parts in self.failed.items()

@@ -13,5 +13,7 @@ EXTENSION = Extension(
             "State how a policy does beside the exact MPC, and how surely.",
         ),
     },
-    provides={"policies": {"train": f"{HERE}.by_rig:train_configured_policy", "certify": f"{HERE}.by_rig:certified"}},
+    provides={
+        "policies": {"train": f"{HERE}.configured:train_configured_policy", "certify": f"{HERE}.configured:certified"}
+    },
 )

@@ -16,6 +16,7 @@ from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.problem import ControlProblem
 from hybrid_sysid_ros.control.scenarios import LENGTH, Scenario, Spread, magnitude, steady_motion
 from hybrid_sysid_ros.core import System
+from hybrid_sysid_ros.extensions.policies.reference_kinds import references
 from hybrid_sysid_ros.support.arrays import Array
 
 UNMOVED = 0.3
@@ -67,7 +68,7 @@ def scenario_of(
     periods, horizon = LENGTH * problem.horizon, problem.horizon
     lively = random.uniform() < LIVELY
     size = 1.0 if lively else magnitude(random, LIVELINESS)
-    target = scenarios.references(random, spread, problem)
+    target = references(random, spread, problem)
     wanted = target(problem.period * np.arange(1, periods + horizon))
     begins = (random.uniform(size=periods) < RESTARTS) & lively
     begins[0] = True

@@ -21,9 +21,10 @@ from hybrid_sysid_ros.control.safety.certificate import (
     rounded_down,
 )
 from hybrid_sysid_ros.control.safety.supervisor import REASONS
-from hybrid_sysid_ros.extensions.policies.by_rig import certification_of
-from hybrid_sysid_ros.extensions.policies.certification import certify
-from hybrid_sysid_ros.extensions.policies.certified_loops import EXACT, JUDGED, Certification
+from hybrid_sysid_ros.extensions.policies.configured import trial_of
+from hybrid_sysid_ros.extensions.policies.counting import certify
+from hybrid_sysid_ros.extensions.policies.criteria import EXACT, JUDGED
+from hybrid_sysid_ros.extensions.policies.trial import Trial
 from hybrid_sysid_ros.models import storage
 from hybrid_sysid_ros.support.errors import Interrupted, UserError
 from hybrid_sysid_ros.support.files import beside, check_file
@@ -54,15 +55,15 @@ def command(
 
     Ctrl-C keeps what is done; the same command goes on from there. A certificate of more loops is not replaced.
     """
-    certification = certification_of(policy, model, seed=seed, seconds=seconds)
+    trial = trial_of(policy, model, seed=seed, seconds=seconds)
     if again is not None:
-        print_table(loop_table(certification, again, driver))
+        print_table(loop_table(trial, again, driver))
         return
     store = beside(policy, ".certificate.part")
     check_file(policy / FILE)
     if store.exists() and not store.is_dir():
         raise UserError(f"{store}: is a file, and finished loops are to be kept there: remove it")
-    before = _before(policy, certification)
+    before = _before(policy, trial)
     there = next((sum(item.loops.values()) for item in before.ledger if item.seed == seed), 0) if before else 0
     if there > loops:
         raise UserError(f"{policy / FILE}: counts {there} loops of seed {seed}; give as many with --loops")
@@ -76,7 +77,7 @@ def command(
                 update(stage, done, of)
 
             certificate = certify(
-                certification, loops=loops, delta=delta, before=before, workers=workers, store=store, progress=progress
+                trial, loops=loops, delta=delta, before=before, workers=workers, store=store, progress=progress
             )
     except KeyboardInterrupt:
         raise Interrupted(f"{kept} of {loops} loops are kept; the same command goes on from there") from None
@@ -87,13 +88,13 @@ def command(
     console.print(str(policy / FILE))
 
 
-def _before(policy: Path, certification: Certification) -> Certificate | None:
+def _before(policy: Path, trial: Trial) -> Certificate | None:
     """The policy's certificate so far; None where there is none, or one of another policy or model."""
     path = policy / FILE
     if path.is_file():  # one that was altered is nobody's to replace
         storage.load_sheet(path, kind="certificate", version=FORMAT)
     try:
-        return find_certificate(policy, policy=certification.seal, model=certification.policy.model)
+        return find_certificate(policy, policy=trial.seal, model=trial.policy.model)
     except UserError:
         return None
 
@@ -141,11 +142,11 @@ def summary(certificate: Certificate) -> str:
     )
 
 
-def loop_table(certification: Certification, loop: int, driver: str) -> Table:
+def loop_table(trial: Trial, loop: int, driver: str) -> Table:
     """One loop, period by period."""
-    scenario = certification.scenario(loop)
-    driven = certification.run(scenario, {"exact": EXACT, **JUDGED}[driver])
-    policy, system = certification.policy, certification.model
+    scenario = trial.scenario(loop)
+    driven = trial.run(scenario, {"exact": EXACT, **JUDGED}[driver])
+    policy, system = trial.policy, trial.model
     table = Table("time [s]")
     for k in policy.tracked:
         output = system.outputs[k]
@@ -156,7 +157,7 @@ def loop_table(certification: Certification, loop: int, driver: str) -> Table:
         table.add_column(f"{item.name} [{item.unit}]")
         table.add_column("exact")
     table.add_column("check")
-    table.title = f"loop {loop} of seed {certification.seed}, driven by {driver}"
+    table.title = f"loop {loop} of seed {trial.seed}, driven by {driver}"
     for k, (given, exact, reason) in enumerate(zip(driven.loop.inputs, driven.exact, driven.reasons, strict=True)):
         pairs = [f"{value:.3f}" for pair in zip(given, exact, strict=True) for value in pair]
         table.add_row(

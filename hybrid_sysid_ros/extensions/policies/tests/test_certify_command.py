@@ -12,8 +12,9 @@ import pytest
 from hybrid_sysid_ros.commands import app
 from hybrid_sysid_ros.control.policy import policy as policies
 from hybrid_sysid_ros.control.safety.certificate import FILE
-from hybrid_sysid_ros.extensions.policies.by_rig import certification_of
 from hybrid_sysid_ros.extensions.policies.commands import policy_certify
+from hybrid_sysid_ros.extensions.policies.configured import trial_of
+from hybrid_sysid_ros.extensions.policies.mixture import DISTURBED, stratum_of
 from hybrid_sysid_ros.models import load
 from hybrid_sysid_ros.rigs.rig import Rig
 from hybrid_sysid_ros.runtime import configuration
@@ -149,15 +150,15 @@ def test_the_floor_of_the_cost_is_that_of_the_sensor_s_noise(rig: Rig, linear_fo
     values = configuration.defaults("cam_beam", "controller")
     problem = configuration.mpc_problem(values, rig)
     assert check_tolerances(values, rig, problem).floor == pytest.approx(20 * 100 * 0.052**2)
-    criteria = certification_of(planning_folder, linear_folder).criteria
+    criteria = trial_of(planning_folder, linear_folder).criteria
     assert criteria.cost_floor == pytest.approx(100 * 0.052**2)
     assert list(criteria.input_error) == list(configuration.defaults("cam_beam", "estimator")["disturbance_limit"])
 
 
 def test_the_loops_are_twice_the_horizon_and_of_what_the_configuration_says(rig: Rig, planning_folder, linear_folder):
-    certification = certification_of(planning_folder, linear_folder, seed=1)
-    assert certification.periods == 2 * certification.policy.horizon
-    scenarios = [certification.scenario(loop) for loop in range(1000)]
+    trial = trial_of(planning_folder, linear_folder, seed=1)
+    assert trial.periods == 2 * trial.policy.horizon
+    scenarios = [trial.scenario(loop) for loop in range(1200) if stratum_of(loop) != DISTURBED]
     volt = rig.display[0].scale
     errors = np.concatenate([each.state_errors for each in scenarios])
     np.testing.assert_allclose(errors.std(axis=0), [0.01 * volt, 0.6 * volt], rtol=0.05)
@@ -165,7 +166,7 @@ def test_the_loops_are_twice_the_horizon_and_of_what_the_configuration_says(rig:
     assert offsets.std() == pytest.approx(0.05, rel=0.1)
     assert all(np.ptp(each.disturbance_errors) == 0.0 for each in scenarios)
     disturbances = np.concatenate([each.disturbances for each in scenarios])
-    assert disturbances.std() == pytest.approx(certification.distribution.spread.disturbance[0], rel=0.1)
+    assert disturbances.std() == pytest.approx(trial.mixture.spread.disturbance[0], rel=0.1)
     inputs = np.concatenate([each.inputs for each in scenarios])
     assert -10.0 <= inputs.min() < -9.9
     assert 9.9 < inputs.max() <= 10.0

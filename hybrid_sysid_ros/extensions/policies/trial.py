@@ -1,8 +1,8 @@
-"""The closed loops of a certificate: who drives them, beside whom, what they are made of and what they must keep."""
+"""A trial of a policy: closed loops that the network and the supervised network drive, beside the exact MPC."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -16,53 +16,27 @@ from hybrid_sysid_ros.control.mpc.mpc import ExactMpc
 from hybrid_sysid_ros.control.mpc.shooting import rollout
 from hybrid_sysid_ros.control.policy.policy import Policy
 from hybrid_sysid_ros.control.safety.supervisor import REASONS, Supervisor, Tolerances
-from hybrid_sysid_ros.control.scenarios import LENGTH, LoopRun, Scenario, Spread, SteadyMotion, steady_motion
+from hybrid_sysid_ros.control.scenarios import LoopRun, Scenario, SteadyMotion, steady_motion
 from hybrid_sysid_ros.core import System
-from hybrid_sysid_ros.support.arrays import Array, Numbers
+from hybrid_sysid_ros.core.rollout import output_of
+from hybrid_sysid_ros.extensions.policies.criteria import (
+    DRIVERS,
+    EXACT,
+    MEASURES,
+    SETTLED,
+    SUPERVISED,
+    TRACKING,
+    Criteria,
+)
+from hybrid_sysid_ros.extensions.policies.mixture import Mixture
+from hybrid_sysid_ros.support.arrays import Array
 from hybrid_sysid_ros.support.errors import UserError
-from hybrid_sysid_ros.support.structured import numbers
-
-DRIVERS = EXACT, NETWORK, SUPERVISED = range(3)
-JUDGED = {"network": NETWORK, "supervised": SUPERVISED}
-MEASURES = COST, ERROR, WORST_PERIOD, UNSOLVED, EXCESS = range(5)
-"""Of a driver's loop: its cost as it went; the largest difference of an input from the exact MPC's answer to the same
-instance, in shares of the input error that is allowed, and the period in which it was; periods in which that answer is
-none or not converged; and by how much a state was outside of its bounds. An input outside of its bounds or a state that
-is no number makes EXCESS infinite."""
 
 KKT_TOLERANCE = 1e-3
 """Of the exact MPC, cost per unit of the input: its inputs are then those of the solution to some thousandths."""
 
 ROUNDING = 1e-9
 """By how much an input may be outside of its bounds [its unit]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Distribution:
-    """What loops are made of."""
-
-    spread: Spread
-    """References, disturbances, pushes and plants, as in the training but for the jitter."""
-    seconds: float
-    """Length of a loop."""
-    state_error: Numbers
-    """(n,), deviations of the estimated states, new at every period."""
-    disturbance_error: Numbers
-    """(m,), deviations of the estimated input disturbance, one for a loop."""
-    plant: str
-    """What stands for the plant, in words."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Criteria:
-    """What a loop must keep."""
-
-    input_error: Numbers
-    """eta (m,): by how much an input may be off the exact MPC's [its unit]."""
-    cost_share: float
-    """By how much its cost may be above that of the exact MPC's own loop."""
-    cost_floor: float
-    """And by how much at any rate, for each period."""
 
 
 class Driven(NamedTuple):
@@ -73,13 +47,15 @@ class Driven(NamedTuple):
     """(T, m), the answers of the exact MPC beside the driver."""
     reasons: NDArray[np.int64]
     """(T,), what the online check found, -1 where none was made."""
+    errors: Array
+    """(settled periods, p): tracking errors of the tracked outputs, after each of the last periods."""
     measures: Array
-    """(measures,)."""
+    """(measures,), but for TRACKING, which takes the exact MPC's own loop."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Certification:
-    """A policy that is certified, and by what; policy, model and spread are of the same n, m and p."""
+class Trial:
+    """A policy that is tried beside the exact MPC, and by what; all parts are of the same n, m and p."""
 
     policy: Policy
     seal: str
@@ -88,7 +64,7 @@ class Certification:
     """Whose states, inputs and outputs are the model's."""
     model: System
     """Of the exact MPC."""
-    distribution: Distribution
+    mixture: Mixture
     criteria: Criteria
     tolerances: Tolerances
     seed: int = 0
@@ -98,74 +74,42 @@ class Certification:
             plant, model = ([item.name for item in getattr(each, kind)] for each in (self.plant, self.model))
             if plant != model:
                 raise UserError(f"certificate: the plant's {kind} {plant} are not the model's {model}")
-        given, criteria = self.distribution, self.criteria
-        n, m = len(self.model.states), len(self.model.inputs)
-        distribution = replace(
-            given,
-            spread=given.spread.sized(self.model),
-            state_error=numbers(given.state_error, "certificate: state_error", count=n),
-            disturbance_error=numbers(given.disturbance_error, "certificate: disturbance_error", count=m),
-        )
-        eta = numbers(criteria.input_error, "certificate: input_error", count=m)
-        object.__setattr__(self, "distribution", distribution)
-        object.__setattr__(self, "criteria", replace(criteria, input_error=eta))
+        object.__setattr__(self, "mixture", self.mixture.sized(self.model))
+        object.__setattr__(self, "criteria", self.criteria.sized(self.model))
 
     @property
     def periods(self) -> int:
         """Of a loop."""
-        return round(self.distribution.seconds / self.policy.period)
+        return round(self.mixture.seconds / self.policy.period)
 
     @cached_property
     def _motion(self) -> SteadyMotion:
-        return steady_motion(self.model, self.policy.problem, np.array(self.distribution.spread.centre))
+        return steady_motion(self.model, self.policy.problem, np.array(self.mixture.spread.centre))
 
     def scenario(self, loop: int) -> Scenario:
         """What a loop is made of; it depends on the seed and the number of the loop alone."""
-        random = np.random.default_rng([self.seed, loop])
-        problem, given, periods = self.policy.problem, self.distribution, self.periods
-        spread = given.spread
-        target = scenarios.references(random, spread, problem)
-        longest = LENGTH * problem.horizon * problem.period
-        start = random.uniform(0.0, max(longest - given.seconds, 0.0))
-        wanted = target(start + problem.period * np.arange(1, periods + problem.horizon))
-        offsets = random.normal(size=len(given.disturbance_error)) * np.array(given.disturbance_error)
-        found = scenarios.drawn(random, self.plant, problem, spread, self._motion, wanted, np.arange(periods) == 0)
-        errors = random.normal(size=found.states.shape) * np.array(given.state_error)
-        return found._replace(state_errors=errors, disturbance_errors=np.tile(offsets, (periods, 1)))
+        return self.mixture.scenario(self.plant, self.policy.problem, self._motion, self.seed, loop)
 
     def run(self, scenario: Scenario, driver: int) -> Driven:
         """One loop of a driver."""
         return Drivers(self).run(scenario, driver)
 
     def kept(self, measures: Array) -> dict[str, dict[str, NDArray[np.bool_]]]:
-        """Which loops keep each criterion, by driver: the input within eta of the exact MPC's at every period, bounds,
-        the cost of the loop, and all of these; measures (loops, drivers, measures).
-        """
-        criteria, periods = self.criteria, self.periods
-        exact = measures[:, EXACT]
-        allowed = (1.0 + criteria.cost_share) * exact[:, COST] + criteria.cost_floor * periods
-        found = {}
-        for name, driver in JUDGED.items():
-            rows = measures[:, driver]
-            parts = {
-                "input": rows[:, ERROR] <= 1.0,
-                "bounds": rows[:, EXCESS] <= exact[:, EXCESS] + self.tolerances.violation,
-                "cost": rows[:, COST] <= allowed,
-            }
-            found[name] = {**parts, "all": np.logical_and.reduce(list(parts.values()))}
-        return found
+        """See :meth:`~.criteria.Criteria.kept`."""
+        return self.criteria.kept(measures, self.periods, self.tolerances.violation)
 
 
 class Drivers:
-    """The controllers of a certification, which run one loop after the other; nothing is left of the loop before."""
+    """The controllers of a trial, which run one loop after the other; nothing is left of the loop before."""
 
-    def __init__(self, certification: Certification) -> None:
+    def __init__(self, trial: Trial) -> None:
         """Raises UserError for a policy that can't be supervised."""
-        model, self._policy = certification.model, certification.policy
+        model, self._policy = trial.model, trial.policy
         self._problem = self._policy.problem
-        self._input_error = np.array(certification.criteria.input_error)
+        self._criteria = trial.criteria
+        self._input_error = np.array(trial.criteria.input_error)
         self._beside, mpc = (ExactMpc(model, self._problem, tolerance=KKT_TOLERANCE) for _ in range(2))
-        self._supervisor = Supervisor(self._policy, mpc, certification.tolerances)
+        self._supervisor = Supervisor(self._policy, mpc, trial.tolerances)
         names = "input_low", "input_high", "rate_limits"
         self._low, self._high, self._rates = (np.array(getattr(self._problem, name)) for name in names)
 
@@ -198,8 +142,19 @@ class Drivers:
         errors = np.where(answered, np.max(np.abs(loop.inputs - exact) / self._input_error, axis=1), np.inf)
         worst = int(np.argmax(errors))
         excess = loop.excess if self._within(scenario.inputs[0], loop.inputs) else np.inf
-        measures = np.array([loop.costs.sum(), errors[worst], worst, np.sum(~solved), excess])
-        return Driven(loop, exact, reasons, measures)
+        outside = self._criteria.outside(loop.states[1:])
+        measures = np.array([loop.costs.sum(), errors[worst], worst, np.sum(~solved), excess, *outside, 0.0])
+        return Driven(loop, exact, reasons, self._tracking_errors(scenario, loop), measures)
+
+    def _tracking_errors(self, scenario: Scenario, loop: LoopRun) -> Array:
+        """Of the outputs (settled periods, p) in the last part of a loop; 0 where one is not tracked."""
+        tracked = np.array(self._problem.output_weights) > 0.0
+        found = [
+            output_of(scenario.plant, loop.states[k + 1], loop.inputs[k] + scenario.disturbances[k])
+            - scenario.references[k]
+            for k in range(round(SETTLED * len(loop.inputs)), len(loop.inputs))
+        ]
+        return np.where(tracked, np.abs(np.array(found)), 0.0)
 
     def _within(self, first: Array, inputs: Array) -> bool:
         """Whether inputs (T, m) and their changes, after the ``first`` ones (m,), are within their bounds."""
@@ -235,17 +190,22 @@ class Drivers:
         return float(cost), states
 
 
-def measured(certification: Certification, loops: tuple[int, int]) -> dict[str, NDArray[Any]]:
+def measured(trial: Trial, loops: tuple[int, int]) -> dict[str, NDArray[Any]]:
     """Measures (loops, drivers, measures) and reasons (loops, reasons) of the loops from .. to."""
     numbers = range(*loops)
     measures = np.zeros((len(numbers), len(DRIVERS), len(MEASURES)))
     reasons = np.zeros((len(numbers), len(REASONS)), dtype=np.int64)
-    drivers = Drivers(certification)
+    drivers, settled = Drivers(trial), np.zeros(0)
+    tracked = list(trial.policy.tracked)
+    allowed = np.array(trial.criteria.tracking_error)[tracked]
     for row, loop in enumerate(numbers):
-        scenario = certification.scenario(loop)
+        scenario = trial.scenario(loop)
         for driver in DRIVERS:
             driven = drivers.run(scenario, driver)
             measures[row, driver] = driven.measures
+            settled = driven.errors if driver == EXACT else settled
+            beyond = (driven.errors - settled)[:, tracked] / allowed
+            measures[row, driver, TRACKING] = beyond.max() if np.isfinite(beyond).all() else np.inf
             if driver == SUPERVISED:
                 reasons[row] = np.bincount(driven.reasons, minlength=len(REASONS))
     return {"measures": measures, "reasons": reasons}

@@ -1,9 +1,9 @@
-"""Certification: many random closed loops of a policy beside the exact MPC, on all cores, and what they count."""
+"""Counting: many random closed loops of a trial, on all cores or a cluster, and the certificate that they make."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -13,19 +13,9 @@ import numpy as np
 
 from hybrid_sysid_ros.control.safety.certificate import DELTA, Certificate, SeedCounts
 from hybrid_sysid_ros.control.safety.supervisor import REASONS
-from hybrid_sysid_ros.control.scenarios import DISTURBED, PUSHED
-from hybrid_sysid_ros.extensions.policies.certified_loops import (
-    COST,
-    ERROR,
-    EXACT,
-    JUDGED,
-    KKT_TOLERANCE,
-    UNSOLVED,
-    WORST_PERIOD,
-    Certification,
-    Drivers,
-    measured,
-)
+from hybrid_sysid_ros.extensions.policies.criteria import COST, ERROR, EXACT, JUDGED, UNSOLVED, WORST_PERIOD
+from hybrid_sysid_ros.extensions.policies.mixture import STRATA
+from hybrid_sysid_ros.extensions.policies.trial import KKT_TOLERANCE, Drivers, Trial, measured
 from hybrid_sysid_ros.models.model import versions
 from hybrid_sysid_ros.models.storage import plain
 from hybrid_sysid_ros.support import parallel
@@ -40,11 +30,9 @@ CHUNK = 32
 WORST = 5
 """Worst loops named, of each driver and criterion."""
 
-STRATUM = "references of the training"
-
 
 def certify(
-    certification: Certification,
+    trial: Trial,
     *,
     loops: int,
     delta: float = DELTA,
@@ -57,81 +45,73 @@ def certify(
 
     before: the policy's certificate so far, whose other seeds count as well.
     workers: processes, 0 for one per core. store: folder where finished loops are kept until the end, so that an
-    interrupted certification goes on; more loops go on from fewer. Raises UserError for a number of loops or a delta
+    interrupted trial goes on; more loops go on from fewer. Raises UserError for a number of loops or a delta
     that says nothing.
     """
     if not 0.0 < delta < 1.0 or loops < 1:
         raise UserError(f"certificate: {loops} loops with delta {delta} say nothing: take more loops and 0 < delta < 1")
-    Drivers(certification)  # or say why not
+    Drivers(trial)  # or say why not
     began, report = time.perf_counter(), progress or (lambda *_: None)
     pieces = [(first, min(first + CHUNK, loops)) for first in range(0, loops, CHUNK)]
-    kept: Store[NamedArrays] | None = Store(store, _purpose(certification)) if store is not None else None
+    kept: Store[NamedArrays] | None = Store(store, _purpose(trial)) if store is not None else None
     report("closed loops", 0, loops)
     found = parallel.run(
-        partial(measured, certification),
+        partial(measured, trial),
         pieces,
         workers=workers,
         store=kept,
         progress=lambda done, _: report("closed loops", min(done * CHUNK, loops), loops),
     )
     measures, reasons = (np.concatenate([each[name] for each in found]) for name in ("measures", "reasons"))
+    places = np.arange(loops) % len(STRATA)
     entry = SeedCounts(
-        seed=certification.seed,
-        loops={STRATUM: loops},
+        seed=trial.seed,
+        loops={name: int(np.sum(places == place)) for place, name in enumerate(STRATA)},
         failed={
-            driver: {STRATUM: {name: int(np.sum(~values)) for name, values in parts.items()}}
-            for driver, parts in certification.kept(measures).items()
+            driver: {
+                stratum: {name: int(np.sum(~values[places == place])) for name, values in parts.items()}
+                for place, stratum in enumerate(STRATA)
+            }
+            for driver, parts in trial.kept(measures).items()
         },
         check=dict(zip(REASONS, reasons.sum(0).tolist(), strict=True)),
         exact={
-            "periods": loops * certification.periods,
+            "periods": loops * trial.periods,
             "not_converged": int(measures[:, EXACT, UNSOLVED].sum()),
         },
         made={"seconds": round(time.perf_counter() - began, 1), "versions": versions()},
     )
-    worst = list(_worst(certification.seed, measures))
-    certificate = pooled(certification, before, entry, worst, delta)
+    worst = list(_worst(trial.seed, measures))
+    certificate = pooled(trial, before, entry, worst, delta)
     if kept is not None:
         kept.remove()
     return certificate
 
 
 def pooled(
-    certification: Certification,
+    trial: Trial,
     before: Certificate | None,
     entry: SeedCounts,
-    worst: list[dict[str, Any]],
+    worst: Sequence[Mapping[str, Any]],
     delta: float,
 ) -> Certificate:
     """The certificate of all seeds that were tried: those of an earlier certificate, and this one.
 
     Raises UserError where the earlier one is of another distribution or other criteria.
     """
-    distribution = plain(
-        {
-            **asdict(certification.distribution),
-            "periods": certification.periods,
-            "pushed": PUSHED,
-            "disturbed": DISTURBED,
-        }
-    )
-    criteria = plain(
-        {
-            **asdict(certification.criteria),
-            "check": certification.tolerances._asdict(),
-            "kkt_tolerance": KKT_TOLERANCE,
-        }
-    )
+    distribution = plain({"strata": STRATA, "periods": trial.periods, **asdict(trial.mixture)})
+    tolerances = trial.tolerances._asdict()
+    criteria = plain({**asdict(trial.criteria), "check": tolerances, "kkt_tolerance": KKT_TOLERANCE})
     ledger: list[SeedCounts] = []
     if before is not None:
         for name, now in (("distribution", distribution), ("criteria", criteria)):
             if getattr(before, name) != now:
                 raise UserError(f"its certificate is of another {name}: counts can't be pooled; remove it first")
         ledger = [item for item in before.ledger if item.seed != entry.seed]
-        worst = [*(case for case in before.worst if case["seed"] != entry.seed), *worst]
+        worst = [*[case for case in before.worst if case["seed"] != entry.seed], *worst]
     return Certificate(
-        policy=certification.seal,
-        model=certification.policy.model,
+        policy=trial.seal,
+        model=trial.policy.model,
         delta=delta,
         distribution=distribution,
         criteria=criteria,
@@ -140,7 +120,7 @@ def pooled(
     )
 
 
-def _largest(cases: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _largest(cases: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """Of each driver and criterion the worst cases."""
     sizes = {"input": lambda case: case["input_error"], "cost": lambda case: case["cost"] / case["exact_cost"]}
     found = []
@@ -151,10 +131,10 @@ def _largest(cases: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return found
 
 
-def _purpose(certification: Certification) -> str:
+def _purpose(trial: Trial) -> str:
     """Everything that a loop depends on, but not how many there are."""
-    plain = replace(certification, policy=None)  # type: ignore[arg-type]
-    return f"{plain} {certification.plant.weights.tolist()} {certification.model.weights.tolist()}"
+    plain = replace(trial, policy=None)  # type: ignore[arg-type]
+    return f"{plain} {trial.plant.weights.tolist()} {trial.model.weights.tolist()}"
 
 
 def _worst(seed: int, measures: Array) -> Iterator[dict[str, Any]]:
