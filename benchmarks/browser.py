@@ -31,8 +31,12 @@ def found() -> str:
 class Browser:
     """One tab, as a context."""
 
-    def __init__(self, url: str, *, width: int = 1366, height: int = 700, dark: bool = False) -> None:
-        """width, height: of what is seen of the page. dark: what the page is told that its user prefers."""
+    def __init__(
+        self, url: str, *, width: int = 1366, height: int = 700, dark: bool = False, touch: bool = False
+    ) -> None:
+        """width, height: of what is seen of the page. dark: what the page is told that its user prefers. touch: by
+        fingers, as on a phone or a tablet.
+        """
         self._opened = ExitStack()
         folder = tempfile.TemporaryDirectory(prefix="browser-", ignore_cleanup_errors=True)
         self._folder = Path(self._opened.enter_context(folder))
@@ -59,8 +63,9 @@ class Browser:
         """Of the page: errors in its scripts, and what it was not let do."""
         for domain in ("Page", "Runtime", "Log"):
             self.call(f"{domain}.enable")
-        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": touch}
         self.call("Emulation.setDeviceMetricsOverride", **metrics)
+        self.call("Emulation.setTouchEmulationEnabled", enabled=touch)
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self.call("Emulation.setEmulatedMedia", features=scheme)
         self.call("Page.navigate", url=url)
@@ -135,6 +140,14 @@ class Browser:
         """What is to be seen, pixel by pixel."""
         data = self.call("Page.captureScreenshot", format="png")["data"]
         return Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")
+
+    def press(self, key: str) -> None:
+        """Press a key, by the name that a page gets (Tab, Enter, Escape, ArrowRight)."""
+        codes = {"Tab": 9, "Enter": 13, "Escape": 27, " ": 32, "ArrowLeft": 37, "ArrowRight": 39}
+        code = {"key": key, "code": "Space" if key == " " else key, "windowsVirtualKeyCode": codes[key]}
+        text = {"Enter": "\r", " ": " "}.get(key)
+        self.call("Input.dispatchKeyEvent", type="keyDown", **code, **({"text": text} if text else {}))
+        self.call("Input.dispatchKeyEvent", type="keyUp", **code)
 
     def drag(self, points: list[tuple[float, float]]) -> None:
         """Press the mouse at the first point, move it along the others, and let it go [pixels]."""

@@ -33,12 +33,10 @@ LIVE = "/live"
 """Path of the websocket, which needs the token."""
 PROOF = "/proof"
 """Path by which a page asks whether this is the server of its token; everything else is one of the FILES."""
+SCRIPTS = ("page", "charts", "connection", "controls", "drawing", "model", "operation", "rigcharts")
 FILES = {
     "/": ("index.html", "text/html"),
-    "/page.js": ("page.js", "text/javascript"),
-    "/connection.js": ("connection.js", "text/javascript"),
-    "/charts.js": ("charts.js", "text/javascript"),
-    "/drawing.js": ("drawing.js", "text/javascript"),
+    **{f"/{name}.js": (f"{name}.js", "text/javascript") for name in SCRIPTS},
     "/style.css": ("style.css", "text/css"),
     "/uplot.js": ("uPlot.iife.min.js", "text/javascript"),
     "/uplot.css": ("uPlot.min.css", "text/css"),

@@ -58,7 +58,7 @@ export function colour(name) {
 export class Chart {
   // lines: [{name, tone, data: () => [times, values], step, dash, width}]; levels: dashed lines at [value, ...]
   constructor(parent, { title, kind, lines, levels = [], clock, least = 0, decimals = 2, zero = false, last = false }) {
-    Object.assign(this, { lines, levels, clock, least, decimals, zero, last });
+    Object.assign(this, { lines, levels, clock, least, decimals, zero, last, full: () => null, layers: [] });
     const box = parent.appendChild(document.createElement("div"));
     box.className = `chart ${kind}`;
     const head = box.appendChild(document.createElement("div"));
@@ -68,7 +68,7 @@ export class Chart {
     for (const line of lines) {
       if (!line.name) continue;
       line.key = head.appendChild(document.createElement("span"));
-      line.key.className = "key";
+      line.key.className = line.dash ? "key dashed" : "key";
       line.key.style.setProperty("--tone", `var(--${line.tone})`);
       line.key.textContent = line.name;
     }
@@ -82,36 +82,53 @@ export class Chart {
   }
 
   build() {
+    const labelled = (this.labelled = this.last || matchMedia("(max-width: 1199px)").matches);
     const axis = { stroke: colour("soft"), grid: { stroke: colour("grid"), width: 1 }, ticks: { show: false }, border: { show: false }, font: "11px system-ui" };
     const options = {
       width: Math.max(this.place.clientWidth, 50),
       height: Math.max(this.place.clientHeight, 30),
       legend: { show: false },
       cursor: { drag: { x: false, y: false, setScale: false }, points: { show: false } },
-      padding: [8, 10, this.last ? 0 : 6, 0],
+      padding: [8, 10, labelled ? 0 : 6, 0],
       scales: { x: { time: false, range: () => this.clock.window() }, y: { range: () => this.limits() } },
       axes: [
-        { ...axis, size: this.last ? 20 : 2, gap: 2, splits: () => this.clock.ticks(), values: (u, values) => values.map((value) => this.label(value)) },
-        { ...axis, size: 46, gap: 4, space: 22 },
+        { ...axis, size: labelled ? 20 : 2, gap: 2, splits: () => this.clock.ticks(), values: (u, values) => values.map((value) => this.label(value)) },
+        { ...axis, size: 46, gap: 4, space: 18 },
       ],
       series: [{}, { show: false }],
       hooks: { draw: [(u) => this.draw(u)] },
     };
     this.plot?.destroy();
     this.plot = new uPlot(options, [[0, 1], [0, 1]], this.place);
+    this.plot.over.append(...this.layers);
   }
 
-  // Of a time, below the last chart only.
+  // An element of a class over the plot, which stays there.
+  lay(name) {
+    const layer = document.createElement("div");
+    layer.className = name;
+    this.layers.push(layer);
+    this.plot.over.append(layer);
+    return layer;
+  }
+
+  // Of a time, below the last chart only, or each where one sees few at a time.
   label(time) {
-    return this.last ? `${+(time - this.clock.now).toFixed(1)} s` : "";
+    return this.labelled ? `${+(time - this.clock.now).toFixed(1)} s` : "";
   }
 
   resize() {
     this.plot.setSize({ width: Math.max(this.place.clientWidth, 50), height: Math.max(this.place.clientHeight, 30) });
   }
 
-  // Values shown: wide enough at once, narrower only by and by, so that nothing jumps.
+  // Values shown: wide enough at once, narrower only by and by, so that nothing jumps; the full range where that is
+  // wanted.
   limits() {
+    const full = this.full();
+    if (full) {
+      const margin = 0.06 * (full[1] - full[0]);
+      return (this.range = [full[0] - margin, full[1] + margin]);
+    }
     let low = this.zero ? 0 : Infinity, high = -Infinity;
     const [begin, end] = this.clock.window();
     for (const line of this.lines) {
