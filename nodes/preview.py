@@ -31,19 +31,24 @@ class Preview:
         now: int,
     ) -> Preview | None:
         """Preview of a message, 0 for the outputs that are not tracked (outputs,); None where it lacks one that is, or
-        its numbers or times make no sense, which its validator counts. now: where one begins that has no stamp [ns].
+        its numbers, times or stamp are not accepted, which its validator counts. now: where one begins that has no
+        stamp [ns].
         """
         rows = outputs.read(message.names, message.lists)
         times = (message.stamp or now) + message.times
         values = np.stack([np.broadcast_to(row, times.shape) for row in rows], axis=-1)
         values[:, ~tracked] = 0.0
         if not len(times) or (np.diff(times) <= 0).any():
-            validator.drop(Reason.MALFORMED)
+            validator.drop(Reason.NO_ORDER if len(times) else Reason.MALFORMED)
             return None
         if not (np.abs(values) <= BEYOND).all():
-            validator.drop(Reason.NO_NUMBER if np.isnan(values).any() else Reason.OUT_OF_RANGE)
+            absent = any(isinstance(row, float) for row, needed in zip(rows, tracked, strict=True) if needed)
+            if absent and outputs.named < len(outputs):
+                validator.drop(Reason.UNNAMED)
+            else:
+                validator.drop(Reason.NO_NUMBER if np.isnan(values).any() else Reason.OUT_OF_RANGE)
             return None
-        return cls(times, values)
+        return cls(times, values) if validator.accepts_start(message.stamp) else None
 
     def within(self, low: Array, high: Array) -> bool:
         """Hold the values within limits (outputs,) each; whether they were."""

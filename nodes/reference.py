@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from hybrid_sysid_ros.nodes.base import RigNode
 from hybrid_sysid_ros.nodes.cdr import TrajectoryWriter
-from hybrid_sysid_ros.nodes.diagnostics import Task
+from hybrid_sysid_ros.nodes.diagnostics import OK, Task
 from hybrid_sysid_ros.nodes.messages import SECOND, JointStates, TrajectoryMessage
 from hybrid_sysid_ros.nodes.preview import Preview
 from hybrid_sysid_ros.nodes.process import announce, run
@@ -185,9 +186,19 @@ class ReferenceNode(RigNode):
         super().close()
 
     def health(self) -> Sequence[Task]:
-        values = {"kind": self.choice.kind, "messages": self.sent, "seconds": self.sent * self.period / SECOND}
+        refused = dict(self.wishes.dropped)
+        values = {
+            "kind": self.choice.kind,
+            "messages": self.sent,
+            "seconds": self.sent * self.period / SECOND,
+            "dropped_set_points": sum(refused.values()),
+        }
+        troubles = {f"set-points {reason.value}": count for reason, count in refused.items()}
+        judged = self.judged("reference", troubles, self.sent, **values)
+        if judged.level != OK:
+            return [judged]
         started = "done" if self.finished.done() else "running"
-        return [Task(name="reference", message=started if self.zero else "waiting for a measurement", values=values)]
+        return [replace(judged, message=started if self.zero else "waiting for a measurement")]
 
 
 main = partial(run, ReferenceNode)

@@ -31,6 +31,7 @@ class Reason(Enum):
     TOO_LARGE = "too large"
     UNREADABLE = "unreadable"
     MALFORMED = "lists of other lengths than the names"
+    NO_ORDER = "times that do not rise"
     UNNAMED = "names missing"
     UNRELATED = "of other joints"
     NO_NUMBER = "not a number"
@@ -175,6 +176,12 @@ class MessageValidator:
     def select_source(self, source: str) -> None:
         """Select a publisher: from here on only its messages are accepted."""
         self.source, self.heard = source, self._steady()
+
+    def accepts_start(self, stamp: int) -> bool:
+        """Whether a trajectory may begin at a stamp [ns], by the rules above; 0: when it comes. Else it is counted.
+        Without a clock it may begin at any.
+        """
+        return not stamp or self._clock is None or self._order(stamp) is not None
 
     def is_near(self, stamp: int) -> bool:
         """Whether a stamp [ns] is near the clock, if there is one."""
